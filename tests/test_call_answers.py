@@ -10,9 +10,11 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from asked import findings
 from conftest import some
+from contact_scenes import bare
 from drop_physics.analysis.answers.answer import Finding
 from drop_physics.analysis.explained.recording import Explanation
 from drop_physics.analysis.story import Story
@@ -21,6 +23,7 @@ from scenes import ORIGIN, record, site
 FLOOR = "p.setGravity(0, 0, -9.81); p.loadURDF('plane.urdf')\n"
 AIR = "p.setGravity(0, 0, -9.81)\n"
 KUKA = "k = p.loadURDF('kuka_iiwa/model.urdf', useFixedBase=True)\n"
+PATH = "p.setAdditionalSearchPath(pybullet_data.getDataPath())\n"
 CUBE = "c = p.loadURDF('cube_small.urdf', [0, 0, 1])\n"
 
 
@@ -199,11 +202,67 @@ def test_real_time_is_blamed_on_the_call_that_turns_it_on(tmp_path: Path) -> Non
     assert "real-time" not in [each.code for each in story.findings()]
 
 
-def test_unseeded_numbers_are_told_where_they_are_drawn(tmp_path: Path) -> None:
-    seen = record(FLOOR + CUBE + "steps(3)", tmp_path / "x.rrd").seen
-    for places in ((), ("random.random at x.py:3",), ("a at x.py:3", "b at y.py:4")):
-        found = Story(replace(seen, unseeded=places), ORIGIN).findings()
-        assert [each.site for each in found if each.code == "unseeded"] == ["x.py:3"] * bool(places)
+WINDOW = "import time\np.disconnect(); p.connect(p.GUI)\n"
+RUNS_BY_ITSELF = {
+    "a cube falls": (AIR + "b = p.loadURDF('cube_small.urdf', [0, 0, 1])\n", 0.25),
+    "an arm swings": (
+        AIR + "b = p.loadURDF('kuka_iiwa/model.urdf', useFixedBase=True)\n"
+        "p.setJointMotorControl2(b, 1, p.POSITION_CONTROL, 0.5, force=200)\n", 0.05,
+    ),
+    "a ball rolls": (
+        FLOOR + "b = p.loadURDF('sphere_small.urdf', [0, 0, 0.03])\np.setTimeStep(0.01)\n"
+        "p.resetBaseVelocity(b, [1, 0, 0])\n", 0.4,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", RUNS_BY_ITSELF)
+def test_with_a_window_the_clock_makes_the_steps(what: str, tmp_path: Path) -> None:
+    bodies, wait_s = RUNS_BY_ITSELF[what]
+    scene = WINDOW + PATH + bodies + "p.setRealTimeSimulation(1)\ntime.sleep({})\n"
+    short, long = (
+        record(scene.format(s), tmp_path / f"{s}.rrd").seen.sampled.last
+        for s in (wait_s, 2 * wait_s)
+    )
+    assert long > 1.8 * short > 1.8
+    assert one(scene.format(wait_s), tmp_path, "real-time").level == "repeat"
+    stepped = scene.replace("Simulation(1)", "Simulation(0)") + "steps(9)\n"
+    assert not ask(stepped.format(wait_s), tmp_path, "real-time")
+    # Without a window nothing runs by itself.
+    alone = bodies + "import time\np.setRealTimeSimulation(1)\ntime.sleep(0.01)\n"
+    assert bare(alone)["where"] == bare(bodies)["where"]
+    assert not ask(alone + "steps(9)\n", tmp_path, "real-time")
+
+
+DRAWS = {
+    "random": (
+        "import random\n{seed}b = p.loadURDF('cube_small.urdf', [0, 0, random.uniform(1, 2)])\n"
+        "steps(20)\n", "random.seed(3)\n", "random.uniform", 3,
+    ),
+    "numpy": (
+        "import numpy as np\n{seed}b = p.loadURDF('racecar/racecar.urdf')\nfor i in range(30):\n"
+        "    p.applyExternalForce(b, -1, [*np.random.randn(3)], [0, 0, 0], p.LINK_FRAME)\n"
+        "    p.stepSimulation()\n", "np.random.seed(0)\n", "numpy.random.randn", 5,
+    ),
+    "a generator": (
+        "import numpy as np\ndraw = np.random.default_rng({seed})\n"
+        "b = p.loadURDF('sphere2.urdf', [0, 0, 1])\n"
+        "p.resetBaseVelocity(b, [draw.normal(), 0, 0])\nsteps(20)\n", "7",
+        "numpy.random.SeedSequence", 3,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", DRAWS)
+def test_unseeded_numbers_make_runs_differ(what: str, tmp_path: Path) -> None:
+    scene, seed, called, line = DRAWS[what]
+    unseeded, seeded = AIR + scene.format(seed=""), AIR + scene.format(seed=seed)
+    found = one(unseeded, tmp_path, "unseeded")
+    assert f"are drawn by {called} at" in found.message
+    assert found.site == site(line)
+    assert not np.array_equal(*(bare(unseeded)["where"] for _ in range(2)))
+    assert np.array_equal(*(bare(seeded)["where"] for _ in range(2)))
+    assert not ask(seeded, tmp_path, "unseeded")
 
 
 @pytest.mark.parametrize(
@@ -320,6 +379,50 @@ def test_a_point_of_the_world(
 ) -> None:
     scene = BESIDE.format(file="cube_small.urdf", where=where, force=force, point=point,
         frame="WORLD_FRAME")  # fmt: skip
+    assert not ask(scene, tmp_path, "force-off-centre")
+
+
+SPIN = "spin = p.getBaseVelocity(b)[1]\n"
+ROTORS = """
+c = p.loadURDF("{file}", {where})
+for i in range(60):
+    for x, y in ({arm}, {arm}), ({arm}, -{arm}), (-{arm}, {arm}), (-{arm}, -{arm}):
+        p.applyExternalForce(c, -1, {force}, [x, y, 0], p.{frame})
+    p.stepSimulation()
+b = c
+"""
+
+
+@pytest.mark.parametrize(
+    ("file", "where", "arm", "force", "off"),
+    [
+        ("cube_small.urdf", [2, 0, 1], 0.1, [0, 0, 0.05], 2.1),
+        ("sphere2.urdf", [0, -3, 1], 0.6, [0, 0, 2], 3.6),
+        ("duck_vhacd.urdf", [-1, 1, 2], 0.2, [0, 0, 0.1], 1.2 * 2**0.5),
+    ],
+)
+def test_rotors_of_the_body_in_the_world(
+    file: str, where: list[float], arm: float, force: list[float], off: float, tmp_path: Path
+) -> None:
+    scene = ROTORS.format(file=file, where=where, arm=arm, force=force, frame="{frame}")
+    wrong, right = scene.format(frame="WORLD_FRAME"), scene.format(frame="LINK_FRAME")
+    found = one(wrong, tmp_path, "force-off-centre")
+    assert found.effect is not None
+    assert found.effect.value == pytest.approx(off, rel=0.05)
+    spins = [np.linalg.norm(bare(each + SPIN)["spin"]) for each in (wrong, right)]
+    assert spins[0] > 0.5
+    assert spins[1] < 0.01 * spins[0]
+    assert not ask(right, tmp_path, "force-off-centre")
+
+
+@pytest.mark.parametrize("forces", [([0, 0, 1], [0, 0, -1]), ([1, 0, 0], [0, 1, 0])])
+def test_forces_that_turn_a_body_wherever_they_are_meant(
+    forces: tuple[list[int], list[int]], tmp_path: Path
+) -> None:
+    scene = "c = p.loadURDF('cube_small.urdf', [0.3, 0, 1])\nfor i in range(30):\n" + "".join(
+        f"    p.applyExternalForce(c, -1, {force}, [{x}, 0.2, 0], p.WORLD_FRAME)\n"
+        for x, force in zip((0.3, -0.3), forces, strict=True)
+    ) + "    p.stepSimulation()\n"  # fmt: skip
     assert not ask(scene, tmp_path, "force-off-centre")
 
 

@@ -86,6 +86,35 @@ def test_what_friction_cannot_hold_slides(name: str, tmp_path: Path) -> None:
     assert not found(HOLDS[name], tmp_path, "slides")
 
 
+TILT = "turned = p.getBasePositionAndOrientation(b)[1]\n"
+CROSSWISE = (
+    GRIP.replace("shape(.01, .01, .01)", "shape(.005, .015, .015)")
+    .replace("[0, -.035, 1], [0, .035, 1]", "[-.035, 0, 1], [.035, 0, 1]")
+    .replace("[[0, 1, 0], [0, -1, 0]]", "[[1, 0, 0], [-1, 0, 0]]")
+    .replace("[{off}, 0, 1], (.3, .02, .02)", "[0, {off}, 1], (.02, .2, .03)")
+)
+BESIDE = {
+    "a long way": (GRIP, {"mass": 0.15, "mu": 1, "force": 4}, 0.25),
+    "a heavy bar": (GRIP, {"mass": 0.8, "mu": 0.9, "force": 15}, -0.1),
+    "crosswise": (CROSSWISE, {"mass": 0.4, "mu": 0.8, "force": 12}, 0.15),
+}
+
+
+@pytest.mark.parametrize("name", BESIDE)
+def test_what_is_gripped_beside_its_centre_turns(name: str, tmp_path: Path) -> None:
+    scene, numbers, off = BESIDE[name]
+    beside, centred = (scene.format(**numbers, off=each) for each in (off, 0))
+    (one,) = found(beside, tmp_path, "slides")
+    assert one.message.startswith("1_box turns in the grip of 0_box")
+    weight = float(one.message.rsplit("takes ", 1)[1].split()[0])
+    # Of a bar that turns the arm becomes shorter.
+    assert 0.5 < weight / (numbers["mass"] * 9.81 * abs(off)) < 1.01
+    tilts = [np.linalg.norm(bare(each + TILT)["turned"][:3]) for each in (beside, centred)]
+    assert tilts[0] > 0.1
+    assert tilts[1] < 0.1 * tilts[0]
+    assert not found(centred, tmp_path, "slides")
+
+
 @pytest.mark.parametrize(
     "scene", [PUCK, PUSHED, PANDA, DUCKS], ids=["puck", "pushed", "panda", "ducks"]
 )
@@ -265,6 +294,46 @@ def test_a_contact_acts_before_it_touches(
     assert abs(bare(scene)["velocity"][0]) < 0.01 * v
     assert bare(cured)["velocity"][0] < -0.9 * r**2 * v
     assert not found(cured, tmp_path, "no-restitution")
+
+
+SLOW = (
+    BOX
+    + """
+w = box(0, [0, 0, 0], {wall})
+b = {body}
+for each in (w, b):
+    p.changeDynamics(each, -1, restitution={r}, linearDamping=0, contactProcessingThreshold=0)
+p.resetBaseVelocity(b, {v})
+{more}
+steps({n})
+"""
+)
+QUICKER = "p.setPhysicsEngineParameter(restitutionVelocityThreshold=.01)"
+
+
+@pytest.mark.parametrize(
+    ("body", "wall", "v", "r", "n"),
+    [
+        ("ball(.3, [0, 0, .2], .05)", (1, 1, 0.1), [0, 0, -0.19], 0.9, 140),
+        ("box(2, [-.2, 0, 0], (.02, .02, .02))", (0.1, 1, 1), [0.17, 0, 0], 1, 200),
+        ("p.loadURDF('sphere_small.urdf', [0, .2, 0])", (1, 0.1, 1), [0, -0.18, 0], 0.7, 200),
+    ],
+)
+def test_what_comes_slowly_does_not_bounce(
+    body: str, wall: tuple[float, ...], v: list[float], r: float, n: int, tmp_path: Path
+) -> None:
+    slow, cured, faster = (
+        SLOW.format(body=body, wall=wall, v=[k * each for each in v], r=r, n=n, more=more)
+        for k, more in ((1, ""), (1, QUICKER), (3, ""))
+    )
+    (one,) = found(slow, tmp_path, "no-restitution")
+    speed = np.linalg.norm(v)
+    assert f"at {speed:.3g} m/s and leaves" in one.message
+    assert "slower than 0.2 m/s" in one.message
+    assert np.linalg.norm(bare(slow)["velocity"]) < 0.3 * r**2 * speed
+    for scene, k in ((cured, 1), (faster, 3)):
+        assert bare(scene)["velocity"] @ np.array(v) < -0.6 * r**2 * k * speed**2
+        assert not found(scene, tmp_path, "no-restitution")
 
 
 # -- friction-pyramid -----------------------------------------------------------------------------

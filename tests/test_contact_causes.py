@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from conftest import some
 from contact_scenes import BOX, FLOOR, GRIP, SLOPE, TRAY, bare
+from scenes import site
 from test_contact_answers import DROPPED, found, in_pieces
 from test_contact_overlaps import BOUNCES, HEAVY, run
 
@@ -227,6 +228,56 @@ def test_what_is_too_fast_passes_through(name: str, tmp_path: Path) -> None:
     moves, stopped = (np.array(bare(each)["velocity"]) for each in (scene, cured))
     assert np.linalg.norm(stopped - moves) > 0.3 * np.linalg.norm(moves)
     assert not found(cured, tmp_path, "tunnelled")
+
+
+FALLS = "p.setGravity(0, 0, -9.81)\n" + BOX + "f = box(0, [0, 0, 0], (1, 1, .05))\n"
+PASSES = {
+    "falls, seen only": (
+        FALLS + "b = p.createMultiBody(2, {on}, "
+        "p.createVisualShape(p.GEOM_SPHERE, radius=.1), [.3, 0, .4])\nsteps(120)\n",
+        "-1", "p.createCollisionShape(p.GEOM_SPHERE, radius=.1)",
+    ),
+    "thrown onto a slope": (
+        FALLS + "p.resetBasePositionAndOrientation(f, [0, 0, -1], [.2, 0, 0, 1])\n"
+        "b = p.createMultiBody(.5, {on}, -1, [0, .2, 2])\np.resetBaseVelocity(b, [.1, 0, -3])\n"
+        "steps(250)\n", "-1", "shape(.1, .1, .1)",
+    ),
+    "flies at a wall": (
+        BOX + "w = box(0, [1, 0, 0], (.05, 1, 1))\nb = p.createMultiBody(.1, {on})\n"
+        "p.resetBaseVelocity(b, [3, 0, 0])\nsteps(120)\n", "-1",
+        "p.createCollisionShape(p.GEOM_CAPSULE, radius=.05, height=.1)",
+    ),
+    "a wall that is off": (
+        BOX + "w = box(0, [1, 0, 0], (.05, 1, 1))\nb = ball(.2, [0, 0, 0])\n"
+        "p.resetBaseVelocity(b, [3, 0, 0])\np.setCollisionFilterPair(b, w, -1, -1, {on})\n"
+        "steps(120)\n", "0", "1",
+    ),
+    "a floor that is off": (
+        FALLS + "b = p.loadURDF('sphere_small.urdf', [.2, .3, .5])\n"
+        "p.setCollisionFilterPair(f, b, -1, -1, enableCollision={on})\nsteps(120)\n", "0", "1",
+    ),
+    "a shelf that is off": (
+        FALLS + "s = box(0, [0, 0, 1], (.5, .5, .1))\nball(1, [0, 0, 1.5])\n"
+        "b = p.loadURDF('duck_vhacd.urdf', [.2, 0, 1.4])\n"
+        "p.setCollisionFilterPair(b, s, -1, -1, {on})\nsteps(90)\n", "0", "1",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", PASSES)
+def test_what_cannot_touch_passes_through(name: str, tmp_path: Path) -> None:
+    scene, off, on = PASSES[name]
+    (one,) = found(scene.format(on=off), tmp_path, "tunnelled")
+    if off == "-1":
+        assert (one.level, one.site) == ("asked", None)
+        assert one.message.endswith("it has no collision shape")
+    else:
+        line = scene[: scene.index("p.setCollisionFilterPair")].lstrip("\n").count("\n") + 1
+        assert (one.level, one.site) == ("note", site(line))
+        assert one.message.endswith("a call of p.setCollisionFilterPair switched this pair off")
+    passed, held = (np.array(bare(scene.format(on=each))["where"]) for each in (off, on))
+    assert np.linalg.norm(passed - held) > 0.3
+    assert not found(scene.format(on=on), tmp_path, "tunnelled")
 
 
 BESIDE = SHOT.format(half=(0.02, 1, 1), turned=(0, 0, 0), shape="ball(.1, [0, 1.5, 1], .03)",

@@ -533,3 +533,51 @@ def test_targets_that_a_reset_leaves(name: str, tmp_path: Path) -> None:
 )
 def test_targets_that_are_meant(scene: str, tmp_path: Path) -> None:
     assert said("reset-leaves", scene, tmp_path) == []
+
+
+TURNS = """
+r = p.loadURDF("{file}", [0, 0, 4])
+for j in {joints}:
+    p.setJointMotorControl2(r, j, p.VELOCITY_CONTROL, targetVelocity={rate}, force={force})
+steps(60)
+for j in range(p.getNumJoints(r)):
+    p.setJointMotorControl2(r, j, p.VELOCITY_CONTROL, force=0)
+{more}
+p.resetBasePositionAndOrientation(r, [1, 0, 4], [0, 0, 0, 1])
+kept = max(abs(p.getJointState(r, j)[1]) for j in range(p.getNumJoints(r)))
+steps(20)
+"""
+STOPPED = "for j in range(p.getNumJoints(r)):\n    p.resetJointState(r, j, {where})"
+
+
+@pytest.mark.parametrize(
+    ("file", "joints", "rate", "force"),
+    [
+        ("r2d2.urdf", (2, 3, 6, 7), 10, 5),
+        ("laikago/laikago_toes.urdf", (0, 4, 8), -3, 30),
+        ("franka_panda/panda.urdf", (0, 3), 0.5, 80),
+    ],
+)
+def test_rates_that_a_reset_of_the_base_leaves(
+    file: str, joints: tuple[int, ...], rate: float, force: float, tmp_path: Path
+) -> None:
+    def scene(more: str) -> str:
+        return DOWN + TURNS.format(file=file, joints=joints, rate=rate, force=force, more=more)
+
+    (found,) = said("reset-leaves", scene(""), tmp_path)
+    assert found.level == "asked"
+    assert found.effect is not None
+    assert found.effect.value == pytest.approx(kept(scene("")), rel=1e-6)
+    assert found.effect.value == pytest.approx(abs(rate), rel=0.1)
+    for where in ("0", "p.getJointState(r, j)[0]"):
+        cured = scene(STOPPED.format(where=where))
+        assert kept(cured) == 0
+        assert said("reset-leaves", cured, tmp_path) == []
+
+
+def kept(scene: str) -> float:
+    """Return the greatest rate of a joint where the base was put, in bare PyBullet."""
+    names = run(scene)
+    rate: float = names["kept"]
+    names["p"].disconnect()
+    return rate

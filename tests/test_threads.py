@@ -19,14 +19,6 @@ def box(mass, at, half=.1):
 def ball(mass, at, radius=.1):
     return p.createMultiBody(mass, p.createCollisionShape(p.GEOM_SPHERE, radius=radius), -1, at)
 """
-WALL = """
-w = box(0, [1.1, 0, 0], [.1, 1, 1])
-b = ball(1, [0, 0, 0], .2)
-for each in (w, b):
-    p.changeDynamics(each, -1, restitution=1, linearDamping=0, angularDamping=0{more})
-p.resetBaseVelocity(b, [1, 0, 0])
-steps(240)
-"""
 TRAY = """
 t = box(0, [0, 0, .5], [.5, .5, .02])
 p.changeDynamics(t, -1, lateralFriction={mu})
@@ -48,29 +40,10 @@ for i in range(240):
         p.setJointMotorControl2(c, j, p.TORQUE_CONTROL, force={torque})
     p.stepSimulation()
 """
-FLOATING = """
-import math
-k = p.loadURDF("kuka_iiwa/model_free_base.urdf", [0, 0, 2])
-for j in range(-1, 7):
-    p.changeDynamics(k, j, linearDamping=0, angularDamping=0)
-for i in range(480):
-    where = [.8 * math.sin(i / 40) * {much}] * 7
-    p.setJointMotorControlArray(k, range(7), p.POSITION_CONTROL, where, forces=[200] * 7)
-    p.stepSimulation()
-"""
 SENT = """
 for j, q in enumerate([0, .8, 0, -1.2, 0, .6, 0]):
     p.setJointMotorControl2(k, j, p.POSITION_CONTROL, q, force={force})
 steps({n})
-"""
-PENDULUM = """
-b = p.createMultiBody(1, -1, -1, [0, 0, {z}], linkMasses=[1],
-    linkCollisionShapeIndices=[-1], linkVisualShapeIndices=[-1], linkPositions=[[0, 0, 0]],
-    linkOrientations=[[0, 0, 0, 1]], linkInertialFramePositions=[[0, 0, -.5]],
-    linkInertialFrameOrientations=[[0, 0, 0, 1]], linkParentIndices=[0],
-    linkJointTypes=[p.JOINT_REVOLUTE], linkJointAxis=[[1, 0, 0]])
-p.createConstraint(b, -1, -1, -1, p.JOINT_FIXED, [0] * 3, [0] * 3, [0, 0, 2])
-steps(30)
 """
 LAID = """
 r = p.loadURDF("laikago/laikago_toes.urdf", [0, 0, {z}], [0, .5, .5, 0])
@@ -85,11 +58,6 @@ STACK = DOWN + PLANE + SHAPES + "a = box(.2, [0, 0, .1])\nb = box(100, [0, 0, .3
 R2D2 = 'r = p.loadURDF("r2d2.urdf", [0, 0, 10])\n'
 
 SAID = {
-    # What is left of the rebound is e v - gap / dt: 1 - 4.2e-3 * 240 < 0.
-    "3094: a sticky wall": (
-        SHAPES + WALL.format(more=""), "no-restitution", "before they touch",
-        SHAPES + WALL.format(more=", contactProcessingThreshold=0"),
-    ),
     # It takes m a = 4 N, but for the first step; 0.3 gives 2.9 N.
     "1936: a tray is fast": (
         DOWN + SHAPES + TRAY.format(mu=.3), "slides", "staying takes 3.97 N",
@@ -100,17 +68,10 @@ SAID = {
         DOWN + PLANE + WHEELS.format(torque=2), "velocity-clamped", "_rear_wheel_joint reaches",
         DOWN + PLANE + WHEELS.format(torque=.01),
     ),
-    "4405: a floating arm drifts": (
-        FLOATING.format(much=1), "momentum-drift", "gains 0.37", FLOATING.format(much=0),
-    ),
     # It rests at 2.09 rad in the end; gravity takes 41 N m at 0.8.
     "2906: a weak arm, on its way": (
         DOWN + KUKA + SENT.format(force=30, n=120), "off-target", "the target takes 41 N m",
         DOWN + KUKA + SENT.format(force=200, n=480),
-    ),
-    "4166: a pendulum without shapes": (
-        DOWN + PENDULUM.format(z=0), "constraint-apart", "2 m apart",
-        DOWN + PENDULUM.format(z=2),
     ),
     "2442: legs in the ground": (
         DOWN + PLANE + LAID.format(z=.45), "starts-in-contact", "38.3 mm inside 0_plane",
@@ -137,7 +98,7 @@ SAID = {
 """Scene, code, words, and the scene cured."""
 
 
-@pytest.mark.parametrize("what", some(SAID, 5))
+@pytest.mark.parametrize("what", some(SAID, 2))
 def test_a_threads_cause_is_told(what: str, tmp_path: Path) -> None:
     scene, code, words, cured = SAID[what]
     (found,) = (each for each in findings(scene, tmp_path / "a.rrd") if each.code == code)

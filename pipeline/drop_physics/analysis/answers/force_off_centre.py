@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drop_physics.analysis.answers.answer import (
     Answer,
@@ -51,7 +52,10 @@ class ForceOffCentre(Answer):
                         self._compare(self.scene.body(number_), link, steps, told)
 
     def _compare(self, body: Body, link: int, steps: Steps, calls: list[Call]) -> None:
-        """Note forces that act beside the body, and within it if they were in its own frame."""
+        """Note steps whose forces act beside the body, and within it if in its own frame.
+
+        Together: each of a drone's rotors is beside it, and all four lift it at its centre.
+        """
         tree, ends = steps.law.tree, np.array([call.at.step + 1 for call in calls])
         rows = np.minimum(np.searchsorted(steps.steps, ends), max(len(steps) - 1, 0))
         known = np.flatnonzero(steps.steps[rows] == ends) if len(steps) else np.empty(0, int)
@@ -60,15 +64,25 @@ class ForceOffCentre(Answer):
         points, forces = (np.array([given(calls[k], name) for k in known])
             for name in ("posObj", "forceObj"))  # fmt: skip
         centre = kinematics(tree, steps.before.at(rows[known])).position_m(link)
-        strength = np.maximum(np.linalg.norm(forces, axis=1), 1e-300)
-        arms = np.linalg.norm(np.cross(points - centre, forces), axis=1) / strength
+        strength = np.maximum(np.linalg.norm(forces, axis=1), 1e-300)[:, None]
+        moments = np.cross(points - centre, forces)
+        arms = np.linalg.norm(moments / strength, axis=1)
+        ends, each = np.unique(ends[known], return_inverse=True)
+
+        def mean_m(values: NDArray[np.float64]) -> NDArray[np.float64]:
+            """Return how long sums of a step are over the sum of its forces [m], shape (n,)."""
+            sums = np.zeros((len(ends), 4))
+            np.add.at(sums, each, np.hstack([values, strength]))
+            return np.asarray(np.linalg.norm(sums[:, :3], axis=1) / sums[:, 3])
+
         box = np.array(body.bounds_m[6 * (link + 1) : 6 * (link + 2)])
         size_m = float(np.linalg.norm(box[3:] - box[:3])) / 2 if len(box) == 6 else 0.0
-        off = np.flatnonzero((arms > size_m) & (size_m >= np.linalg.norm(points, axis=1)))
+        own = np.maximum(mean_m(np.cross(points, forces)), mean_m(points * strength))
+        off = np.flatnonzero((mean_m(moments) > size_m) & (own <= size_m))
         if len(off):
-            first = calls[known[off[0]]]
-            ends, at = np.unique(ends[known[off]], return_index=True)
-            told = {"point": points[off[at]], "arm": arms[off[at]]}
+            farthest = np.array([np.where(each == k, arms, -1.0).argmax() for k in off])
+            first = calls[known[np.flatnonzero(each == off[0])[0]]]
+            ends, told = ends[off], {"point": points[farthest], "arm": arms[farthest]}
             order = -ends.astype(float)  # of all the first is told
             self._off.add(body.number, ends, order, told, size=size_m, site=site_of(first))
 
