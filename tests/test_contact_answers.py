@@ -336,6 +336,23 @@ def test_what_comes_slowly_does_not_bounce(
         assert not found(scene, tmp_path, "no-restitution")
 
 
+@pytest.mark.parametrize("x_m", [0.0003, 0.0005])
+def test_a_threshold_that_was_set_is_not_bullets_own(x_m: float, tmp_path: Path) -> None:
+    # An early contact takes the rebound: the threshold does not.
+    scene = f"""
+p.setPhysicsEngineParameter(restitutionVelocityThreshold=0.01)
+wall = p.createMultiBody(0, p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1, 1, 1]),
+                         basePosition=[1.1, 0, 0])
+ball = p.createMultiBody(1, p.createCollisionShape(p.GEOM_SPHERE, radius=0.1),
+                         basePosition=[{x_m}, 0, 0])
+for each in (wall, ball):
+    p.changeDynamics(each, -1, restitution=1, linearDamping=0)
+p.resetBaseVelocity(ball, [0.19, 0, 0])
+steps(1300)
+"""
+    assert not found(scene, tmp_path, "no-restitution")
+
+
 # -- friction-pyramid -----------------------------------------------------------------------------
 
 ALONG = (

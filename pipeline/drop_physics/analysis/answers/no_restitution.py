@@ -11,10 +11,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
+from drop_physics.analysis.answers.arguments import given
 from drop_physics.messages import Message
 
 THRESHOLD_M_S = 0.2
 """Bullet's own: slower contacts do not bounce."""
+OF_THRESHOLD = "restitutionVelocityThreshold"
 PLACED_S = 1 / 60
 """A body that is placed, not dropped, comes at what gravity gives it in that time, or slower."""
 SOFTLY = 0.5
@@ -32,9 +34,12 @@ class NoRestitution(Answer):
         self._met: dict[tuple[int, int], tuple[int, tuple[float, ...]]] = {}
         """The fastest approach of a pair: its step; approach and rebound [m/s], restitution, the
         gap that was left [m], and that over the timestep [m/s]."""
+        self._chosen = False
+        """Whether a call sets the threshold: then it is not Bullet's own that counts."""
 
     def see(self) -> None:
         """Take a piece."""
+        self._chosen |= any(given(call, OF_THRESHOLD) for call in self.scene.piece.calls)
         pairs = self.scene.touches.pairs
         wanted = [number for number, value in self._asked.values.items() if value > 0]
         if not wanted or not len(pairs.starts):
@@ -54,12 +59,14 @@ class NoRestitution(Answer):
         """Yield each pair of which one was to bounce."""
         for (first, second), (step, numbers) in self._met.items():
             approach, rebound, product, gap_m, lost_m_s = numbers
-            given, none = (first, second) if first in self._asked.values else (second, first)
-            asked, other = (self._asked.values.get(each, 0.0) for each in (given, none))
-            if given in self._asked.changed or self._asked.since[given] >= step:
+            springy, none = (first, second) if first in self._asked.values else (second, first)
+            asked, other = (self._asked.values.get(each, 0.0) for each in (springy, none))
+            if springy in self._asked.changed or self._asked.since[springy] >= step:
                 continue  # it may have been another when they met
             if {first, second} & self.scene.asked.of["contactStiffness"].values.keys():
                 continue  # what is soft rebounds by a law of its own
+            if approach < THRESHOLD_M_S and self._chosen:
+                continue
             slow = product > 0 and approach < THRESHOLD_M_S
             early = not slow and lost_m_s > (1 - SWALLOWED) * product * approach > 0
             if not slow and not early and (product > 0 or other > 0):
@@ -68,7 +75,7 @@ class NoRestitution(Answer):
             if rebound > SWALLOWED * wanted * approach or (approach < THRESHOLD_M_S and not slow):
                 continue
             # What moves is what bounces.
-            body, on = (given, none) if self.scene.body(given).moving else (none, given)
+            body, on = (springy, none) if self.scene.body(springy).moving else (none, springy)
             label = self.scene.body(none).label
             why, advice = _early(gap_m) if early else _cause(asked, label, slow=slow)
             yield Finding(
@@ -81,7 +88,7 @@ class NoRestitution(Answer):
                 ),
                 advice=advice, body=self.scene.body(body).label, other=self.scene.body(on).label,
                 effect=Effect(wanted * approach, "m/s"), share=wanted, steps=Span(step, step, 1),
-                site=self._asked.site(given),
+                site=self._asked.site(springy),
             )  # fmt: skip
 
 
