@@ -36,7 +36,7 @@ from PIL import Image
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 
 FLIPS = 300
-"""Flipped bits, one per file; far more were tried by hand, see docs/reliability.md."""
+"""Flipped bits, one per file."""
 SEED = 6
 ENTITIES = tuple(f"/{entity}" for entity in schema.TABLES)
 NUMBERS = {

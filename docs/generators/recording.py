@@ -116,7 +116,9 @@ HAPPENED = {
     schema.SITES: "a place in the script that calls the engine: function, file, line, the form of "
     "its arguments with `{}` for each number",
     schema.RAISED: "what a call raised",
-    schema.SOLVER: "how often a simulation's solver used all its iterations",
+    schema.SOLVER: "a simulation ended: how often its solver used all its iterations while the "
+    "last one still changed a velocity by over 0.01 m/s or rad/s; of every eighth step, where up "
+    "to 64 bodies move",
 }
 SAMPLED = {
     f"{schema.JOINTS}/BODY/position": "[rad] or [m]: a named series per joint, a row per step",
@@ -130,6 +132,7 @@ SAMPLED = {
     schema.CALLS: "a row per step with calls: lists of `site`, of all `numbers` one after the "
     "other, of `result`, and how many calls came `after` the first",
     f"{schema.LOG}": "the first calls of each site as text",
+    "camera/N/image": "what `getCameraImage` returned",
 }
 """Of what a recording with joints, constraints or a script holds besides."""
 
@@ -180,6 +183,7 @@ up, and every sample is the state *before* a step: sample 0 is the release.
 | --- | --- | --- |
 | `{schema.STEP_TIMELINE}` | sequence, int64 | number of the step: the key of the samples |
 | `{schema.TIME_TIMELINE}` | duration, int64 ns | step × timestep, in whole nanoseconds |
+| `{schema.CALL_TIMELINE}` | sequence, int64 | of a script: how many calls came before |
 """
 
 

@@ -45,7 +45,7 @@ INSTEAD = (
     (r"^/usr/bin/time (-v|-f \".*?\") ", "", "is GNU's, not available everywhere"),
     (r"^drop (run|simulate)\b(?!.*--no-camera)", r"drop \1 --size 96x72", "frames take time"),
     (r"--samples \d+", "--samples 5", "takes minutes"),
-    (r"--duration \d{5}\S+", "--duration 1", "takes minutes"),
+    (r"--duration \d{4}\S+", "--duration 1", "takes half a minute"),
     (r"^(python -m benchmarks.*?)( *#.*)?$", r"\1 --help", "takes minutes"),
     (r"^python (tests/public_scripts\.py) .*", r"ls $ROOT/\1", "takes an hour"),
     (r"\$\{\{ vars\.PYBULLET \}\}", "3", "is a variable of GitHub's"),
