@@ -71,6 +71,12 @@ class Recording:
         return self.ended is None
 
     @property
+    def origin_and_end(self) -> Properties:
+        """The script, its arguments, and how it ended."""
+        ended = self.ended or {}
+        return self.origin | {name: ended.get(name) for name in ("ended", "error", "error_site")}
+
+    @property
     def scenario(self) -> Scenario:
         """What was dropped, and how."""
         return self._of_drop.scenario

@@ -373,8 +373,6 @@ Event = (
 )  # fmt: skip
 
 
-ENDS = ("ended", "error", "error_site")
-"""What a recording says of how its script ended, by name."""
 ENDED = {
     "finished": Message("finished"),
     "steps": Message("stopped after --steps"),

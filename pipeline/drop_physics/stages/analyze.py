@@ -21,7 +21,6 @@ from drop_physics.recording.layer import Line, write_layer
 from drop_physics.recording.layer import Shown as LayerShown
 from drop_physics.recording.layer_file import is_layer, layer_of
 from drop_physics.recording.reader import Recording, read
-from drop_physics.seen.events import ENDS
 from drop_physics.seen.history import Seen, body_named
 from drop_physics.stages.narrative import events, findings_markdown
 from drop_physics.stages.telling import viewed
@@ -109,9 +108,8 @@ def _analysis_of(read_back: Recording, at_s: Sequence[float], *, whole: bool) ->
     seen = read_back.seen
     if read_back.drop is not None:
         return drop_analysis_of(read_back.scenario, read_back.engine, seen, at_s=at_s, whole=whole)
-    ended = read_back.ended or {}
-    origin = read_back.origin | {name: ended.get(name) for name in ENDS}
     _check_times(at_s, seen)
+    origin = read_back.origin_and_end
     return analysis_of(seen, origin, at_s=at_s or DEFAULT_AT_S, sums_at_s=at_s, whole=whole)
 
 

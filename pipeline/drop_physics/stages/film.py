@@ -45,7 +45,7 @@ ROOM = 1.06
 LEAVES, FOLLOWED = 4.5, 2.0
 """A camera that would be so many times farther away to see the whole way follows what moves, so
 many times farther away than it must."""
-SMOOTH = 10
+SMOOTH = 3
 """Pictures over which the way of a camera is evened."""
 TILES = {False: ("#e4e7eb", "#cdd2d9"), True: ("#2a2f36", "#363c45")}
 """Of the floor, on a light and on a dark page."""

@@ -26,7 +26,6 @@ from drop_physics.recording.checks import damaged
 from drop_physics.recording.contents import is_script
 from drop_physics.recording.reader import Recording, read
 from drop_physics.scenario import View
-from drop_physics.seen.events import ENDS
 from drop_physics.shown import Shown
 from drop_physics.stages.film import Film, frames_film, poses_film
 from drop_physics.stages.telling import story_of
@@ -182,8 +181,7 @@ def _analysis_of(held: Recording, *, whole: bool) -> Analysis | FallAnalysis:
     if held.drop is not None:
         case, samples = case_seen(held.scenario, held.engine, held.seen)
         return fall_of(case, samples, whole=whole or case.samples <= MOST_ROWS).analysis
-    ended = {name: (held.ended or {}).get(name) for name in ENDS}
-    return analysis_of(held.seen, held.origin | ended)
+    return analysis_of(held.seen, held.origin_and_end)
 
 
 def _film(
