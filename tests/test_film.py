@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import scenes
 from conftest import Drop, some
+from drop_physics.engines.bullet.checkerboard import checkerboard
+from drop_physics.engines.bullet.engine import p
+from drop_physics.engines.bullet.visible_world import view_matrix
 from drop_physics.errors import RecordingError, ScenarioError
 from drop_physics.figures.playback import Animation
 from drop_physics.recording.scene import parts_of
+from drop_physics.scenario import STANDARD_CAMERA
 from drop_physics.stages.analyze import analyze
 from drop_physics.stages.record import record_script
 from drop_physics.stages.render import render
@@ -385,3 +390,34 @@ def test_a_btrigidbody_is_drawn_round_its_centre_of_mass(record: Record, tmp_pat
         shown.append(pictures(tmp_path / f"{rigid}.gif")[0].astype(int))
     assert len(redness(shown[0])) > 1000
     assert np.abs(shown[0] - shown[1]).max() <= 2
+
+
+def test_a_plane_is_a_checkerboard_from_any_side_of_it() -> None:
+    """Against PyBullet's own matrices: each pixel's ray is cut with the plane."""
+    camera = replace(STANDARD_CAMERA, size_px=(640, 480), target_m=(0.3, -0.2, 0.4), distance_m=1.5)
+    place = (0.1, 0.2, -0.3), p.getQuaternionFromEuler((0.3, -0.2, 0.7))
+    tiles = np.array([[200] * 3, [100] * 3], np.uint8)
+    colours, nearness = checkerboard(camera, place, 0.25, tiles)
+    view = np.reshape(view_matrix(camera), (4, 4)).T
+    lens = np.reshape(p.computeProjectionMatrixFOV(60, 4 / 3, 0.1, 10), (4, 4)).T
+    to_world, axes = (
+        np.linalg.inv(lens @ view),
+        np.reshape(p.getMatrixFromQuaternion(place[1]), (3, 3)),
+    )
+    certain = 0
+    for row in range(0, 480, 43):
+        for column in range(0, 640, 43):
+            on_screen = 2 * (column + 0.5) / 640 - 1, 1 - 2 * (row + 0.5) / 480
+            ends = [to_world @ [*on_screen, depth, 1] for depth in (-1, 1)]
+            near, far = (((end[:3] / end[3]) - place[0]) @ axes for end in ends)
+            met = near + (far - near) * near[2] / (near[2] - far[2])
+            away_m = -(view @ [*(axes @ met + place[0]), 1])[2]
+            assert nearness[row, column] == pytest.approx(max(1 / away_m, 0), rel=1e-4, abs=1e-5)
+            in_square = met[:2] / 0.25 % 1
+            if away_m > 0 and away_m < 4 and (abs(in_square - 0.5) < 0.49).all():
+                certain += 1
+                odd = int(np.floor(met[:2] / 0.25).sum()) % 2
+                assert (colours[row, column] == tiles[odd]).all()
+    assert certain > 60
+    below = replace(camera, pitch_deg=60.0)
+    assert not checkerboard(below, place, 0.25, tiles)[1].any()

@@ -6,16 +6,18 @@ Each command imports what it needs when it runs, so that `drop --help` is quick.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
+from drop_physics import cli_options as given
+from drop_physics.cli_options import flag, takes
 from drop_physics.console import output
 from drop_physics.console.help import App, Commands
 from drop_physics.console.progress import progress, sweep_progress
 from drop_physics.console.running import main as main
-from drop_physics.options import a_number, an_integer, takes_scenario, takes_scenario_lists
-from drop_physics.scenario import Camera, Scenario, View
+from drop_physics.options import an_integer, takes_scenario, takes_scenario_lists
+from drop_physics.scenario import Camera, Scenario
 
 app = App(
     cls=Commands,
@@ -27,60 +29,6 @@ app = App(
     "millimetre of error comes from.",
     epilog="Start with: drop run",
 )
-
-
-def takes(metavar: str, text: str, *names: str, **how: Any) -> Any:  # noqa: ANN401
-    """Return an option that takes a value."""
-    return typer.Option(*names, metavar=metavar, help=text, **how)
-
-
-def flag(text: str, *names: str) -> Any:  # noqa: ANN401
-    """Return an option without one."""
-    return typer.Option(*names, help=text)
-
-
-Run = Annotated[Path, typer.Argument(metavar="RUN.rrd", help="The recording to read.")]
-Json = Annotated[bool, flag("Print one JSON object, for scripts.", "--json")]
-Force = Annotated[bool, flag("Replace files that exist.", "--force")]
-Verbose = Annotated[
-    bool, flag("Show all: flights, contacts, every joint and finding.", "--verbose", "-v")
-]
-OfBody = Annotated[
-    str | None, takes("NAME|ID", "For a script's recording: this body only.", "--body")
-]
-At = Annotated[
-    list[str] | None,
-    takes("SECONDS", "Time at which to break the error down [s]; repeatable. [default: 0.3]"),
-]
-Fps = Annotated[
-    float | None,
-    takes("NUMBER", "Pictures per second of the gif, at most 50. [default: 20]", parser=a_number),
-]
-Speed = Annotated[
-    float | None,
-    takes(
-        "NUMBER", "Simulated seconds per second: 1 is real time, 0.25 slow motion.", parser=a_number
-    ),
-]
-Caption = Annotated[bool, flag("Write time, height and error below each frame.", "--caption")]
-Dark = Annotated[bool, flag("Draw plots for a dark page.", "--dark")]
-Ray = Annotated[str | None, takes("ADDRESS", "Run on a Ray cluster: auto, local or its address.")]
-Python = Annotated[str | None, takes("PATH", "The interpreter to run it with; 3.9 or later.")]
-Steps = Annotated[int | None, takes("N", "Stop it after N steps.", parser=an_integer)]
-Duration = Annotated[
-    float | None, takes("SECONDS", "Stop it after this simulated time [s].", parser=a_number)
-]
-WithPlot = Annotated[
-    bool,
-    flag("Plot heights and error, or of a script its findings, beside the frames.", "--with-plot"),
-]
-
-
-Program = Annotated[
-    list[str],
-    typer.Argument(metavar="SCRIPT.py …", help="The script to run, and its arguments."),
-]
-Module = Annotated[bool, flag("Run a module by its name, as python -m does.", "-m")]
 
 
 @app.callback(invoke_without_command=True)
@@ -106,11 +54,9 @@ def simulate(
     *,
     out: Annotated[Path, takes("RUN.rrd", "The recording to write.", "--out", "-o")],
     spawn: Annotated[bool, flag("Show the fall live in a viewer.", "--spawn")] = False,
-    connect: Annotated[
-        str | None, takes("URL", "Show it live in a viewer that is already open.")
-    ] = None,
-    force: Force = False,
-    json: Json = False,
+    connect: given.Connect = None,
+    force: given.Force = False,
+    json: given.Json = False,
     scenario: Scenario,
     camera: Camera | None,
 ) -> None:
@@ -139,20 +85,15 @@ def simulate(
     epilog="Example: drop analyze recordings/run.rrd --at 0.1 --at 0.3 --table run.csv",
 )
 def analyze(
-    run: Run,
+    run: given.Run,
     *,
-    at: At = None,
-    out: Annotated[
-        Path | None,
-        takes("LAYER.rrd", "The layer to write. [default: RUN.analysis.rrd]", "--out", "-o"),
-    ] = None,
-    table: Annotated[
-        Path | None, takes("FILE", "Write every sample to a .parquet or .csv file.")
-    ] = None,
-    body: OfBody = None,
-    force: Force = False,
-    verbose: Verbose = False,
-    json: Json = False,
+    at: given.At = None,
+    out: given.Layer = None,
+    table: given.Table = None,
+    body: given.OfBody = None,
+    force: given.Force = False,
+    verbose: given.Verbose = False,
+    json: given.Json = False,
 ) -> None:
     """Explain each millimetre between simulation and theory.
 
@@ -176,27 +117,19 @@ def analyze(
     epilog="Example: drop render recordings/run.rrd --with-plot --out fall.webp",
 )
 def render(
-    run: Run,
+    run: given.Run,
     *,
-    out: Annotated[
-        Path | None,
-        takes("FILE", "The .gif, .webp, .apng or .mp4 to write. [default: RUN.gif]", "--out", "-o"),
-    ] = None,
-    fps: Fps = None,
-    speed: Speed = None,
-    caption: Caption = False,
-    with_plot: WithPlot = False,
-    dark: Dark = False,
-    plot: Annotated[
-        Path | None, takes("FILE", "The plot, .png or .svg. [default: RUN.png]")
-    ] = None,
-    view: Annotated[
-        View | None,
-        typer.Option("--camera", help="Draw the recorded poses with this camera."),
-    ] = None,
-    body: OfBody = None,
-    force: Force = False,
-    json: Json = False,
+    out: given.Film = None,
+    fps: given.Fps = None,
+    speed: given.Speed = None,
+    caption: given.Caption = False,
+    with_plot: given.WithPlot = False,
+    dark: given.Dark = False,
+    plot: given.Plot = None,
+    view: given.Look = None,
+    body: given.OfBody = None,
+    force: given.Force = False,
+    json: given.Json = False,
 ) -> None:
     """Make a gif of the recorded frames, and a plot of heights and errors.
 
@@ -223,16 +156,14 @@ def render(
 @takes_scenario
 def run(
     *,
-    out_dir: Annotated[
-        Path, takes("DIR", "Folder for the files; created if missing.", "--out-dir", "-o")
-    ] = Path("recordings"),
-    at: At = None,
-    fps: Fps = None,
-    speed: Speed = None,
-    caption: Caption = False,
-    with_plot: WithPlot = False,
-    dark: Dark = False,
-    json: Json = False,
+    out_dir: given.Folder = Path("recordings"),
+    at: given.At = None,
+    fps: given.Fps = None,
+    speed: given.Speed = None,
+    caption: given.Caption = False,
+    with_plot: given.WithPlot = False,
+    dark: given.Dark = False,
+    json: given.Json = False,
     scenario: Scenario,
     camera: Camera | None,
 ) -> None:
@@ -256,24 +187,13 @@ def run(
     epilog="Example: drop check run.rrd --against recordings/golden/standard.rrd",
 )
 def check(
-    run: Run,
+    run: given.Run,
     *,
     against: Annotated[Path, takes("GOLDEN.rrd", "The recording to compare with.")],
-    tolerance: Annotated[
-        float,
-        takes(
-            "METRES",
-            "Largest difference that passes; for a velocity, the distance per step. 0: bit "
-            "for bit, but 1e-9 m for a drop in contact.",
-            parser=a_number,
-        ),
-    ] = 0.0,
+    tolerance: given.Tolerance = 0.0,
     update: Annotated[bool, flag("Make RUN.rrd the golden recording.", "--update")] = False,
-    summary: Annotated[
-        Path | None,
-        takes("FILE", "Append the verdict to this file, as Markdown for a CI's summary."),
-    ] = None,
-    json: Json = False,
+    summary: given.Summary = None,
+    json: given.Json = False,
 ) -> None:
     """Compare a recording with a golden one; exit with 3 if the physics differs.
 
@@ -299,52 +219,19 @@ def check(
 @takes_scenario_lists
 def sweep(
     *,
-    out: Annotated[
-        Path,
-        takes(
-            "DIR",
-            "Folder for results and recordings; run the command again to resume.",
-            "--out",
-            "-o",
-        ),
-    ],
+    out: given.SweepFolder,
     at: Annotated[str, takes("SECONDS", "Time at which to break the error down [s].")] = "0.3",
-    samples: Annotated[
-        int | None, takes("N", "Runs of each scenario, drawn with --vary.", parser=an_integer)
-    ] = None,
+    samples: given.Samples = None,
     seed: Annotated[int, takes("S", "Random seed.", parser=an_integer)] = 0,
-    vary: Annotated[
-        list[str] | None,
-        takes(
-            "NAME=DISTRIBUTION",
-            "Draw an option, such as height=uniform:0.5:2 or velocity_z=normal:0:1; "
-            "repeatable. Also loguniform, truncnormal, lognormal, triangular, exponential, "
-            "integers and choice.",
-        ),
-    ] = None,
-    until_ci: Annotated[
-        float | None,
-        takes(
-            "METRES",
-            "Stop when the 95 % confidence interval of the mean error is this narrow, "
-            "after 30 samples or more.",
-            parser=a_number,
-        ),
-    ] = None,
-    jobs: Annotated[
-        int | None,
-        takes(
-            "N", "Worker processes; by default one per core where that pays off.", parser=an_integer
-        ),
-    ] = None,
-    ray: Ray = None,
+    vary: given.Draws = None,
+    until_ci: given.UntilCi = None,
+    jobs: given.SweepJobs = None,
+    ray: given.Ray = None,
     no_record: Annotated[bool, flag("Keep the numbers, but no recordings.", "--no-record")] = False,
-    plot: Annotated[
-        Path | None, takes("FILE", "Plot errors over the timestep, as .png or .svg.")
-    ] = None,
-    dark: Dark = False,
-    force: Force = False,
-    json: Json = False,
+    plot: given.SweepPlot = None,
+    dark: given.Dark = False,
+    force: given.Force = False,
+    json: given.Json = False,
     lists: dict[str, str | bool | None],
     camera: Camera | None,
 ) -> None:
@@ -379,32 +266,18 @@ def sweep(
 )
 def record(
     context: typer.Context,
-    program: Program,
+    program: given.Program,
     *,
-    module: Module = False,
-    out: Annotated[
-        Path | None,
-        takes(
-            "RUN.rrd",
-            "The recording to write. [default: recordings/SCRIPT.rrd, numbered]",
-            "--out",
-            "-o",
-        ),
-    ] = None,
-    steps: Steps = None,
-    duration: Duration = None,
-    seed: Annotated[
-        int | None, takes("N", "Seed random and numpy.random with N.", parser=an_integer)
-    ] = None,
-    twice: Annotated[
-        bool, flag("Run it again, and report the first step that differs.", "--twice")
-    ] = False,
-    python: Python = None,
-    keep_sleeping: Annotated[
-        bool, flag("Let its sleeps take time; else its clock is virtual.", "--keep-sleeping")
-    ] = False,
-    force: Force = False,
-    json: Json = False,
+    module: given.Module = False,
+    out: given.Recording = None,
+    steps: given.Steps = None,
+    duration: given.Duration = None,
+    seed: given.Seed = None,
+    twice: given.Twice = False,
+    python: given.Python = None,
+    keep_sleeping: given.KeepSleeping = False,
+    force: given.Force = False,
+    json: given.Json = False,
 ) -> None:
     """Run a PyBullet script, and record everything that happens.
 
@@ -438,49 +311,23 @@ def record(
 )
 def trust(
     context: typer.Context,
-    program: Program,
+    program: given.Program,
     *,
-    module: Module = False,
-    vary: Annotated[
-        list[str] | None,
-        takes(
-            "NAME=V,…",
-            "In place of the usual variations: values of a parameter of the engine, of "
-            "gravity [m/s2], or factors of friction or mass; timestep/8, iterations*2, "
-            "nudge, seed; repeatable.",
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        takes(
-            "DIR", "Folder for the recordings. [default: recordings/SCRIPT-trust]", "--out", "-o"
-        ),
-    ] = None,
-    within: Annotated[
-        str | None,
-        takes(
-            "LENGTH",
-            "Exit with 3 if a variation ends farther apart: 1mm, 0.5deg, or both with a "
-            "comma; without a unit, metres.",
-        ),
-    ] = None,
-    steps: Steps = None,
-    duration: Duration = None,
+    module: given.Module = False,
+    vary: given.Variations = None,
+    out: given.TrustFolder = None,
+    within: given.Within = None,
+    steps: given.Steps = None,
+    duration: given.Duration = None,
     seed: Annotated[int, takes("N", "Seed random and numpy.random with N.", parser=an_integer)] = 0,
-    jobs: Annotated[
-        int | None, takes("N", "Worker processes; by default one per core.", parser=an_integer)
-    ] = None,
-    ray: Ray = None,
-    table: Annotated[
-        Path | None, takes("FILE", "Also write all distances to a .csv or .parquet file.")
-    ] = None,
-    plot: Annotated[
-        Path | None, takes("FILE", "Also plot them over time, as .png or .svg.")
-    ] = None,
-    dark: Dark = False,
-    python: Python = None,
-    force: Force = False,
-    json: Json = False,
+    jobs: given.Jobs = None,
+    ray: given.Ray = None,
+    table: given.TrustTable = None,
+    plot: given.TrustPlot = None,
+    dark: given.Dark = False,
+    python: given.Python = None,
+    force: given.Force = False,
+    json: given.Json = False,
 ) -> None:
     """Run a PyBullet script again with variations, and tell what of its result stands.
 
@@ -513,7 +360,7 @@ def trust(
     short_help="Describe a recording.",
     epilog="Example: drop info recordings/run.rrd",
 )
-def info(run: Run, *, json: Json = False) -> None:
+def info(run: given.Run, *, json: given.Json = False) -> None:
     """Describe a recording: what made it, its length, its bodies, and whether it is complete."""
     from drop_physics.console.show_info import show_info
     from drop_physics.stages.info import info
@@ -526,14 +373,11 @@ def info(run: Run, *, json: Json = False) -> None:
     epilog="Example: drop view recordings/run.rrd",
 )
 def view(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN.rrd", help="The recordings to open.")],
+    runs: given.Runs,
     *,
     web: Annotated[bool, flag("Open them in a browser.", "--web")] = False,
-    against: Annotated[
-        Path | None,
-        takes("GOLDEN.rrd", "Show this recording in grey beside it, at the first difference."),
-    ] = None,
-    json: Json = False,
+    against: given.Beside = None,
+    json: given.Json = False,
 ) -> None:
     """Open recordings and their analyses in the Rerun viewer; end when it is closed."""
     from drop_physics.console.show_view import show_view

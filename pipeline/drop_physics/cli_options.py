@@ -1,0 +1,176 @@
+"""What the verbs take on the command line, but for scenario and camera, which are in `options`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from drop_physics.options import a_number, an_integer
+from drop_physics.scenario import View
+
+
+def takes(metavar: str, text: str, *names: str, **how: Any) -> Any:  # noqa: ANN401
+    """Return an option that takes a value."""
+    return typer.Option(*names, metavar=metavar, help=text, **how)
+
+
+def flag(text: str, *names: str) -> Any:  # noqa: ANN401
+    """Return an option without one."""
+    return typer.Option(*names, help=text)
+
+
+Run = Annotated[Path, typer.Argument(metavar="RUN.rrd", help="The recording to read.")]
+Json = Annotated[bool, flag("Print one JSON object, for scripts.", "--json")]
+Force = Annotated[bool, flag("Replace files that exist.", "--force")]
+Verbose = Annotated[
+    bool, flag("Show all: flights, contacts, every joint and finding.", "--verbose", "-v")
+]
+OfBody = Annotated[
+    str | None, takes("NAME|ID", "For a script's recording: this body only.", "--body")
+]
+At = Annotated[
+    list[str] | None,
+    takes("SECONDS", "Time at which to break the error down [s]; repeatable. [default: 0.3]"),
+]
+Fps = Annotated[
+    float | None,
+    takes("NUMBER", "Pictures per second of the gif, at most 50. [default: 20]", parser=a_number),
+]
+Speed = Annotated[
+    float | None,
+    takes(
+        "NUMBER", "Simulated seconds per second: 1 is real time, 0.25 slow motion.", parser=a_number
+    ),
+]
+Caption = Annotated[bool, flag("Write time, height and error below each frame.", "--caption")]
+Dark = Annotated[bool, flag("Draw plots for a dark page.", "--dark")]
+Ray = Annotated[str | None, takes("ADDRESS", "Run on a Ray cluster: auto, local or its address.")]
+Python = Annotated[str | None, takes("PATH", "The interpreter to run it with; 3.9 or later.")]
+Steps = Annotated[int | None, takes("N", "Stop it after N steps.", parser=an_integer)]
+Duration = Annotated[
+    float | None, takes("SECONDS", "Stop it after this simulated time [s].", parser=a_number)
+]
+WithPlot = Annotated[
+    bool,
+    flag("Plot heights and error, or of a script its findings, beside the frames.", "--with-plot"),
+]
+Program = Annotated[
+    list[str],
+    typer.Argument(metavar="SCRIPT.py …", help="The script to run, and its arguments."),
+]
+Module = Annotated[bool, flag("Run a module by its name, as python -m does.", "-m")]
+Connect = Annotated[str | None, takes("URL", "Show it live in a viewer that is already open.")]
+Layer = Annotated[
+    Path | None,
+    takes("LAYER.rrd", "The layer to write. [default: RUN.analysis.rrd]", "--out", "-o"),
+]
+Table = Annotated[Path | None, takes("FILE", "Write every sample to a .parquet or .csv file.")]
+Film = Annotated[
+    Path | None,
+    takes("FILE", "The .gif, .webp, .apng or .mp4 to write. [default: RUN.gif]", "--out", "-o"),
+]
+Plot = Annotated[Path | None, takes("FILE", "The plot, .png or .svg. [default: RUN.png]")]
+Look = Annotated[
+    View | None,
+    typer.Option("--camera", help="Draw the recorded poses with this camera."),
+]
+Folder = Annotated[
+    Path, takes("DIR", "Folder for the files; created if missing.", "--out-dir", "-o")
+]
+Tolerance = Annotated[
+    float,
+    takes(
+        "METRES",
+        "Largest difference that passes; for a velocity, the distance per step. 0: bit "
+        "for bit, but 1e-9 m for a drop in contact.",
+        parser=a_number,
+    ),
+]
+Summary = Annotated[
+    Path | None,
+    takes("FILE", "Append the verdict to this file, as Markdown for a CI's summary."),
+]
+SweepFolder = Annotated[
+    Path,
+    takes(
+        "DIR",
+        "Folder for results and recordings; run the command again to resume.",
+        "--out",
+        "-o",
+    ),
+]
+Samples = Annotated[
+    int | None, takes("N", "Runs of each scenario, drawn with --vary.", parser=an_integer)
+]
+Draws = Annotated[
+    list[str] | None,
+    takes(
+        "NAME=DISTRIBUTION",
+        "Draw an option, such as height=uniform:0.5:2 or velocity_z=normal:0:1; "
+        "repeatable. Also loguniform, truncnormal, lognormal, triangular, exponential, "
+        "integers and choice.",
+    ),
+]
+UntilCi = Annotated[
+    float | None,
+    takes(
+        "METRES",
+        "Stop when the 95 % confidence interval of the mean error is this narrow, "
+        "after 30 samples or more.",
+        parser=a_number,
+    ),
+]
+SweepJobs = Annotated[
+    int | None,
+    takes("N", "Worker processes; by default one per core where that pays off.", parser=an_integer),
+]
+SweepPlot = Annotated[Path | None, takes("FILE", "Plot errors over the timestep, as .png or .svg.")]
+Recording = Annotated[
+    Path | None,
+    takes(
+        "RUN.rrd",
+        "The recording to write. [default: recordings/SCRIPT.rrd, numbered]",
+        "--out",
+        "-o",
+    ),
+]
+Seed = Annotated[int | None, takes("N", "Seed random and numpy.random with N.", parser=an_integer)]
+Twice = Annotated[bool, flag("Run it again, and report the first step that differs.", "--twice")]
+KeepSleeping = Annotated[
+    bool, flag("Let its sleeps take time; else its clock is virtual.", "--keep-sleeping")
+]
+Variations = Annotated[
+    list[str] | None,
+    takes(
+        "NAME=V,…",
+        "In place of the usual variations: values of a parameter of the engine, of "
+        "gravity [m/s2], or factors of friction or mass; timestep/8, iterations*2, "
+        "nudge, seed; repeatable.",
+    ),
+]
+TrustFolder = Annotated[
+    Path | None,
+    takes("DIR", "Folder for the recordings. [default: recordings/SCRIPT-trust]", "--out", "-o"),
+]
+Within = Annotated[
+    str | None,
+    takes(
+        "LENGTH",
+        "Exit with 3 if a variation ends farther apart: 1mm, 0.5deg, or both with a "
+        "comma; without a unit, metres.",
+    ),
+]
+Jobs = Annotated[
+    int | None, takes("N", "Worker processes; by default one per core.", parser=an_integer)
+]
+TrustTable = Annotated[
+    Path | None, takes("FILE", "Also write all distances to a .csv or .parquet file.")
+]
+TrustPlot = Annotated[Path | None, takes("FILE", "Also plot them over time, as .png or .svg.")]
+Runs = Annotated[list[Path], typer.Argument(metavar="RUN.rrd", help="The recordings to open.")]
+Beside = Annotated[
+    Path | None,
+    takes("GOLDEN.rrd", "Show this recording in grey beside it, at the first difference."),
+]
