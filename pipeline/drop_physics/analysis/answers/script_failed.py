@@ -13,6 +13,8 @@ from drop_physics.seen.events import Body
 
 NO_JOINT = "Joint index out-of-range."
 """PyBullet's words also where there is no such body."""
+INDICES = ("jointIndex", "jointIndices", "linkIndex", "linkIndices")
+"""Arguments that name a joint, or the link behind it."""
 NOT_CONNECTED = "Not connected to physics server."
 
 
@@ -62,12 +64,14 @@ class ScriptFailed(Answer):
         if call.function.startswith("load") and call.arguments.startswith(("'", "fileName='")):
             return Message(", a file that it cannot find or read")
         numbers = next((n for name in BODY_NAMES if (n := given(call, name))), ())
-        if not call.raised.endswith(NO_JOINT) or not numbers:
+        if not numbers:
             return ""
         came = self._meanings.body_at(call, int(numbers[0]))
         if came is None:
             return Message(", and there is no body {number}", number=int(numbers[0]))
-        return _joints_of(came.body)
+        asked = [index for name in INDICES for index in given(call, name)]
+        beyond = max(asked, default=-1) >= len(came.body.joints)
+        return _joints_of(came.body) if beyond or call.raised.endswith(NO_JOINT) else ""
 
 
 def _joints_of(body: Body) -> Message:

@@ -230,7 +230,15 @@ def passive(watch: Watch, name: str, original: Any) -> Call:
             client = client_of(name, args, kwargs)
             if client in windows:
                 return _answer(windows[client], name, original, args, kwargs)
-        return original(*args, **kwargs)
+        try:
+            return original(*args, **kwargs)
+        except Exception as error:
+            with watch.lock:
+                world = watch.worlds.get(client_of(name, args, kwargs))
+                if world is not None:  # what it asked for is why it failed
+                    watch.guarded(world, watch.calls.tell, world, name, args, kwargs, _getframe(1))
+                _raised(watch, world, name, error)
+            raise
 
     return call
 
