@@ -26,7 +26,7 @@ ONLY_IN = {
     "pybullet_data": {"engines/bullet/engine.py"},
     "rerun": {"recording/"},
     "matplotlib": {"figures/"},
-    "typer": {"cli.py", "options.py", "console/running.py", "console/help.py"},
+    "typer": {"cli.py", "cli_options.py", "options.py", "console/running.py", "console/help.py"},
 }
 # The judge never imports what it judges.
 JUDGE = ("laws/", "analysis/")
@@ -49,7 +49,7 @@ FILES = {str(path.relative_to(PACKAGE)): path for path in sorted(PACKAGE.rglob("
 def room_of(*parts: str) -> str:
     """Return the room of a path or module below the package: `scenario` has three files."""
     first = parts[0].removesuffix(".py")
-    return "scenario" if first in ("fields", "kinds") else first
+    return {"fields": "scenario", "kinds": "scenario", "cli_options": "cli"}.get(first, first)
 
 
 def knows(room: str) -> set[str]:

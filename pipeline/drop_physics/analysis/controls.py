@@ -191,7 +191,7 @@ class Controls:
     def _command(self, body: Body, step: int, call: Call, timestep_s: float) -> None:
         site = call.site
         self.sites[site.number] = site
-        numbers = {name: call.numbers[at] for name, at in site.places.items()}
+        numbers = call.values
         mode = int(numbers.get("controlMode", (-1.0,))[0])
         joints = numbers.get("jointIndices", numbers.get("jointIndex", ()))
         for number, joint in enumerate(map(int, joints)):

@@ -10,6 +10,7 @@ import bisect
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeVar
 
 from drop_physics.seen.events import Appearance, At, Body, Calls, Raised, Site, order
@@ -71,13 +72,10 @@ class Call:
         """The arguments, as the script might have written them; long ones shortened."""
         return text_of(self.site, self.numbers)
 
-    @property
+    @cached_property
     def values(self) -> dict[str, tuple[float, ...]]:
         """The numbers of each argument."""
-        values: dict[str, tuple[float, ...]] = {}
-        for name, number in zip(self.site.names, self.numbers, strict=True):
-            values[name] = (*values.get(name, ()), number)
-        return values
+        return {name: self.numbers[place] for name, place in self.site.places.items()}
 
 
 @dataclass(frozen=True)
