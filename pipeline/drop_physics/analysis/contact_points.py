@@ -197,6 +197,35 @@ class Pairs:
         return self._weighted(np.maximum(self.points.distance_m, 0.0))
 
     @cached_property
+    def centre_m(self) -> Float64:
+        """Where they touch, on each side, likewise, shape (m, 2, 3)."""
+        return self._weighted(self.points.at_m)
+
+    @cached_property
+    def began_m_s(self) -> Float64:
+        """How each side moves there as the step began, likewise, shape (m, 2, 3)."""
+        return self._weighted(self.points.began_m_s)
+
+    @cached_property
+    def ended_m_s(self) -> Float64:
+        """The same, given the velocities with which it ended."""
+        return self._weighted(self.points.ended_m_s)
+
+    @cached_property
+    def carried_m_s(self) -> Float64:
+        """The same, where the points have then gone."""
+        return self._weighted(self.points.carried_m_s)
+
+    @cached_property
+    def held_n_m(self) -> Float64:
+        """The moment that friction can give about the contact, on each side, shape (m, 2)."""
+        points = self.points
+        arms_m = np.cross(points.at_m - self.centre_m[self.row], points.normal[:, None])
+        return self.summed(
+            (points.friction * points.normal_n)[:, None] * np.linalg.norm(arms_m, axis=2)
+        )
+
+    @cached_property
     def restitution(self) -> Float64:
         """The greatest product of both sides' coefficients, shape (m,)."""
         return self.most(self.points.restitution)
@@ -229,9 +258,9 @@ class Pairs:
         return np.asarray(np.maximum.reduceat(values, self.starts))
 
     def _weighted(self, values: Float64) -> Float64:
-        total = self.normal_n
-        weighted = self.summed(values * self.points.normal_n)
-        return np.divide(weighted, total, out=np.zeros(len(total)), where=total > 0)
+        total = self.normal_n.reshape(-1, *[1] * (values.ndim - 1))
+        weighted = self.summed((values.T * self.points.normal_n).T)
+        return np.divide(weighted, total, out=np.zeros_like(weighted), where=total > 0)
 
 
 def pairs_of(explained: Explained, records: Mapping[int, Record]) -> Pairs:

@@ -219,22 +219,15 @@ def _forces(
     """
     needed, moved = np.full((2, len(rows), 3), np.nan)
     other, pushed, pressed = np.full((3, len(rows)), np.nan)
-    points, weights = pairs.points, pairs.points.normal_n[:, None]
-
-    def mean(values: Float64) -> Float64:
-        return np.asarray(pairs.summed(weights * values) / pairs.normal_n[:, None].clip(1e-300))
-
-    began, ended = (mean(each[:, 1 - side])[rows]
-        for each in (points.began_m_s, points.carried_m_s))  # fmt: skip
+    began, ended = pairs.began_m_s[rows, 1 - side], pairs.carried_m_s[rows, 1 - side]
     support = ended - began
     # Between steps calls may give it another velocity.
     given = np.flatnonzero(set_[1:] & (np.diff(pairs.step[rows]) == 1)) + 1
     support[given] += began[given] - ended[given - 1]
-    goes, centre = mean(points.ended_m_s[:, 1 - side])[rows], mean(points.at_m[:, side])
+    goes, centre = pairs.ended_m_s[rows, 1 - side], pairs.centre_m[rows, side]
     sign, line, dt = (-1.0 if side else 1.0), pairs.line[rows], pairs.timestep_s[rows, None]
-    arms = np.linalg.norm(np.cross(points.at_m[:, side] - centre[pairs.row], points.normal), axis=1)
     turning = np.full((len(rows), 2), np.nan)
-    turning[:, 1] = pairs.summed(points.friction * points.normal_n * arms)[rows]
+    turning[:, 1] = pairs.held_n_m[rows, side]
     for steps in judged.stretches:
         its = np.flatnonzero(np.isin(pairs.step[rows], steps.steps))
         if not len(its) or not steps.terms:
@@ -249,6 +242,6 @@ def _forces(
         other[its], pushed[its] = (np.linalg.norm(each, axis=1) for each in (others, more))
         way = steps.after.velocity[at, 3:6] - goes[its]
         moved[its] = way - np.einsum("ni,ni->n", way, line[its])[:, None] * line[its]
-        moment = np.cross(steps.before.position_m[at] - centre[rows][its], asked)
+        moment = np.cross(steps.before.position_m[at] - centre[its], asked)
         turning[its, 0] = np.abs(np.einsum("ni,ni->n", moment, line[its]))
     return needed, other, pushed, pressed, moved, turning
