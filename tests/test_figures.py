@@ -22,6 +22,7 @@ from drop_physics.errors import ScenarioError
 from drop_physics.figures import animation, convergence_plot, style
 from drop_physics.figures.animation import check_animation
 from drop_physics.figures.gif import Gif, delay_cs, write_gif
+from drop_physics.figures.ink import LIGHT
 from drop_physics.figures.story import Curve, Panel, Story
 from drop_physics.figures.story_plot import build_story, told_story
 from matplotlib.axes import Axes
@@ -294,7 +295,7 @@ def test_lengths_are_in_the_unit_that_reads_best(
     largest_m: float, shown: str, factor: float
 ) -> None:
     curve = Curve("box", np.arange(2.0), np.array([0.0, largest_m]), "#0072b2")
-    (axes,) = build_story(Story("t", [], [Panel("height", "m", [curve])]), style.LIGHT).axes
+    (axes,) = build_story(Story("t", [], [Panel("height", "m", [curve])]), LIGHT).axes
     assert axes.get_title(loc="left") == f"height [{shown}]"
     assert axes.lines[0].get_ydata()[-1] == pytest.approx(factor * largest_m)
 
@@ -307,7 +308,7 @@ def test_areas_add_up_to_the_curve_over_them_and_are_inside_the_panel() -> None:
         ("both", both, "#cc79a7"),
     )]  # fmt: skip
     story = Story("t", [], [Panel("error", "J", curves, zero=True, stacked=True)])
-    (axes,) = build_story(story, style.LIGHT).axes
+    (axes,) = build_story(story, LIGHT).axes
     reach = np.array([area.get_datalim(axes.transData).intervaly for area in axes.collections])
     assert reach.min() == -6  # -5 and -1, at the end
     assert reach.max() == 5  # 1 and 4, at the start
@@ -399,7 +400,7 @@ ERRORS_M = {
 
 def study(count: int = 1) -> Figure:
     shown = [convergence_plot.Panel(f"{n}", STEPS_S, ERRORS_M, 1 / 341) for n in range(count)]
-    return convergence_plot.build_figure(shown, title="t", ink=style.LIGHT)
+    return convergence_plot.build_figure(shown, title="t", ink=LIGHT)
 
 
 def test_errors_are_drawn_in_millimetres_over_the_timestep_in_seconds() -> None:
@@ -419,7 +420,7 @@ def test_errors_are_drawn_in_millimetres_over_the_timestep_in_seconds() -> None:
 
 def test_each_error_has_its_colour_and_its_name_where_it_ends() -> None:
     (axes,) = study().axes
-    inks = {"total": style.LIGHT.text} | colours.TERMS
+    inks = {"total": LIGHT.text} | colours.TERMS
     drawn = {str(curve.get_label()): curve.get_color() for curve in axes.lines}
     names = {label.get_text(): label for label in axes.texts if label.get_text() in inks}
     low, high = np.log10(axes.get_ylim())

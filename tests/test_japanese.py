@@ -19,6 +19,7 @@ from drop_physics import Analysis, analyze
 from drop_physics.console import output
 from drop_physics.errors import RecordingError
 from drop_physics.figures import style
+from drop_physics.figures.ink import LIGHT
 from drop_physics.figures.story_plot import build_story, told_story
 from drop_physics.messages import LOCALE, VARIABLES, Message, joined, localized, translated, wrapped
 from drop_physics.stages.narrative import findings_markdown
@@ -297,8 +298,8 @@ def test_help_loads_neither_rich_nor_a_translation() -> None:
 
 
 def texts(analysis: Analysis) -> set[str]:
-    with style.plain(style.LIGHT):
-        figure = build_story(story_of(analysis), style.LIGHT)
+    with style.plain(LIGHT):
+        figure = build_story(story_of(analysis), LIGHT)
     return {text.get_text() for text in figure.findobj(Text)} - {""}
 
 

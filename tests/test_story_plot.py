@@ -13,6 +13,7 @@ from drop_physics import Scenario, simulate
 from drop_physics import analyze as analyze_recording
 from drop_physics.analysis.results import Analysis
 from drop_physics.figures import style
+from drop_physics.figures.ink import LIGHT
 from drop_physics.figures.story import Story
 from drop_physics.figures.story_plot import build_story, told_story
 from drop_physics.stages.run import Run
@@ -52,8 +53,8 @@ def told(scene: str, path: Path) -> tuple[Analysis, Story]:
 
 
 def test_the_impact_is_enlarged_with_every_sample_around_it(standard: Run) -> None:
-    with style.plain(style.LIGHT):
-        figure = build_story(story_of(standard.analysis), style.LIGHT)
+    with style.plain(LIGHT):
+        figure = build_story(story_of(standard.analysis), LIGHT)
     (enlarged,) = figure.axes[0].child_axes
     simulated = enlarged.lines[-1].get_xydata()
     impact = standard.analysis.impact
@@ -161,8 +162,8 @@ def test_energy_closes_and_every_text_is_inside_the_picture(scene: str, tmp_path
             assert given == pytest.approx(its.columns["whole"], abs=1e-9)
             change_j = body.energy.end_j - body.energy.start_j
             assert its.columns["whole"][-1] == pytest.approx(change_j, rel=1e-9, abs=1e-9)
-    with style.plain(style.LIGHT):
-        figure = build_story(story, style.LIGHT)
+    with style.plain(LIGHT):
+        figure = build_story(story, LIGHT)
         figure.canvas.draw()
         boxes = [text.get_window_extent() for text in figure.texts]
         boxes += [text.get_window_extent() for axes in figure.axes for text in axes.texts]

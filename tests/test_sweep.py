@@ -35,7 +35,7 @@ from drop_physics.engines.bullet.world import World
 from drop_physics.engines.worlds import Worlds
 from drop_physics.errors import DropError, OutputError, ScenarioError
 from drop_physics.figures.convergence_plot import Panel, build_figure
-from drop_physics.figures.style import LIGHT
+from drop_physics.figures.ink import LIGHT
 from drop_physics.files.outputs import part_of
 from drop_physics.recording.reader import read
 from drop_physics.stages.sweep import Sweep, sweep

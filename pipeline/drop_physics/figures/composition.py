@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 
-import matplotlib
 import numpy as np
 import polars as pl
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
-from drop_physics.figures import style
+from drop_physics.figures.clock import font
 from drop_physics.figures.growing_plot import GrowingStory
+from drop_physics.figures.ink import DARK, LIGHT
 from drop_physics.figures.story import Story
-from drop_physics.figures.style import Ink
 
 GREYS = 8
 """Shades of a caption's edges: with few colours a gif stays exact."""
@@ -42,7 +40,7 @@ class Composition:
         *,
         dark: bool,
     ) -> None:
-        self._captions, self._ink = captions, style.DARK if dark else style.LIGHT
+        self._captions, self._ink = captions, DARK if dark else LIGHT
         width, height = size_px
         self._plot = None if story is None else GrowingStory(story, size_px, dark=dark)
         self._letters = max(9, min(round(width / 31), round(height / 18)))
@@ -61,7 +59,7 @@ class Composition:
         ImageDraw.Draw(shade).text(
             (self._letters // 2, self._letters),
             self._captions(time_s),
-            font=_font(self._letters),
+            font=font(self._letters),
             fill=255,
             anchor="lm",
         )
@@ -95,28 +93,6 @@ class Captions:
         error_m = float(self._errors_m[min(row, self._last)])
         height_m = float(self._heights_m[row])
         return caption(float(self._times_s[row]), height_m, error_m, ended=row > self._last)
-
-
-def with_clock(picture: Image.Image, time_s: float, ink: Ink) -> Image.Image:
-    """Return a picture with the time in its lower left corner."""
-    letters = max(9, picture.height // 24)
-    drawn, text, at = (
-        ImageDraw.Draw(picture),
-        f"t {time_s:.2f} s",
-        (letters, picture.height - letters),
-    )
-    drawn.fontmode = "1"  # a gif has few colours
-    left, top, right, bottom = drawn.textbbox(at, text, font=_font(letters), anchor="ls")
-    room = letters // 2
-    drawn.rectangle((left - room, top - room, right + room, bottom + room), fill=ink.page)
-    drawn.text(at, text, font=_font(letters), fill=ink.text, anchor="ls")
-    return picture
-
-
-@functools.cache
-def _font(letters: int) -> ImageFont.FreeTypeFont:
-    path = f"{matplotlib.get_data_path()}/fonts/ttf/DejaVuSansMono.ttf"
-    return ImageFont.truetype(path, letters)
 
 
 def caption(time_s: float, height_m: float, error_m: float, *, ended: bool = False) -> str:

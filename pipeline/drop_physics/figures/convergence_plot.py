@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from drop_physics import colours
 from drop_physics.errors import ScenarioError, check_suffix
 from drop_physics.figures import style
-from drop_physics.figures.style import Ink, words
+from drop_physics.figures.ink import Ink
+from drop_physics.figures.style import words
 from drop_physics.messages import Message
 
 if TYPE_CHECKING:

@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from drop_physics.figures import style
-from drop_physics.figures.style import Ink, words
+from drop_physics.figures.ink import Ink
+from drop_physics.figures.style import words
 
 Float64 = NDArray[np.float64]
 

@@ -14,9 +14,10 @@ from matplotlib.figure import Figure
 from PIL import Image, ImageDraw
 
 from drop_physics.figures import style
+from drop_physics.figures.ink import DARK, LIGHT, Ink
 from drop_physics.figures.story import Story
 from drop_physics.figures.story_plot import draw_beside
-from drop_physics.figures.style import Ink, Unit
+from drop_physics.figures.style import Unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,7 +42,7 @@ class GrowingStory:
     """
 
     def __init__(self, story: Story, size_px: tuple[int, int], *, dark: bool) -> None:
-        ink = style.DARK if dark else style.LIGHT
+        ink = DARK if dark else LIGHT
         with style.plain(ink):
             dpi = size_px[1] / HEIGHT_IN
             figure = Figure(figsize=(size_px[0] / dpi, HEIGHT_IN), dpi=dpi)

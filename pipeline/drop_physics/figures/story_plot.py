@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from drop_physics import colours
 from drop_physics.figures import style
+from drop_physics.figures.ink import Ink
 from drop_physics.figures.story import Curve, Detail, Panel, Story
-from drop_physics.figures.style import Ink, Unit
+from drop_physics.figures.style import Unit
 from drop_physics.messages import Message, wrapped
 
 if TYPE_CHECKING:

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 import matplotlib
 from matplotlib import font_manager
 
-from drop_physics import colours
 from drop_physics.figures.gif import MADE_BY_DROP
+from drop_physics.figures.ink import DARK, LIGHT, Ink
 from drop_physics.messages import Message, translated
 
 if TYPE_CHECKING:
@@ -27,22 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DASHED = (0, (4, 3))
-
-
-@dataclass(frozen=True)
-class Ink:
-    """The colours that differ between light and dark pages."""
-
-    page: str
-    text: str
-    faint: str
-    """For explanations that must not stand out: labels of axes, notes."""
-    simulated: str
-    """A thin line on the page, and on the broad lines of theory."""
-
-
-LIGHT = Ink(page="#ffffff", text=colours.TOTAL, faint="#5f6670", simulated=colours.SIMULATED)
-DARK = Ink(page="#0d1117", text="#e6edf3", faint="#9aa4af", simulated="#d8effd")
 
 
 JAPANESE = (

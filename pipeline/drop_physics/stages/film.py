@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -14,6 +13,8 @@ from numpy.typing import NDArray
 from drop_physics.analysis.times import Times
 from drop_physics.errors import DropError, RecordingError
 from drop_physics.figures.animation import decoded
+from drop_physics.figures.clock import with_clock
+from drop_physics.figures.ink import DARK, LIGHT, Ink
 from drop_physics.figures.playback import Animation, Playback, playback
 from drop_physics.messages import shell_command
 from drop_physics.recording.frames import frames, frames_of_cameras
@@ -21,7 +22,7 @@ from drop_physics.recording.reader import Recording
 from drop_physics.recording.scene import Part, parts_of
 from drop_physics.scenario import STANDARD_CAMERA, Camera, View
 from drop_physics.seen.history import Seen, body_named
-from drop_physics.workers import Worker, WorkerDiedError, cores
+from drop_physics.workers import Worker, WorkerDiedError
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -30,6 +31,7 @@ Float64 = NDArray[np.float64]
 
 DRAWN_PER_S = 20.0
 """Pictures drawn from poses per second of simulated time."""
+DRAW = "drop_physics.engines.bullet.scene_pictures:drawn"
 PER_WORKER = 32
 """About as many as are drawn while a process starts."""
 MOST_DRAWN = 600
@@ -109,8 +111,9 @@ def poses_film(
     body: str | None,
     dark: bool,
     clock: bool,
+    hire: Callable[[int], Sequence[Worker]],
 ) -> Film:
-    """Return a film of the recorded poses.
+    """Return a film of the recorded poses; other processes begin to draw it at once.
 
     Parameters
     ----------
@@ -127,6 +130,8 @@ def poses_film(
         Whether it is for a dark page.
     clock
         Whether it shows the time.
+    hire
+        Gives so many workers, or fewer.
 
     Raises
     ------
@@ -153,7 +158,13 @@ def poses_film(
     size_px = (taken or STANDARD_CAMERA).size_px
     cameras = [replace(camera, size_px=size_px)
         for camera in _cameras(held.seen, parts, poses, view, body)]  # fmt: skip
-    pictures = _drawn(parts, poses, shown_s, cameras, dark, clock=clock)
+    ink = DARK if dark else LIGHT
+    page = tuple(bytes.fromhex(ink.page.removeprefix("#")))
+    workers = hire(max(1, len(poses) // PER_WORKER))
+    for first, worker in enumerate(workers):
+        shared = poses[first :: len(workers)], cameras[first :: len(workers)]
+        worker.ask(DRAW, [part.models for part in parts], *shared, page, TILES[dark])
+    pictures = _answers(workers, shown_s.tolist(), ink if clock else None)
     return Film(pictures, shown_s.tolist(), played)
 
 
@@ -279,36 +290,18 @@ def _body_of(
     return body.number
 
 
-def _drawn(
-    parts: Sequence[Part],
-    poses: Float64,
-    times_s: Float64,
-    cameras: Sequence[Camera],
-    dark: bool,
-    *,
-    clock: bool,
+def _answers(
+    workers: Sequence[Worker], times_s: Sequence[float], clock: Ink | None
 ) -> Iterator[Image.Image]:
     from PIL import Image
 
-    from drop_physics.figures.composition import with_clock  # loads matplotlib
-    from drop_physics.figures.style import DARK, LIGHT
-
-    ink = DARK if dark else LIGHT
-    page = tuple(bytes.fromhex(ink.page.removeprefix("#")))
-    models = [part.models for part in parts]
-    count = min(cores(), 1 + len(poses) // PER_WORKER)
-    with ExitStack() as stack:
-        workers = [stack.enter_context(Worker()) for _ in range(count)]
-        for first, worker in enumerate(workers):
-            asked = models, poses[first::count], cameras[first::count], page, TILES[dark]
-            worker.ask("drop_physics.engines.bullet.scene_pictures:drawn", *asked)
-        for number, time_s in enumerate(times_s.tolist()):
-            try:
-                picture = Image.fromarray(workers[number % count].answer())
-            except WorkerDiedError as died:
-                raise DropError(
-                    "drawing the recorded shapes ended with {how}: a mesh is more than Bullet's "
-                    "renderer can take; without --camera the images that the script took are shown",
-                    how=died.how,
-                ) from None
-            yield with_clock(picture, time_s, ink) if clock else picture
+    for number, time_s in enumerate(times_s):
+        try:
+            picture = Image.fromarray(workers[number % len(workers)].answer())
+        except WorkerDiedError as died:
+            raise DropError(
+                "drawing the recorded shapes ended with {how}: a mesh is more than Bullet's "
+                "renderer can take; without --camera the images that the script took are shown",
+                how=died.how,
+            ) from None
+        yield picture if clock is None else with_clock(picture, time_s, clock)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,7 +29,7 @@ from drop_physics.scenario import View
 from drop_physics.shown import Shown
 from drop_physics.stages.film import Film, frames_film, poses_film
 from drop_physics.stages.telling import story_of
-from drop_physics.workers import Worker
+from drop_physics.workers import Worker, cores
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -126,22 +126,25 @@ def render(
     held = read(path)
     analysis = _analysis_of(held, whole=animation.caption or animation.with_plot)
     story = story_of(analysis)
-    if assistant is not None:
-        assistant.ask(DRAW_PLOT, story, plotted.suffix[1:], dark)
-    made = _film(held, animation, MAX_FPS[gif.suffix], view, body, dark)
-    if made is None and out is not None:
-        raise RecordingError(
-            "{path} has no frames to make {gif} from; record it without --no-camera",
-            path=path,
-            gif=gif,
+    with ExitStack() as running:
+        made = _film(
+            held, animation, MAX_FPS[gif.suffix], view, body, dark, _hiring(running, assistant)
         )
-    pictured = 0
-    if made is not None:
-        check_animation(gif, made.played.fps)
-        beside = story if animation.with_plot and story.panels else None
-        pictures = _composed(made, beside, _captions(analysis, animation), dark, progress, gif)
-        with written_whole(gif, force=force, ours=out is None) as file, _refused(path):
-            pictured = write_animation(pictures, file, suffix=gif.suffix, fps=made.played.fps)
+        if made is None and out is not None:
+            raise RecordingError(
+                "{path} has no frames to make {gif} from; record it without --no-camera",
+                path=path,
+                gif=gif,
+            )
+        if assistant is not None:  # it has time for that while the gif is written
+            assistant.ask(DRAW_PLOT, story, plotted.suffix[1:], dark)
+        pictured = 0
+        if made is not None:
+            check_animation(gif, made.played.fps)
+            beside = story if animation.with_plot and story.panels else None
+            pictures = _composed(made, beside, _captions(analysis, animation), dark, progress, gif)
+            with written_whole(gif, force=force, ours=out is None) as file, _refused(path):
+                pictured = write_animation(pictures, file, suffix=gif.suffix, fps=made.played.fps)
     with written_whole(plotted, force=force, ours=plot is None) as file:
         drawn = _plot(story, plotted.suffix[1:], dark) if assistant is None else assistant.answer()
         file.write(drawn)
@@ -184,6 +187,18 @@ def _analysis_of(held: Recording, *, whole: bool) -> Analysis | FallAnalysis:
     return analysis_of(held.seen, held.origin_and_end)
 
 
+def _hiring(running: ExitStack, assistant: Worker | None) -> Callable[[int], list[Worker]]:
+    """Return what gives workers: one that is already running, and new ones up to all cores."""
+
+    def hire(count: int) -> list[Worker]:
+        workers = [] if assistant is None else [assistant]
+        while len(workers) < min(count, cores()):
+            workers.append(running.enter_context(Worker()))
+        return workers
+
+    return hire
+
+
 def _film(
     held: Recording,
     animation: Animation,
@@ -191,6 +206,7 @@ def _film(
     view: View | None,
     body: str | None,
     dark: bool,
+    hire: Callable[[int], list[Worker]],
 ) -> Film | None:
     """Return the frames that were recorded; where a camera is named, or a script took none, poses.
 
@@ -203,7 +219,7 @@ def _film(
     captioned = held.drop is not None and (animation.caption or animation.with_plot)
     return poses_film(
         held, animation, most_fps, view=view or "standard", body=body, dark=dark,
-        clock=not captioned,
+        clock=not captioned, hire=hire,
     )  # fmt: skip
 
 
