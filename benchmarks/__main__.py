@@ -11,7 +11,7 @@ from pathlib import Path
 from benchmarks.harness import HEAD, ROOT, machine
 
 SCRIPTS = ("run", "steps", "memory", "size", "frames", "analyze", "arm", "start", "gif", "egl",
-           "sweep", "record", "watching", "tree", "growth", "trust")  # fmt: skip
+           "sweep", "watching", "tree", "growth", "trust")  # fmt: skip
 
 
 def main() -> None:

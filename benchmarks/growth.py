@@ -12,18 +12,27 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+from matplotlib.ticker import NullFormatter
 
 from benchmarks.harness import DROP, HEAD, Measured, Ran, machine, process
-from benchmarks.record import SCENE, boxes
 
+SCENE = """
+import sys
+import pybullet as p, pybullet_data
+p.connect(p.DIRECT)
+p.setAdditionalSearchPath(pybullet_data.getDataPath())
+p.setGravity(0, 0, -9.81)
+p.loadURDF("plane.urdf")
+{load}
+for _ in range(int(sys.argv[1])):
+    p.stepSimulation()
+"""
 ROBOTS = {
     7: 'p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)',
     18: 'p.loadURDF("laikago/laikago_toes_zup_lores.urdf", [0, 0, 0.5])',
     34: 'p.loadURDF("humanoid/humanoid.urdf", [0, 0, 1.2])',
 }
 """Degrees of freedom, and what is loaded."""
-MOST = 1_000_000
-"""Steps, and body-steps."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +51,12 @@ class Case:
         sized = {"steps": "one box at rest", "bodies": f"boxes at rest: {self.size}",
                  "dofs": f"degrees of freedom: {self.size}"}  # fmt: skip
         return f"{sized[self.what]}, {self.steps:,} steps"
+
+
+def boxes(count: int) -> str:
+    """Return lines that lay so many boxes on the floor."""
+    return f"""for number in range({count}):
+    p.loadURDF("cube_small.urdf", [0.2 * (number % 10), 0.2 * (number // 10), 0.025])"""
 
 
 def cases(*, quick: bool) -> Iterator[Case]:
@@ -94,9 +109,16 @@ def draw(path: Path, *, quick: bool) -> None:
         sizes = [case.size for case, _, _ in its]
         panel.plot(sizes, [recorded for _, recorded, _ in its], "o-", label="drop record")
         panel.plot(sizes, [analyzed for _, _, analyzed in its], "s-", label="drop analyze")
-        if what != "dofs":
+        if what == "dofs":
+            panel.set_ylim(bottom=0)
+        else:
             panel.set_xscale("log")
             panel.set_yscale("log")
+            panel.yaxis.set_minor_formatter(NullFormatter())
+            most_s = max(analyzed for _, _, analyzed in its)
+            along = [most_s * size / sizes[-1] for size in sizes]
+            panel.plot(sizes, along, ":", color="0.5", label="in proportion")
+            panel.set_ylim(bottom=1)
         panel.set_xlabel(labels[what])
         panel.grid(alpha=0.3)
     panels[0].set_ylabel("seconds, start included")

@@ -17,8 +17,8 @@ from pathlib import Path
 
 from drop_physics.engines.bullet.script import Program, Script
 
+from benchmarks.growth import boxes
 from benchmarks.harness import Measured
-from benchmarks.record import boxes
 
 SCRIPT = """
 import sys, time
