@@ -44,7 +44,7 @@ class Held:
                 for rows in [slice(*np.searchsorted(steps, [first, end]))]
             },
             held.contacts.filter(within),
-            [call for call in held.calls if first <= call.at.step < end],
+            held.calls.between(first, end),
         )
 
 

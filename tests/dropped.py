@@ -15,6 +15,7 @@ from drop_physics.engines.bullet.world import World
 from drop_physics.recording.rows import tables_of
 from drop_physics.seen.events import Appearance, Body, Dynamics, Settings
 from drop_physics.seen.history import Piece, Seen
+from drop_physics.seen.log import Log
 from drop_physics.stages.recorded import BATCH, bodies_of, made_with
 from drop_physics.states import BASE, BODY, Batch, Joints
 
@@ -38,7 +39,7 @@ class Sampled:
         its = (pl.col("step") >= first) & (pl.col("step") < end)
         bases = self.states.filter(its & (pl.col("link") == BASE)).drop("link")
         joints = {} if self.joints is None else {BODY: self.joints.at(slice(first, end))}
-        return Piece(first, end, bases, joints, {}, self.contacts.filter(its), [])
+        return Piece(first, end, bases, joints, {}, self.contacts.filter(its), Log())
 
 
 def departs(case: Case, samples: Iterable[Samples]) -> int | None:

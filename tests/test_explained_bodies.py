@@ -22,6 +22,7 @@ from drop_physics.analysis.explained.recording import Explanation, explanation
 from drop_physics.laws.bullet_tree import BulletTree, Reported
 from drop_physics.laws.impulses import Forces
 from drop_physics.seen.history import Piece, Seen
+from drop_physics.seen.log import Log
 from scenes import record
 
 CLOSES = 1e-9
@@ -217,6 +218,7 @@ for e in range(3):
     if e == 0:
         p.changeDynamics(b, -1, linearDamping=1)
         p.setJointMotorControl2(k, 3, p.PD_CONTROL, targetPosition=1, positionGain=5, force=10)
+        p.setJointMotorControl2(k, 1, p.VELOCITY_CONTROL, force=0)
     steps(30)
 p.removeBody(b)
 b = p.loadURDF("cube_small.urdf", [1, 0, 2])
@@ -435,7 +437,7 @@ class Unheard:
 
     def piece(self, first: int, end: int) -> Piece:
         """Return a piece without its calls."""
-        return replace(self._sampled.piece(first, end), calls=[])
+        return replace(self._sampled.piece(first, end), calls=Log())
 
 
 def test_what_was_set_before_the_recording_is_not_known(seen: Callable[[str], Seen]) -> None:
@@ -538,8 +540,8 @@ def test_pd_control_outlives_the_body(
     seen: Callable[[str], Seen], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """PyBullet keeps it by the id, beyond `resetSimulation`; forgotten there, nothing closes."""
-    monkeypatch.setattr(commands.Commands, "pd", lambda _, law, ends, __: np.zeros(
-        (len(ends), law.tree.joint_rates)))  # fmt: skip
+    monkeypatch.setattr(commands.Commanded, "servos", lambda _, law, before: np.zeros(
+        (len(before), law.tree.joint_rates)))  # fmt: skip
     totals = explanation(seen(AGAIN)).totals[0]
     assert totals.unexplained["remainder"].samples >= 100
 

@@ -32,7 +32,6 @@ from drop_physics.engines.bullet.watching import pipe
 from drop_physics.errors import DropError, OutputError, ScenarioError
 from drop_physics.recording import schema, writer
 from drop_physics.recording.reader import read
-from drop_physics.seen.calls import Meanings
 from drop_physics.stages.analyze import analyze
 from drop_physics.stages.info import info
 from drop_physics.stages.record import Recorded, record_script
@@ -274,7 +273,7 @@ def test_a_body_that_a_call_has_moved_is_recorded_before_time_goes_on(bench: Ben
     kinds = [row["reported"]["mass_kg"] for row in told(bench.out, "dynamics")]
     assert kinds == [[0.1], [2.5]]
     seen = read(bench.out).seen
-    (given,) = Meanings(seen.calls, seen.appearances).given()
+    (given,) = seen.calls.given()
     assert given.values["linearDamping"] == 0.0
     engine = [row["values"] for row in told(bench.out, "engine")]
     assert [row["fixedTimeStep"] for row in engine] == [1 / 240, 1 / 100]
@@ -296,7 +295,7 @@ def test_every_pose_of_a_script_that_never_steps_is_there(bench: Bench) -> None:
 def test_calls_are_told_in_order_with_file_and_line(bench: Bench) -> None:
     script = bench.script(scripts.PLAIN["moved"])
     bench.record(script)
-    calls = read(bench.out).seen.calls
+    calls = [*read(bench.out).seen.calls]
     source = bench.folder.joinpath(script).read_text().splitlines()
     for call in calls:
         assert call.file == "script.py"
@@ -318,7 +317,7 @@ def test_a_call_that_raised_is_told_so(bench: Bench) -> None:
 def test_forces_from_outside_are_recorded_as_given(bench: Bench) -> None:
     bench.record(bench.script(scripts.PLAIN["numpy"]))
     seen = read(bench.out).seen
-    (push,) = Meanings(seen.calls, seen.appearances).pushes()
+    (push,) = seen.calls.pushes()
     assert push.vector == (1.0, 0.0, 0.0)
     assert push.in_world_axes
     assert (push.body.number, push.link, push.torque) == (0, -1, False)

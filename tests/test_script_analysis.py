@@ -25,7 +25,6 @@ from conftest import Drop, Recorder, judge, rerun_rrd, some
 from drop_physics.analysis.results import Analysis, BodyAnalysis
 from drop_physics.console.show_analysis import show_analysis
 from drop_physics.recording.reader import Recording
-from drop_physics.seen.calls import Meanings
 from drop_physics.seen.history import Seen
 from engine import MODES, ROUNDS_ONCE
 from scenes import analyze, body_of, codes
@@ -201,10 +200,7 @@ def test_every_sample_is_explained(analyzed: Analyzed, name: str, *, maximal: bo
     assert counts["still"] == 0
     assert {name: counts[name] for name in expected} == expected
     touched = steps_with_forces(recording.seen, body.id)
-    pushed = {
-        one.at.step + 1
-        for one in Meanings(recording.seen.calls, recording.seen.appearances).pushes()
-    }
+    pushed = {one.at.step + 1 for one in recording.seen.calls.pushes()}
     assert set(steps_that_are(analysis, body.id, "contact")) == touched - pushed
     assert set(steps_that_are(analysis, body.id, "pushed")) == pushed
     assert not touched & set(steps_that_are(analysis, body.id, "flight"))
@@ -1009,7 +1005,7 @@ assert p.loadURDF("cube_small.urdf", [0, 0, 3]) == b
 steps(5)
 """
     )
-    given = Meanings(recording.seen.calls, recording.seen.appearances).given()
+    given = recording.seen.calls.given()
     assert not [each for each in given if each.body.number == 0]
     assert body_of(analysis, 0).segments["flight"] == 5
 

@@ -15,8 +15,8 @@ from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.joints import Driven, JointTable, target_of
 from drop_physics.analysis.times import Times
 from drop_physics.analysis.touches import PRESSED, TouchTable
-from drop_physics.seen.calls import POSITION, VELOCITY
 from drop_physics.seen.history import Seen
+from drop_physics.seen.motors import POSITION, VELOCITY
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]

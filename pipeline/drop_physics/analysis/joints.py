@@ -9,14 +9,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.controls import DEFAULT, Commanded, Controls, places_of
+from drop_physics.analysis.explained.commands import DEFAULT, Commanded, places_of
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.explained.steps import Steps
 from drop_physics.analysis.needs import Holding, Joins, holding
 from drop_physics.laws.tree import Tree
-from drop_physics.seen.calls import POSITION
 from drop_physics.seen.events import Body, Site
 from drop_physics.seen.history import Seen
+from drop_physics.seen.motors import POSITION
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -73,7 +73,6 @@ class Driven:
 
     body: Body
     steps: Steps
-    asked: Commanded
     before: Float64
     """Positions of the joints [rad] or [m] before each step; nan of spherical joints."""
     after: Float64
@@ -90,6 +89,11 @@ class Driven:
     """Whether the joint was at rest: the last ten steps were."""
     all_resting: Flags
     """Whether the body was, shape (n,)."""
+
+    @property
+    def asked(self) -> Commanded:
+        """What calls asked of them."""
+        return self.steps.asked
 
 
 @dataclass(eq=False)
@@ -114,8 +118,8 @@ class JointTable:
 
     def __init__(self, seen: Seen) -> None:
         self._seen = seen
-        self._controls = Controls(seen)
-        self._joins = Joins(seen.appearances)
+        self._joins = Joins()
+        self._sites: Mapping[int, Site] = {}
         self._tracks: dict[int, _Track] = {}
         self._explained: Explained | None = None
         self.latest: dict[int, list[Driven]] = {}
@@ -123,7 +127,7 @@ class JointTable:
 
     def add(self, explained: Explained) -> None:
         """Take a piece."""
-        self._controls.take(explained.piece)
+        self._sites = explained.piece.calls.sites
         self._joins.take(explained.piece)
         self._explained, self.latest = explained, {}
         for number, judged in explained.bodies.items():
@@ -144,7 +148,7 @@ class JointTable:
 
     def site(self, number: float) -> Site | None:
         """Return a call's site by its number in a `Commanded`."""
-        return None if np.isnan(number) else self._controls.sites.get(int(number))
+        return None if np.isnan(number) else self._sites.get(int(number))
 
     def holding(self, driven: Driven, row: int) -> Holding:
         """Return what holds a body after a step of the latest piece."""
@@ -173,7 +177,7 @@ class JointTable:
             track = _Track(body, np.zeros(size), np.zeros(size, np.int64), zeros, zeros.copy())
             self._tracks[body.number] = track
         track.body = body
-        driven = _driven(body, steps, self._controls.of(body, steps.steps), track)
+        driven = _driven(body, steps, track)
         track.at_limit += driven.at_limit.sum(axis=0)
         track.at_stop += driven.at_stop.sum(axis=0)
         return driven
@@ -200,8 +204,8 @@ def target_of(driven: Driven) -> Float64:
     return np.where(asked.pd == 1, asked.pd_target, motor)
 
 
-def _driven(body: Body, steps: Steps, asked: Commanded, track: _Track) -> Driven:
-    tree = steps.law.tree
+def _driven(body: Body, steps: Steps, track: _Track) -> Driven:
+    tree, asked = steps.law.tree, steps.asked
     places = _coordinates(tree)
     before, after = (
         np.stack(
@@ -226,7 +230,6 @@ def _driven(body: Body, steps: Steps, asked: Commanded, track: _Track) -> Driven
     return Driven(
         body=body,
         steps=steps,
-        asked=asked,
         before=before,
         after=after,
         rate=steps.after.velocity[:, joint],

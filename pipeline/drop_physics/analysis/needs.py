@@ -19,8 +19,7 @@ from drop_physics.laws.dynamics import gravity
 from drop_physics.laws.impulses import impulses_of
 from drop_physics.laws.kinematics import Kinematics, generalised_at_points, kinematics
 from drop_physics.laws.tree import BASE, States, Tree
-from drop_physics.seen.calls import Meanings
-from drop_physics.seen.events import Appearance, Body
+from drop_physics.seen.events import Body
 from drop_physics.seen.history import Piece
 
 Float64 = NDArray[np.float64]
@@ -38,24 +37,19 @@ POINT, GEAR = 5, 6
 class Joins:
     """Which links constraints join; calls come piece by piece."""
 
-    def __init__(self, appearances: list[Appearance]) -> None:
-        self._appearances = appearances
+    def __init__(self) -> None:
         self._told: dict[tuple[int, int], list[tuple[int, Place, Place, int]]] = {}
 
     def take(self, piece: Piece) -> None:
         """Take the calls of a piece."""
         self._told = {key: told[-1:] for key, told in self._told.items()}
-        calls = [each for each in piece.calls if not each.raised]
-        if not any(each.function == "createConstraint" for each in calls):
-            return
-        meanings = Meanings(calls, self._appearances)
-        for call in calls:
-            if call.function != "createConstraint" or not np.isfinite(call.result):
+        for call in piece.calls.of("createConstraint"):
+            if not np.isfinite(call.result):
                 continue
             values, places = call.values, []
             for role in ("parent", "child"):
                 engine_id = int(values.get(f"{role}BodyUniqueId", (-1.0,))[0])
-                came = None if engine_id < 0 else meanings.body_at(call, engine_id)
+                came = None if engine_id < 0 else piece.calls.body_at(call, engine_id)
                 link = int(values.get(f"{role}LinkIndex", (-1.0,))[0])
                 places.append((NOBODY if came is None else came.body.number, link))
             kind = int(values.get("jointType", (-1.0,))[0])

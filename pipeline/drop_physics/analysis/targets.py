@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.joints import REST_STEPS, Driven, target_of
-from drop_physics.seen.calls import POSITION
+from drop_physics.seen.motors import POSITION
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]

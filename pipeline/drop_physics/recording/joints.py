@@ -14,17 +14,8 @@ from numpy.typing import NDArray
 
 from drop_physics.recording import schema, writer
 from drop_physics.recording.writer import Chunk, Times
-from drop_physics.seen.calls import (
-    BODY_NAMES,
-    FORCE,
-    MOTORS,
-    PD,
-    POSITION,
-    TORQUE,
-    VELOCITY,
-    of_joint,
-)
 from drop_physics.seen.events import Appearance, At, Body, Calls, Raised, Samples, Site
+from drop_physics.seen.motors import FORCE, PD, POSITION, TORQUE, VELOCITY, Command, commands_of
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -46,29 +37,6 @@ def joint_names(body: Body, what: str) -> list[str]:
         width = joint.widths[place]
         names += [joint.name] if width == 1 else [f"{joint.name} {axis}" for axis in "xyzw"[:width]]
     return names
-
-
-class Command(NamedTuple):
-    """What n calls from one place ask of a joint each."""
-
-    client: int
-    calls: Int64
-    """Their numbers, shape (n,)."""
-    steps: Int64
-    times_s: Float64
-    bodies: Int64
-    """The engine's ids."""
-    joints: Int64
-    values: Mapping[str, Float64]
-    """By argument, shape (n, k)."""
-
-    def only(self, which: NDArray[np.bool_]) -> Command:
-        """Return some of them."""
-        held = {name: values[which] for name, values in self.values.items()}
-        return Command(
-            self.client, self.calls[which], self.steps[which], self.times_s[which],
-            self.bodies[which], self.joints[which], held,
-        )  # fmt: skip
 
 
 class Commands:
@@ -238,31 +206,6 @@ class Asked:
         parts = {name: rows[:, self._columns[name]] for name in ROWS[what]}
         scalars = parts.pop(ROWS[what][0])
         return writer.scalars_chunk(f"{self._entity}/{what}", at, scalars, parts)
-
-
-def commands_of(seen: Calls, sites: Mapping[int, Site], widths: Int64) -> Iterator[Command]:
-    """Yield what calls ask of joints, a command per site and joint that it names."""
-    starts = np.cumsum(widths) - widths
-    for number in np.unique(seen.sites).tolist():
-        site = sites[number]
-        if not site.function.startswith(MOTORS):
-            continue
-        its = np.flatnonzero(seen.sites == number)
-        numbers = seen.numbers[starts[its, None] + np.arange(len(site.names))]
-        places: dict[str, list[int]] = {}
-        for place, name in enumerate(site.names):
-            places.setdefault(name, []).append(place)
-        body = next((places[name] for name in BODY_NAMES if name in places), None)
-        joints = places.get("jointIndices", places.get("jointIndex", []))
-        if body is None or "controlMode" not in places:
-            continue
-        for which, joint in enumerate(joints):
-            values = {"controlMode": places["controlMode"], **of_joint(places, which, len(joints))}
-            yield Command(
-                seen.client, seen.calls[its], seen.steps[its], seen.times_s[its],
-                numbers[:, body[0]].astype(np.int64), numbers[:, joint].astype(np.int64),
-                {name: numbers[:, columns] for name, columns in values.items()},
-            )  # fmt: skip
 
 
 def _places(counts: Iterable[int]) -> list[slice]:

@@ -233,6 +233,7 @@ def _seen(told: Told, sampled: RecordedSamples, closing: Properties) -> Seen:
     appearances = saying.appearances(told)
     bodies = saying.bodies_of(appearances)
     sampled.sites, sampled.raised = saying.sites(told), saying.raised(told)
+    sampled.appearances = appearances
     sampled.numbers = {
         body.label: number for number, body in bodies.items() if any(map(_moves, body.joints))
     }

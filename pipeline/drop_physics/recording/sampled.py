@@ -14,9 +14,9 @@ from drop_physics.recording import columns, rows, rrd, schema
 from drop_physics.recording.checks import damaged, unreadable
 from drop_physics.recording.digest import CallsDigest, RowsDigest
 from drop_physics.recording.rrd import Chunk
-from drop_physics.seen.calls import Call, calls_of
-from drop_physics.seen.events import Calls, Raised, Site
+from drop_physics.seen.events import Appearance, Calls, Raised, Site
 from drop_physics.seen.history import Piece
+from drop_physics.seen.log import Log
 from drop_physics.states import Joints
 
 Float64 = NDArray[np.float64]
@@ -63,6 +63,7 @@ class RecordedSamples:
         self.entities: dict[str, Entity] = {}
         self.sites: Mapping[int, Site] = {}
         self.raised: list[Raised] = []
+        self.appearances: list[Appearance] = []
         self.numbers: Mapping[str, int] = {}
         """The bodies' numbers, by label."""
         self.partial = False
@@ -153,15 +154,14 @@ class RecordedSamples:
         order = order[(steps[order] >= first) & (steps[order] < end)]
         return steps[order], values[order]
 
-    def calls(self, first: int, end: int) -> list[Call]:
-        """Return calls in order."""
+    def calls(self, first: int, end: int) -> Log:
+        """Return the calls after so many steps, and before so many."""
         read = [
             each
             for chunk in self.chunks(schema.CALLS, first, end)
             for each in columns.calls(chunk, self.path)
         ]
-        made = calls_of(read, self.sites, self.raised)
-        return [call for call in made if first <= call.at.step < end]
+        return Log(read, self.sites, self.raised, self.appearances).between(first, end)
 
 
 class Digests:

@@ -13,7 +13,6 @@ import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.errors import ScenarioError
-from drop_physics.seen.calls import Call
 from drop_physics.seen.events import (
     Appearance,
     Body,
@@ -23,6 +22,7 @@ from drop_physics.seen.events import (
     Solver,
     Surface,
 )
+from drop_physics.seen.log import Log
 from drop_physics.seen.poses import (
     COLUMNS,
     MOTION_COLUMNS,
@@ -56,7 +56,7 @@ class Piece:
     """Of each constraint, by client and the engine's id: steps, and its forces then."""
     contacts: pl.DataFrame
     """One row per contact point, in step order."""
-    calls: list[Call]
+    calls: Log
 
 
 class Sampled(Protocol):
@@ -122,10 +122,10 @@ class Seen:
         """One row per contact point, in step order."""
         return self._whole.contacts
 
-    @cached_property
-    def calls(self) -> list[Call]:
-        """Everything that the script did, in order."""
-        return [call for piece in self.pieces() for call in piece.calls]
+    @property
+    def calls(self) -> Log:
+        """Everything that the script did."""
+        return self._whole.calls
 
     @cached_property
     def parts(self) -> dict[tuple[int, int], pl.DataFrame]:

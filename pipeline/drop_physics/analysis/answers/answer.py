@@ -10,7 +10,7 @@ from typing import Any, Literal, TypeVar, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.answers.arguments import calls_of, site_of
+from drop_physics.analysis.answers.arguments import site_of
 from drop_physics.analysis.answers.asked_of_bodies import AskedOfBodies
 from drop_physics.analysis.answers.placing import Placing
 from drop_physics.analysis.explained.judged import Judged
@@ -136,7 +136,8 @@ class Scene:
 
     def calls_of(self, *functions: str) -> Iterator[tuple[Call, Body]]:
         """Yield calls of the latest piece by the beginning of their names, each with its body."""
-        return calls_of(self.piece, self.seen.appearances, *functions)
+        for call, _, came in self.piece.calls.of_bodies(*functions):
+            yield call, came.body
 
     def driven(self) -> Iterator[Driven]:
         """Yield the joints of each body in the steps of the latest piece."""

@@ -1,25 +1,11 @@
-"""Which body a call names, which of its numbers are which argument, and where it stands."""
+"""Which of a call's numbers are which argument, and where it stands."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from heapq import merge
 
-from drop_physics.analysis.called import called
 from drop_physics.seen.calls import Call
-from drop_physics.seen.events import Appearance, Body, Site
-from drop_physics.seen.history import Piece
-
-
-def calls_of(
-    piece: Piece, appearances: list[Appearance], *functions: str
-) -> Iterator[tuple[Call, Body]]:
-    """Yield the calls of functions by the beginning of their names, each with its body."""
-    found = [its for name, its in called(piece, appearances).items() if name.startswith(functions)]
-    together = found[0] if len(found) == 1 else merge(*found, key=lambda pair: pair[0].at.call)
-    for call, came in together:
-        yield call, came.body
+from drop_physics.seen.events import Site
 
 
 def given(call: Call, name: str) -> tuple[float, ...]:

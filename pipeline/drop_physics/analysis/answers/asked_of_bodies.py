@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drop_physics.analysis.answers.arguments import calls_of, site_of
+from drop_physics.analysis.answers.arguments import site_of
 from drop_physics.seen.calls import Call
 from drop_physics.seen.events import Appearance, Body
 from drop_physics.seen.history import Piece
+from drop_physics.seen.log import MAKES
 
 
 @dataclass
@@ -35,7 +36,6 @@ class AskedOfBodies:
     """Grows piece by piece, for all answers."""
 
     def __init__(self, appearances: list[Appearance]) -> None:
-        self._appearances = appearances
         self._came = {each.body.number: each.at.call for each in appearances if each.came}
         self._loads: dict[tuple[int, int], list[Call]] = {}
         """By client and the engine's id."""
@@ -44,10 +44,11 @@ class AskedOfBodies:
 
     def see(self, piece: Piece) -> None:
         """Take a piece."""
-        for call in piece.calls:
-            if call.function.startswith(("load", "createMultiBody")) and np.isfinite(call.result):
+        for call in piece.calls.of(*MAKES):
+            if np.isfinite(call.result):
                 self._loads.setdefault((call.client, int(call.result)), []).append(call)
-        for call, body in calls_of(piece, self._appearances, "changeDynamics"):
+        for call, _, came in piece.calls.of_bodies("changeDynamics"):
+            body = came.body
             for name, numbers in call.values.items():
                 asked, value = self.of[name], float(numbers[0])
                 asked.sites[body.number] = site_of(call)

@@ -8,7 +8,7 @@ import numpy as np
 
 from drop_physics.analysis.answers.answer import Effect, Noted, so_many
 from drop_physics.analysis.answers.joint import JointAnswer, effort
-from drop_physics.analysis.controls import DEFAULT
+from drop_physics.analysis.explained.commands import DEFAULT
 from drop_physics.analysis.joints import Driven
 from drop_physics.messages import Message
 

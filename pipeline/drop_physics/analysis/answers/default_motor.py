@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Noted, Scene
 from drop_physics.analysis.answers.joint import effort, name_of, units_of
-from drop_physics.analysis.controls import DEFAULT
+from drop_physics.analysis.explained.commands import DEFAULT
 from drop_physics.analysis.explained.steps import EXPLAINED
 from drop_physics.analysis.joints import Driven
 from drop_physics.laws.dynamics import mass_matrix

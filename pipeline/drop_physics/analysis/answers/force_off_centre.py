@@ -14,7 +14,7 @@ from drop_physics.analysis.answers.answer import (
     Notes,
     Scene,
 )
-from drop_physics.analysis.answers.arguments import calls_of, given, number, site_of
+from drop_physics.analysis.answers.arguments import given, number, site_of
 from drop_physics.analysis.explained.steps import Steps
 from drop_physics.laws.kinematics import kinematics
 from drop_physics.laws.tree import BASE
@@ -34,8 +34,8 @@ class ForceOffCentre(Answer):
 
     def see(self) -> None:
         """Compare where forces of the world's frame act with where their bodies are."""
-        appearances, end = self.scene.seen.appearances, self.scene.piece.end
-        calls = [*self._late, *calls_of(self.scene.piece, appearances, "applyExternalForce")]
+        end = self.scene.piece.end
+        calls = [*self._late, *self.scene.calls_of("applyExternalForce")]
         self._late = [pair for pair in calls if pair[0].at.step + 1 >= end]
         by_body: dict[int, list[Call]] = {}
         for call, body in calls:

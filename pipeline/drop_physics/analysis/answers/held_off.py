@@ -15,7 +15,7 @@ from drop_physics.analysis.targets import Stood
 from drop_physics.laws.dynamics import mass_matrix
 from drop_physics.laws.kinematics import kinematics
 from drop_physics.messages import Message
-from drop_physics.seen.calls import POSITION
+from drop_physics.seen.motors import POSITION
 
 FREE = ("gravity", "bias", "damping", "joint damping", "applied", "clamp")
 """Terms that act before the motors do."""

@@ -10,12 +10,13 @@ import numpy as np
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
 from drop_physics.analysis.answers.arguments import given, number, site_of
 from drop_physics.analysis.answers.joint import distance
-from drop_physics.analysis.controls import places_of
+from drop_physics.analysis.explained.commands import places_of
 from drop_physics.analysis.joints import Driven, target_of
 from drop_physics.laws.kinematics import kinematics
 from drop_physics.messages import Message
-from drop_physics.seen.calls import POSITION, Call
+from drop_physics.seen.calls import Call
 from drop_physics.seen.events import Body
+from drop_physics.seen.motors import POSITION
 
 IK = "calculateInverseKinematics"
 OFF_M = 5e-3
@@ -59,7 +60,7 @@ class IkOff(Answer):
         """Match targets with answers, and look where those that stood until rest led."""
         for number_, sent in self._sent.items():
             self._sent[number_] = sent[-1:]
-        if not any(each.function == IK for each in self.scene.piece.calls) and not self._sent:
+        if not self.scene.piece.calls.of(IK) and not self._sent:
             return
         names = IK, "setJointMotorControl"
         for call, body in self.scene.calls_of(*names):

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
 from drop_physics.analysis.answers.arguments import given, number, site_of
 from drop_physics.analysis.answers.asked_of_bodies import size_m
-from drop_physics.analysis.called import LIVES
+from drop_physics.analysis.explained.commands import TIMESTEPS
 from drop_physics.analysis.explained.joined import FIXED, POINT
 from drop_physics.laws.kinematics import kinematics
 from drop_physics.laws.rotations import matrix
 from drop_physics.laws.tree import BASE
 from drop_physics.messages import Message
-from drop_physics.seen.calls import Call, Meanings
+from drop_physics.seen.calls import Call
 from drop_physics.seen.events import Body
 
 Float64 = NDArray[np.float64]
@@ -88,33 +88,28 @@ class Joined(Answer):
                 self._follow(joined, steps, forces)
 
     def _told(self) -> None:
-        calls = self.scene.piece.calls
-        made = [each for each in calls if each.function.startswith((*LIVES, "createConstraint"))]
-        meanings = Meanings(made, self.scene.seen.appearances)
-        for call in calls:
-            if call.raised:
-                continue
-            if call.function in ("setTimeStep", "setPhysicsEngineParameter"):
-                name = "timeStep" if call.function == "setTimeStep" else "fixedTimeStep"
+        for call in self.scene.piece.calls.of(*TIMESTEPS, "createConstraint", "changeConstraint"):
+            if call.function in TIMESTEPS:
+                name = TIMESTEPS[call.function]
                 if given(call, name):
                     self._timestep_s[call.client] = number(call, name)
                     for key, joined in self._now.items():
                         if key[0] == call.client:
                             joined.since, joined.full = call.at.step, 0
             elif call.function == "createConstraint" and np.isfinite(call.result):
-                self._create(call, meanings)
-            elif call.function == "changeConstraint":
+                self._create(call)
+            else:
                 key = call.client, int(number(call, "userConstraintUniqueId", -1.0))
                 if key in self._now:
                     self._change(call, self._now[key])
 
-    def _create(self, call: Call, meanings: Meanings) -> None:
+    def _create(self, call: Call) -> None:
         key = call.client, int(call.result)
         self._now.pop(key, None)
         if int(number(call, "jointType", -1.0)) not in (FIXED, POINT):
             return
         ids = [int(number(call, f"{role}BodyUniqueId", -1.0)) for role in ROLES]
-        came = [None if each < 0 else meanings.body_at(call, each) for each in ids]
+        came = [None if each < 0 else self.scene.piece.calls.body_at(call, each) for each in ids]
         if any(each >= 0 and found is None for each, found in zip(ids, came, strict=True)):
             return
         links = [int(number(call, f"{role}LinkIndex", -1.0)) for role in ROLES]

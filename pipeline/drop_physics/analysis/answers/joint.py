@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.answers.answer import Answer, Finding, Level, Noted, Notes, Scene
-from drop_physics.analysis.controls import places_of
+from drop_physics.analysis.explained.commands import places_of
 from drop_physics.analysis.joints import Driven
 from drop_physics.seen.events import Body
 

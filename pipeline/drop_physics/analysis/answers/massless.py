@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from drop_physics.analysis.answers.answer import Answer, Finding, Scene
-from drop_physics.analysis.answers.arguments import calls_of, given, number, site_of
+from drop_physics.analysis.answers.arguments import given, number, site_of
 from drop_physics.messages import Message
 
 
@@ -20,10 +20,9 @@ class Massless(Answer):
 
     def see(self) -> None:
         """Note what was pushed."""
-        piece = self.scene.piece
-        self._falls |= {call.client for call in piece.calls
-            if call.function == "setGravity" and any(call.numbers[:3])}  # fmt: skip
-        for call, body in calls_of(piece, self.scene.seen.appearances, "applyExternal"):
+        self._falls |= {call.client for call in self.scene.piece.calls.of("setGravity")
+            if any(call.numbers[:3])}  # fmt: skip
+        for call, body in self.scene.calls_of("applyExternal"):
             if int(number(call, "linkIndex", -1.0)) == -1:
                 self._pushed.add(body.number)
 

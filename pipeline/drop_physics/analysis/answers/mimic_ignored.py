@@ -9,7 +9,7 @@ import numpy as np
 
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene
 from drop_physics.analysis.answers.joint import distance, units_of
-from drop_physics.analysis.controls import DEFAULT, places_of
+from drop_physics.analysis.explained.commands import DEFAULT, places_of
 from drop_physics.analysis.joints import Driven
 from drop_physics.messages import Message
 from drop_physics.seen.events import Mimic

@@ -11,7 +11,7 @@ from drop_physics.analysis.answers.joint import OFF, JointAnswer, distance, unit
 from drop_physics.analysis.joints import Driven, target_of
 from drop_physics.analysis.targets import grows_with, rings_with
 from drop_physics.messages import Message
-from drop_physics.seen.calls import POSITION
+from drop_physics.seen.motors import POSITION
 
 CROSSINGS = 3
 """A joint that passes its target less often overshoots for another reason."""

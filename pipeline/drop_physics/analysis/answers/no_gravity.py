@@ -11,6 +11,9 @@ from drop_physics.analysis.answers.arguments import number, site_of
 from drop_physics.messages import Message
 from drop_physics.seen.calls import Call
 
+HOLDS = "setGravity", "createConstraint", "applyExternal"
+"""Beginnings of functions after which nothing falls freely by mistake."""
+
 
 class NoGravity(Answer):
     """Bodies that nothing holds, and that do not fall; from each p.resetSimulation to the next."""
@@ -27,11 +30,11 @@ class NoGravity(Answer):
 
     def see(self) -> None:
         """Follow what was asked for and what moved, episode by episode."""
-        for call in self.scene.piece.calls:
+        for call in self.scene.piece.calls.of("resetSimulation", *HOLDS):
             resets = self._resets.setdefault(call.client, [])
             if call.function == "resetSimulation":
                 resets.append((call, self._gravity.pop(call.client, 0.0)))
-            elif call.function.startswith(("setGravity", "createConstraint", "applyExternal")):
+            else:
                 self._told.add((call.client, len(resets)))
                 if call.function == "setGravity":
                     xyz = [number(call, f"grav{axis}", 0.0) for axis in "XYZ"]

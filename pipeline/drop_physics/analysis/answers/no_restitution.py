@@ -11,7 +11,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
-from drop_physics.analysis.answers.arguments import given
 from drop_physics.messages import Message
 
 THRESHOLD_M_S = 0.2
@@ -39,7 +38,7 @@ class NoRestitution(Answer):
 
     def see(self) -> None:
         """Take a piece."""
-        self._chosen |= any(given(call, OF_THRESHOLD) for call in self.scene.piece.calls)
+        self._chosen |= bool(self.scene.piece.calls.with_argument(OF_THRESHOLD))
         pairs = self.scene.touches.pairs
         wanted = [number for number, value in self._asked.values.items() if value > 0]
         if not wanted or not len(pairs.starts):

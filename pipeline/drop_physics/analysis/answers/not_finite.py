@@ -16,6 +16,7 @@ from drop_physics.analysis.answers.arguments import site_of
 from drop_physics.messages import Message
 from drop_physics.seen.calls import BODY_NAMES, Call
 from drop_physics.seen.events import Body
+from drop_physics.seen.log import Log
 
 
 class NotFinite(Answer):
@@ -72,12 +73,12 @@ class NotFinite(Answer):
             )  # fmt: skip
 
 
-def _without_number(calls: list[Call], body: Body, step: int) -> Call | None:
+def _without_number(calls: Log, body: Body, step: int) -> Call | None:
     """Return the last call for a body, or for all, that was given a number that is none."""
     return next(
         (
             each
-            for each in reversed(calls)
+            for each in reversed([*calls])
             if each.client == body.client and each.at.step < step
             if not np.isfinite(each.numbers).all()
             if next(

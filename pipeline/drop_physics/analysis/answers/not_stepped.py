@@ -24,9 +24,9 @@ class NotStepped(Answer):
 
     def see(self) -> None:
         """Note which simulations were to move."""
-        for call in self.scene.piece.calls:
-            if call.client not in self._asks and call.function.startswith(MOVES):
-                self._asks[call.client] = call
+        if self.scene.times.keys() - self._asks.keys():
+            for call in self.scene.piece.calls.of(*MOVES):
+                self._asks.setdefault(call.client, call)
 
     def findings(self) -> Iterator[Finding]:
         """Yield the simulations in which something waits for a first step."""

@@ -35,9 +35,7 @@ class Placing:
     def see(self, piece: Piece) -> None:
         """Take a piece."""
         self._sites = {key: told[-1:] for key, told in self._sites.items()}
-        for call in piece.calls:
-            if call.raised or not call.function.startswith(PLACES):
-                continue
+        for call in piece.calls.of(*PLACES):
             if call.function == "restoreState":
                 self._restored |= {body.number * STEPS + call.at.step + 1
                     for body in self._bodies.values() if body.client == call.client}  # fmt: skip

@@ -20,9 +20,9 @@ from drop_physics.analysis.explained.steps import Steps
 from drop_physics.messages import Message
 from drop_physics.seen.calls import Call
 from drop_physics.seen.events import Body
+from drop_physics.seen.motors import MOTORS, TORQUE
 
 Float64 = NDArray[np.float64]
-TORQUE_CONTROL = 1
 SOON = 10
 """Steps: what is gone by then was no kick that stays; given again by then, it was to last."""
 NEGLIGIBLE = 0.01
@@ -86,9 +86,12 @@ class PushLastedAStep(Answer):
 
     def see(self) -> None:
         """Follow the pushes of each body, and what the first one changed."""
-        names = "applyExternal", "setJointMotorControl"
+        names = ["applyExternal"]
+        if any((each.values["controlMode"] == TORQUE).any()
+                for each in self.scene.piece.calls.commands()):  # fmt: skip
+            names.append(MOTORS)
         for call, body in self.scene.calls_of(*names):
-            torque = number(call, "controlMode") == TORQUE_CONTROL
+            torque = number(call, "controlMode") == TORQUE
             if torque or call.function.startswith("applyExternal"):
                 where = given(call, "linkIndex") or given(call, "jointIndices")
                 where = tuple(where or given(call, "jointIndex"))

@@ -19,8 +19,8 @@ class RealTime(Answer):
 
     def see(self) -> None:
         """Keep the first call that turns it on."""
-        for call in self.scene.piece.calls:
-            if self._on is None and call.function == "setRealTimeSimulation":
+        for call in self.scene.piece.calls.of("setRealTimeSimulation"):
+            if self._on is None:
                 asked = call.numbers[0] if call.numbers else float("True" in call.arguments)
                 self._on = call if asked else None
 

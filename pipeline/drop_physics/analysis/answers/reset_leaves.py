@@ -74,9 +74,8 @@ class ResetLeaves(Answer):
     def see(self) -> None:
         """Take a piece."""
         steps = {client: {max(held)} for client, held in self._restored.items()}
-        for call in self.scene.piece.calls:
-            if call.function == "restoreState":
-                steps.setdefault(call.client, set()).add(call.at.step)
+        for call in self.scene.piece.calls.of("restoreState"):
+            steps.setdefault(call.client, set()).add(call.at.step)
         self._restored = steps
         for driven in self.scene.driven():
             joints = self._joints.setdefault(driven.body.number, {})

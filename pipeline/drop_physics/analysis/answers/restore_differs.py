@@ -81,10 +81,11 @@ class RestoreDiffers(Answer):
     def see(self) -> None:
         """Follow the episodes of each simulation."""
         piece = self.scene.piece
+        calls = piece.calls.of("")
         for client in {each.client for each in self.scene.seen.bodies.values()}:
             own: list[Call] = []
-            for call in piece.calls:
-                if call.client != client or call.raised:
+            for call in calls:
+                if call.client != client:
                     continue
                 if self._begins(client, call):
                     self._follow(client, own, call.at.step)

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 from drop_physics.analysis.answers.answer import Answer, Finding, Scene, so_many
 from drop_physics.analysis.answers.arguments import given, site_of
-from drop_physics.analysis.called import LIVES
 from drop_physics.messages import Message
-from drop_physics.seen.calls import BODY_NAMES, Call, Meanings
+from drop_physics.seen.calls import BODY_NAMES, Call
 from drop_physics.seen.events import Body
+from drop_physics.seen.log import Log
 
 NO_JOINT = "Joint index out-of-range."
 """PyBullet's words also where there is no such body."""
@@ -24,15 +24,13 @@ class ScriptFailed(Answer):
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
         self._raised: Call | None = None
-        self._meanings = Meanings([], [])
+        self._calls = Log()
+        """Those of its piece."""
 
     def see(self) -> None:
         """Keep the last call that raised."""
-        for call in self.scene.piece.calls:
-            if call.raised:
-                self._raised = call
-                made = [each for each in self.scene.piece.calls if each.function.startswith(LIVES)]
-                self._meanings = Meanings(made, self.scene.seen.appearances)
+        for call in self.scene.piece.calls.failed():
+            self._raised, self._calls = call, self.scene.piece.calls
 
     def findings(self) -> Iterator[Finding]:
         """Yield the script's error."""
@@ -66,7 +64,7 @@ class ScriptFailed(Answer):
         numbers = next((n for name in BODY_NAMES if (n := given(call, name))), ())
         if not numbers:
             return ""
-        came = self._meanings.body_at(call, int(numbers[0]))
+        came = self._calls.body_at(call, int(numbers[0]))
         if came is None:
             return Message(", and there is no body {number}", number=int(numbers[0]))
         asked = [index for name in INDICES for index in given(call, name)]

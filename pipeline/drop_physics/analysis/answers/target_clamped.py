@@ -10,7 +10,7 @@ from drop_physics.analysis.answers.answer import Effect, Noted, and_more
 from drop_physics.analysis.answers.joint import JointAnswer
 from drop_physics.analysis.joints import Driven
 from drop_physics.messages import Message
-from drop_physics.seen.calls import POSITION
+from drop_physics.seen.motors import POSITION
 
 BEYOND = 0.01
 """Share of a joint's range by which a target must miss it: a rounded limit does not."""

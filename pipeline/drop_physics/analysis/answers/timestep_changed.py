@@ -37,8 +37,8 @@ class TimestepChanged(Answer):
             self._last[judged.body.number] = life, float(timestep_s[-1])
         for client, changes in found.items():
             first, at = min(changes), np.array(sorted(changes))
-            sites = [site_of(each) for each in self.scene.piece.calls if each.client == client
-                and each.function in SETS_TIMESTEP and each.at.step == first]  # fmt: skip
+            sites = [site_of(each) for each in self.scene.piece.calls.of(*SETS_TIMESTEP)
+                if each.client == client and each.at.step == first]  # fmt: skip
             # Of all the first is told.
             self._changes.add(client, at, np.full(len(at), -float(first)), change=changes[first],
                 site=sites[-1] if sites else None)  # fmt: skip

@@ -41,7 +41,7 @@ class Tunnelled(Answer):
 
     def see(self) -> None:
         """Take a piece."""
-        for call in self.scene.piece.calls:
+        for call in self.scene.piece.calls.of(FILTERS):
             if call.function == PAIR and number_of(call, "enableCollision", 1.0) == 0:
                 ids = (int(number_of(call, f"bodyUniqueId{each}", -1.0)) for each in "AB")
                 self._off[frozenset(ids)] = call

@@ -16,7 +16,7 @@ from drop_physics.analysis.joints import Driven
 from drop_physics.laws.kinematics import kinematics
 from drop_physics.laws.tree import BASE, Tree
 from drop_physics.messages import Message
-from drop_physics.seen.calls import VELOCITY
+from drop_physics.seen.motors import VELOCITY
 
 Float64 = NDArray[np.float64]
 Rows = NDArray[np.intp]

@@ -18,9 +18,10 @@ from drop_physics.analysis.explained.steps import Around, steps_of
 from drop_physics.analysis.explained.touching import Touching, rows_of
 from drop_physics.laws.base import EXACT_MACHINES, Law
 from drop_physics.laws.tree import States, Tree
-from drop_physics.seen.calls import Call, Meanings, Push
+from drop_physics.seen.calls import Call, Push
 from drop_physics.seen.events import Settings, order
 from drop_physics.seen.history import Piece, Seen
+from drop_physics.seen.log import Log
 
 Int64 = NDArray[np.int64]
 
@@ -59,8 +60,7 @@ class Explanation:
             for number, record in self._records.items()}  # fmt: skip
         self._soft = {body.client for body in seen.bodies.values() if body.soft}
         self._constraints = Constraints()
-        self._commands: dict[tuple[int, int], Commands] = {}
-        """By client and the engine's id: PD_CONTROL outlives a body."""
+        self._commands = Commands(seen)
         self._pushes: dict[int, list[Push]] = {}
         self._lasts: dict[int, Chain] = {}
         self.totals: dict[int, Totals] = {}
@@ -82,13 +82,12 @@ class Explanation:
         bodies: dict[int, Judged] = {}
         for number, (chain, first) in chains.items():
             record = self._records[number]
-            key = record.body.client, record.body.engine_id
             around = Around(
                 record=record,
                 chain=chain,
                 settings=self._settings[record.body.client],
                 pushes=pushes.get(number, []),
-                commands=self._commands.get(key, Commands()),
+                commands=self._commands,
                 constraints=self._constraints,
                 touching=touching,
                 sides=touching.of(number),
@@ -137,33 +136,27 @@ class Explanation:
 
     def _told(self, piece: Piece) -> dict[int, list[Push]]:
         """Take the calls of a piece; return the pushes that steps of it need, by body."""
-        meanings = Meanings(piece.calls, self._seen.appearances)
         pushes = {number: [each for each in held if each.at.step + 1 >= piece.first]
             for number, held in self._pushes.items()}  # fmt: skip
-        for commands in self._commands.values():
-            commands.begin(piece.first)
-        for given in meanings.given():
+        for given in piece.calls.given():
             if given.body.number in self._records:
                 self._records[given.body.number].give(given)
-        for push in meanings.pushes():
+        for push in piece.calls.pushes():
             pushes.setdefault(push.body.number, []).append(push)
-        for call, at, came in meanings.of_bodies("setJointMotorControl"):
-            key = came.body.client, came.body.engine_id
-            self._commands.setdefault(key, Commands()).add(call, at, came.body.number)
+        self._commands.take(piece)
         self._constraints.begin(piece.forces)
-        for call in piece.calls:
-            if not call.raised and call.function.endswith("Constraint"):
-                self._join(call, meanings)
+        for call in piece.calls.of("createConstraint", "changeConstraint"):
+            self._join(call, piece.calls)
         return pushes
 
-    def _join(self, call: Call, meanings: Meanings) -> None:
+    def _join(self, call: Call, calls: Log) -> None:
         """Note a call that makes or changes a constraint."""
         if call.function == "changeConstraint":
             self._constraints.change(call)
         elif call.function == "createConstraint" and np.isfinite(call.result):
             ids = [int(call.values.get(f"{role}BodyUniqueId", (-1,))[0])
                 for role in ("parent", "child")]  # fmt: skip
-            held = [None if each < 0 else meanings.body_at(call, each) for each in ids]
+            held = [None if each < 0 else calls.body_at(call, each) for each in ids]
             moments = [call.at, *(each.at for each in held if each is not None)]
             first, second = (NOBODY if each is None else each.body.number for each in held)
             self._constraints.create(call, max(moments, key=order), (first, second))

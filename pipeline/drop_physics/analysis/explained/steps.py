@@ -14,7 +14,7 @@ from drop_physics.analysis.explained import alone
 from drop_physics.analysis.explained.bodies import Epoch, Record
 from drop_physics.analysis.explained.chain import Chain, Stretch
 from drop_physics.analysis.explained.changes import Changes, Transitions, changes_of
-from drop_physics.analysis.explained.commands import Commands
+from drop_physics.analysis.explained.commands import Commanded, Commands
 from drop_physics.analysis.explained.joined import Acting, Constraints, Poses
 from drop_physics.analysis.explained.pushed import pushed
 from drop_physics.analysis.explained.touching import Sides, Touching, rows_of
@@ -75,6 +75,8 @@ class Steps:
     after: States
     put: Flags
     """Whether calls had set the state that a step began with."""
+    asked: Commanded
+    """What calls asked of its joints."""
     reported: Reported
     """What is known of them; a row of Forces names its step by its row here."""
     sides: Sides
@@ -126,7 +128,8 @@ def steps_of(stretch: Stretch, around: Around) -> Steps:
     where = np.flatnonzero(real)
     begins, ends = chain.at(where), chain.at(where + 1)
     before, states = begins.states(law.tree), chain.states(law.tree)
-    found, acting, sides = _reported(around, law, ends, before)
+    asked = around.commands.asked(around.record.body, ends.steps)
+    found, acting, sides = _reported(around, law, ends, before, asked)
     rows, added = Transitions(real, found.gravity_m_s2), None
     n, size = len(where), law.tree.size
     # Of what cannot move nothing is left to explain.
@@ -150,6 +153,7 @@ def steps_of(stretch: Stretch, around: Around) -> Steps:
         before=before,
         after=after,
         put=~begins.sampled,
+        asked=asked,
         reported=found,
         sides=sides,
         terms={} if added is None else {name: each[real] for name, each in added.terms.items()},
@@ -163,20 +167,20 @@ def steps_of(stretch: Stretch, around: Around) -> Steps:
 
 
 def _reported(
-    around: Around, law: BulletTree, ends: Chain, before: States
+    around: Around, law: BulletTree, ends: Chain, before: States, asked: Commanded
 ) -> tuple[Reported, Acting, Sides]:
     """Return what is known of the steps to samples but for pushes, and the contact points."""
-    tree, number = law.tree, around.record.body.number
+    tree, body = law.tree, around.record.body
     timestep_s, gravity_m_s2 = _of_engine(around.settings, ends.steps - 1)
     found, at = rows_of(around.sides.step, ends.steps)
     sides = around.sides.at(found)
-    acting = around.constraints.on(number, tree, ends.steps, before, timestep_s, around.poses)
+    acting = around.constraints.on(body.number, tree, ends.steps, before, timestep_s, around.poses)
     reported = Reported(
         timestep_s=timestep_s,
         gravity_m_s2=gravity_m_s2,
-        motors=around.commands.motors(number, tree, ends.steps, ends.effort[:, : tree.joint_rates]),
-        commanded=around.commands.commanded(tree, ends.steps),
-        pd=around.commands.pd(law, ends.steps, before),
+        motors=asked.motors(tree, ends.effort[:, : tree.joint_rates]),
+        commanded=around.commands.torques(body, tree, ends.steps),
+        pd=asked.servos(law, before),
         contacts=around.touching.forces(sides, at),
         constraints=acting.forces,
         geared=acting.geared,
