@@ -5,16 +5,29 @@ from __future__ import annotations
 from pathlib import Path
 
 from drop_physics.analysis.answers.answer import Finding
-from drop_physics.analysis.story import findings_of
+from drop_physics.analysis.story import Story, findings_of
+from drop_physics.seen.history import Seen
 from scenes import ORIGIN, record
+
+COMPLETE = {**ORIGIN, "ended": "finished", "error": None}
+"""What is said of a script that came to its end."""
 
 
 def findings(scene: str, path: Path, **origin: str) -> list[Finding]:
     """Record a scene (`scenes.record`), and return what is found in it, the gravest first."""
     recording = record(scene, path)
-    return findings_of(recording.seen, {**ORIGIN, "ended": "finished", "error": None, **origin})
+    return findings_of(recording.seen, COMPLETE | origin)
 
 
 def codes(scene: str, path: Path) -> list[str]:
     """Return the codes of all findings, the gravest first."""
     return [each.code for each in findings(scene, path)]
+
+
+def told_in_pieces(seen: Seen, **origin: str) -> list[Finding]:
+    """Return what is found where a recording comes in ten pieces, of seven steps at least."""
+    story = Story(seen, COMPLETE | origin)
+    steps = max(7, max(seen.samples.values()) // 10)
+    for piece in story.explanation.pieces(steps):
+        story.see(piece)
+    return story.findings()

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pybullet as p
 import pybullet_data
+from drop_physics.engines.bullet import probe
 
 ROUNDS_ONCE = platform.machine() in ("x86_64", "AMD64")
 """Whether each operation rounds once here; elsewhere a compiler may fuse multiply and add."""
@@ -113,7 +114,7 @@ def urdf_of(
     centre: str = "0 0 0",
     contact: str = "",
 ) -> str:
-    """Write a URDF of one link with these shapes, and return its path."""
+    """Write a URDF of one link with these shapes, which needs no trial, and return its path."""
     path = folder / f"body-{len(list(folder.iterdir()))}.urdf"
     path.write_text(
         f'<robot name="body"><link name="base"><contact>{contact}</contact><inertial>'
@@ -122,6 +123,8 @@ def urdf_of(
         "</inertial>"
         f"{''.join(shapes)}</link></robot>"
     )
+    files = (path.resolve(),)
+    probe.believe({files[0]: probe.Verdict("", files, probe.digest_of(files))})
     return str(path)
 
 

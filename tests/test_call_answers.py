@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from asked import findings
+from asked import COMPLETE, findings, told_in_pieces
 from conftest import some
 from contact_scenes import bare
 from drop_physics.analysis.answers.answer import Finding
-from drop_physics.analysis.explained.recording import Explanation
-from drop_physics.analysis.story import Story
+from drop_physics.analysis.story import Story, findings_of
+from drop_physics.recording.reader import read
 from scenes import ORIGIN, record, site
 
 FLOOR = "p.setGravity(0, 0, -9.81); p.loadURDF('plane.urdf')\n"
@@ -34,16 +34,12 @@ def ask(scene: str, path: Path, code: str, **origin: str) -> list[Finding]:
 
 def one(scene: str, path: Path, code: str, **origin: str) -> Finding:
     """Return the only finding of a code, which pieces of any length give too."""
-    recording = record(scene, path / "x.rrd")
-    said = []
-    for steps in (0, 7):
-        story = Story(recording.seen, {**ORIGIN, "ended": "finished", "error": None, **origin})
-        for explained in Explanation(recording.seen).pieces(steps):
-            story.see(explained)
-        said.append([each for each in story.findings() if each.code == code])
-    whole, pieces = ([_rounded(each) for each in found] for found in said)
-    assert whole == pieces
-    (found,) = said[0]
+    seen = record(scene, path / "x.rrd").seen
+    (found,), (other,) = (
+        [each for each in said if each.code == code]
+        for said in (findings_of(seen, COMPLETE | origin), told_in_pieces(seen, **origin))
+    )
+    assert _rounded(found) == _rounded(other)
     return found
 
 
@@ -709,8 +705,9 @@ steps(1200)
 def test_what_hangs_there_may_still_swing(force: float, tmp_path: Path) -> None:
     weak, strong = (PENDULUMS.format(n=2, z=1, force=each) for each in (force, 50))
     assert f"limit of {force} N" in one(weak, tmp_path, "weak-constraint").message
+    off = [abs(read(tmp_path / "x.rrd").seen.bases["x_m"][-1])]
     assert not ask(strong, tmp_path, "weak-constraint")
-    off = [abs(record(each, tmp_path / "x.rrd").seen.bases["x_m"][-1]) for each in (weak, strong)]
+    off.append(abs(read(tmp_path / "x.rrd").seen.bases["x_m"][-1]))
     assert off[0] > 8e-3 > 10 * off[1]
 
 

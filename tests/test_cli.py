@@ -38,7 +38,7 @@ def test_run_makes_everything_and_tells_the_story(drop: Drop, tmp_path: Path) ->
     assert max(map(len, lines(done.stdout))) <= 80
     assert "\x1b" not in done.stdout
 
-    again = drop("run", "--no-camera", "--json")
+    again = drop("run", "--no-camera", "--duration", "0.1", "--json")
     assert again.returncode == 0
     assert (tmp_path / "recordings" / "run-2.rrd").exists()
     assert json.loads(again.stdout)["render"]["gif"] is None

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from asked import findings
+from asked import findings, told_in_pieces
 from conftest import some
 from contact_scenes import (
     BOX,
@@ -29,7 +29,6 @@ from contact_scenes import (
     bare,
 )
 from drop_physics.analysis.answers.answer import Finding
-from drop_physics.analysis.story import Story
 from scenes import record
 
 
@@ -39,11 +38,9 @@ def found(scene: str, path: Path, code: str) -> list[Finding]:
 
 
 def in_pieces(scene: str, path: Path, code: str) -> list[Finding]:
-    """Return the same where the recording comes seven steps at a time."""
-    story = Story(record(scene, path / "pieces.rrd").seen, {})
-    for piece in story.explanation.pieces(7):
-        story.see(piece)
-    return [each for each in story.findings() if each.code == code]
+    """Return the same where the recording comes in pieces."""
+    said = told_in_pieces(record(scene, path / "pieces.rrd").seen)
+    return [each for each in said if each.code == code]
 
 
 # -- slides ---------------------------------------------------------------------------------------

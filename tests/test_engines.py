@@ -87,14 +87,14 @@ def dropped(scenario: Scenario) -> tuple[Case, Samples]:
 @pytest.mark.parametrize("engine", OTHERS)
 def test_every_step_in_the_air_follows_the_law(engine: str) -> None:
     to_the_bit = 0
-    for seed in range(100):
+    for seed in range(40):
         case, samples = dropped(drawn(engine, seed))
         assert departs(case, [samples]) is None, seed
         after = case.law.step(samples.before())
         same = np.array_equal(after.velocity_m_s[1:], samples.velocity_m_s[1:])
         to_the_bit += same and np.array_equal(after.position_m[1:], samples.position_m[1:])
     # MuJoCo and DART: those that fall straight, without spin. Drake and PhysX: all of them.
-    assert to_the_bit >= {"mujoco": 33, "dart": 33, "drake": 100, "physx": 100}[engine]
+    assert to_the_bit >= {"mujoco": 13, "dart": 13, "drake": 40, "physx": 40}[engine]
 
 
 @pytest.mark.parametrize(
@@ -133,7 +133,7 @@ def test_a_long_flight_follows_the_law_as_well(values: dict[str, Any], tmp_path:
 
 @PHYSX
 def test_physx_spins_by_its_law_to_the_bit() -> None:
-    for seed in range(0, 60, 3):
+    for seed in range(0, 30, 3):
         case, samples = dropped(drawn("physx", seed))
         after = case.law.step(samples.before())
         assert np.array_equal(after.spin_rad_s[1:], samples.spin_rad_s[1:])

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-from conftest import Drop, Recorder, judge, some
+from conftest import Drop, Recorder, judge
 from drop_physics.analysis.drop.results import DropAnalysis
 from drop_physics.analysis.drop.story import drop_analysis_of
 from drop_physics.recording.reader import Recording
@@ -18,7 +18,6 @@ from dropped import Sampled
 from engine import ROUNDS_ONCE, shape, urdf_of
 
 TUMBLING: dict[str, Any] = {"restitution": 0.8, "duration_s": 3.0}
-COLUMNS = ["x_m", "qy", "vx_m_s", "vz_m_s", "wy_rad_s"]
 
 
 def codes(analysis: DropAnalysis) -> set[str]:
@@ -112,8 +111,11 @@ def altered(recording: Recording, step: int, column: str, by: float) -> DropAnal
     return judge(recording, states)
 
 
-@pytest.mark.parametrize("step", [0, 60, 109, 400, 500, 720])
-@pytest.mark.parametrize("column", some(COLUMNS, 10))
+@pytest.mark.parametrize(
+    ("step", "column"),
+    [(0, "x_m"), (0, "wy_rad_s"), (60, "qy"), (109, "vz_m_s"), (400, "vx_m_s"), (500, "wy_rad_s"),
+     (720, "x_m")],
+)  # fmt: skip
 def test_an_altered_sample_ends_what_is_explained(
     recorded: Recorder, step: int, column: str
 ) -> None:

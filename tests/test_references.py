@@ -5,14 +5,13 @@ from __future__ import annotations
 import copy
 import json
 import shutil
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 import scenes
+from command import drop_here
 from drop_physics.cli import app
 from drop_physics.stages.run import Run
 from generators.json_objects import COMMANDS
@@ -75,9 +74,8 @@ def test_a_schema_is_one(command: str) -> None:
         *(
             [f"simulate --out new.rrd --no-camera {options}", "analyze new.rrd --at 0.1"]
             for options in (
-                "--no-step", "--no-gravity", "--no-floor --velocity 1,0,3 --spin 0,5,0",
-                "--restitution 0.8 --duration 2", "--coordinates maximal --linear-damping 0.1",
-                "--body sphere_small.urdf --mass 2",
+                "--no-step", "--no-floor --velocity 1,0,3 --spin 0,5,0",
+                "--restitution 0.8 --duration 2 --coordinates maximal",
             )
         ),
         ["render run.rrd"],
@@ -100,10 +98,7 @@ def test_what_is_printed_is_what_the_schema_says(printed: Any, commands: list[st
 
 def test_what_record_prints_is_what_the_schema_says(tmp_path: Path) -> None:
     tmp_path.joinpath("script.py").write_text("import pybullet as p\np.connect(p.DIRECT)\n")
-    done = subprocess.run(
-        [sys.executable, "-m", "drop_physics", "record", "--json", "--twice", "script.py"],
-        cwd=tmp_path, capture_output=True, text=True, check=True,
-    )  # fmt: skip
+    done = drop_here("record", "--json", "--twice", "script.py", folder=tmp_path)
     Draft202012Validator(strict(schema_of("record"))).validate(json.loads(done.stdout))
 
 
@@ -113,8 +108,7 @@ def test_what_trust_prints_is_what_the_schema_says(tmp_path: Path) -> None:
         "b = p.createMultiBody(1, basePosition=[0, 0, 9])\n"
         "for _ in range(9): p.stepSimulation()\n"
     )
-    call = [sys.executable, "-m", "drop_physics", "trust", "--json", "--jobs", "1", "script.py"]
-    done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, check=True)
+    done = drop_here("trust", "--json", "--jobs", "1", "script.py", folder=tmp_path)
     Draft202012Validator(strict(schema_of("trust"))).validate(json.loads(done.stdout))
 
 

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from asked import findings
+from asked import findings, told_in_pieces
 from conftest import some
 from contact_scenes import bare
 from drop_physics.analysis.answers.answer import Finding
-from drop_physics.analysis.story import Story
 from drop_physics.recording.reader import read
 
 HUSKY = """
@@ -152,10 +151,8 @@ def test_wheels_that_slip(name: str, tmp_path: Path) -> None:
     assert lost > 0.3
     assert one.share == pytest.approx(lost, abs=0.1)
     assert kept < 0.5 * lost
-    story = Story(read(tmp_path / "scene.rrd").seen, {})
-    for piece in story.explanation.pieces(7):
-        story.see(piece)
-    (other,) = (each for each in story.findings() if each.code == "wheel-slip")
+    said = told_in_pieces(read(tmp_path / "scene.rrd").seen)
+    (other,) = (each for each in said if each.code == "wheel-slip")
     assert (other.message, other.steps) == (one.message, one.steps)
     assert all(each.share < 0.6 * one.share for each in slips(cured, tmp_path))
 

@@ -43,7 +43,8 @@ INSTEAD = (
     (r" --spawn\b| --connect \S+", "", "opens a window: tests/test_viewer.py does"),
     (r" --ray \S+", "", "needs a cluster: tests/test_sweep.py starts one"),
     (r"^/usr/bin/time (-v|-f \".*?\") ", "", "is GNU's, not available everywhere"),
-    (r"^drop (run|simulate)\b(?!.*--no-camera)", r"drop \1 --size 96x72", "frames take time"),
+    (r"^drop run\b(?!.*--no-camera)", "drop run --no-camera", "frames take time"),
+    (r"^drop simulate\b(?!.*--no-camera)", "drop simulate --size 96x72", "frames take time"),
     (r"--samples \d+", "--samples 5", "takes minutes"),
     (r"--duration \d{4}\S+", "--duration 1", "takes half a minute"),
     (r"^(python -m benchmarks.*?)( *#.*)?$", r"\1 --help", "takes minutes"),
@@ -60,8 +61,24 @@ def possible(command: str) -> str:
     return command
 
 
+_CODE = ' || echo "exit code $?"'
+_LOOP = re.compile(r"for (\w+) in (.*?); do\n(.*)\ndone", re.DOTALL)
+
+
 def run_command(command: str, folder: Path) -> tuple[int, str]:
-    """Return the exit code and the output of a command."""
+    """Return the exit code and the output of a command; of a loop, until one of its fails."""
+    if command.endswith(_CODE):
+        code, printed = run_command(command.removesuffix(_CODE), folder)
+        return 0, printed + f"exit code {code}\n" * bool(code)
+    if loop := _LOOP.fullmatch(command):
+        name, values, body = loop.groups()
+        code, printed = 0, ""
+        for value in shlex.split(values.replace("\\\n", " ")):
+            for line in body.replace("\\\n", " ").splitlines():
+                if not code:
+                    code, more = run_command(re.sub(rf"\${name}\b", value, line), folder)
+                    printed += more
+        return code, printed
     words = _plain(command)
     if words[:1] != ["drop"]:
         return _in_bash(command, folder)
