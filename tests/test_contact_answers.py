@@ -189,9 +189,27 @@ for i in range(120):
 """
 )
 
+ELEVATOR = (
+    FLOOR
+    + BOX
+    + """
+f = box(0, [0, 0, .5], (.3, .3, .02))
+b = box(1, [0, 0, .57])
+z = .5
+for i in range(120):
+    v = .5 if i > 40 else 0
+    z += v / 240
+    p.resetBasePositionAndOrientation(f, [0, 0, z], [0, 0, 0, 1])
+    p.resetBaseVelocity(f, [0, 0, v])
+    p.stepSimulation()
+"""
+)
+
 
 @pytest.mark.parametrize(
-    "scene", [FIXED, STACK, CARRIED, PANDA], ids=["fixed", "stack", "carried", "panda"]
+    "scene",
+    [FIXED, STACK, CARRIED, ELEVATOR, PANDA],
+    ids=["fixed", "stack", "carried", "elevator", "panda"],
 )
 def test_what_touches_or_cannot_move_starts_well(scene: str, tmp_path: Path) -> None:
     assert not found(scene, tmp_path, "starts-in-contact")

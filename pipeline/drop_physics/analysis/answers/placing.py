@@ -61,9 +61,9 @@ class Placing:
         """Return whether each step began with a restored state."""
         return np.isin(body * STEPS + steps, [*self._restored])
 
-    def loaded(self, body: int, step: int) -> bool:
-        """Return whether it was loaded for a step."""
-        return bool(np.isin(body * STEPS + step, self._came))
+    def came(self, bodies: Int64 | int, steps: Int64 | int) -> Flags:
+        """Return whether each body was loaded for a step."""
+        return np.isin(bodies * STEPS + steps, self._came)
 
     def site(self, body: Body, step: int) -> str | None:
         """Return file and line of the last call that placed a body for a step."""

@@ -39,12 +39,18 @@ class StartsInContact(Answer):
         deep = (pairs.depth_m > OVERLAP_M) & (pairs.normal_n > 0) & (parting > PUSHED_M_S)
         rows = np.flatnonzero(deep)
         placing, bodies, steps = self.scene.placing, pairs.body[rows], pairs.step[rows, None]
-        # A body that came with the step before may be listed as touching only now.
         came_m = pairs.most(points.approach_m_s)[rows].clip(0.0) * pairs.timestep_s[rows]
-        late = placing.placed(bodies, steps - 1)
-        jumped = pairs.depth_m[rows] > JUMPED * came_m + OVERLAP_M
-        late &= (jumped & ~placing.moved(bodies, steps).any(axis=1))[:, None]
-        placed = placing.placed(bodies, steps) | late
+        jumped = (pairs.depth_m[rows] > JUMPED * came_m + OVERLAP_M)[:, None]
+        # A body that came with the step before may be listed as touching only now.
+        late = (
+            placing.placed(bodies, steps - 1) & ~placing.moved(bodies, steps).any(axis=1)[:, None]
+        )
+        for row in np.flatnonzero(late.any(axis=1)).tolist():
+            same = (pairs.body == bodies[row]).all(axis=1) & (pairs.step == steps[row] - 1)
+            late[row] &= not (pairs.normal_n[same] > 0).any()
+        # What calls set no deeper than its velocity brings it moves on.
+        placed = placing.placed(bodies, steps) & (jumped | placing.came(bodies, steps))
+        placed |= late & jumped
         for row, (first, second) in zip(rows.tolist(), placed.tolist(), strict=True):
             if first or second:
                 # Of two, that which was loaded last, or which alone was placed.
@@ -82,7 +88,7 @@ class StartsInContact(Answer):
                 "load it without URDF_USE_SELF_COLLISION, or call p.setCollisionFilterPair(…, 0) "
                 "for these links"
             )
-        elif self.scene.placing.loaded(number, found.at["step"]):
+        elif self.scene.placing.came(number, found.at["step"]):
             message = Message(
                 "{body} is loaded {depth:.3g} mm inside {other} at {time:.4g} s: they are pushed "
                 "apart at {speed:.3g} m/s",

@@ -48,7 +48,7 @@ class Judged:
     """Indices into SEGMENTS."""
     kind: Int8
     """What acted in the step that led to it, whether calls had set its start or not: indices into
-    SEGMENTS; SET where no step did."""
+    SEGMENTS; SET where no step did, or nothing but the velocity that a call had given it."""
     why: Int8
     """Indices into WHYS; -1 where it is explained."""
     unexplained: Float64
@@ -83,7 +83,7 @@ def judged(
 
 def _kinds(steps: Steps) -> Int8:
     """Return what acted in each step."""
-    kinds = np.full(len(steps), FLIGHT, np.int8)
+    kinds = np.full(len(steps), FLIGHT if steps.law.tree.size else SET, np.int8)
     if steps.alone is not None and not steps.covered:
         for code, kind in ALONE.items():
             kinds[steps.alone == code] = kind
@@ -118,7 +118,7 @@ def _whys(steps: Steps, body: Body, *, soft_there: bool) -> Int8:
     outright = next((each for each in reasons if each in WITHOUT_SUM), None)
     off = ~(steps.unexplained <= EXPLAINED)
     if not steps.law.tree.size:  # it cannot move, but for the velocity that a call gave it
-        outright, off = "massless", ~same
+        outright, off = "massless", off & ~same
     elif outright is not None:
         off = ~(_followed(steps) | same)
     else:

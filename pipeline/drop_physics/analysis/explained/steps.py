@@ -21,6 +21,7 @@ from drop_physics.analysis.explained.touching import Sides, Touching, rows_of
 from drop_physics.laws.bullet_tree import BulletTree, Reason, Reported, sum_of
 from drop_physics.laws.impulses import Forces, Sum, impulses_of
 from drop_physics.laws.kinematics import kinematics
+from drop_physics.laws.moving import moved_on
 from drop_physics.laws.tree import BASE, States
 from drop_physics.seen import events
 from drop_physics.seen.calls import Push
@@ -132,9 +133,10 @@ def steps_of(stretch: Stretch, around: Around) -> Steps:
     found, acting, sides = _reported(around, law, ends, before, asked)
     rows, added = Transitions(real, found.gravity_m_s2), None
     n, size = len(where), law.tree.size
-    # Of what cannot move nothing is left to explain.
-    unexplained = np.full(n, np.inf if size else 0.0)
-    if size and not WITHOUT_SUM & {*reasons}:
+    unexplained = np.full(n, np.inf)
+    if not size:
+        unexplained[_coasts(law, begins, ends, found.timestep_s)] = 0.0
+    elif not WITHOUT_SUM & {*reasons}:
         added, found = _closing(stretch, around, rows, states, found)
         unexplained = added.unexplained[real]
     after, codes = ends.states(law.tree), None
@@ -164,6 +166,14 @@ def steps_of(stretch: Stretch, around: Around) -> Steps:
         changes=changes_of(law, states, rows, added),
         alone=codes,
     )
+
+
+def _coasts(law: BulletTree, begins: Chain, ends: Chain, timestep_s: Float64) -> Flags:
+    """Return in which steps a base that nothing pushes keeps its velocity, and moves with it."""
+    free = replace(law.tree, fixed=False)
+    before, after = begins.states(free), ends.states(free)
+    kept = (before.velocity == after.velocity).all(axis=1)
+    return np.asarray(kept & moved_on(free, before, after, timestep_s))
 
 
 def _reported(
