@@ -277,6 +277,7 @@ def test_a_timestep_that_changes_in_a_run(call: str, ratio: float, tmp_path: Pat
     assert found.site == site(4)
     assert found.steps is not None
     assert found.steps.first == 10
+    assert not ask(AIR + CUBE + "steps(10)\n" + call + "\nsteps(20)", tmp_path, "timestep-changed")
     # Before the first step, or in a new scene, it may be another.
     assert not ask(AIR + KUKA + call + "\nsteps(9)", tmp_path, "timestep-changed")
     anew = AIR + KUKA + "steps(9)\np.resetSimulation()\n" + call + "\n" + AIR + KUKA + "steps(9)"

@@ -387,10 +387,13 @@ def test_what_does_not_leave_faster_than_it_comes(scene: str, tmp_path: Path) ->
 SOFTLY = DROPPED.format(z=1, r=0.9) + (
     "p.changeDynamics(b, -1, contactStiffness=2000, contactDamping=5)\nsteps(240)"
 )
+MEANT = DROPPED.format(z=1, r=0.9) + "p.changeDynamics(0, -1, restitution=0)\nsteps(240)"
 LIFTED_BY_OVERLAP = DROPPED.format(z=0.6, r=0.05) + "steps(240)"
 
 
-@pytest.mark.parametrize("scene", [SOFTLY, LIFTED_BY_OVERLAP], ids=["soft", "overlap"])
+@pytest.mark.parametrize(
+    "scene", [SOFTLY, MEANT, LIFTED_BY_OVERLAP], ids=["soft", "asked for 0", "overlap"]
+)
 def test_what_rebounds_by_another_law_is_not_said_not_to(scene: str, tmp_path: Path) -> None:
     assert not found(scene, tmp_path, "no-restitution")
 

@@ -175,6 +175,32 @@ def test_what_bounces_ever_higher(z: float, r: float, tmp_path: Path) -> None:
     assert not found(lower, tmp_path, "energy-gained")
 
 
+MET = (
+    BOX
+    + """
+p.setPhysicsEngineParameter(contactERP={erp})
+a, b = ball(1, [0, 0, 0]), ball(2, [1, .05, 0])
+for each in (a, b):
+    p.changeDynamics(each, -1, restitution=1, linearDamping=0, lateralFriction=0)
+p.resetBaseVelocity(a, [1, 0, 0])
+steps(300)
+"""
+)
+
+
+def test_two_that_meet_in_space_gain_from_the_push(tmp_path: Path) -> None:
+    (one,) = found(MET.format(erp=0.2), tmp_path, "energy-gained")
+    assert "the push out of the overlap" in one.message
+    assert not found(MET.format(erp=0), tmp_path, "energy-gained")
+
+
+def test_without_the_push_it_is_the_gravity_of_the_step(tmp_path: Path) -> None:
+    scene = BOUNCES.format(z=2, r=1) + "p.setPhysicsEngineParameter(contactERP=0)\n"
+    (one,) = found(scene + "steps(400)", tmp_path, "energy-gained")
+    assert "gravity gives them in that step" in one.message
+    assert not found(scene + "p.setTimeStep(1 / 2400)\nsteps(4000)", tmp_path, "energy-gained")
+
+
 LIFTED = (
     BOX
     + """

@@ -1,4 +1,8 @@
-"""Why something bounces ever higher: the push out of the overlap comes on top of restitution."""
+"""Why something bounces ever higher: the push out of the overlap comes on top of restitution.
+
+Without that push, restitution still turns the speed around that gravity adds in the step of the
+impact (`btMultiBodyConstraintSolver::setupMultiBodyContactConstraint`).
+"""
 
 from __future__ import annotations
 
@@ -18,6 +22,12 @@ GAINED = 0.01
 """Share of the energy that they brought."""
 FREE = 6
 """Degrees of freedom of one rigid body."""
+PUSHED = Message("the push out of the overlap comes on top")
+LESS_PUSH = Message(
+    "give them less restitution, or no push: p.setPhysicsEngineParameter(contactERP=0)"
+)
+STEPPED = Message("it turns the speed around that gravity gives them in that step, too")
+SHORTER = Message("give them less restitution, or use a shorter timestep: p.setTimeStep(…)")
 
 
 @dataclass(frozen=True)
@@ -55,6 +65,8 @@ class EnergyGained(Answer):
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
         self._runs: Runs[Episode] = Runs(lambda _, each: each.given_j if each.gains else 0.0)
+        self._without_push = {each.client for each in scene.seen.settings
+            if float(np.ravel(each.values.get("set_contactERP", 1.0))[0]) == 0}  # fmt: skip
 
     def see(self) -> None:
         """Take a piece."""
@@ -77,25 +89,23 @@ class EnergyGained(Answer):
         """Yield each pair that gained energy."""
         for *both, episode in self._runs.most():
             movers = [number for number in both if self.scene.body(number).moving]
-            if len(movers) != 1 or len(self.scene.touches.rows(movers[0])) > 1:
+            if any(len(self.scene.touches.rows(number)) > 1 for number in movers):
                 continue  # a third body may have given it
             number = movers[0]
             other = next(each for each in both if each != number)
+            pushed = self.scene.body(number).client not in self._without_push
             message = Message(
-                "{body} gains {gained:.3g} J on {brought:.3g} J from contact with {other}: it "
-                "comes at {approach:.4g} m/s and leaves at {parting:.4g} m/s; their restitution is "
-                "{restitution:.3g}, and the push out of the overlap comes on top",
+                "contact of {body} with {other} adds {gained:.3g} J to {brought:.3g} J of motion: "
+                "they come together at {approach:.4g} m/s and part at {parting:.4g} m/s; their "
+                "restitution is {restitution:.3g}, and {why}",
                 body=self.scene.body(number).label, other=self.scene.body(other).label,
                 gained=episode.given_j, brought=episode.brought_j,
                 approach=episode.approach_m_s, parting=episode.parting_m_s,
-                restitution=episode.restitution,
+                restitution=episode.restitution, why=PUSHED if pushed else STEPPED,
             )  # fmt: skip
             yield Finding(
                 code="energy-gained", level="broken", message=message,
-                advice=Message(
-                    "give them less restitution, or no push: "
-                    "p.setPhysicsEngineParameter(contactERP=0)"
-                ),
+                advice=LESS_PUSH if pushed else SHORTER,
                 body=self.scene.body(number).label, other=self.scene.body(other).label,
                 effect=Effect(episode.given_j, "J"), share=episode.given_j / episode.brought_j,
                 steps=Span(episode.first, episode.last, episode.last - episode.first + 1),

@@ -62,6 +62,8 @@ class NoRestitution(Answer):
             asked, other = (self._asked.values.get(each, 0.0) for each in (springy, none))
             if springy in self._asked.changed or self._asked.since[springy] >= step:
                 continue  # it may have been another when they met
+            if none in self._asked.values and other == 0:
+                continue  # a call asked for just that
             if {first, second} & self.scene.asked.of["contactStiffness"].values.keys():
                 continue  # what is soft rebounds by a law of its own
             if approach < THRESHOLD_M_S and self._chosen:

@@ -42,9 +42,8 @@ class StartsInContact(Answer):
         came_m = pairs.most(points.approach_m_s)[rows].clip(0.0) * pairs.timestep_s[rows]
         jumped = (pairs.depth_m[rows] > JUMPED * came_m + OVERLAP_M)[:, None]
         # A body that came with the step before may be listed as touching only now.
-        late = (
-            placing.placed(bodies, steps - 1) & ~placing.moved(bodies, steps).any(axis=1)[:, None]
-        )
+        late = placing.placed(bodies, steps - 1)
+        late &= ~np.any(placing.moved(bodies, steps), axis=1, keepdims=True)
         for row in np.flatnonzero(late.any(axis=1)).tolist():
             same = (pairs.body == bodies[row]).all(axis=1) & (pairs.step == steps[row] - 1)
             late[row] &= not (pairs.normal_n[same] > 0).any()

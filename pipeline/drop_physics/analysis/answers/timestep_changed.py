@@ -1,4 +1,4 @@
-"""Steps of different length in the life of a body: a new scene may have others."""
+"""Steps of different length in the life of what has motors or constraints."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SETS_TIMESTEP = ("setTimeStep", "setPhysicsEngineParameter")
 
 
 class TimestepChanged(Answer):
-    """Steps of different length in the life of a body: a new scene may have others."""
+    """What keeps force × timestep of its call, in steps of different length; a new scene may."""
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -28,6 +28,8 @@ class TimestepChanged(Answer):
         """Compare each step's timestep with that of the step before."""
         found: dict[int, dict[int, tuple[float, float]]] = {}
         for judged, steps in self.scene.stretches():
+            if not steps.law.tree.joint_rates and not np.any(steps.terms.get("constraints", 0)):
+                continue
             timestep_s, life = steps.reported.timestep_s, steps.epoch.life
             lived, last_s = self._last.get(judged.body.number, (life, timestep_s[0]))
             before_s = np.append(last_s if lived == life else timestep_s[0], timestep_s[:-1])
