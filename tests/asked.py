@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 from drop_physics.analysis.answers.answer import Finding
-from drop_physics.analysis.story import Story, findings_of
+from drop_physics.analysis.story import Story
 from drop_physics.seen.history import Seen
 from scenes import ORIGIN, record
 
@@ -15,8 +16,15 @@ COMPLETE = {**ORIGIN, "ended": "finished", "error": None}
 
 def findings(scene: str, path: Path, **origin: str) -> list[Finding]:
     """Record a scene (`scenes.record`), and return what is found in it, the gravest first."""
-    recording = record(scene, path)
-    return findings_of(recording.seen, COMPLETE | origin)
+    return told_whole(record(scene, path).seen, **origin)
+
+
+def told_whole(seen: Seen, **origin: str) -> list[Finding]:
+    """Return what is found in a recording."""
+    story = Story(seen, COMPLETE | origin, whole=False)
+    with np.errstate(all="ignore"):  # of states that are not finite: reported
+        story.see_all()
+        return story.findings()
 
 
 def codes(scene: str, path: Path) -> list[str]:

@@ -18,6 +18,7 @@ from typing import Any
 
 import pybullet as p
 from drop_physics.analysis.answers.answer import Finding
+from drop_physics.analysis.explained.recording import Explanation
 from drop_physics.analysis.results import Analysis, BodyAnalysis
 from drop_physics.analysis.story import analysis_of
 from drop_physics.engines.bullet.script import BlockListener
@@ -133,3 +134,11 @@ def found(analysis: Analysis, code: str) -> Finding:
     """Return the one finding of a code."""
     (one,) = (one for one in analysis.findings if one.code == code)
     return one
+
+
+def explanation(seen: Seen) -> Explanation:
+    """Return a recording explained as a whole, its pieces forgotten."""
+    whole = Explanation(seen)
+    for _ in whole.pieces():
+        pass
+    return whole

@@ -13,11 +13,12 @@ import pytest
 from conftest import Recorder, judge, some
 from drop_physics.analysis.decomposition import decompose
 from drop_physics.analysis.drop.analysis import fall_analysis_of
-from drop_physics.analysis.drop.mechanics import max_relative_drift, mechanics_of_part
+from drop_physics.analysis.drop.mechanics import Drift, mechanics_of_part
 from drop_physics.laws.base import Motion
 from drop_physics.recording.reader import Recording
 from drop_physics.stages.narrative import events
 from iterated import law_of, thrown_as
+from numpy.typing import NDArray
 
 TERMS = ("timestep_m", "damping_m", "interaction_m", "rounding_m")
 
@@ -364,12 +365,18 @@ def test_without_a_step_no_energy_changes(recorded: Recorder) -> None:
 
 
 def test_the_drift_is_the_largest_on_the_way_whatever_its_sign() -> None:
-    assert max_relative_drift(np.array([2.0, 3.0, 0.5, 2.0])) == 0.75
-    assert max_relative_drift(np.array([-2.0, -3.0, -2.0])) == 0.5
+    def relative(values: NDArray[np.float64]) -> float | None:
+        drift = Drift()
+        drift.add(values[:2])
+        drift.add(values[2:])
+        return drift.relative
+
+    assert relative(np.array([2.0, 3.0, 0.5, 2.0])) == 0.75
+    assert relative(np.array([-2.0, -3.0, -2.0])) == 0.5
     vectors = np.array([[3.0, 0.0, 4.0], [3.0, 1.0, 4.0], [3.0, 0.0, 4.0]])
-    assert max_relative_drift(vectors) == pytest.approx(0.2)
-    assert max_relative_drift(np.array([])) is None
-    assert max_relative_drift(np.zeros((4, 3))) is None
+    assert relative(vectors) == pytest.approx(0.2)
+    assert relative(np.zeros((4, 3))) is None
+    assert Drift().relative is None
 
 
 def test_undamped_energy_less_its_integrator_term_is_conserved(recorded: Recorder) -> None:

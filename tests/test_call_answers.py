@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from asked import COMPLETE, findings, told_in_pieces
+from asked import findings, told_in_pieces, told_whole
 from conftest import some
 from contact_scenes import bare
 from drop_physics.analysis.answers.answer import Finding
-from drop_physics.analysis.story import Story, findings_of
+from drop_physics.analysis.story import Story
 from drop_physics.recording.reader import read
 from scenes import ORIGIN, record, site
 
@@ -37,7 +37,7 @@ def one(scene: str, path: Path, code: str, **origin: str) -> Finding:
     seen = record(scene, path / "x.rrd").seen
     (found,), (other,) = (
         [each for each in said if each.code == code]
-        for said in (findings_of(seen, COMPLETE | origin), told_in_pieces(seen, **origin))
+        for said in (told_whole(seen, **origin), told_in_pieces(seen, **origin))
     )
     assert _rounded(found) == _rounded(other)
     return found

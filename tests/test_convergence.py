@@ -18,7 +18,7 @@ from drop_physics.analysis.drop.convergence import (
     solution_order,
     study_of,
 )
-from drop_physics.analysis.drop.statistics import MANY, Moments, students_t, summaries
+from drop_physics.analysis.drop.statistics import Moments, summaries
 from scipy.special import stdtrit
 
 HALVED = [1 / 240, 1 / 480, 1 / 960]
@@ -237,16 +237,11 @@ def test_the_interval_is_students() -> None:
     assert (low, high) == pytest.approx((-1.241664, 1.241664), abs=1e-6)
 
 
-@pytest.mark.parametrize("count", [2, 30, MANY + 5])
+@pytest.mark.parametrize("count", [2, 30, 1005])
 def test_the_interval_encloses_the_mean_from_both_sides(count: int) -> None:
     """95 % inside, 2.5 % on either side; of many values it is the normal's, ± 1.96 s/√n."""
     moments = Moments().with_values([float(number % 2) for number in range(count)])
     low, high = moments.interval or (math.nan, math.nan)
     half = stdtrit(count - 1, 0.975) * (moments.spread or 0.0) / math.sqrt(count)
     assert (low, high) == pytest.approx((moments.mean - half, moments.mean + half), rel=1e-11)
-    assert count < MANY or half == pytest.approx(1.96 * 0.5 / math.sqrt(count), rel=2e-3)
-
-
-def test_students_quantile_has_no_step_where_it_changes_its_source() -> None:
-    for degrees in (MANY - 1, MANY, 10 * MANY):
-        assert students_t(degrees) == pytest.approx(stdtrit(degrees, 0.975), rel=1e-11)
+    assert count < 1000 or half == pytest.approx(1.96 * 0.5 / math.sqrt(count), rel=2e-3)

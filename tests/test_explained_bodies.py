@@ -18,12 +18,12 @@ from drop_physics.analysis.explained import commands, judged, steps
 from drop_physics.analysis.explained.bodies import Epochs
 from drop_physics.analysis.explained.causes import CAUSES, Totals
 from drop_physics.analysis.explained.judged import SEGMENTS, Judged
-from drop_physics.analysis.explained.recording import Explanation, explanation
+from drop_physics.analysis.explained.recording import Explanation
 from drop_physics.laws.bullet_tree import BulletTree, Reported
 from drop_physics.laws.impulses import Forces
 from drop_physics.seen.history import Piece, Seen
 from drop_physics.seen.log import Log
-from scenes import record
+from scenes import explanation, record
 
 CLOSES = 1e-9
 MEASURED = 1e-10

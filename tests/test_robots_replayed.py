@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import some
-from drop_physics.analysis.explained.recording import explanation
 from numpy.typing import NDArray
-from scenes import record
+from scenes import explanation, record
 
 CLOSES = 1e-9
 """Of the largest energy: sums of a hundred steps in double precision."""

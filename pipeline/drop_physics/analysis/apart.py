@@ -208,13 +208,9 @@ def _positions(body: Body, motion: Motion) -> dict[tuple[str | None, str], Float
 
 def joints_of(body: Body) -> Iterator[tuple[str, str, slice, slice]]:
     """Yield name and unit of each joint that moves, and where its position and its rate are."""
-    at = rate = 0
-    for joint in body.joints:
-        ends = at + joint.widths[0], rate + joint.widths[1]
+    for joint, at, rate in zip(body.joints, body.coordinates, body.rates, strict=True):
         if joint.widths[0]:
-            unit = "m" if joint.kind == "prismatic" else "rad"
-            yield joint.name, unit, slice(at, ends[0]), slice(rate, ends[1])
-        at, rate = ends
+            yield joint.name, "m" if joint.kind == "prismatic" else "rad", at, rate
 
 
 def distances(mine: Float64, theirs: Float64) -> Float64:

@@ -9,10 +9,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.explained.commands import DEFAULT, Commanded, places_of
+from drop_physics.analysis.explained.commands import DEFAULT, Commanded
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.explained.steps import Steps
-from drop_physics.analysis.needs import Holding, Joins, holding
+from drop_physics.analysis.needs import Holding, holding
 from drop_physics.laws.tree import Tree
 from drop_physics.seen.events import Body, Site
 from drop_physics.seen.history import Seen
@@ -118,7 +118,6 @@ class JointTable:
 
     def __init__(self, seen: Seen) -> None:
         self._seen = seen
-        self._joins = Joins()
         self._sites: Mapping[int, Site] = {}
         self._tracks: dict[int, _Track] = {}
         self._explained: Explained | None = None
@@ -128,7 +127,6 @@ class JointTable:
     def add(self, explained: Explained) -> None:
         """Take a piece."""
         self._sites = explained.piece.calls.sites
-        self._joins.take(explained.piece)
         self._explained, self.latest = explained, {}
         for number, judged in explained.bodies.items():
             rates = sum(joint.widths[1] for joint in judged.body.joints)
@@ -154,7 +152,7 @@ class JointTable:
         """Return what holds a body after a step of the latest piece."""
         assert self._explained is not None
         return holding(
-            self._explained, self._joins, self._seen.bodies, driven.steps, row,
+            self._explained, self._seen.bodies, driven.steps, row,
             number=driven.body.number, resting=bool(driven.all_resting[row]),
         )  # fmt: skip
 
@@ -165,7 +163,7 @@ class JointTable:
             return []
         return [
             _row_of(track, joint.link, k, k - place.start if joint.widths[1] > 1 else None)
-            for joint, place in zip(track.body.joints, places_of(track.body), strict=True)
+            for joint, place in zip(track.body.joints, track.body.rates, strict=True)
             for k in range(place.start, place.stop)
         ]
 

@@ -13,14 +13,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.explained.recording import NOBODY, Explained
+from drop_physics.analysis.explained.joined import GEAR, POINT
+from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.explained.steps import EXPLAINED, Steps
 from drop_physics.laws.dynamics import gravity
 from drop_physics.laws.impulses import impulses_of
 from drop_physics.laws.kinematics import Kinematics, generalised_at_points, kinematics
 from drop_physics.laws.tree import BASE, States, Tree
 from drop_physics.seen.events import Body
-from drop_physics.seen.history import Piece
 
 Float64 = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -29,42 +29,6 @@ Place = tuple[int, int]
 
 ACTS = 1e-9
 """A force below this share of the largest is none."""
-STILL_M_S = 1e-2
-"""Faster than that a load is not at rest [m/s]."""
-POINT, GEAR = 5, 6
-
-
-class Joins:
-    """Which links constraints join; calls come piece by piece."""
-
-    def __init__(self) -> None:
-        self._told: dict[tuple[int, int], list[tuple[int, Place, Place, int]]] = {}
-
-    def take(self, piece: Piece) -> None:
-        """Take the calls of a piece."""
-        self._told = {key: told[-1:] for key, told in self._told.items()}
-        for call in piece.calls.of("createConstraint"):
-            if not np.isfinite(call.result):
-                continue
-            values, places = call.values, []
-            for role in ("parent", "child"):
-                engine_id = int(values.get(f"{role}BodyUniqueId", (-1.0,))[0])
-                came = None if engine_id < 0 else piece.calls.body_at(call, engine_id)
-                link = int(values.get(f"{role}LinkIndex", (-1.0,))[0])
-                places.append((NOBODY if came is None else came.body.number, link))
-            kind = int(values.get("jointType", (-1.0,))[0])
-            key = call.client, int(call.result)
-            self._told.setdefault(key, []).append((call.at.step, places[0], places[1], kind))
-
-    def at(self, piece: Piece, sample: int) -> list[tuple[Place, Place, int]]:
-        """Return the constraints that acted in the step to a sample, each with its kind."""
-        found = []
-        for key, told in self._told.items():
-            steps, _ = piece.forces.get(key, (np.empty(0, np.int64), None))
-            here = [each for each in told if each[0] < sample]
-            if here and sample in steps:
-                found.append(here[-1][1:])
-        return found
 
 
 @dataclass(eq=False)
@@ -125,15 +89,15 @@ class Holding:
 
 
 def holding(
-    explained: Explained, joins: Joins, bodies: Mapping[int, Body], steps: Steps, row: int, *,
+    explained: Explained, bodies: Mapping[int, Body], steps: Steps, row: int, *,
     number: int, resting: bool,
 ) -> Holding:  # fmt: skip
     """Return what holds a body after a step of it.
 
     Parameters
     ----------
-    explained, joins
-        The piece that the step is in, and its constraints.
+    explained
+        The piece that the step is in.
     bodies
         All bodies, by number.
     steps, row
@@ -146,7 +110,7 @@ def holding(
     tree, sample = steps.law.tree, int(steps.steps[row])
     contacts, other = _touching(steps, row)
     on_rates = {one: contacts[other == one] for one in np.unique(other).tolist()}
-    loads, fixed = _loads(explained, joins, bodies, number, sample)
+    loads, fixed = _loads(explained, bodies, number, sample)
     kin = kinematics(tree, _still(steps.after.at(np.array([row]))))
     acting = gravity(kin, steps.reported.gravity_m_s2[row : row + 1])[0]
     known = np.full(tree.size, bool(tree.fixed or not fixed))
@@ -217,10 +181,10 @@ def _touching(steps: Steps, row: int) -> tuple[Float64, NDArray[np.int64]]:
 
 
 def _loads(
-    explained: Explained, joins: Joins, bodies: Mapping[int, Body], number: int, sample: int
+    explained: Explained, bodies: Mapping[int, Body], number: int, sample: int
 ) -> tuple[list[Load], bool]:
     """Return what a body carries, and whether anything fixed touches it."""
-    edges, fixed = _edges(explained, joins, sample), False
+    edges, fixed = _edges(explained, sample), False
     groups: dict[int, Load] = {}
     for (a, link_a), (b, link_b), kind in edges:
         for (body, link), (other, other_link) in (((a, link_a), (b, link_b)),
@@ -246,9 +210,7 @@ def _loads(
     return [*loads.values()], fixed
 
 
-def _edges(
-    explained: Explained, joins: Joins, sample: int
-) -> Iterable[tuple[Place, Place, int | None]]:
+def _edges(explained: Explained, sample: int) -> Iterable[tuple[Place, Place, int | None]]:
     """Return what touches or is joined in the step to a sample; a constraint with its kind."""
     points = explained.piece.contacts
     steps = points["step"].to_numpy()
@@ -261,9 +223,11 @@ def _edges(
         ((a, link_a), (b, link_b), None)
         for a, link_a, b, link_b in here.select(names).filter(acts).rows()
     ]
-    return edges + [
-        (a, b, kind) for a, b, kind in joins.at(explained.piece, sample) if kind != GEAR
-    ]
+    for held in explained.constraints.acting(sample):
+        if held.kind != GEAR:
+            first, second = zip(held.bodies, held.links, strict=True)
+            edges.append((first, second, held.kind))
+    return edges
 
 
 def _moves(bodies: Mapping[int, Body], number: int, link: int) -> bool:

@@ -114,14 +114,6 @@ class Story:
 
 
 @np.errstate(all="ignore")  # of states that are not finite: reported
-def findings_of(seen: Seen, origin: Mapping[str, Any]) -> list[Finding]:
-    """Return what the answers find in a whole recording."""
-    story = Story(seen, origin, whole=False)
-    story.see_all()
-    return story.findings()
-
-
-@np.errstate(all="ignore")
 def analysis_of(
     seen: Seen,
     origin: Mapping[str, Any],

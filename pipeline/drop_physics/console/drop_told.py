@@ -388,7 +388,6 @@ def _explained(analysis: DropAnalysis) -> list[str]:
 
 _TITLE = 12
 """Columns that a title takes."""
-_FILE = 17
 _MOST_BOUNCES = 3
 MOST_FINDINGS = 2
 """That are listed without --verbose."""

@@ -7,10 +7,10 @@ between two links, the links between them have no mass.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Literal, get_args
 
 import numpy as np
@@ -89,12 +89,12 @@ class Tree:
     @cached_property
     def rates(self) -> tuple[slice, ...]:
         """Where the rates of each link's joint are in u."""
-        return _places(self.first_rate, [RATES[joint] for joint in self.joints])
+        return places([RATES[joint] for joint in self.joints], self.first_rate)
 
     @cached_property
     def coordinates(self) -> tuple[slice, ...]:
         """Where the position of each link's joint is in the joints' positions."""
-        return _places(0, [COORDINATES[joint] for joint in self.joints])
+        return places([COORDINATES[joint] for joint in self.joints])
 
     @property
     def size(self) -> int:
@@ -150,6 +150,6 @@ class States:
         return States(*(getattr(self, each.name)[rows] for each in fields(self)))
 
 
-def _places(first: int, widths: Sequence[int]) -> tuple[slice, ...]:
-    ends = first + np.cumsum([0, *widths])
-    return tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
+def places(widths: Iterable[int], first: int = 0) -> tuple[slice, ...]:
+    """Return where each of several stretches lies, one after the other."""
+    return tuple(slice(a, b) for a, b in pairwise(accumulate(widths, initial=first)))

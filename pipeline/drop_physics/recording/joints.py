@@ -5,13 +5,13 @@ Numbers are computed from `calls`, not from this.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from itertools import accumulate, pairwise
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.laws.tree import places
 from drop_physics.recording import schema, writer
 from drop_physics.recording.writer import Chunk, Times
 from drop_physics.seen.events import Appearance, At, Body, Calls, Raised, Samples, Site
@@ -124,14 +124,13 @@ class Asked:
         self._names = {
             schema.TARGET: joint_names(body, "position"), schema.LIMIT: joint_names(body, "effort")
         }  # fmt: skip
-        of = [_places(joint.widths[which] for joint in body.joints) for which in (0, 1)]
         counts = [len(self._names[schema.TARGET if name == "position" else schema.LIMIT])
                   for name in NAMES]  # fmt: skip
-        self._columns = dict(zip(NAMES, _places(counts), strict=True))
+        self._columns = dict(zip(NAMES, places(counts), strict=True))
         self.places = [
             {name: _moved(each[name != "position"], its.start)
              for name, its in self._columns.items()}
-            for each in zip(*of, strict=True)
+            for each in zip(body.coordinates, body.rates, strict=True)
         ]  # fmt: skip
         """Of each joint, the columns of everything that is asked of it."""
         self._now = np.full(sum(counts), np.nan)
@@ -206,11 +205,6 @@ class Asked:
         parts = {name: rows[:, self._columns[name]] for name in ROWS[what]}
         scalars = parts.pop(ROWS[what][0])
         return writer.scalars_chunk(f"{self._entity}/{what}", at, scalars, parts)
-
-
-def _places(counts: Iterable[int]) -> list[slice]:
-    """Return where each of several stretches lies, one after the other."""
-    return [slice(first, end) for first, end in pairwise(accumulate(counts, initial=0))]
 
 
 def _moved(place: slice, by: int) -> slice:

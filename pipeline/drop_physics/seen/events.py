@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.laws.tree import places
 from drop_physics.messages import Message
 from drop_physics.states import Float64, Int64, Joints, Rows
 
@@ -184,6 +185,16 @@ class Body:
     """That it was loaded with; 0 where they are unknown."""
     before: bool = False
     """Whether it was there before the recording: what calls set on it is not known."""
+
+    @cached_property
+    def coordinates(self) -> tuple[slice, ...]:
+        """Where the coordinates of each joint are among those of all joints."""
+        return places(joint.widths[0] for joint in self.joints)
+
+    @cached_property
+    def rates(self) -> tuple[slice, ...]:
+        """Where the rates of each joint are among those of all joints."""
+        return places(joint.widths[1] for joint in self.joints)
 
     @property
     def base_moves(self) -> bool:

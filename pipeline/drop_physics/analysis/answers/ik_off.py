@@ -10,7 +10,6 @@ import numpy as np
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
 from drop_physics.analysis.answers.arguments import given, number, site_of
 from drop_physics.analysis.answers.joint import distance
-from drop_physics.analysis.explained.commands import places_of
 from drop_physics.analysis.joints import Driven, target_of
 from drop_physics.laws.kinematics import kinematics
 from drop_physics.messages import Message
@@ -94,7 +93,7 @@ class IkOff(Answer):
         row = int(np.searchsorted(steps.steps, end, side="right")) - 1
         if row < 0 or steps.steps[row] <= sent.call.at.step or sent.link >= tree.links:
             return
-        places = places_of(driven.body)
+        places = driven.body.rates
         rates = [places[link].start for link in tree.branch(sent.link)
             if places[link].stop > places[link].start]  # fmt: skip
         target = target_of(driven)[row]

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.answers.answer import Answer, Finding, Level, Noted, Notes, Scene
-from drop_physics.analysis.explained.commands import places_of
 from drop_physics.analysis.joints import Driven
 from drop_physics.seen.events import Body
 
@@ -83,7 +82,7 @@ def name_of(driven: Driven, k: int) -> str:
 
 def link_of(body: Body, k: int) -> int:
     """Return the joint of a rate, as PyBullet counts joints."""
-    return next(link for link, at in enumerate(places_of(body)) if at.start <= k < at.stop)
+    return next(link for link, at in enumerate(body.rates) if at.start <= k < at.stop)
 
 
 def units_of(driven: Driven, k: int) -> tuple[str, str]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene
 from drop_physics.analysis.answers.joint import distance, units_of
-from drop_physics.analysis.explained.commands import DEFAULT, places_of
+from drop_physics.analysis.explained.commands import DEFAULT
 from drop_physics.analysis.joints import Driven
 from drop_physics.messages import Message
 from drop_physics.seen.events import Mimic
@@ -51,7 +51,7 @@ class MimicIgnored(Answer):
         """Take a piece."""
         for driven in self.scene.driven():
             if driven.body.asked.mimics:
-                places = zip(driven.body.joints, places_of(driven.body), strict=True)
+                places = zip(driven.body.joints, driven.body.rates, strict=True)
                 rates = {joint.name: at.start for joint, at in places if at.stop - at.start == 1}
                 for mimic in driven.body.asked.mimics:
                     if mimic.joint in rates and mimic.of in rates:

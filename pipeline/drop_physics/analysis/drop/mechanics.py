@@ -119,14 +119,3 @@ class Drift:
         """The largest |x - x(0)| / |x(0)|; None where x(0) is 0, or there is none."""
         reference = 0.0 if self._first is None else float(np.linalg.norm(self._first))
         return self._most / reference if reference else None
-
-
-def max_relative_drift(values: Float64) -> float | None:
-    """Return the largest |x - x(0)| / |x(0)| over samples; None for no samples and for x(0) = 0.
-
-    `values` holds numbers, shape (n,), or vectors, shape (n, 3).
-    """
-    drift = Drift()
-    if len(values):
-        drift.add(values)
-    return drift.relative

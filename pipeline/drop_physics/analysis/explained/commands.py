@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections import defaultdict
 from dataclasses import dataclass, field, fields
 from functools import cache
-from itertools import accumulate, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -217,7 +216,7 @@ class Commands:
         fresh, key = _fresh(_widths(body)), (body.client, body.engine_id)
         found = np.empty((len(NAMES), len(ends), fresh.shape[1]))
         found[:] = fresh[:, None]
-        for link, place in enumerate(places_of(body)):
+        for link, place in enumerate(body.rates):
             for joint, which in (
                 (self._joints.get((body.number, link)), slice(PD_AT)),
                 (self._servos.get((*key, link)), slice(PD_AT, None)),
@@ -335,8 +334,3 @@ def _fresh(widths: tuple[int, ...]) -> Float64:
 
 def _widths(body: Body) -> tuple[int, ...]:
     return tuple(joint.widths[1] for joint in body.joints)
-
-
-def places_of(body: Body) -> list[slice]:
-    """Return where the rates of each joint are among those of all joints."""
-    return [slice(first, end) for first, end in pairwise(accumulate(_widths(body), initial=0))]

@@ -97,6 +97,15 @@ class Constraints:
         if held != told[-1]:
             told.append(replace(held, at=call.at))
 
+    def acting(self, sample: int) -> list[Held]:
+        """Return the constraints that acted in the step to a sample of the piece."""
+        found = []
+        for key, told in self._told.items():
+            before = [held for held in told if held.at.step < sample]
+            if before and key in self._forces and sample in self._forces[key][0]:
+                found.append(before[-1])
+        return found
+
     def on(
         self, body: int, tree: Tree, ends: Int64, before: States, timestep_s: Float64, poses: Poses
     ) -> Acting:

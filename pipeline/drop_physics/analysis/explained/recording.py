@@ -40,6 +40,8 @@ class Explained:
     """By number, of those that have samples in it."""
     chains: Mapping[int, Chain]
     """The states of the same bodies, which begin with the last ones of the piece before."""
+    constraints: Constraints
+    """As they are told until its end."""
 
 
 class Explanation:
@@ -102,7 +104,8 @@ class Explanation:
             bodies[number] = judged(record.body, sampled, stretches, soft_there=soft)
             self.totals.setdefault(number, Totals(record.body)).add(bodies[number])
             self._lasts[number] = chain.at(np.arange(len(chain))[-2:])  # a copy
-        return Explained(piece, bodies, {number: chain for number, (chain, _) in chains.items()})
+        held = {number: chain for number, (chain, _) in chains.items()}
+        return Explained(piece, bodies, held, self._constraints)
 
     def _chained(self, piece: Piece) -> dict[int, tuple[Chain, int]]:
         """Return the states of each body, and how many of them were in the piece before."""
@@ -160,11 +163,3 @@ class Explanation:
             moments = [call.at, *(each.at for each in held if each is not None)]
             first, second = (NOBODY if each is None else each.body.number for each in held)
             self._constraints.create(call, max(moments, key=order), (first, second))
-
-
-def explanation(seen: Seen) -> Explanation:
-    """Return a recording explained as a whole, its pieces forgotten."""
-    whole = Explanation(seen)
-    for _ in whole.pieces():
-        pass
-    return whole

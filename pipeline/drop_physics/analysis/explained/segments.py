@@ -47,12 +47,6 @@ class Segments:
     Where law and contacts do not lead to a sample: whether it reached the limit to the bit.
     """
 
-    @property
-    def first_unexplained(self) -> int | None:
-        """The first sample that is not explained."""
-        steps = np.flatnonzero(self.code == UNEXPLAINED)
-        return int(steps[0]) if len(steps) else None
-
 
 def segments_of(
     motion: Motion,
