@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 from drop_physics.analysis.answers.answer import Finding
 from drop_physics.analysis.story import Story
 from drop_physics.seen.history import Seen
@@ -21,10 +20,7 @@ def findings(scene: str, path: Path, **origin: str) -> list[Finding]:
 
 def told_whole(seen: Seen, **origin: str) -> list[Finding]:
     """Return what is found in a recording."""
-    story = Story(seen, COMPLETE | origin, whole=False)
-    with np.errstate(all="ignore"):  # of states that are not finite: reported
-        story.see_all()
-        return story.findings()
+    return Story(seen, COMPLETE | origin).analysis().findings
 
 
 def codes(scene: str, path: Path) -> list[str]:

@@ -20,7 +20,7 @@ import pybullet as p
 from drop_physics.analysis.answers.answer import Finding
 from drop_physics.analysis.explained.recording import Explanation
 from drop_physics.analysis.results import Analysis, BodyAnalysis
-from drop_physics.analysis.story import analysis_of
+from drop_physics.analysis.story import Story
 from drop_physics.engines.bullet.script import BlockListener
 from drop_physics.engines.bullet.watching import ending, pipe, start
 from drop_physics.recording import schema, writer
@@ -117,7 +117,7 @@ def _run(scene: str) -> None:
 
 def analyze(seen: Seen, **how: Any) -> Analysis:
     """Return what is said of a recording."""
-    return analysis_of(seen, {}, **how)
+    return Story(seen, {}, **how).analysis()
 
 
 def body_of(analysis: Analysis, number: int) -> BodyAnalysis:

@@ -37,9 +37,7 @@ class Story:
     sums_at_s
         Times [s] whose steps are reported as sums.
     whole
-        Whether to keep all rows of the table.
-    detailed
-        Whether each joint and each term has its columns in it.
+        Whether the table has all rows of a long recording too, and columns for joints and terms.
     answers
         The questions to answer.
     other
@@ -55,8 +53,7 @@ class Story:
         *,
         at_s: Sequence[float] = (),
         sums_at_s: Sequence[float] = (),
-        whole: bool = True,
-        detailed: bool = False,
+        whole: bool = False,
         answers: Sequence[type[Answer]] = ANSWERS,
         other: Law | None = None,
         also: Callable[[Piece], None] | None = None,
@@ -72,12 +69,14 @@ class Story:
         )
         self.curves = CurveTable(seen, self.scene.times)
         self._answers = [question(self.scene) for question in answers]
-        self._detailed, self._also = detailed, also
+        self._seen, self._origin = seen, origin
+        self._whole, self._also = whole, also
         self._rows: list[pl.DataFrame] = []
         ends_s = [self.scene.times[body.client].of(seen.samples.get(body.client, 1) - 1)
             for body in seen.bodies.values()]  # fmt: skip
         together_s = max(sum(abs(end_s) for end_s in ends_s), 1.0)
-        self._shown_per_s = np.inf if whole else min(SHOWN_PER_S, MOST_ROWS / together_s)
+        few = sum(seen.samples.values()) * max(1, len(seen.bodies)) <= MOST_ROWS
+        self._shown_per_s = np.inf if whole or few else min(SHOWN_PER_S, MOST_ROWS / together_s)
         self.bodies = {
             number: BodyStory(self.scene, body, at_s=at_s, sums_at_s=sums_at_s)
             for number, body in sorted(seen.bodies.items())
@@ -93,14 +92,28 @@ class Story:
             answer.see()
         for number, judged in explained.bodies.items():
             chain = explained.chains[number]
-            rows = self.bodies[number].add(judged, chain, detailed=self._detailed)
+            rows = self.bodies[number].add(judged, chain, detailed=self._whole)
             self._rows.append(shown(rows, per_s=self._shown_per_s))
         self.scene.forget()
 
-    def see_all(self) -> None:
-        """Take all pieces; each is freed before the next is made."""
+    @np.errstate(all="ignore")  # of states that are not finite: reported
+    def analysis(self) -> Analysis:
+        """Go through all pieces, each freed before the next is made; return what was found."""
         for _ in map(self.see, self.explanation.pieces()):
             pass
+        totals = self.explanation.totals
+        by_body = {n: body.explained(totals.get(n)) for n, body in self.bodies.items()}
+        return Analysis(
+            origin=dict(self._origin),
+            engine=_engine(self._seen),
+            samples=max(self._seen.samples.values(), default=0),
+            explained=_together([*by_body.values()]),
+            bodies=[body.result(totals.get(n)) for n, body in self.bodies.items()],
+            findings=self.findings(),
+            by_body=by_body,
+            table=self.table,
+            curves=self.curves,
+        )
 
     def findings(self) -> list[Finding]:
         """Return what the answers found, the gravest first, after the last piece."""
@@ -111,43 +124,6 @@ class Story:
         """The samples that were kept, body by body."""
         table = pl.concat([pl.DataFrame(schema=COLUMNS), *self._rows], how="diagonal")
         return table.sort("body", "step", maintain_order=True)
-
-
-@np.errstate(all="ignore")  # of states that are not finite: reported
-def analysis_of(
-    seen: Seen,
-    origin: Mapping[str, Any],
-    *,
-    at_s: Sequence[float] = (),
-    sums_at_s: Sequence[float] = (),
-    whole: bool = False,
-    answers: Sequence[type[Answer]] = ANSWERS,
-    other: Law | None = None,
-    also: Callable[[Piece], None] | None = None,
-) -> Analysis:
-    """Analyze a recording; the parameters are those of `Story`.
-
-    `also` is called with each piece.
-    """
-    samples = sum(seen.samples.values()) * max(1, len(seen.bodies))
-    story = Story(
-        seen, origin, at_s=at_s, sums_at_s=sums_at_s, whole=whole or samples <= MOST_ROWS,
-        detailed=whole, answers=answers, other=other, also=also,
-    )  # fmt: skip
-    story.see_all()
-    totals = story.explanation.totals
-    by_body = {number: body.explained(totals.get(number)) for number, body in story.bodies.items()}
-    return Analysis(
-        origin=dict(origin),
-        engine=_engine(seen),
-        samples=max(seen.samples.values(), default=0),
-        explained=_together([*by_body.values()]),
-        bodies=[body.result(totals.get(number)) for number, body in story.bodies.items()],
-        findings=story.findings(),
-        by_body=by_body,
-        table=story.table,
-        curves=story.curves,
-    )
 
 
 def _together(parts: Sequence[Explained]) -> Explained:

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.seen.events import Calls
+from drop_physics.recording import schema
+from drop_physics.seen.events import Calls, Site, widths_of
 
 
 class RowsDigest:
@@ -67,6 +68,36 @@ class CallsDigest:
         return hashlib.sha256(
             (self._heads.hexdigest() + self._numbers.hexdigest()).encode()
         ).hexdigest()
+
+
+class Digests:
+    """Digests of samples and calls, made as these are written or read."""
+
+    def __init__(self) -> None:
+        self.tables = {entity: RowsDigest() for entity in schema.TABLES}
+        self._series: dict[str, RowsDigest] = {}
+        """Of joints and constraints, by entity."""
+        self._calls: dict[int, CallsDigest] = {}
+        """By client."""
+
+    def add_series(self, entity: str, steps: NDArray[np.int64], values: NDArray[Any]) -> None:
+        """Add rows of series."""
+        numbers = np.column_stack((steps.astype(np.float64), values))
+        self._series.setdefault(entity, RowsDigest()).update(numbers)
+
+    def add_calls(self, seen: Calls, sites: Mapping[int, Site]) -> None:
+        """Add calls of one simulation."""
+        self._calls.setdefault(seen.client, CallsDigest()).update(seen, widths_of(seen, sites))
+
+    @property
+    def series(self) -> list[str] | None:
+        """The digests of all series, in the order of their entities; None without any."""
+        return [each.hexdigest() for _, each in sorted(self._series.items())] or None
+
+    @property
+    def calls(self) -> list[str] | None:
+        """The digests of all calls, in the order of their clients; None without any."""
+        return [each.hexdigest() for _, each in sorted(self._calls.items())] or None
 
 
 class FrameDigest:

@@ -34,12 +34,13 @@ from drop_physics.recording.checks import (
 from drop_physics.recording.columns import Properties
 from drop_physics.recording.contents import chunks_of, closing_of, gather
 from drop_physics.recording.digest import (
+    Digests,
     ToldDigest,
     closing_digest,
     inputs_digest,
 )
 from drop_physics.recording.inputs import Drop, check_inputs, drop_of
-from drop_physics.recording.sampled import Digests, RecordedSamples, is_series
+from drop_physics.recording.sampled import RecordedSamples, is_series
 from drop_physics.recording.told import Told
 from drop_physics.report import EngineReport
 from drop_physics.scenario import Camera, Scenario
@@ -223,7 +224,7 @@ def digests(held: Contents) -> dict[str, Any]:
     return {
         **tables,
         "told": _told_digest(held.texts),
-        "series": _listed([each.hexdigest() for _, each in sorted(held.made.series.items())]),
+        "series": _listed(held.made.series),
         "calls": _calls_digests(held),
         "inputs": inputs_digest({name: held for name, held in inputs.items() if held is not None}),
     }
@@ -262,9 +263,9 @@ def listed(value: Any) -> list[Any]:  # noqa: ANN401 - a list of one is read as 
     return [] if value is None else value if isinstance(value, list) else [value]
 
 
-def _listed(values: list[str]) -> str | list[str] | None:
+def _listed(values: list[str] | None) -> str | list[str] | None:
     """Return texts as a property is read: a list of one as its element."""
-    return values[0] if len(values) == 1 else values or None
+    return values[0] if values is not None and len(values) == 1 else values
 
 
 # -- checks ---------------------------------------------------------------------------------------
@@ -294,7 +295,7 @@ def _calls_digests(held: Contents) -> str | list[str] | None:
     for chunk in sampled.chunks(schema.CALLS, 0, sampled.last + 1):
         for calls in columns.calls(chunk, sampled.path):
             made.add_calls(calls, sites)
-    return _listed([digest.hexdigest() for _, digest in sorted(made.calls.items())])
+    return _listed(made.calls)
 
 
 def _check_drop(recording: Recording) -> None:

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from drop_physics.recording import pictures, schema, told, writer
 from drop_physics.recording.digest import (
-    CallsDigest,
+    Digests,
     FrameDigest,
-    RowsDigest,
     ToldDigest,
     closing_digest,
     inputs_digest,
@@ -41,6 +40,7 @@ from drop_physics.seen.events import (
     Samples,
     Site,
     Surface,
+    widths_of,
 )
 from drop_physics.seen.poses import MOTION
 from drop_physics.states import Rows
@@ -87,10 +87,7 @@ class Recorder:
         self._ends: dict[int, int] = {}
         """The last step of which each simulation has a sample, by client."""
         self.sites: dict[int, Site] = {}
-        self._states, self._contacts = RowsDigest(), RowsDigest()
-        self._series: dict[str, RowsDigest] = {}
-        """Of joints and constraints, by entity."""
-        self._calls: dict[int, CallsDigest] = {}
+        self._made = Digests()
         self._pictures: dict[int, FrameDigest] = {}
         self._told_rows = ToldDigest()
         self._commands = Commands()
@@ -174,12 +171,11 @@ class Recorder:
             "error": ending.error[:LONGEST] or None,
             "error_site": ending.site[:LONGEST] or None,
             "notes": [note[:LONGEST] for note in ending.notes[:MOST_NOTES]] or None,
-            "state_sha256": self._states.hexdigest(),
-            "contacts_sha256": self._contacts.hexdigest(),
+            **{f"{entity}_sha256": each.hexdigest() for entity, each in self._made.tables.items()},
             "frames_sha256": [each.hexdigest() for _, each in sorted(self._pictures.items())]
             or None,
-            "series_sha256": [each.hexdigest() for _, each in sorted(self._series.items())] or None,
-            "calls_sha256": [each.hexdigest() for _, each in sorted(self._calls.items())] or None,
+            "series_sha256": self._made.series,
+            "calls_sha256": self._made.calls,
             "told_sha256": self._told_rows.hexdigest(),
             "inputs_sha256": inputs_digest(self.inputs),
             **{f"made_with_{name}": value for name, value in ending.made_with.items()},
@@ -236,7 +232,7 @@ class Recorder:
         at = Times(seen.steps, seen.times_s)
         yield from self._rows.flush()  # wherever the file ends, its bodies are known
         # Before the states: wherever the file ends, each sample in it has its contacts.
-        self._contacts.update(seen.contacts)
+        self._made.tables[schema.CONTACTS.entity].update(seen.contacts)
         if len(seen.contacts):
             steps = np.unique(seen.contacts["step"])
             touched = Times(steps, seen.times_s[np.searchsorted(seen.steps, steps)])
@@ -248,7 +244,7 @@ class Recorder:
         for number, forces in seen.constraints.items():
             yield from self._on_series(f"{schema.CONSTRAINTS}/{seen.client}_{number}", at, forces)
         states = rows_of_bases(seen)
-        self._states.update(states)
+        self._made.tables[schema.STATES.entity].update(states)
         if len(states):
             yield writer.rows_chunk(schema.STATES, states, at)
         self._commands.on_samples(seen)
@@ -257,8 +253,7 @@ class Recorder:
 
     def _on_series(self, entity: str, at: Times, values: NDArray[np.float64]) -> Iterator[Chunk]:
         """Yield one number per row and joint."""
-        rows = np.column_stack((at.steps.astype(np.float64), values))
-        self._series.setdefault(entity, RowsDigest()).update(rows)
+        self._made.add_series(entity, at.steps, values)
         yield writer.scalars_chunk(entity, at, values)
 
     def take_in(self, event: Event) -> None:
@@ -290,8 +285,8 @@ class Recorder:
     # -- calls ------------------------------------------------------------------------------------
 
     def _on_calls(self, seen: Calls) -> Iterator[Chunk]:
-        widths = np.array([len(self.sites[site].names) for site in seen.sites.tolist()], np.int64)
-        self._calls.setdefault(seen.client, CallsDigest()).update(seen, widths)
+        self._made.add_calls(seen, self.sites)
+        widths = widths_of(seen, self.sites)
         yield writer.calls_chunk(seen, widths)
         yield from self._commands.on_calls(seen, self.sites, widths)
         if self.drawn:

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from drop_physics.recording import columns, rows, rrd, schema
 from drop_physics.recording.checks import damaged, unreadable
-from drop_physics.recording.digest import CallsDigest, RowsDigest
 from drop_physics.recording.rrd import Chunk
-from drop_physics.seen.events import Appearance, Calls, Raised, Site
+from drop_physics.seen.events import Appearance, Raised, Site
 from drop_physics.seen.history import Piece
 from drop_physics.seen.log import Log
 from drop_physics.states import Joints
@@ -162,22 +161,3 @@ class RecordedSamples:
             for each in columns.calls(chunk, self.path)
         ]
         return Log(read, self.sites, self.raised, self.appearances).between(first, end)
-
-
-class Digests:
-    """Digests of samples and calls, made as the chunks are read."""
-
-    def __init__(self) -> None:
-        self.tables = {entity: RowsDigest() for entity in schema.TABLES}
-        self.series: dict[str, RowsDigest] = {}
-        self.calls: dict[int, CallsDigest] = {}
-
-    def add_series(self, entity: str, steps: Int64, values: Float64) -> None:
-        """Add rows of series."""
-        numbers = np.column_stack((steps.astype(np.float64), values))
-        self.series.setdefault(entity, RowsDigest()).update(numbers)
-
-    def add_calls(self, seen: Calls, sites: Mapping[int, Site]) -> None:
-        """Add calls of one simulation."""
-        widths = np.array([len(sites[site].names) for site in seen.sites.tolist()], np.int64)
-        self.calls.setdefault(seen.client, CallsDigest()).update(seen, widths)

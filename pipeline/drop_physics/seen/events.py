@@ -300,6 +300,11 @@ class Calls:
     """What each returned, where that is a number; else nan."""
 
 
+def widths_of(seen: Calls, sites: Mapping[int, Site]) -> Int64:
+    """Return how many numbers each call has, shape (m,)."""
+    return np.array([len(sites[site].names) for site in seen.sites.tolist()], np.int64)
+
+
 @dataclass(frozen=True)
 class Raised:
     """A call failed."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.seen.calls import BODY_NAMES, WORLD_FRAME, Call, Given, Push
-from drop_physics.seen.events import Appearance, At, Calls, Raised, Site, order
+from drop_physics.seen.events import Appearance, At, Calls, Raised, Site, order, widths_of
 from drop_physics.seen.motors import Command, commands_of
 
 Int64 = NDArray[np.int64]
@@ -41,7 +41,7 @@ class Log:
         appearances: Iterable[Appearance] = (),
     ) -> None:
         self.sites = sites or {}
-        self._rows = [(row, self._widths(row)) for row in rows]
+        self._rows = [(row, widths_of(row, self.sites)) for row in rows]
         self._errors = {each.at.call: each.error for each in raised}
         self._came: dict[tuple[int, int], list[Appearance]] = {}
         """By client and the engine's id, the bodies that had it."""
@@ -58,9 +58,6 @@ class Log:
         log._rows = [(_only(row, (row.steps >= first) & (row.steps < end), widths))
             for row, widths in self._rows]  # fmt: skip
         return log
-
-    def _widths(self, row: Calls) -> Int64:
-        return np.array([len(self.sites[site].names) for site in row.sites.tolist()], np.int64)
 
     # -- calls ------------------------------------------------------------------------------------
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from drop_physics import colours
 from drop_physics.analysis.drop.story import drop_analysis_of
 from drop_physics.analysis.results import Analysis
-from drop_physics.analysis.story import analysis_of
+from drop_physics.analysis.story import Story
 from drop_physics.analysis.times import Times
 from drop_physics.errors import ScenarioError, check_suffix
 from drop_physics.files.outputs import check_apart, check_target, refused
@@ -110,7 +110,7 @@ def _analysis_of(read_back: Recording, at_s: Sequence[float], *, whole: bool) ->
         return drop_analysis_of(read_back.scenario, read_back.engine, seen, at_s=at_s, whole=whole)
     _check_times(at_s, seen)
     origin = read_back.origin_and_end
-    return analysis_of(seen, origin, at_s=at_s or DEFAULT_AT_S, sums_at_s=at_s, whole=whole)
+    return Story(seen, origin, at_s=at_s or DEFAULT_AT_S, sums_at_s=at_s, whole=whole).analysis()
 
 
 def _shown(analysis: Analysis, seen: Seen) -> LayerShown:

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from drop_physics.analysis import story as told
 from drop_physics.analysis.drop.analysis import fall_of
 from drop_physics.analysis.drop.case import case_seen
 from drop_physics.analysis.drop.results import FallAnalysis
 from drop_physics.analysis.results import Analysis
 from drop_physics.analysis.rows import MOST_ROWS
-from drop_physics.analysis.story import analysis_of
 from drop_physics.errors import RecordingError, ScenarioError, check_suffix
 from drop_physics.figures.animation import MAX_FPS, check_animation, write_animation
 from drop_physics.figures.gif import MADE_BY_DROP
@@ -184,7 +184,7 @@ def _analysis_of(held: Recording, *, whole: bool) -> Analysis | FallAnalysis:
     if held.drop is not None:
         case, samples = case_seen(held.scenario, held.engine, held.seen)
         return fall_of(case, samples, whole=whole or case.samples <= MOST_ROWS).analysis
-    return analysis_of(held.seen, held.origin_and_end)
+    return told.Story(held.seen, held.origin_and_end).analysis()
 
 
 def _hiring(running: ExitStack, assistant: Worker | None) -> Callable[[int], list[Worker]]:

@@ -1,6 +1,6 @@
 """The error of one sample in the air, broken down without the rest of the recording: for sweeps.
 
-The result is to the bit that of `analysis_of` for the same sample of the whole recording, or None.
+The result is to the bit that of `Story` for the same sample of the whole recording, or None.
 """
 
 from __future__ import annotations

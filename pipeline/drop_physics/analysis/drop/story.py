@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from drop_physics.analysis import story
 from drop_physics.analysis.drop.analysis import Fall, Falling
 from drop_physics.analysis.drop.case import Case, case_seen, samples_seen
 from drop_physics.analysis.drop.findings import findings
 from drop_physics.analysis.drop.results import DropAnalysis
 from drop_physics.analysis.results import Analysis, BodyAnalysis, Explained, Unexplained
 from drop_physics.analysis.rows import MOST_ROWS
+from drop_physics.analysis.story import Story
 from drop_physics.laws.lookup import law_for
 from drop_physics.messages import Message
 from drop_physics.report import EngineReport
@@ -62,10 +62,10 @@ def drop_analysis_of(
     other = None if scenario.engine == "bullet" else law_for(scenario, engine)
     case, _ = case_seen(scenario, engine, seen)
     falling = Falling(case, at_s=at_s, whole=whole or samples <= MOST_ROWS)
-    walked = story.analysis_of(
+    walked = Story(
         seen, {}, at_s=at_s, sums_at_s=at_s, answers=(), other=other,
         also=lambda piece: falling.add(samples_seen(seen, piece)),
-    )  # fmt: skip
+    ).analysis()  # fmt: skip
     fall = falling.fall()
     walked = _checked(walked, fall)
     (body,) = (each for each in walked.bodies if each.id == BODY)
