@@ -190,7 +190,71 @@ def test_a_right_script_is_not_blamed(what: str, tmp_path: Path) -> None:
     assert [each.message for each in found if each.code in never] == []
 
 
+PISTON = """
+h = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.05, .05, .05])
+s = p.createMultiBody(0, -1, -1, [{at}], linkMasses=[8], linkCollisionShapeIndices=[h],
+    linkVisualShapeIndices=[-1], linkPositions=[[0, 0, 0]], linkOrientations=[[0, 0, 0, 1]],
+    linkInertialFramePositions=[[0, 0, 0]], linkInertialFrameOrientations=[[0, 0, 0, 1]],
+    linkParentIndices=[0], linkJointTypes=[p.JOINT_PRISMATIC], linkJointAxis=[[{axis}]])
+def send(force):
+    p.setJointMotorControl2(s, 0, p.POSITION_CONTROL, .5, force=force)
+    steps(480)
+"""
+MEANT = {
+    # As in a hundred gyms: at its place the cart's rate changes its sign with every step.
+    "a cart that is switched": (
+        "p.setTimeStep(.02)\n"
+        'c = p.loadURDF("cartpole.urdf")\n'
+        "for j in (0, 1): p.setJointMotorControl2(c, j, p.VELOCITY_CONTROL, force=0)\n"
+        "for _ in range(100):\n"
+        "    push = -10 if p.getJointState(c, 0)[1] > 0 else 10\n"
+        "    p.setJointMotorControl2(c, 0, p.TORQUE_CONTROL, force=push)\n"
+        "    p.stepSimulation()",
+        "unstable",
+    ),
+    # Every answer of an IK differs in its last digits: the joint reaches what it is sent to.
+    "targets that hardly change": (
+        KUKA + "for i in range(300):\n"
+        "    p.setJointMotorControl2(k, 1, p.POSITION_CONTROL, .8 + 1e-4 * .9 ** i, force=100)\n"
+        "    p.stepSimulation()",
+        "off-target",
+    ),
+    # A ball of half the mass has half the inertia.
+    "a mass that is set": (
+        'b = p.loadURDF("sphere2.urdf", [0, 0, 3], globalScaling=.4)\n'
+        "p.changeDynamics(b, -1, mass=5)\n"
+        "for _ in range(60):\n"
+        "    p.applyExternalTorque(b, -1, [.5, 0, 0], p.WORLD_FRAME)\n    p.stepSimulation()",
+        "inertia-from-shape",
+    ),
+    "a copy to plan in": (
+        KUKA + "other = p.connect(p.DIRECT)\n"
+        "p.setGravity(0, 0, -9.81, physicsClientId=other)\n"
+        "p.setAdditionalSearchPath(pybullet_data.getDataPath(), physicsClientId=other)\n"
+        'p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True, physicsClientId=other)\n'
+        "p.resetJointState(0, 1, .5, physicsClientId=other)\n"
+        "for _ in range(9): p.stepSimulation(physicsClientId=0)\n"
+        "p.disconnect(other)",
+        "not-stepped",
+    ),
+}  # fmt: skip
+"""Scene, and the code that an earlier wording of its rule had."""
+
+
+@pytest.mark.parametrize("what", MEANT)
+def test_what_is_meant_is_not_said(what: str, tmp_path: Path) -> None:
+    scene, code = MEANT[what]
+    found = findings(DOWN + scene, tmp_path / "a.rrd")
+    assert [each.message for each in found if each.code == code] == []
+
+
 SAID = {
+    # Friction takes 4.9 N.
+    "a pusher that is too weak": (
+        DOWN + PLANE + BOX + PISTON.format(axis="1, 0, 0", at="-.2, 0, .1")
+        + "box(1, [-.09, 0, .05])\nsend(3)",
+        "off-target", "its motor is at its limit of 3 N against 2_box",
+    ),
     # 0 rad in the end: the command does not wake it.
     "an arm that sleeps is sent": (
         ASLEEP + "for j in range(7):\n"
@@ -226,7 +290,7 @@ SAID = {
 """Scene, code, words."""
 
 
-@pytest.mark.parametrize("what", some(SAID, 3))
+@pytest.mark.parametrize("what", some(SAID, 4))
 def test_what_is_true_is_said(what: str, tmp_path: Path) -> None:
     scene, code, words = SAID[what]
     (found,) = (each for each in findings(scene, tmp_path / "a.rrd") if each.code == code)

@@ -190,6 +190,19 @@ def test_targets_that_move_are_followed_behind(
     assert f"they change {often}, and {left:.2g} of each change" in found.message
 
 
+def test_a_target_that_stood_for_longer_is_no_rule(tmp_path: Path) -> None:
+    scene = RAMP.format(steps=480, every=1, how="").replace("(i // 1 + 1)", "(i + (i != 300))")
+    (found,) = said("off-target", scene, tmp_path)
+    assert "they change with every step, and 0.9 of each change" in found.message
+
+
+def test_a_motor_on_its_way_that_lost_its_force_to_the_timestep(tmp_path: Path) -> None:
+    scene = KUKA + "go(60)\np.setTimeStep(1 / 60)\nsteps(60)\n"
+    (found,) = said("off-target", scene, tmp_path)
+    assert "it still moves" not in found.message
+    assert found.advice == "call p.setTimeStep before the motors are commanded"
+
+
 def test_targets_that_are_kept_up_with_are_not_told(tmp_path: Path) -> None:
     scene = RAMP.format(steps=480, every=1, how="targetVelocity=0.5")
     assert said("off-target", scene, tmp_path) == []

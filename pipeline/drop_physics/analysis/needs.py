@@ -60,6 +60,13 @@ class Holding:
     _masses: Mapping[int, tuple[float, Float64]]
     """Of each load's bodies together, by the load's place in the tuple: mass, centre of mass."""
 
+    def from_one_side(self, body: int, joint_rate: int) -> Load | None:
+        """Return a body's load if only links that the joint moves, and what is fixed, hold it."""
+        tree = self._steps.law.tree
+        moved = _beyond(tree, tree.first_rate + joint_rate)
+        its = (load for load in self._loads if load.bodies == {body} and load.links <= moved)
+        return next(its, None)
+
     def at(self, positions: Float64) -> Float64:
         """Return what holding other positions of the joints takes, with the loads that are joined.
 

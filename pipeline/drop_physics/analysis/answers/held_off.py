@@ -79,13 +79,16 @@ def _too_weak(driven: Driven, held: Holding, stood: Stood) -> Cause:
             "{weak}; the target takes {there}, here it takes {here}",
             weak=weak, there=effort(there, unit), here=effort(here, unit).removesuffix(f" {unit}"),
         )  # fmt: skip
-    if float(driven.asked.force[row, k]) > need:  # another rule says why it has less
-        return Cause(why, Message("call p.setTimeStep before the motors are commanded"))
-    return Cause(why, give_at_least(need, unit))
+    return Cause(why, give_at_least(need, unit, float(driven.asked.force[row, k])))
 
 
-def give_at_least(need: float, unit: str) -> Message:
-    """Return the advice to give a motor a round force limit that leaves some to spare."""
+def give_at_least(need: float, unit: str, force: float) -> Message:
+    """Return the advice to give a motor a round force limit that leaves some to spare.
+
+    `force` is what it was given: if that is enough, its call came before that of the timestep.
+    """
+    if force > abs(need):
+        return Message("call p.setTimeStep before the motors are commanded")
     wanted = SPARE * abs(need)
     step = 10.0 ** (math.floor(math.log10(wanted)) - (wanted < 20))
     digit = 10.0 ** min(0, math.floor(math.log10(abs(need))) - 1)  # the last that is written
@@ -107,14 +110,18 @@ def _held(
         body = scene.body(most)
         if most == driven.body.number:
             return Cause(Message("its own links meet"))
-        if body.base_moves and not body.joints:
-            force = effort(float(held.contacts[most][k]), unit)
-            holds = Message("it holds {other} with {force}", other=body.label, force=force)
-            return Cause(holds, level="note", other=body.label)
         limit = effort(float(driven.limit[row, k]), unit)
         why = Message("its motor is at its limit of {limit} against {other}",
             limit=limit, other=body.label)  # fmt: skip
-        return Cause(why, other=body.label)
+        if body.joints or not body.base_moves:
+            return Cause(why, other=body.label)
+        load = held.from_one_side(most, k)
+        if load is not None:
+            advice = None if load.anchored else Message("give it more force")
+            return Cause(why, advice, other=body.label)
+        force = effort(float(held.contacts[most][k]), unit)
+        holds = Message("it holds {other} with {force}", other=body.label, force=force)
+        return Cause(holds, level="note", other=body.label)
     if away * held.constraints[k] > MOST * torque:
         return Cause(Message("a constraint holds it"))
     return None

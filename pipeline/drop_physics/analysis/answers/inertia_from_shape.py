@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,11 +68,12 @@ class InertiaFromShape(FirstLook):
             return
         links = {link: each for link, each in told_links(body, tree).items()
             if (body.number, link) not in self._inertias}  # fmt: skip
+        masses = {link: call for link in links if (call := self._masses.get((body.number, link)))}
+        links |= {link: _of_mass(links[link], float(tree.masses_kg[link + 1])) for link in masses}
         kin = kinematics(tree, steps.before.at(np.array([0])))
         other = other_inertia(self.scene, body, kin, links)
         if other is not None:
-            masses = (self._masses.get((body.number, link)) for link in links)
-            other.changed = next((call for call in masses if call is not None), None)
+            other.changed = next(iter(masses.values()), None)
             other.loaded = self.scene.asked.loaded(body)
             self._other[body.number] = other
 
@@ -188,6 +189,13 @@ def other_inertia(
     ratios = 1 + kg_m2 / diagonal[rows]
     return OtherInertia(body, rows, [_joint(body, tree, row) for row in rows], ratios, kg_m2,
         none, none, none)  # fmt: skip
+
+
+def _of_mass(told: FileLink, mass_kg: float) -> FileLink:
+    """Return a link of a file with another mass, spread as its own is."""
+    share = mass_kg / told.mass_kg if told.mass_kg > 0 else 0.0
+    moments = tuple(share * each for each in told.inertia_kg_m2)
+    return replace(told, mass_kg=mass_kg, inertia_kg_m2=moments)
 
 
 def _joint(body: Body, tree: Tree, row: int) -> str | None:

@@ -58,7 +58,7 @@ class JointAnswer(Answer):
         for number, joints in self.noted.items():
             said = {key: each for key, each in joints.items() if self.says(each)}
             if said:
-                worst = max(said.values(), key=lambda each: each.most)
+                worst = max(said.values(), key=lambda each: (each.most, each.count))
                 worst.at["joints"] = len({k for k, _ in said})
                 yield Finding(
                     code=self.code, level=self.level, body=self.scene.body(number).label,

@@ -9,9 +9,9 @@ from drop_physics.analysis.answers.arguments import site_of
 from drop_physics.messages import Message
 from drop_physics.seen.calls import Call
 
-MOVES = ("setGravity", "setJointMotorControl", "applyExternal",
-    "createConstraint")  # fmt: skip
-"""Beginnings of functions that only have an effect in a step."""
+MOVES = "setJointMotorControl", "applyExternal", "createConstraint"
+"""Beginnings of functions that only have an effect in a step. Gravity is also set where poses are
+only looked at, beside a simulation that is stepped."""
 
 
 class NotStepped(Answer):
@@ -21,19 +21,23 @@ class NotStepped(Answer):
         super().__init__(scene)
         self._asks: dict[int, Call] = {}
         """By client, the first call that waits for a step."""
+        self._gravity: dict[int, Call] = {}
 
     def see(self) -> None:
         """Note which simulations were to move."""
-        if self.scene.times.keys() - self._asks.keys():
-            for call in self.scene.piece.calls.of(*MOVES):
-                self._asks.setdefault(call.client, call)
+        for asks, which in ((self._asks, MOVES), (self._gravity, ("setGravity",))):
+            if self.scene.times.keys() - asks.keys():
+                for call in self.scene.piece.calls.of(*which):
+                    asks.setdefault(call.client, call)
 
     def findings(self) -> Iterator[Finding]:
         """Yield the simulations in which something waits for a first step."""
         if self.scene.origin.get("ended") == "failed":
             return
+        stepped = any(samples > 1 for samples in self.scene.seen.samples.values())
+        asks = self._asks if stepped else self._gravity | self._asks
         for client, samples in self.scene.seen.samples.items():
-            call = self._asks.get(client)
+            call = asks.get(client)
             bodies = self.scene.seen.bodies.values()
             if samples == 1 and call and any(b.moving for b in bodies if b.client == client):
                 message = Message(

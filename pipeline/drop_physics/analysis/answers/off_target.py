@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span, and_more
 from drop_physics.analysis.answers.asked_of_bodies import size_m
@@ -94,7 +95,7 @@ class OffTarget(Answer):
                     if len(rested):
                         worst = stood.only(rested[[int(np.abs(stood.gap[rested]).argmax())]])
                         self._end(joint, driven, self._held(joint, driven, worst))
-                    self._move(joint, driven, stood.only(np.flatnonzero(~stood.resting)))
+                    self._move(joint, driven, stood)
 
     def _held(self, joint: _Joint, driven: Driven, stood: Stood) -> Missed:
         """Return a target with the cause of its gap, if it is the worst one at rest."""
@@ -125,16 +126,17 @@ class OffTarget(Answer):
 
     def _move(self, joint: _Joint, driven: Driven, stood: Stood, *, last: bool = False) -> None:
         """Count targets that were replaced while their joint moved; not one left from before."""
-        stood = stood.only(np.flatnonzero(~stood.left))
+        least = OFF[units_of(driven, stood.k)[0]]
+        moving = np.flatnonzero(~stood.left & ~stood.resting)
+        reached, stood = _reached(stood, least)[moving], stood.only(moving)
         joint.moved += len(stood)
         joint.steps += int(stood.steps.sum())
         joint.at_limit += int(stood.at_limit.sum())
-        least = OFF[units_of(driven, stood.k)[0]]
         gaps, off = np.abs(stood.gap), np.abs(stood.gap - stood.lawful)
         lawful = off <= np.maximum(LAWFUL * gaps, least * LAWFUL)
         weak = ~lawful & ~np.isnan(off) & (stood.at_limit > 0)
         for name, which in (("lag", lawful), ("behind", weak)):
-            rows = np.flatnonzero(which & (gaps > least))
+            rows = np.flatnonzero(which & (gaps > least) & ~reached)
             known: Missed | None = getattr(joint, name)
             if len(rows):
                 worst = self._missed(driven, stood.only(rows[[int(gaps[rows].argmax())]]))
@@ -174,6 +176,13 @@ class OffTarget(Answer):
             yield replace(joint.behind, cause=Cause(weak, GIVE_MORE))
 
 
+def _reached(stood: Stood, least: float) -> NDArray[np.bool_]:
+    """Return which targets their joint got to before they had changed by more than `least`."""
+    changed = np.append(0.0, np.cumsum(np.abs(np.diff(stood.target))))[: len(stood)]
+    alike = np.floor(changed / least)
+    return np.isin(alike, alike[np.abs(stood.gap) <= least])
+
+
 def _finding(label: str, found: list[Missed]) -> Finding:
     worst = max(found, key=lambda each: each.share)
     assert worst.cause is not None
@@ -191,14 +200,13 @@ def _finding(label: str, found: list[Missed]) -> Finding:
 
 
 def _lag(label: str, joint: _Joint, lag: Missed) -> Finding:
-    stood = lag.stood
-    every = joint.steps / joint.moved
-    often = Message("every {n:.3g} steps", n=every) if every > 1 else Message("with every step")
+    every = round(joint.steps / joint.moved)
+    often = Message("every {n} steps", n=every) if every > 1 else Message("with every step")
     message = Message(
         "{joint} follows its targets {off} behind: they change {often}, and {left:.2g} of each "
         "change remains",
         joint=lag.joint, off=distance(lag.off, lag.unit), often=often,
-        left=(1 - float(stood.kp[0])) ** int(stood.steps[0]),
+        left=(1 - float(lag.stood.kp[0])) ** every,
     )  # fmt: skip
     advice = Message("p.setJointMotorControl2(…, positionGain=1) leaves nothing of it")
     return _of(label, lag, Cause(message, advice, "note"), message)
@@ -236,5 +244,5 @@ def _moving(driven: Driven, last: Missed, takes: float | None) -> Cause | None:
     if takes is not None and abs(takes) > driven.limit[row, k]:
         unit = units_of(driven, k)[1]
         why = Message("{weak}; the target takes {need}", weak=weak, need=effort(takes, unit))
-        return Cause(why, give_at_least(takes, unit))
+        return Cause(why, give_at_least(takes, unit, float(driven.asked.force[row, k])))
     return Cause(Message("{why}, and {weak}", why=why, weak=weak), GIVE_MORE)

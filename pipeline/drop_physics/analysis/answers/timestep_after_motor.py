@@ -24,7 +24,7 @@ class TimestepAfterMotor(JointAnswer):
         """Note where that limit, or the one that was asked for, is met."""
         asked, force = driven.asked, driven.asked.force
         with np.errstate(invalid="ignore", divide="ignore"):
-            share = np.abs(driven.limit - force) / force
+            share = np.round(np.abs(driven.limit - force) / force, 9)
             met = driven.at_limit | (np.abs(driven.torque) > (1 + OTHER) * force)
             which = met & (share > OTHER) & (force > 0) & (asked.pd != 1)
         self.note(driven, which, share, limit=driven.limit, force=force)

@@ -29,11 +29,10 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 OFTEN = 8
 """Changes of sign, from step to step, that are no chance."""
-REACT = "contacts", "rolling", "motors"
-"""Terms that the solver finds: they react to others. What lies on something trembles so, and what
-a motor's own gains turn around is `motor-gain`."""
 FULL = 1 - 1e-9
 """Share of the clamp's limit at which a rate is there."""
+SAME = 1e-6
+"""Forces that differ by less than this share are the same."""
 SHARE, LEAST = 0.01, 1e-2
 """Of its greatest, and in rad/s or m/s: a slower rate is noise."""
 AXES = ("spin about x", "spin about y", "spin about z", "velocity along x", "velocity along y",
@@ -52,6 +51,8 @@ ADVICE: Mapping[str, Message] = {
         "angularDamping=…), or use a smaller timestep"
     ),
 }
+"""Terms that answer to rates and act at once. The solver's react to others: what lies on something
+trembles so, and what a motor's own gains turn around is `motor-gain`."""
 
 
 @dataclass
@@ -126,6 +127,11 @@ def _ring(known: _Rates, steps: Steps, own: NDArray[np.bool_]) -> None:
     broken = np.maximum.accumulate(np.where(turns, -1, rows), axis=0)
     run = np.where(broken < 0, rows + 1 + known.run, rows - broken)
     known.run, rings = run[-1], run >= OFTEN
+    # A force that only changes its sign is a switch, whatever the rate: no gain is too large.
+    for row in np.flatnonzero(rings.any(axis=0)).tolist():
+        forces = steps.terms["applied"][rings[:, row], row]
+        most = np.abs(forces).max()
+        rings[:, row] &= np.ptp(np.abs(forces)) > SAME * most or np.ptp(forces) <= most
     for row in np.flatnonzero(rings.any(axis=0)).tolist():
         known.rings.add(row, steps.steps[rings[:, row]], size[rings[:, row], row])
     against = np.where(rings, -np.sign(before), 0)
@@ -163,19 +169,17 @@ def _unstable(known: _Rates, rings: dict[int, Noted]) -> Finding | None:
     # The clamp ends what others feed.
     turned = {term: float(each[row]) for term, each in known.turned.items() if term != "clamp"}
     most = max(turned, key=turned.__getitem__)
-    if most in REACT:
+    if most not in ADVICE or turned[most] <= 0.5 * sum(t for t in turned.values() if t > 0):
         return None
-    fed = turned[most] > 0.5 * sum(each for each in turned.values() if each > 0)
     message = Message(
         "{name}{more} changes its sign with every step, at up to {rate:.3g} {unit}, in {count:,} "
-        "steps{why}",
+        "steps: the term {term} turns it around",
         name=name, more=and_more(len(rings)), rate=worst.most, unit=unit,
-        count=worst.count + OFTEN - 1,
-        why=Message(": the term {term} turns it around", term=most) if fed else "",
+        count=worst.count + OFTEN - 1, term=most,
     )  # fmt: skip
     return Finding(
         code="unstable", level="broken", message=message, body=known.body.label, joint=joint,
-        advice=ADVICE.get(most, Message("use a smaller timestep")) if fed else None,
+        advice=ADVICE[most],
         effect=Effect(worst.most, unit), share=worst.most / float(known.greatest[row]),
         steps=worst.span,
     )  # fmt: skip
