@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from drop_physics.analysis.drop.mechanics import max_relative_drift, mechanics_of_part
+from drop_physics.analysis.drop.mechanics import Drift, mechanics_of_part
 from drop_physics.analysis.drop.samples import motion_of
 from drop_physics.laws.base import Motion
 from drop_physics.recording.reader import read
@@ -193,7 +193,9 @@ def _struck() -> float:
 
 
 def _drift(values: NDArray[np.float64]) -> float:
-    return float(max_relative_drift(values) or 0.0)
+    drift = Drift()
+    drift.add(values)
+    return drift.relative or 0.0
 
 
 def _spins() -> list[Figure]:
