@@ -81,6 +81,9 @@ class RestoreDiffers(Answer):
     def see(self) -> None:
         """Follow the episodes of each simulation."""
         piece = self.scene.piece
+        if not any(site.function.startswith((*STATES, *BY_HAND))
+                for site in piece.calls.sites.values()):  # fmt: skip
+            return  # in the whole recording nothing begins an episode
         calls = piece.calls.of("")
         for client in {each.client for each in self.scene.seen.bodies.values()}:
             own: list[Call] = []
