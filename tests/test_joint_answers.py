@@ -163,6 +163,49 @@ def test_a_grip_is_a_note(force: float, tmp_path: Path) -> None:
     assert found.other == "2_cube_small"
 
 
+SLOW = (
+    DOWN
+    + """
+h = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.05, .05, .05])
+s = p.createMultiBody(0, -1, -1, [0, 0, 1], linkMasses=[8], linkCollisionShapeIndices=[h],
+    linkVisualShapeIndices=[-1], linkPositions=[[0, 0, 0]], linkOrientations=[[0, 0, 0, 1]],
+    linkInertialFramePositions=[[0, 0, 0]], linkInertialFrameOrientations=[[0, 0, 0, 1]],
+    linkParentIndices=[0], linkJointTypes=[p.JOINT_PRISMATIC], linkJointAxis=[[0, 0, 1]])
+p.changeDynamics(s, 0, jointLowerLimit={low}, jointUpperLimit={high})
+p.setJointMotorControl2(s, 0, p.VELOCITY_CONTROL, targetVelocity={rate}, force={force})
+steps(240)
+"""
+)
+BY_RATE = GRIP.replace("POSITION_CONTROL, 0,", "VELOCITY_CONTROL, targetVelocity=-1,")
+
+
+def test_a_velocity_motor_that_is_too_weak(tmp_path: Path) -> None:
+    """8 kg weigh 78.48 N."""
+    scene = SLOW.format(low=0, high=1, rate=0.1, force="{force}")
+    (found,) = said("off-target", scene.format(force=60), tmp_path)
+    assert "its target is 0.1: its motor is at its limit of 60 N in 240 of 240" in found.message
+    assert found.message.endswith("; holding it here takes 78 N")
+    assert found.advice == "give it at least 79 N: p.setJointMotorControl2(…, force=200)"
+    names = run(scene.format(force=200))
+    assert names["p"].getJointState(0, 0)[1] == pytest.approx(0.1)
+    names["p"].disconnect()
+    assert said("off-target", scene.format(force=200), tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        SLOW.format(low=0, high=0.01, rate=0.1, force=300),
+        SLOW.format(low=0, high=1, rate=1000, force=60),
+        BY_RATE.format(force=20),
+    ],
+)
+def test_a_stop_a_constant_force_and_a_grip_by_a_velocity_are_meant(
+    scene: str, tmp_path: Path
+) -> None:
+    assert said("off-target", scene, tmp_path) == []
+
+
 RAMP = (
     ARM
     + """

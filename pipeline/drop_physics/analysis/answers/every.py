@@ -47,6 +47,7 @@ from drop_physics.analysis.answers.teleported import Teleported
 from drop_physics.analysis.answers.timestep_after_motor import TimestepAfterMotor
 from drop_physics.analysis.answers.timestep_changed import TimestepChanged
 from drop_physics.analysis.answers.timestep_too_long import TimestepTooLong
+from drop_physics.analysis.answers.too_slow import TooSlow
 from drop_physics.analysis.answers.tunnelled import Tunnelled
 from drop_physics.analysis.answers.unseeded import Unseeded
 from drop_physics.analysis.answers.unstable import Unstable
@@ -56,6 +57,7 @@ from drop_physics.messages import Message
 ANSWERS: tuple[type[Answer], ...] = (
     # joints
     OffTarget,
+    TooSlow,
     DefaultMotor,
     SubstepsScaleMotors,
     TimestepAfterMotor,
