@@ -6,15 +6,20 @@ that records one scene after the other, and that Rerun's own programs are left o
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import hashlib
 import multiprocessing
 import os
+import sys
 import tempfile
 import textwrap
 import uuid
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import pybullet as p
 from drop_physics.analysis.answers.answer import Finding
@@ -40,6 +45,8 @@ def steps(number):
 """
 """Every scene begins with these lines; its own are counted from behind them."""
 NAME = "scene.py"
+Code = tuple[tuple[str, str], ...]
+"""Texts, and what the file of each is called."""
 ORIGIN = {"kind": "script", "script": NAME}
 MOST_CLIENTS = 4
 
@@ -62,7 +69,15 @@ def record(scene: str, path: Path, *, for_viewer: bool = False) -> Recording:
         Whether it has a layout, as users' recordings do. Without one the viewer makes its own, and
         keeps that if the layer's arrives first.
     """
-    _worker().submit(_record, scene, path, for_viewer).result(timeout=60)
+    code = ((HEAD, NAME), (textwrap.dedent(scene).lstrip("\n"), NAME))
+    _worker().submit(_record, code, path, for_viewer).result(timeout=60)
+    return read(path)
+
+
+def record_file(script: Path, path: Path, *arguments: str) -> Recording:
+    """Record a script, run in its folder and cited by its name alone, and read that back."""
+    code = ((script.read_text(), script.name),)
+    _worker().submit(_record, code, path, False, script.parent, arguments).result(timeout=60)
     return read(path)
 
 
@@ -72,16 +87,26 @@ def _worker() -> ProcessPoolExecutor:
     return ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
 
 
-def _record(scene: str, path: Path, for_viewer: bool) -> None:
+def _record(
+    code: Code, path: Path, for_viewer: bool, folder: Path = Path(), arguments: Sequence[str] = ()
+) -> None:
     _as_at_first()
-    with tempfile.TemporaryFile() as memory, tempfile.TemporaryFile() as stream:
+    text, name = code[-1]
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    origin = ORIGIN | {"script": name, "arguments": [*arguments], "script_sha256": digest}
+    with (
+        contextlib.chdir(folder),
+        patch.object(sys, "argv", [name, *arguments]),
+        tempfile.TemporaryFile() as memory,
+        tempfile.TemporaryFile() as stream,
+    ):
         memory.truncate(pipe.BLOCK_BYTES)
         watch = start.watch(
             os.dup(stream.fileno()), os.dup(memory.fileno()), steps=None, duration_s=None,
             keep_sleeping=False, seed=None,
         )  # fmt: skip
         try:
-            _run(scene)
+            _run(code)
         finally:
             ending.end(watch, "finished")
             watch.remove()
@@ -89,13 +114,13 @@ def _record(scene: str, path: Path, for_viewer: bool) -> None:
             for client in filter(p.isConnected, range(MOST_CLIENTS)):
                 p.disconnect(client)
         stream.seek(0)  # a file in place of a pipe: nobody has to read it meanwhile
-        recorder = Recorder({schema.ORIGIN_PROPERTY: ORIGIN})
+        recorder = Recorder({schema.ORIGIN_PROPERTY: origin})
         listener = BlockListener(stream.fileno(), memory.fileno(), process=os.getppid())
         writer.record(
             path,
             recorder.chunks(
                 listener.events(), listener.ending,
-                lambda ended: about_script(ORIGIN, recorder, ended),
+                lambda ended: about_script(origin, recorder, ended),
             ),
             recording_id=uuid.uuid4().hex, force=True,
             blueprint=(lambda: layout(recorder.look())) if for_viewer else None,
@@ -109,10 +134,10 @@ def _as_at_first() -> None:
     p.disconnect(client)
 
 
-def _run(scene: str) -> None:
+def _run(code: Code) -> None:
     names: dict[str, Any] = {"__name__": "__main__"}
-    exec(compile(HEAD, NAME, "exec"), names)
-    exec(compile(textwrap.dedent(scene).lstrip("\n"), NAME, "exec"), names)
+    for text, name in code:
+        exec(compile(text, name, "exec"), names)
 
 
 def analyze(seen: Seen, **how: Any) -> Analysis:

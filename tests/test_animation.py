@@ -53,12 +53,6 @@ def shown(path: Path) -> tuple[list[Pixels], list[float]]:
     return pictures, [0.0, *itertools.accumulate(delays)]
 
 
-def at(path: Path, time_s: float) -> Pixels:
-    """Return the picture that is shown at a time [s]."""
-    pictures, begins = shown(path)
-    return pictures[int(np.searchsorted(begins[:-1], time_s, side="right")) - 1]
-
-
 @pytest.fixture(scope="module")
 def recorded(standard: Run) -> list[Pixels]:
     pngs = (png for _, png in frames(standard.simulation.recording))
@@ -126,10 +120,12 @@ def test_every_pixel_is_shown_at_its_time(
     rendering = render(standard.simulation.recording, out=path, animation=Animation(**wanted),
                   plot=tmp_path / "p.png")  # fmt: skip
     assert (rendering.gif, rendering.frames) == (path, 41)
-    assert shown(path)[1][-1] == pytest.approx(end_s, abs=0.006)
+    pictures, begins = shown(path)
+    assert begins[-1] == pytest.approx(end_s, abs=0.006)
     for number in (0, 1, 7, 18, 39, 40):
         middle_s = (number + 0.5) / rendering.fps
-        assert np.array_equal(at(path, middle_s), recorded[number])
+        at = int(np.searchsorted(begins[:-1], middle_s, side="right")) - 1
+        assert np.array_equal(pictures[at], recorded[number])
     with Image.open(path) as image:
         assert image.info["loop"] == 0  # forever
 

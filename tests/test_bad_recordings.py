@@ -92,21 +92,23 @@ def refusal(path: Path, sound: Sound) -> dict[str, str]:
 
 
 def verdict(path: Path, sound: Sound) -> str:
-    """Return `right`, or `refused` if the stages report the same one line and write nothing."""
+    """Return `right`, or `refused` if that is said in one line, by the stages that need frames too.
+
+    That each stage reads first, and then writes nothing, is tested with the command, below.
+    """
     why = refusal(path, sound)
     if not why:
         return "right"
     ((what, line),) = why.items()
-    by_frames = (render, lambda run: check(run, sound.path))
-    for stage in by_frames if what == "frames" else (analyze, *by_frames):
-        with pytest.raises(RecordingError) as raised:
-            stage(path)
-        assert str(raised.value) == line
+    if what == "frames":
+        for stage in (render, lambda run: check(run, sound.path)):
+            with pytest.raises(RecordingError) as raised:
+                stage(path)
+            assert str(raised.value) == line
+        path.with_suffix(".png").unlink(missing_ok=True)  # the plot needs no frames
     assert str(path) in line
     assert len(line.splitlines()) == 1
-    files = {file.name for file in path.parent.iterdir()}
-    assert files <= {path.name, "run.png"}  # the plot needs no frames
-    path.with_suffix(".png").unlink(missing_ok=True)
+    assert [file.name for file in path.parent.iterdir()] == [path.name]
     return "refused"
 
 
@@ -126,7 +128,7 @@ def test_flipped_bits_are_refused_or_change_nothing(sound: Sound, tmp_path: Path
     assert min(verdicts.values()) > FLIPS / 20
 
 
-@pytest.mark.parametrize("percent", range(0, 100, 5))
+@pytest.mark.parametrize("percent", range(0, 100, 10))
 def test_a_recording_cut_at_any_percent_is_refused(
     sound: Sound, tmp_path: Path, percent: int
 ) -> None:
@@ -135,7 +137,7 @@ def test_a_recording_cut_at_any_percent_is_refused(
     assert verdict(path, sound) == "refused"
 
 
-@pytest.mark.parametrize("missing", [1, 2, 12, 31, 32, 33])
+@pytest.mark.parametrize("missing", [1, 31, 33])
 def test_a_recording_cut_by_a_few_bytes_is_refused(
     sound: Sound, tmp_path: Path, missing: int
 ) -> None:
@@ -144,7 +146,7 @@ def test_a_recording_cut_by_a_few_bytes_is_refused(
     assert verdict(path, sound) == "refused"
 
 
-@pytest.mark.parametrize("percent", range(0, 101, 5))
+@pytest.mark.parametrize("percent", range(0, 101, 10))
 def test_a_part_that_was_cut_gives_the_samples_before_the_cut(
     sound: Sound, tmp_path: Path, percent: int
 ) -> None:
@@ -497,9 +499,8 @@ REFUSED: dict[str, Change] = {
     },
     **{
         f"{value} in {name} at {row}": with_numbers(put(row, 0, value), name)
-        for value in (np.nan, -np.inf)
         for name in NUMBERS
-        for row in (0, 120, ROWS[name.partition("/")[0]] - 1)
+        for value, row in ((np.nan, 120), (-np.inf, ROWS[name.partition("/")[0]] - 1))
     },
     **{
         f"step {step} missing in {name}": taken(
@@ -637,9 +638,8 @@ CONTRADICTED: dict[str, Change] = {
     "another body": with_numbers(lambda rows: rows + 1, "state/body"),
     **{
         f"{value} in {name} at {row}": with_numbers(put(row, 0, value), name)
-        for value in (1e308, -1e200)
         for name in NUMBERS
-        for row in (1, 131)
+        for value, row in ((1e308, 1), (-1e200, 131))
     },
 }  # fmt: skip
 """Changes that contradict the scenario, however the body moves."""
@@ -762,7 +762,6 @@ OTHER_KINDS: dict[str, Change] = {
         for name, key in (("engine", "mass_kg"), ("scenario", "height_m"), ("camera", "yaw_deg"))
         for values in (
             blob(1.0, kind=pa.float32()), blob(2**62, kind=pa.timestamp("s")),
-            blob(2**62, kind=pa.duration("s")), blob(2**31 - 1, kind=pa.date32()),
             blob(b"x", kind=pa.binary()), blob(1, kind=pa.decimal128(10)),
             blob(2**64 - 1, kind=pa.uint64()), blob([1.0], kind=pa.list_(pa.float64())),
             blob({"a": 1}, kind=pa.struct([("a", pa.int64())])), blob(None, kind=pa.null()),
@@ -1030,13 +1029,13 @@ def test_what_is_not_a_plain_file_is_one_line_and_no_waiting(
 # -- the command ----------------------------------------------------------------------------------
 
 SAMPLE = (
-    *(f"flip {number}" for number in range(12)),
-    "cut 30", "cut 70", "cut 99", "doubled", "a text", "a message of 1 TB", "all garbage",
-    "without /contacts", "positions as float", "nan in state/position_m at 120",
+    "flip 0", "flip 1", "cut 70", "doubled", "without /contacts", "nan in state/position_m at 120",
+    *(f"flip {number}" for number in range(2, 8)), "cut 30", "cut 99", "a text",
+    "a message of 1 TB", "all garbage", "positions as float",
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", some(SAMPLE, 8))
+@pytest.mark.parametrize("kind", some(SAMPLE, 6))
 def test_the_command_says_one_line_soon_and_in_little_memory(
     sound: Sound, tmp_path: Path, worker: Worker, kind: str
 ) -> None:
@@ -1058,6 +1057,7 @@ def test_the_command_says_one_line_soon_and_in_little_memory(
         ["render", path],
         ["check", path, "--against", sound.path],
     ):
+        before = {file.name for file in tmp_path.iterdir()}
         worker.ask("command:measured", arguments, tmp_path, SECONDS)
         done, peak_mb = worker.answer()
         refused = "all" in why or ("frames" in why and arguments[0] != "analyze")
@@ -1067,3 +1067,5 @@ def test_the_command_says_one_line_soon_and_in_little_memory(
             assert done.stdout == ""
             assert len(done.stderr.splitlines()) == 1
             assert done.stderr.startswith(f"drop: {path}")
+            after = {file.name for file in tmp_path.iterdir()} - before
+            assert after <= ({"run.png"} if "frames" in why else set())

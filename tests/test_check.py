@@ -6,10 +6,10 @@ data read back.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import math
-import os
 import re
 import shutil
 import textwrap
@@ -24,6 +24,7 @@ import numpy as np
 import polars as pl
 import pyarrow as pa
 import pytest
+import scenes
 import scripts
 from altered import otherwise
 from conftest import Drop, Recorder, rerun_rrd, some
@@ -612,12 +613,11 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Record:
         work.mkdir()
         work.joinpath("sim.py").write_text(text)
         work.joinpath("arm.urdf").write_text(ARM.format(mass=mass))
-        back = Path.cwd()
-        os.chdir(work)
-        try:
+        if set(how) <= {"arguments"}:
+            scenes.record_file(work / "sim.py", out, *how.get("arguments", ()))
+            return out
+        with contextlib.chdir(work):
             record_script("sim.py", out=out, **how)
-        finally:
-            os.chdir(back)
         return out
 
     return record
@@ -656,7 +656,7 @@ def recorded_script(script: str, path: Path, *arguments: str) -> Path:
     """Record a script that is written beside its recording."""
     source = path.parent / "sim.py"
     source.write_text(textwrap.dedent(script))
-    record_script(str(source), list(arguments), out=path)
+    scenes.record_file(source, path, *arguments)
     return path
 
 

@@ -301,7 +301,7 @@ def test_every_sample_is_explained(name: str, seen: Callable[[str], Seen]) -> No
         closes(totals)
 
 
-@pytest.mark.parametrize("name", ["push", "hold", "set", "again", "kuka pd", "kuka torque"])
+@pytest.mark.parametrize("name", ["push", "hold", "set", "again", "kuka torque"])
 def test_pieces_come_to_the_same(name: str, seen: Callable[[str], Seen]) -> None:
     """Cut anywhere, what is carried from piece to piece makes up for it."""
     whole, pieces = explanation(seen(CASES[name].scene)), Explanation(seen(CASES[name].scene))

@@ -50,7 +50,7 @@ from drop_physics.workers import cores
 from PIL import Image
 from rerun.chunk import LazyChunkStream
 
-KILLS = 12
+KILLS = 9
 """Runs that are killed, each at another moment: by each signal while stepping and sealing."""
 SEED = 6
 ONE_BATCH = BATCH * BYTES_PER_SAMPLE
@@ -814,10 +814,10 @@ def test_a_sweep_that_is_killed_repeatedly_resumes_from_its_own_files(
     tmp_path: Path, drop: Drop
 ) -> None:
     """It then finds complete parts, recordings of incomplete ones, and unfinished files."""
-    plan = {"samples": 70, "seed": 1, "vary": ["height=uniform:1:2"]}  # in parts of 2
-    words = ("sweep", "--out", "s", "--samples", "70", "--seed", "1", "--vary",
+    plan = {"samples": 40, "seed": 1, "vary": ["height=uniform:1:2"]}  # in parts of 2
+    words = ("sweep", "--out", "s", "--samples", "40", "--seed", "1", "--vary",
              "height=uniform:1:2", "--jobs", "2")  # fmt: skip
-    for number, least in enumerate((1, 20, 45, 69)):
+    for number, least in enumerate((1, 20, 39)):
         process = start(words, tmp_path)
         while process.poll() is None and len(list(tmp_path.glob("s/recordings/*.rrd"))) < least:
             time.sleep(0.01)
@@ -829,7 +829,7 @@ def test_a_sweep_that_is_killed_repeatedly_resumes_from_its_own_files(
     results = pl.read_parquet(tmp_path / "s" / "results.parquet")
     alone = sweep(plan_of({}, **plan), tmp_path / "alone", record=False, jobs=1).table()
     assert results.drop("recording").equals(alone.drop("recording"))
-    assert [f"recordings/run-{run}.rrd" for run in range(70)] == results["recording"].to_list()
+    assert [f"recordings/run-{run}.rrd" for run in range(40)] == results["recording"].to_list()
     for row in results.iter_rows(named=True):
         assert read(tmp_path / "s" / row["recording"]).scenario.height_m == row["height_m"]
 
@@ -906,7 +906,7 @@ def test_while_a_recording_grows_it_can_be_read_and_a_second_writer_is_rejected(
 def test_many_writers_of_one_target_leave_one_whole_recording(tmp_path: Path) -> None:
     """They start together; each finishes, or is rejected before or after its work."""
     arguments = ("simulate", "--out", "run.rrd", "--no-camera", "--force", "--duration", "0.5")
-    processes = [start(arguments, tmp_path) for _ in range(4)]
+    processes = [start(arguments, tmp_path) for _ in range(3)]
     for process in processes:
         stdout, stderr = ended(process)
         assert process.returncode in (0, 1)
@@ -919,7 +919,7 @@ def test_many_writers_of_one_target_leave_one_whole_recording(tmp_path: Path) ->
 @pytest.mark.long
 def test_many_analyses_of_one_recording_leave_whole_files(tmp_path: Path) -> None:
     simulate(Scenario(), tmp_path / "run.rrd", camera=None)
-    processes = [start(("render", "run.rrd"), tmp_path) for _ in range(4)]
+    processes = [start(("render", "run.rrd"), tmp_path) for _ in range(2)]
     for process in processes:
         stdout, stderr = ended(process)
         assert process.returncode in (0, 1)
@@ -994,8 +994,9 @@ main()
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("lost", ["its own error", "nothing"])
-@pytest.mark.parametrize(("how", "code"), [("SIGINT", 130), ("SIGTERM", 143)])
+@pytest.mark.parametrize(
+    ("how", "code", "lost"), [("SIGINT", 130, "its own error"), ("SIGTERM", 143, "nothing")]
+)
 def test_a_signal_that_rerun_loses_stops_a_sweep(
     tmp_path: Path, how: str, code: int, lost: str
 ) -> None:
@@ -1064,7 +1065,6 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ("command", "codes", "lines"),
     [
         ("analyze run.rrd --json | head -1", (141, 0), 0),
-        ("analyze run.rrd | head -1", (141, 0), 0),
         ("analyze run.rrd --json | true", (141, 0), 0),
         ("analyze run.rrd <&- >&- 2>&-", (0,), 0),
         ("analyze run.rrd --json >/dev/full", (1,), 1),

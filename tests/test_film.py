@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +18,6 @@ from drop_physics.figures.playback import Animation
 from drop_physics.recording.scene import parts_of
 from drop_physics.scenario import STANDARD_CAMERA
 from drop_physics.stages.analyze import analyze
-from drop_physics.stages.record import record_script
 from drop_physics.stages.render import render
 from numpy.typing import NDArray
 from PIL import Image
@@ -62,9 +60,7 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> Record:
             folder = tmp_path_factory.mktemp("script")
             script = folder / "script.py"
             script.write_text(text)
-            null = os.open(os.devnull, os.O_WRONLY)
-            known[text] = record_script(str(script), out=folder / "run.rrd", stdout=null).recording
-            os.close(null)
+            known[text] = scenes.record_file(script, folder / "run.rrd").path
         return known[text]
 
     return recorded

@@ -121,20 +121,17 @@ IN_A_JOINT = (
 )
 
 
-@pytest.mark.parametrize("bad", ["nan", "inf", "-inf", "", "word", "1_0", "1e999", "0x10", "１"])
 @pytest.mark.parametrize("element", IN_A_LINK + IN_A_JOINT)
-def test_every_number_that_bullet_reads_must_be_a_number(
-    tmp_path: Path, element: str, bad: str
-) -> None:
+def test_every_number_that_bullet_reads_must_be_a_number(tmp_path: Path, element: str) -> None:
     written(tmp_path, TETRAHEDRON, "m.obj")
     spot = "</link>" if element in IN_A_LINK else "</joint>"
-    for number, rule in (("0.5", None), (bad, "must be")):
-        text = linked(1).replace(spot, element.format(number) + spot, 1)
-        path = written(tmp_path, text)
-        if rule is None:
-            check_urdf(path)
-        else:
-            refused(path, rule)
+
+    def with_number(number: str) -> Path:
+        return written(tmp_path, linked(1).replace(spot, element.format(number) + spot, 1))
+
+    check_urdf(with_number("0.5"))
+    for bad in ("nan", "inf", "-inf", "", "word", "1_0", "1e999", "0x10", "１"):
+        refused(with_number(bad), "must be")
 
 
 SPELLED: dict[str, str | bytes] = {
@@ -329,14 +326,14 @@ def test_a_trial_that_waits_forever_is_ended(
     written(tmp_path, "newmtl a\nmap_Kd pipe.png\n", "a.mtl")
     written(tmp_path, "mtllib a.mtl\nusemtl a\n" + TETRAHEDRON, "m.obj")
     monkeypatch.chdir(tmp_path)
-    assert "not finished" in problem_of(written(tmp_path, mesh("m.obj")), Limits(wall_s=5))[0]
+    assert "not finished" in problem_of(written(tmp_path, mesh("m.obj")), Limits(wall_s=2))[0]
 
 
 @pytest.mark.long
 def test_a_trial_that_computes_forever_is_ended(tmp_path: Path) -> None:
     shape = "<collision><geometry><box size='1 1 1'/></geometry></collision>\n"
     many = body().replace("<visual>", shape * 20_000 + "<visual>")
-    assert "not finished" in problem_of(written(tmp_path, many), Limits(cpu_s=3))[0]
+    assert "not finished" in problem_of(written(tmp_path, many), Limits(cpu_s=1))[0]
 
 
 def test_a_trial_that_takes_too_much_memory_is_ended(tmp_path: Path) -> None:

@@ -251,7 +251,7 @@ def test_targets_that_are_kept_up_with_are_not_told(tmp_path: Path) -> None:
     assert said("off-target", scene, tmp_path) == []
 
 
-@pytest.mark.parametrize("steps", [7, 100])
+@pytest.mark.parametrize("steps", [23, 100])
 def test_pieces_say_the_same(steps: int, tmp_path: Path) -> None:
     """Cut anywhere, a target that stands goes on, and one that ended is remembered."""
     scene = FLOOR + ARM + "go(0.3, 100)\ngo(0.9, 203, 35)\ngo(0.8, 220, 30)\n"
@@ -610,7 +610,6 @@ STOPPED = "for j in range(p.getNumJoints(r)):\n    p.resetJointState(r, j, {wher
     ("file", "joints", "rate", "force"),
     [
         ("r2d2.urdf", (2, 3, 6, 7), 10, 5),
-        ("laikago/laikago_toes.urdf", (0, 4, 8), -3, 30),
         ("franka_panda/panda.urdf", (0, 3), 0.5, 80),
     ],
 )

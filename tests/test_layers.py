@@ -57,6 +57,7 @@ def room_of(*parts: str) -> str:
     return {"fields": "scenario", "kinds": "scenario", "cli_options": "cli"}.get(first, first)
 
 
+@cache
 def knows(room: str) -> set[str]:
     """Return the rooms that a room imports from, except `errors` and `messages`."""
     paths = [path for name, path in FILES.items() if room_of(*Path(name).parts) == room]

@@ -67,6 +67,9 @@ _LOOP = re.compile(r"for (\w+) in (.*?); do\n(.*)\ndone", re.DOTALL)
 
 def run_command(command: str, folder: Path) -> tuple[int, str]:
     """Return the exit code and the output of a command; of a loop, until one of its fails."""
+    if " && " in command and "\n" not in command:
+        parts = [run_command(possible(part), folder) for part in command.split(" && ")]
+        return max(code for code, _ in parts), "".join(printed for _, printed in parts)
     if command.endswith(_CODE):
         code, printed = run_command(command.removesuffix(_CODE), folder)
         return 0, printed + f"exit code {code}\n" * bool(code)
