@@ -325,6 +325,23 @@ steps(3)
     assert (held.first_step, held.samples, body.segments["flight"]) == (4, 3, 6)
 
 
+def test_a_point_that_does_not_push_has_no_friction(analyzed: Analyzed) -> None:
+    """Past contactProcessingThreshold the engine reports another point's friction."""
+    _, analysis = analyzed("""
+p.setGravity(0, 0, -9.81)
+slab = p.createCollisionShape(p.GEOM_BOX, halfExtents=[1, 1, .05])
+f = p.createMultiBody(0, slab, -1, [0, 0, -.05])
+b = p.createMultiBody(.17, p.createCollisionShape(p.GEOM_SPHERE, radius=.03), -1, [0, 0, .03])
+for each in (f, b):
+    p.changeDynamics(each, -1, linearDamping=0, lateralFriction=.2, contactProcessingThreshold=0)
+p.resetBaseVelocity(b, [1, 0, 0])
+steps(200)
+assert any(c[9] == 0 and c[12] != 0 for c in p.getContactPoints(b))
+""")
+    assert body_of(analysis, 1).unexplained == []
+    assert body_of(analysis, 1).touches[0].used <= 1 + 1e-9
+
+
 BELTS = {
     "mass taken": "belt = p.createMultiBody(1, slab, -1, [0, 0, -.5])\n"
     "p.changeDynamics(belt, -1, mass=0)\np.resetBaseVelocity(belt, [1, 0, 0])\n",
