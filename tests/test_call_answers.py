@@ -570,10 +570,15 @@ steps(240)
 
 
 @pytest.mark.parametrize(
-    ("file", "z"), [("franka_panda/panda.urdf", 0), ("quadruped/minitaur.urdf", 0.2)]
+    ("file", "z"),
+    [
+        ("franka_panda/panda.urdf", 0),
+        ("quadruped/minitaur.urdf", 0.2),
+        ("teddy_vhacd.urdf", 0.2),
+    ],
 )
 def test_an_inertia_that_no_link_of_that_size_has(file: str, z: float, tmp_path: Path) -> None:
-    # They say 0.1 kg m² for 0.1 kg, and 1 kg m² for 0.25 kg without a shape.
+    # They say 0.1 kg m² for 0.1 kg, 1 kg m² for 0.25 kg without a shape, and for 0.1 kg of a mesh.
     assert not ask(LIMP.format(file=file, z=z, fixed=z == 0), tmp_path, "inertia-from-shape")
 
 

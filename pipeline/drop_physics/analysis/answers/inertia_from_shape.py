@@ -231,10 +231,10 @@ def _of_file(body: Body, told: FileLink) -> Float64 | None:
 def _most_kg_m2(body: Body, link: int, told: FileLink) -> float:
     """Return the largest trace of an inertia that a link of its mass and shape can have.
 
-    It is 2 Σ m r², and no mass is farther off than the shape, or the whole body if it has none.
+    It is 2 Σ m r², and no mass is farther off than the shape, or than the whole body is long.
     """
-    reaches_m = [_reach_m(each) for each in body.collisions if each.link == link]
-    return ROOM * 2 * told.mass_kg * max(reaches_m or [_extent_m(body)]) ** 2
+    reach_m = max((_reach_m(each) for each in body.collisions if each.link == link), default=np.inf)
+    return ROOM * 2 * told.mass_kg * min(reach_m, _extent_m(body)) ** 2
 
 
 def _extent_m(body: Body) -> float:
