@@ -687,6 +687,38 @@ def test_a_constraint_that_gives_way(scene: str, limit: str, stronger: str, tmp_
     assert not ask(stronger, tmp_path, "weak-constraint")
 
 
+ROPE = """
+p.setGravity(0, 0, -9.81)
+s = p.createCollisionShape(p.GEOM_SPHERE, radius=.02)
+last = None
+for i in range(4):
+    b = p.createMultiBody({kg} if i == 3 else .01, s, -1, [0, 0, 2 - .06 * i])
+    if last is None:
+        c = p.createConstraint(b, -1, -1, -1, p.JOINT_POINT2POINT, [0] * 3, [0] * 3, [0, 0, 2])
+    else:
+        p.createConstraint(last, -1, b, -1, p.JOINT_POINT2POINT, [0] * 3, [0, 0, -.03], [0, 0, .03])
+    last = b
+{more}
+steps(240)
+"""
+
+
+def test_a_rope_that_is_too_light_for_its_load(tmp_path: Path) -> None:
+    found = one(ROPE.format(kg=100, more=""), tmp_path, "weak-constraint")
+    assert "1e+04 times as heavy" in found.message
+    more = "p.setPhysicsEngineParameter(numSolverIterations=500)"
+    hangs = []
+    for kg, cure in ((100, ""), (100, more), (1, "")):
+        seen = record(ROPE.format(kg=kg, more=cure), tmp_path / "x.rrd").seen
+        hangs.append(float(seen.bases["z_m"][-1]))
+    assert hangs[0] < 1.3 < 1.65 < hangs[1] < hangs[2] < 2 - 0.06 * 3 + 1e-3
+    assert not ask(ROPE.format(kg=0.05, more=""), tmp_path, "weak-constraint")
+    drawn = (
+        "steps(60)\np.changeConstraint(c, [0, 0, 2.01])"  # it may be drawn apart by what moves it
+    )
+    assert not ask(ROPE.format(kg=100, more=drawn), tmp_path, "weak-constraint")
+
+
 PENDULUMS = """
 p.setGravity(0, 0, -9.81)
 s = p.createCollisionShape(p.GEOM_SPHERE, radius=0.05)

@@ -285,9 +285,12 @@ def _points(explained: Explained, records: Mapping[int, Record]) -> Points:
     flip = np.where(swapped, -1.0, 1.0)[order]
     which = np.where(swapped[:, None], [1, 0], [0, 1])[order]
     rows = order[:, None]
-    friction = sum(
-        _vectors(table, f"f{k}x") * table[f"friction_{k}_n"].to_numpy()[:, None] for k in (1, 2)
-    ) * (table["normal_force_n"].to_numpy() != 0)[:, None]  # as in `contact_forces`
+    friction = (
+        sum(
+            _vectors(table, f"f{k}x") * table[f"friction_{k}_n"].to_numpy()[:, None] for k in (1, 2)
+        )
+        * (table["normal_force_n"].to_numpy() != 0)[:, None]
+    )  # as in `contact_forces`
     return Points(
         step=table["step"].to_numpy()[order],
         body=bodies[rows, which],

@@ -33,6 +33,8 @@ STILL_M_S = 1e-3
 APART = 0.05
 """Of a body's size: frames that do not meet."""
 FULL = 1 - 1e-6
+RATIO = 10.0
+"""Of masses, beyond which it takes the solver many iterations."""
 STAYS = 0.99
 """Share of a gap that is left, ten steps on, where nothing closes it: what hangs there swings."""
 
@@ -187,9 +189,24 @@ class Joined(Answer):
             apart = _apart(each)
             if apart is not None:
                 yield apart
-            weak = None if self._leans(each) else _weak(each)
+            weak = None if self._leans(each) else _weak(each, self._ratio(each.call.client))
             if weak is not None:
                 yield weak
+
+    def _ratio(self, client: int) -> float:
+        """Return how much heavier than another a body is that hangs on the same unmoved points.
+
+        0 where the solver does not use up its iterations, and of bodies with joints.
+        """
+        mine = [each for each in self._all if each.call.client == client]
+        bodies = {body.number: body for each in mine for body in each.bodies if body is not None}
+        told = {each.body.number: float(each.reported["mass_kg"][0])
+            for each in self.scene.seen.dynamics if each.body.number in bodies}  # fmt: skip
+        masses_kg = [each for each in told.values() if each > 0]
+        plain = all(len(each.links) == 1 for each in bodies.values())
+        early = any(each.client == client and each.steps for each in self.scene.seen.solvers)
+        meet = all(_meets(each) and each.changed == each.call.at.step for each in mine)
+        return max(masses_kg) / min(masses_kg) if plain and early and meet and masses_kg else 0.0
 
     def _leans(self, joined: _Joined) -> bool:
         """Whether something that one of its bodies touches may hold it off, at the end."""
@@ -216,10 +233,14 @@ def _size_m(joined: _Joined) -> float:
     return min(sizes)
 
 
+def _meets(joined: _Joined) -> bool:
+    return joined.gap_m is None or not joined.gap_m > APART * _size_m(joined)
+
+
 def _apart(joined: _Joined) -> Finding | None:
-    size = _size_m(joined)
-    if joined.gap_m is None or not joined.gap_m > APART * size:
+    if _meets(joined) or joined.gap_m is None:
         return None
+    size = _size_m(joined)
     held, other, name = _names(joined)
     message = Message(
         "{body} is joined to {other} at points that are {gap:.3g} m apart, which the constraint "
@@ -236,7 +257,7 @@ def _apart(joined: _Joined) -> Finding | None:
     )  # fmt: skip
 
 
-def _weak(joined: _Joined) -> Finding | None:
+def _weak(joined: _Joined, ratio: float) -> Finding | None:
     limit_n = joined.impulse_n_s / joined.timestep_s
     if len(joined.tail) <= TAIL or joined.last - joined.changed <= TAIL:
         return None
@@ -245,20 +266,32 @@ def _weak(joined: _Joined) -> Finding | None:
     still = moved < STILL_M_S * TAIL * joined.timestep_s
     strained = (np.abs(joined.forces).max(axis=1) >= limit_n * FULL).all()
     # What one side drags lags with any force, and what is being pulled back needs time.
-    if not (strained and still.any() and gaps[-1] >= gaps[0] * STAYS and gaps[-1] > 1e-6):
+    if not (still.any() and gaps[-1] >= gaps[0] * STAYS and gaps[-1] > 1e-6):
         return None
     held, other, name = _names(joined)
-    size = _size_m(joined)
+    size, gap_m = _size_m(joined), float(gaps[-1])
+    span = Span(joined.call.at.step + 1, joined.last, joined.full)
+    if strained:
+        why = Message(
+            "that is at its limit of {limit:.3g} N along an axis in {count:,} steps",
+            limit=limit_n, count=joined.full,
+        )  # fmt: skip
+        advice = Message("give it more: p.changeConstraint(…, maxForce=…)")
+    elif ratio >= RATIO and gap_m > APART * size:
+        why = Message(
+            "of what constraints join, one is {ratio:.3g} times as heavy as another, and the "
+            "solver uses up its iterations", ratio=ratio,
+        )  # fmt: skip
+        advice = Message("raise p.setPhysicsEngineParameter(numSolverIterations=500)")
+        span = Span(joined.last - TAIL + 1, joined.last, TAIL)
+    else:
+        return None
     message = Message(
-        "{body} is {gap:.3g} m from where its constraint to {other} wants it: that is at its limit "
-        "of {limit:.3g} N along an axis in {count:,} steps",
-        body=held, gap=float(gaps[-1]), other=name, limit=limit_n, count=joined.full,
+        "{body} is {gap:.3g} m from where its constraint to {other} wants it: {why}",
+        body=held, gap=gap_m, other=name, why=why,
     )  # fmt: skip
-    first = joined.call.at.step + 1
     return Finding(
         code="weak-constraint", level="asked", message=message, body=held, other=other,
-        advice=Message("give it more: p.changeConstraint(…, maxForce=…)"),
-        effect=Effect(float(gaps[-1]), "m"),
-        share=float(gaps[-1]) / size,
-        steps=Span(first, joined.last, joined.full), site=site_of(joined.force_call or joined.call),
+        advice=advice, effect=Effect(gap_m, "m"), share=gap_m / size,
+        steps=span, site=site_of(joined.force_call or joined.call),
     )  # fmt: skip
