@@ -1010,7 +1010,7 @@ def test_what_is_not_a_plain_file_is_one_line_and_no_waiting(
     elif kind == "device":
         path = Path("/dev/zero")
     why = {
-        "missing": "does not exist; make it with: drop simulate",
+        "missing": "does not exist; make it with drop record or drop simulate",
         "folder": "is a folder; name a recording in it",
     }.get(kind, "is not a recording: it is not a regular file")
     stages: list[Callable[[], object]] = [
@@ -1024,6 +1024,13 @@ def test_what_is_not_a_plain_file_is_one_line_and_no_waiting(
     for stage in stages:
         with pytest.raises(RecordingError, match=f"{path} {why}"):
             stage()
+
+
+def test_a_script_in_place_of_its_recording_is_recorded_first(tmp_path: Path) -> None:
+    path = tmp_path / "arm.py"
+    path.write_text("import pybullet")
+    with pytest.raises(RecordingError, match="record it first: drop record"):
+        read(path)
 
 
 # -- the command ----------------------------------------------------------------------------------

@@ -208,7 +208,7 @@ def test_an_error_is_said_though_no_translation_can_be_read(
     messages._catalog.cache_clear()
     assert (done.returncode, done.stderr) == (
         1,
-        "drop: no.rrd does not exist; make it with: drop simulate\n",
+        "drop: no.rrd does not exist; make it with drop record or drop simulate\n",
     )
 
 

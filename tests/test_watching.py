@@ -345,13 +345,15 @@ mesh = p.createCollisionShape(p.GEOM_MESH, fileName="duck.obj", flags=p.GEOM_FOR
 for shape in (hull, mesh):
     p.createMultiBody(0, shape)
 p.loadURDF("robot.urdf", [9, 0, 0], useMaximalCoordinates=True)
+field = dict(numHeightfieldRows=4, numHeightfieldColumns=4, heightfieldData=[0] * 16)
+p.createMultiBody(0, p.createCollisionShape(p.GEOM_HEIGHTFIELD, **field))
 p.stepSimulation()
 """
     )
     expected = bare(tmp_path, text)
     events, ending, printed = watched(tmp_path, text)
     assert (ending.notes, printed) == ([], expected.stdout)
-    scaled, robot, not_well_formed, concave_body, hull, mesh, _ = bodies(events)
+    scaled, robot, not_well_formed, concave_body, hull, mesh, *_ = bodies(events)
     one, two = robot.joints
     assert (one.damping, one.friction, one.effort, one.velocity) == (0.25, 0.125, 7, 8)
     assert (one.limits, two.limits) == ((-1, 2), (0, 1))

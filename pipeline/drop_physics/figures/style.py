@@ -10,6 +10,7 @@ import functools
 import logging
 import math
 import pathlib
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -127,7 +128,8 @@ def save(
 ) -> None:
     """Draw a figure for a light or a dark page, and write it; the same one gives the same bytes."""
     ink = DARK if dark else LIGHT
-    with plain(ink):
+    with plain(ink), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph")  # a character that no font has is drawn as a box
         made = {"Software": None, "Comment": MADE_BY_DROP.decode()}
         metadata = {"Date": None} if format == "svg" else made
         build(ink).savefig(target, format=format, metadata=metadata)

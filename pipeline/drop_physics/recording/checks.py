@@ -60,6 +60,8 @@ def wrong_count(entity: str, count: int, name: str) -> Message:
 
 def again(path: Path) -> Message:
     """Return what to try if a recording is unusable: the command that makes one of its kind."""
+    if path.suffix == ".py":
+        return Message("record it first: drop record")
     first = None
     with contextlib.suppress(rrd.DamagedError, OSError):
         first = next(rrd.chunks(path, unfinished=True), None)

@@ -40,7 +40,9 @@ def chunks_of(path: Path) -> Iterator[rrd.Chunk]:
                 file=min(inside, default=path / "run.rrd"),
             )
         if not path.exists():
-            raise RecordingError("{path} does not exist; make it with: drop simulate", path=path)
+            raise RecordingError(
+                "{path} does not exist; make it with drop record or drop simulate", path=path
+            )
         if not path.is_file():
             raise RecordingError(
                 "{path} is not a recording: it is not a regular file; make one with: drop simulate",

@@ -29,6 +29,8 @@ SETS_ENGINE = {
 PUSHES = {"applyExternalForce", "applyExternalTorque"}
 CONSTRAINS = {"createConstraint", "removeConstraint"}
 SHAPES = {"createCollisionShape", "createCollisionShapeArray"}
+FIELD = 9
+"""Type of shape, `GEOM_HEIGHTFIELD`."""
 READ_AGAIN = (
     MAKES_BODIES | REMOVES_BODIES | MOVES_ALL | RECOLOURS | SETS_ENGINE | CONSTRAINS | SHAPES
     | {"changeDynamics"}
@@ -96,6 +98,7 @@ def after_change(world: World, name: str, arguments: dict[str, Any], result: Any
     if name in SHAPES and isinstance(result, int) and is_hull:
         file, scale = arguments.get("fileName"), vector(arguments.get("meshScale"))
         world.hulls[result] = file if type(file) is str else "", scale or [1.0] * 3
+        world.fields.update([result] if number(arguments.get("shapeType", 0)) == FIELD else [])
     if name in SETS_ENGINE:
         _set_engine(world, name, arguments)
 
@@ -130,6 +133,7 @@ def _loaded(name: str, arguments: dict[str, Any], world: World) -> Loaded:
     if name == "createMultiBody":
         shapes = [number(arguments.get("baseCollisionShapeIndex", -1)) or 0]
         shapes += map(int, vector(arguments.get("linkCollisionShapeIndices")) or [])
+        loaded.lists_shapes = world.fields.isdisjoint(shapes)
         loaded.hulls = all(shape < 0 or shape in world.hulls for shape in shapes)
         loaded.meshes = {
             link: world.hulls[shape]

@@ -64,6 +64,8 @@ class World:
         self.hulls: dict[int, tuple[str, list[float]]] = {}
         """Collision shapes that calls created and that are hulls where they are meshes, with file
         and scale of these."""
+        self.fields: set[int] = set()
+        """Those that are height fields: PyBullet lists none, and prints that."""
         self.added: dict[int, list[Any]] = {}
         """What was reported of bodies whose mass a call changed before they were first listed."""
         self.moved: dict[int | None, set[Any]] = {}
@@ -126,6 +128,7 @@ class World:
         for body in self.bodies.values():
             self._pipe.note("gone", body=body.number)
         self.bodies, self.loaded, self.hulls, self._before = {}, {}, {}, set()
+        self.fields = set()
         self.fresh, self.moved, self.changed, self.recoloured = set(), {}, set(), set()
         self.stale_bodies = self.stale_engine = self.stale_constraints = self.touched = True
         self.given, self.added, self._constraints, self.held = {}, {}, [], set()
