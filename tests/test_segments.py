@@ -20,7 +20,6 @@ import pytest
 from conftest import some
 from drop_physics.analysis.decomposition import VectorTerms, error_and_terms
 from drop_physics.analysis.explained.balance import Balance, Pushes, balance_of
-from drop_physics.analysis.explained.contacts import touches_of
 from drop_physics.analysis.explained.segments import (
     CONTACT,
     FLIGHT,
@@ -31,6 +30,7 @@ from drop_physics.analysis.explained.segments import (
     Segments,
     segments_of,
 )
+from drop_physics.analysis.explained.touching import touches_of
 from drop_physics.laws.base import Motion
 from drop_physics.laws.bullet import BulletLaw
 from drop_physics.recording.rows import empty

@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from drop_physics.analysis.explained.contacts import Touches, touches_of
+from drop_physics.analysis.explained.touching import Touches, touches_of
 from drop_physics.laws.base import Motion
 from drop_physics.states import BASE, BODY, FLOOR
 

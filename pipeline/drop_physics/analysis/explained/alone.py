@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from drop_physics.analysis.explained import segments
 from drop_physics.analysis.explained.balance import Pushes
 from drop_physics.analysis.explained.bodies import Epoch
-from drop_physics.analysis.explained.contacts import Touches
+from drop_physics.analysis.explained.touching import Touches
 from drop_physics.laws.base import Law, Motion
 from drop_physics.laws.bullet import BulletLaw
 from drop_physics.laws.bullet_air import EPSILON, effective_damping

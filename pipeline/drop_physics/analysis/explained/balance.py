@@ -20,7 +20,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.explained.contacts import Touches
+from drop_physics.analysis.explained.touching import Touches
 from drop_physics.laws.base import Law, Motion
 from drop_physics.laws.rotations import rotate, rotate_inverse
 from drop_physics.laws.vectors import any_of, cross, largest, lengths, summed

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.explained.balance import ULPS, Pushes, balance_of
-from drop_physics.analysis.explained.contacts import Touches
+from drop_physics.analysis.explained.touching import Touches
 from drop_physics.laws.base import FUSED, Law, Motion
 from drop_physics.laws.rotations import same_way
 from drop_physics.laws.vectors import any_of, largest, lengths

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.analysis.explained.bodies import Record
-from drop_physics.analysis.explained.contacts import Touches
 from drop_physics.laws.bullet_reports import contact_forces
 from drop_physics.laws.impulses import Forces
+from drop_physics.laws.tree import BASE
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -41,6 +41,33 @@ class Sides:
     def at(self, rows: NDArray[np.intp]) -> Sides:
         """Return some of the sides."""
         return Sides(*(getattr(self, each.name)[rows] for each in fields(self)))
+
+
+@dataclass(frozen=True)
+class Touches:
+    """The contact points of one part, one row each; vectors in world axes, (points, 3)."""
+
+    step: Int64
+    position_m: Float64
+    """On this part."""
+    force_n: Float64
+    """Normal force and both frictions on this part."""
+    distance_m: Float64
+    """Negative where they overlap, (points,)."""
+    other_body: Int64
+    """The other body, (points,)."""
+    other_link: Int64
+
+    def at(self, points: slice | NDArray[np.bool_], step: Int64) -> Touches:
+        """Return some of the points, with new step numbers."""
+        return replace(
+            self,
+            step=step,
+            **{
+                name: getattr(self, name)[points]
+                for name in ("position_m", "force_n", "distance_m", "other_body", "other_link")
+            },
+        )
 
 
 class Touching:
@@ -99,6 +126,14 @@ class Touching:
     def distance_m(self, sides: Sides) -> Float64:
         """Return the distance at contact points, negative where bodies overlap, shape (k,)."""
         return np.asarray(self._distance_m[sides.point])
+
+
+def touches_of(contacts: pl.DataFrame, body: int, link: int = BASE) -> Touches:
+    """Return the contact points of one part of a body, in their order."""
+    touching = Touching(contacts, {})
+    sides = touching.of(body)
+    sides = sides.at(np.flatnonzero(sides.link == link))
+    return touching.touches(sides, touching.forces(sides, sides.step))
 
 
 def _vectors(points: pl.DataFrame, first: str) -> Float64:
