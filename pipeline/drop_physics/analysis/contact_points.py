@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from drop_physics.analysis.explained.bodies import Record
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.explained.steps import Steps
+from drop_physics.analysis.explained.touching import vectors_of
 from drop_physics.laws.kinematics import kinematics, motion
 
 Float64 = NDArray[np.float64]
@@ -287,7 +288,7 @@ def _points(explained: Explained, records: Mapping[int, Record]) -> Points:
     rows = order[:, None]
     friction = (
         sum(
-            _vectors(table, f"f{k}x") * table[f"friction_{k}_n"].to_numpy()[:, None] for k in (1, 2)
+            vectors_of(table, f"f{k}x") * table[f"friction_{k}_n"].to_numpy()[:, None] for k in (1, 2)
         )
         * (table["normal_force_n"].to_numpy() != 0)[:, None]
     )  # as in `contact_forces`
@@ -296,7 +297,7 @@ def _points(explained: Explained, records: Mapping[int, Record]) -> Points:
         body=bodies[rows, which],
         link=links[rows, which],
         at_m=sides.at_m[rows, which],
-        normal=_vectors(table, "nx")[order] * flip[:, None],
+        normal=vectors_of(table, "nx")[order] * flip[:, None],
         distance_m=table["distance_m"].to_numpy()[order],
         normal_n=table["normal_force_n"].to_numpy()[order],
         tangential_n=np.asarray(friction)[order] * flip[:, None],
@@ -323,7 +324,7 @@ class _Sides:
         links: Int64,
         table: pl.DataFrame,
     ) -> None:
-        self.at_m = np.stack([_vectors(table, "ax_m"), _vectors(table, "bx_m")], axis=1)
+        self.at_m = np.stack([vectors_of(table, "ax_m"), vectors_of(table, "bx_m")], axis=1)
         self.began_m_s, self.ended_m_s, self.carried_m_s = np.zeros((3, count, 2, 3))
         self.timestep_s = np.zeros(count)
         self.explained = np.ones((count, 2), np.bool_)
@@ -383,24 +384,11 @@ def _product(
     """
     product, ends = np.ones(len(table)), table["step"].to_numpy()
     for number in np.unique(bodies).tolist():
-        if number not in records:
-            continue
-        dynamics = [each for each in records[number].dynamics if name in each.reported]
-        if not dynamics:
-            product[(bodies == number).any(axis=1)] = np.nan
-            continue
-        told = [each.at.step for each in dynamics]
-        held = np.array([each.reported[name] for each in dynamics])
         for side in (0, 1):
             rows = np.flatnonzero(bodies[:, side] == number)
-            which = np.searchsorted(told, ends[rows] - 1, side="right") - 1
-            link = np.minimum(links[rows, side] + 1, held.shape[1] - 1)
-            product[rows] *= held[np.maximum(which, 0), link]
+            if number in records:
+                product[rows] *= records[number].coefficients(name, ends[rows], links[rows, side])
     return product
-
-
-def _vectors(table: pl.DataFrame, first: str) -> Float64:
-    return np.column_stack([table[first.replace("x", axis)].to_numpy() for axis in "xyz"])
 
 
 def _along(vectors: Float64, axes: Float64) -> Float64:

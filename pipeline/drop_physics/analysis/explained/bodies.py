@@ -87,6 +87,19 @@ class Record:
         used, rows = np.unique(which, return_inverse=True)
         return np.array([self.puts[one].base for one in used.tolist()])[rows]
 
+    def coefficients(self, name: str, steps: Int64, links: Int64) -> Float64:
+        """Return what the engine reported of links as the steps to samples began, shape (n,).
+
+        Not a number where it reports none.
+        """
+        held = [each for each in self.dynamics if name in each.reported]
+        if not held:
+            return np.full(len(steps), np.nan)
+        told, reported = [each.at.step for each in held], [each.reported[name] for each in held]
+        which = np.maximum(np.searchsorted(told, steps - 1, side="right") - 1, 0)
+        numbers = np.array(reported)
+        return np.asarray(numbers[which, np.minimum(links + 1, numbers.shape[1] - 1)])
+
     def puts_between(self, first: int, end: int) -> list[Put]:
         """Return the states that calls set at the steps from `first` to before `end`."""
         at = [bisect_left(self.puts, step, key=_step_of) for step in (first, end)]

@@ -74,7 +74,7 @@ class Touching:
     """The contact points of a piece."""
 
     def __init__(self, contacts: pl.DataFrame, records: Mapping[int, Record]) -> None:
-        self._points = {first: _vectors(contacts, first) for first in VECTORS}
+        self._points = {first: vectors_of(contacts, first) for first in VECTORS}
         self._normal_n = contacts["normal_force_n"].to_numpy()
         self._distance_m = contacts["distance_m"].to_numpy()
         self._friction_n = np.column_stack(
@@ -136,7 +136,7 @@ def touches_of(contacts: pl.DataFrame, body: int, link: int = BASE) -> Touches:
     return touching.touches(sides, touching.forces(sides, sides.step))
 
 
-def _vectors(points: pl.DataFrame, first: str) -> Float64:
+def vectors_of(points: pl.DataFrame, first: str) -> Float64:
     """Return vectors by the name of their x component, shape (n, 3)."""
     return np.column_stack([points[first.replace("x", axis)].to_numpy() for axis in "xyz"])
 
@@ -145,22 +145,12 @@ def _rolls(records: Mapping[int, Record], step: Int64, body: Int64, link: Int64)
     """Return which links resist rolling or spinning, in the steps that led to these samples."""
     rolls = np.zeros(len(step), np.bool_)
     for number in np.unique(body).tolist():
-        dynamics = records[number].dynamics if number in records else []
-        held = [_coefficients(each.reported) for each in dynamics]
-        if not any(each.any() for each in held):
-            continue
-        rows = np.flatnonzero(body == number)
-        told = [each.at.step for each in dynamics]
-        which = np.maximum(np.searchsorted(told, step[rows] - 1, side="right") - 1, 0)
-        rolls[rows] = np.array(held)[which, link[rows] + 1]
+        if number in records:
+            rows = np.flatnonzero(body == number)
+            for kind in ("rolling", "spinning"):
+                held = records[number].coefficients(f"{kind}_friction", step[rows], link[rows])
+                rolls[rows] |= np.nan_to_num(held) != 0  # other engines report none
     return rolls
-
-
-def _coefficients(reported: Mapping[str, Float64]) -> Flags:
-    """Return which links have one, shape (links + 1,); other engines report none."""
-    none = np.zeros(len(reported["mass_kg"]))
-    held = [reported.get(f"{kind}_friction", none) != 0 for kind in ("rolling", "spinning")]
-    return np.asarray(held[0] | held[1])
 
 
 def rows_of(steps: Sequence[int] | Int64, ends: Int64) -> tuple[NDArray[np.intp], Int64]:
