@@ -22,9 +22,9 @@ from drop_physics.analysis.results import (
     Momentum,
     StepSum,
     Unexplained,
-    Vector,
 )
 from drop_physics.analysis.rows import rows_of
+from drop_physics.laws.vectors import triple
 from drop_physics.seen.events import Body, order
 
 Float64 = NDArray[np.float64]
@@ -172,10 +172,5 @@ def _energy(totals: Totals | None) -> Energy | None:
 def _momentum(totals: Totals | None) -> Momentum | None:
     if totals is None or not totals.covered:
         return None
-    causes = {name: _vector(each) for name, each in totals.momentum_kg_m_s.items()}
-    return Momentum(_vector(totals.start_kg_m_s), _vector(totals.end_kg_m_s), causes)
-
-
-def _vector(values: Float64) -> Vector:
-    x, y, z = values.tolist()
-    return x, y, z
+    causes = {name: triple(each) for name, each in totals.momentum_kg_m_s.items()}
+    return Momentum(triple(totals.start_kg_m_s), triple(totals.end_kg_m_s), causes)

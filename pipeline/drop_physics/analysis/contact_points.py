@@ -288,7 +288,8 @@ def _points(explained: Explained, records: Mapping[int, Record]) -> Points:
     rows = order[:, None]
     friction = (
         sum(
-            vectors_of(table, f"f{k}x") * table[f"friction_{k}_n"].to_numpy()[:, None] for k in (1, 2)
+            vectors_of(table, f"f{k}x") * table[f"friction_{k}_n"].to_numpy()[:, None]
+            for k in (1, 2)
         )
         * (table["normal_force_n"].to_numpy() != 0)[:, None]
     )  # as in `contact_forces`

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from drop_physics.laws import theory
 from drop_physics.laws.base import Law, Motion, exactly
 from drop_physics.laws.theory import Fall
+from drop_physics.laws.vectors import triple
 
 Float64 = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -124,24 +125,19 @@ def error_and_terms(
     if any(law.gravity_m_s2[:2]) or (velocity_m_s[:2].any() and stops > STIFF):
         g = np.array(law.gravity_m_s2)
         free_fall_m = start.position_m[0] + (start.velocity_m_s[0] + g * time_s / 2) * time_s
-        return _vector(position_m - free_fall_m), None
+        return triple(position_m - free_fall_m), None
     return _row(decompose(law, _fall_from(start, law), position_m[None], first=steps), 0)
 
 
 def _fall_from(start: Motion, law: Law) -> Fall:
     return Fall(
-        position_m=_vector(start.position_m[0]),
-        velocity_m_s=_vector(start.velocity_m_s[0]),
+        position_m=triple(start.position_m[0]),
+        velocity_m_s=triple(start.velocity_m_s[0]),
         gravity_m_s2=law.gravity_m_s2[2],
         drag=law.drag,
     )
 
 
 def _row(parts: Decomposition, row: int) -> tuple[Vector, VectorTerms]:
-    terms = (_vector(getattr(parts, f"{name}_m")[row]) for name in TERMS)
-    return _vector(parts.total_m[row]), VectorTerms(*terms)
-
-
-def _vector(values: Float64) -> Vector:
-    x, y, z = values.tolist()
-    return x, y, z
+    terms = (triple(getattr(parts, f"{name}_m")[row]) for name in TERMS)
+    return triple(parts.total_m[row]), VectorTerms(*terms)

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from drop_physics.analysis.explained.judged import CONTACT, Judged
 from drop_physics.analysis.explained.steps import Steps
-from drop_physics.analysis.results import BodyContact, Pusher, Vector
+from drop_physics.analysis.results import BodyContact, Pusher
 from drop_physics.analysis.times import Times
-from drop_physics.laws.vectors import summed
+from drop_physics.laws.vectors import summed, triple
 from drop_physics.seen.events import Body
 
 Float64 = NDArray[np.float64]
@@ -92,21 +92,16 @@ class Phases:
         if run is None:
             return
         by = [
-            Pusher(self._label(body), body, link, _vector(impulse), energy_j)
+            Pusher(self._label(body), body, link, triple(impulse), energy_j)
             for (body, link), (impulse, energy_j) in sorted(run.by.items())
         ]
         self._done.append(
             BodyContact(
                 run.first_step, run.last_step, self._times.of(run.first_step),
-                self._times.of(run.last_step), _vector(run.impulse_n_s), run.largest_force_n,
+                self._times.of(run.last_step), triple(run.impulse_n_s), run.largest_force_n,
                 run.energy_j, run.most_given_j, run.most_given_step, by,
             )
         )  # fmt: skip
 
     def _label(self, number: int) -> str:
         return self._bodies[number].label if number in self._bodies else str(number)
-
-
-def _vector(values: Float64) -> Vector:
-    x, y, z = values.tolist()
-    return x, y, z

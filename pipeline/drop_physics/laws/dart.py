@@ -21,7 +21,6 @@ from drop_physics.laws.textbook import (
     UPRIGHT,
     TextbookLaw,
     explicit_spin,
-    size_of_terms,
     turned_about,
 )
 
@@ -57,7 +56,3 @@ class DartLaw(TextbookLaw):
         straight = ~before.velocity_m_s[:, :2].any(axis=1) & (not any(self.gravity_m_s2[:2]))
         turned = (before.orientation != UPRIGHT).any(axis=1) | before.spin_rad_s.any(axis=1)
         return np.asarray(straight & ~turned)
-
-    def terms(self, before: Motion) -> tuple[Float64, Float64]:
-        """Return the size of the summands of velocity and spin in a timestep, shape (n,)."""
-        return size_of_terms(self, before)

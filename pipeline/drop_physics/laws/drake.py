@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.laws.base import Motion
-from drop_physics.laws.textbook import TextbookLaw, explicit_spin, size_of_terms
+from drop_physics.laws.textbook import TextbookLaw, explicit_spin
 
 Float64 = NDArray[np.float64]
 
@@ -63,7 +63,3 @@ class DrakeLaw(TextbookLaw):
     def bits(self, before: Motion) -> NDArray[np.bool_]:
         """Return from which samples `step` has the engine's velocities to the last bit, (n,)."""
         return np.asarray(~before.spin_rad_s.any(axis=1) & self.semi_implicit)
-
-    def terms(self, before: Motion) -> tuple[Float64, Float64]:
-        """Return the size of the summands of velocity and spin in a timestep, shape (n,)."""
-        return size_of_terms(self, before)

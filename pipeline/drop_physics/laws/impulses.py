@@ -9,12 +9,13 @@ what it reports of it, is in that engine's law (`bullet_tree`).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.laws.kinematics import Kinematics, generalised_at_points
+from drop_physics.laws.rowed import Rowed
 from drop_physics.laws.tree import RATES, Tree
 from drop_physics.laws.vectors import summed
 
@@ -36,8 +37,8 @@ def _no_vectors() -> Float64:
     return np.empty((0, 3))
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Forces:
+@dataclass(frozen=True, eq=False)
+class Forces(Rowed):
     """Forces and torques on single links, one row each, in world axes, for one step."""
 
     step: Rows = field(default_factory=_no_rows)
@@ -52,21 +53,9 @@ class Forces:
     rolling: Flags = field(default_factory=lambda: np.empty(0, np.bool_))
     """Of contacts: whether bodies resist rolling or spinning there, which is not in the force."""
 
-    def __len__(self) -> int:
-        """Return the number of rows."""
-        return len(self.step)
-
-    def then(self, more: Forces) -> Forces:
-        """Return these rows and more."""
-        names = [each.name for each in fields(self)]
-        return Forces(
-            **{name: np.concatenate((getattr(self, name), getattr(more, name))) for name in names}
-        )
-
     def between(self, first: int, last: int) -> Forces:
         """Return the rows of the steps from `first` up to `last`, counted from 0."""
-        rows = (self.step >= first) & (self.step < last)
-        kept = Forces(**{each.name: getattr(self, each.name)[rows] for each in fields(self)})
+        kept = self.at((self.step >= first) & (self.step < last))
         return replace(kept, step=kept.step - first)
 
 

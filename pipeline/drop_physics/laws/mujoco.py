@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from drop_physics.laws.base import Motion
 from drop_physics.laws.rotations import rotate, rotate_inverse
-from drop_physics.laws.textbook import UPRIGHT, TextbookLaw, size_of_terms, turned_about
+from drop_physics.laws.textbook import UPRIGHT, TextbookLaw, turned_about
 from drop_physics.scenario import Integrator
 
 Float64 = NDArray[np.float64]
@@ -118,10 +118,6 @@ class MujocoLaw(TextbookLaw):
         straight = ~before.velocity_m_s[:, :2].any(axis=1) & (not any(self.gravity_m_s2[:2]))
         turned = (before.orientation != UPRIGHT).any(axis=1) | before.spin_rad_s.any(axis=1)
         return np.asarray(straight & ~turned & (self.integrator != "rk4"))
-
-    def terms(self, before: Motion) -> tuple[Float64, Float64]:
-        """Return the size of the summands of velocity and spin in a timestep, shape (n,)."""
-        return size_of_terms(self, before)
 
 
 def _cross_matrix(vectors: Float64) -> Float64:

@@ -75,6 +75,23 @@ class TextbookLaw(Law):
         """Return the change of spin by angular impulses [rad/s], in the body's axes, (n, 3)."""
         return np.asarray(angular_impulse_n_m_s / np.array(self.inertia_kg_m2))
 
+    def terms(self, before: Motion) -> tuple[Float64, Float64]:
+        """Return the size of the summands of velocity and spin in a timestep, shape (n,).
+
+        Forces are moved to the centre of mass from a point that is off by the rounding of x;
+        v × m v is then a torque, which cancels except for rounding.
+        """
+        dt, inertia = self.timestep_s, self.inertia_kg_m2
+        x, v, w = (
+            np.linalg.norm(each, axis=1)
+            for each in (before.position_m, before.velocity_m_s, before.spin_rad_s)
+        )
+        pull = float(np.linalg.norm(self.gravity_m_s2))
+        uneven = max(inertia) / min(inertia)
+        arm = self.mass_kg / min(inertia)
+        linear = v + dt * (pull + v * w + x * w**2 * uneven)
+        return linear, 8 * w + dt * (w**2 * uneven + arm * (v**2 + x * (pull + v * w)))
+
     def free_velocities(self, velocity_m_s: Float64) -> Float64:
         """Return velocities after a step [m/s], shape (n, 3)."""
         pulled = velocity_m_s + self.timestep_s * np.array(self.gravity_m_s2)
@@ -134,21 +151,3 @@ def explicit_spin(before: Motion, inertia_kg_m2: Vector, timestep_s: float) -> F
     spin = rotate_inverse(before.orientation, before.spin_rad_s)
     change = rotate(before.orientation, -np.cross(spin, inertia * spin) / inertia)
     return before.spin_rad_s + timestep_s * change
-
-
-def size_of_terms(law: TextbookLaw, before: Motion) -> tuple[Float64, Float64]:
-    """Return the size of a step's summands where forces are moved to the centre of mass, (n,) each.
-
-    From a point that is off by the rounding of x; v × m v is then a torque, which cancels except
-    for rounding.
-    """
-    dt, inertia = law.timestep_s, law.inertia_kg_m2
-    x, v, w = (
-        np.linalg.norm(each, axis=1)
-        for each in (before.position_m, before.velocity_m_s, before.spin_rad_s)
-    )
-    pull = float(np.linalg.norm(law.gravity_m_s2))
-    uneven = max(inertia) / min(inertia)
-    arm = law.mass_kg / min(inertia)
-    linear = v + dt * (pull + v * w + x * w**2 * uneven)
-    return linear, 8 * w + dt * (w**2 * uneven + arm * (v**2 + x * (pull + v * w)))

@@ -8,13 +8,15 @@ between two links, the links between them have no mass.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import accumulate, pairwise
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
+
+from drop_physics.laws.rowed import Rowed
 
 Float64 = NDArray[np.float64]
 Joint = Literal["fixed", "revolute", "prismatic", "spherical"]
@@ -129,7 +131,7 @@ class Tree:
 
 
 @dataclass(frozen=True, eq=False)
-class States:
+class States(Rowed):
     """States of a tree, one row each."""
 
     position_m: Float64
@@ -140,14 +142,6 @@ class States:
     """Positions of the joints, shape (n, joint_coordinates)."""
     velocity: Float64
     """The generalised velocity u, shape (n, size)."""
-
-    def __len__(self) -> int:
-        """Return the number of states."""
-        return len(self.velocity)
-
-    def at(self, rows: slice | NDArray[np.intp]) -> States:
-        """Return some of the states."""
-        return States(*(getattr(self, each.name)[rows] for each in fields(self)))
 
 
 def places(widths: Iterable[int], first: int = 0) -> tuple[slice, ...]:

@@ -28,6 +28,12 @@ def lengths(vectors: Float64) -> Float64:
     return np.asarray(np.sqrt(sums(vectors * vectors)))
 
 
+def triple(vector: Float64) -> tuple[float, float, float]:
+    """Return a vector as three numbers."""
+    x, y, z = vector.tolist()
+    return x, y, z
+
+
 def any_of(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return in which rows any flag is set, shape (n,)."""
     return functools.reduce(np.logical_or, flags.T)

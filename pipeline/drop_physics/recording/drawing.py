@@ -22,7 +22,6 @@ from drop_physics.recording.writer import Chunk, Times, scalars_chunk
 from drop_physics.seen.calls import text_of
 from drop_physics.seen.events import (
     Appearance,
-    At,
     Body,
     Calls,
     Collision,
@@ -139,7 +138,7 @@ class Drawing:
 
     def on_appearance(self, seen: Appearance) -> Iterator[Chunk]:
         """Yield the shapes of a body that came, or what removes them."""
-        at, body = _at(seen.at), seen.body
+        at, body = writer.times_of(seen.at), seen.body
         if not seen.there:
             # Of rows at the same time the last counts, so its last pose must come before this.
             yield from self._poses.flush()
@@ -174,7 +173,7 @@ class Drawing:
         self._bases[put.body.number] = put.base
         if put.body.number in self._trees:
             parts = links_of(self._trees[put.body.number], put.base[None], put.joints)
-            yield from self._place(put.body, _at(put.at), parts)
+            yield from self._place(put.body, writer.times_of(put.at), parts)
 
     # -- samples ----------------------------------------------------------------------------------
 
@@ -302,8 +301,8 @@ class Drawing:
         lens = (image.view, image.projection, image.rgba.shape)
         if self._lenses.get(number) != lens:
             self._lenses[number] = lens
-            yield from pictures.camera(f"camera/{number}", _at(image.at), image)
-        yield from self._images.add(f"camera/{number}/image", _at(image.at), png)
+            yield from pictures.camera(f"camera/{number}", writer.times_of(image.at), image)
+        yield from self._images.add(f"camera/{number}/image", writer.times_of(image.at), png)
 
     def on_calls(
         self, seen: Calls, sites: Mapping[int, Site], widths: NDArray[np.int64]
@@ -325,7 +324,9 @@ class Drawing:
 
     def on_raised(self, seen: Raised) -> Iterator[Chunk]:
         """Yield what a call raised."""
-        yield from self._log.add(schema.LOG, _at(seen.at), (f"raised {seen.error}", True))
+        yield from self._log.add(
+            schema.LOG, writer.times_of(seen.at), (f"raised {seen.error}", True)
+        )
 
 
 def _thinned(gathered: Gathering, entity: str, at: Times, values: Float64) -> Iterator[Chunk]:
@@ -381,7 +382,3 @@ def _end_of(body: Body) -> int:
     for joint in body.joints:
         depths.append(depths[joint.parent + 1] + 1)
     return 0 if body.base_moves else int(np.argmax(depths))
-
-
-def _at(at: At) -> Times:
-    return Times(np.array([at.step]), np.array([at.time_s]), np.array([at.call]))

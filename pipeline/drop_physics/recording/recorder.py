@@ -30,7 +30,6 @@ from drop_physics.recording.layout import Look, eye_around, series_of
 from drop_physics.recording.writer import Chunk, Times
 from drop_physics.seen.events import (
     Appearance,
-    At,
     Body,
     Calls,
     Ending,
@@ -209,7 +208,7 @@ class Recorder:
         entity, at, values = told.row_of(event)
         text = told.packed(values)
         self._told_rows.update(entity, at.step, at.call, text)
-        yield from self._rows.add(entity, times_of(at), text)
+        yield from self._rows.add(entity, writer.times_of(at), text)
         if self.drawn:
             yield from self.drawing.on(event)
 
@@ -321,8 +320,3 @@ def rows_of_bases(seen: Samples) -> Rows:
         for name, part in MOTION.items():
             rows[name][:, column] = seen.bases[number][:, part]
     return rows.reshape(-1)
-
-
-def times_of(at: At) -> Times:
-    """Return a moment as the times of a row."""
-    return Times(np.array([at.step]), np.array([at.time_s]), np.array([at.call]))

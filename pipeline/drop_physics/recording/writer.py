@@ -30,7 +30,7 @@ from drop_physics.files.outputs import output_errors
 from drop_physics.recording import schema
 from drop_physics.recording.sealing import seal, unfinished
 from drop_physics.scenario import Camera
-from drop_physics.seen.events import Calls
+from drop_physics.seen.events import At, Calls
 from drop_physics.states import Rows
 
 Float64 = NDArray[np.float64]
@@ -252,6 +252,11 @@ class Times(NamedTuple):
         """Return those of some rows."""
         calls = None if self.calls is None else self.calls[which]
         return Times(self.steps[which], self.times_s[which], calls)
+
+
+def times_of(at: At) -> Times:
+    """Return a moment as the times of a row."""
+    return Times(np.array([at.step]), np.array([at.time_s]), np.array([at.call]))
 
 
 def times(at: Times) -> list[rr.TimeColumn]:

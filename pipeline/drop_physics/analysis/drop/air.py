@@ -66,7 +66,7 @@ class Air:
         case, touches = self._case, part.touches
         points = slice(int(np.searchsorted(touches.step, rows)))
         found = segments_of(
-            part.at(slice(rows)), case.law, touches.at(points, touches.step[points]),
+            part.at(slice(rows)), case.law, touches.at(points),
             exact=case.exact, before=before.at(slice(rows)), placed=part.steps[:rows] == 0,
         )  # fmt: skip
         stepped = part.steps[:rows] > 0

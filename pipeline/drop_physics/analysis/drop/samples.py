@@ -70,7 +70,7 @@ class Samples(Motion):
     def touches(self) -> Touches:
         """The contact points of the body, or its base, with the rows of their samples."""
         touches = touches_of(self.contacts, BODY)
-        return touches.at(slice(None), touches.step - self.first)
+        return touches.since(self.first, slice(None))
 
 
 def samples_of(states: pl.DataFrame, contacts: pl.DataFrame) -> Samples:

@@ -89,7 +89,7 @@ def explained(
         found = segments.segments_of(
             motion_of(after).at(rows),
             law,
-            touches.at(points, touches.step[points] - first),
+            touches.since(first, points),
             exact=exact,
             pushes=_pushes(reported.applied.between(first, end), then),
             placed=np.zeros(end - first, np.bool_),

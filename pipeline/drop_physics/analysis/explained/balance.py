@@ -14,8 +14,7 @@ Source: Newton and Euler; checked against PyBullet in `tests/test_segments.py`.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
-from typing import Self
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from numpy.typing import NDArray
 from drop_physics.analysis.explained.touching import Touches
 from drop_physics.laws.base import Law, Motion
 from drop_physics.laws.rotations import rotate, rotate_inverse
+from drop_physics.laws.rowed import Rowed
 from drop_physics.laws.vectors import any_of, cross, largest, lengths, summed
 
 Float64 = NDArray[np.float64]
@@ -39,7 +39,7 @@ fast.
 
 
 @dataclass(frozen=True)
-class Pushes:
+class Pushes(Rowed):
     """What a script applied to a body in the step that led to each sample, in world axes."""
 
     force_n: Float64
@@ -49,10 +49,6 @@ class Pushes:
     force_scale_n: Float64
     """Size of the summands, which may cancel, shape (samples,)."""
     torque_scale_n_m: Float64
-
-    def at(self, rows: slice) -> Self:
-        """Return those of some samples."""
-        return type(self)(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     @property
     def acted(self) -> NDArray[np.bool_]:

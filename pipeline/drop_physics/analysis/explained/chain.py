@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.analysis.explained.bodies import Epoch, Epochs, Record
+from drop_physics.laws.rowed import Rowed
 from drop_physics.laws.tree import States, Tree
 from drop_physics.seen.events import Put
 from drop_physics.seen.poses import MOTION_COLUMNS
@@ -21,7 +22,7 @@ Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class Chain:
+class Chain(Rowed):
     """States of one body, one after the other; what leads from one to the next is a step or a call.
 
     Arrays have one row per state.
@@ -41,21 +42,6 @@ class Chain:
     """Whether it is a sample; else calls set it."""
     stepped: Flags
     """Whether a step led to it from the state before."""
-
-    def __len__(self) -> int:
-        """Return the number of states."""
-        return len(self.steps)
-
-    def at(self, rows: slice | NDArray[np.intp]) -> Chain:
-        """Return some of the states."""
-        return Chain(**{each.name: getattr(self, each.name)[rows] for each in fields(self)})
-
-    def then(self, more: Chain) -> Chain:
-        """Return these states and more."""
-        names = [each.name for each in fields(self)]
-        return Chain(
-            **{name: np.concatenate((getattr(self, name), getattr(more, name))) for name in names}
-        )
 
     def states(self, tree: Tree) -> States:
         """Return the states as those of a tree."""

@@ -91,7 +91,7 @@ def segments_of(
         block = _of_block(
             motion.at(rows),
             law,
-            touches.at(points, touches.step[points] - first),
+            touches.since(first, points),
             exact=exact,
             pushes=None if pushes is None else pushes.at(rows),
             placed=placed[rows],

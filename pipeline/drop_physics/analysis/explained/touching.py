@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import polars as pl
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from drop_physics.analysis.explained.bodies import Record
 from drop_physics.laws.bullet_reports import contact_forces
 from drop_physics.laws.impulses import Forces
+from drop_physics.laws.rowed import Rowed
 from drop_physics.laws.tree import BASE
 
 Float64 = NDArray[np.float64]
@@ -23,7 +24,7 @@ VECTORS = ("ax_m", "bx_m", "nx", "f1x", "f2x")
 
 
 @dataclass(frozen=True, eq=False)
-class Sides:
+class Sides(Rowed):
     """Contact points, one row for each of their two sides; in step order."""
 
     step: Int64
@@ -38,13 +39,9 @@ class Sides:
     rolling: Flags
     """Whether either link has a coefficient of rolling or spinning friction."""
 
-    def at(self, rows: NDArray[np.intp]) -> Sides:
-        """Return some of the sides."""
-        return Sides(*(getattr(self, each.name)[rows] for each in fields(self)))
-
 
 @dataclass(frozen=True)
-class Touches:
+class Touches(Rowed):
     """The contact points of one part, one row each; vectors in world axes, (points, 3)."""
 
     step: Int64
@@ -58,16 +55,10 @@ class Touches:
     """The other body, (points,)."""
     other_link: Int64
 
-    def at(self, points: slice | NDArray[np.bool_], step: Int64) -> Touches:
-        """Return some of the points, with new step numbers."""
-        return replace(
-            self,
-            step=step,
-            **{
-                name: getattr(self, name)[points]
-                for name in ("position_m", "force_n", "distance_m", "other_body", "other_link")
-            },
-        )
+    def since(self, first: int, points: slice) -> Touches:
+        """Return some of the points, whose steps count from `first`."""
+        some = self.at(points)
+        return replace(some, step=some.step - first)
 
 
 class Touching:
