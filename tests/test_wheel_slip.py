@@ -69,6 +69,24 @@ for i in range(480):
     p.stepSimulation()
 rolled = [p.getJointState(b, w)[0] * radius for w in wheels]
 """
+TRIKE = """
+p.setGravity(0, 0, -9.81)
+plane = p.loadURDF("plane.urdf")
+p.changeDynamics(plane, -1, lateralFriction={mu})
+ball = [p.createCollisionShape(p.GEOM_SPHERE, radius=r) for r in (.1, .1, .04)]
+wheels, radius = [0, 1], .1
+b = p.createMultiBody(5, -1, -1, [0, 0, .12], [0, 0, 0, 1], linkMasses=[.5, .5, .1],
+    linkCollisionShapeIndices=ball, linkVisualShapeIndices=[-1] * 3,
+    linkPositions=[[.1, .2, -.02], [.1, -.2, -.02], [-.15, 0, -.08]],
+    linkOrientations=[[0, 0, 0, 1]] * 3, linkInertialFramePositions=[[0, 0, 0]] * 3,
+    linkInertialFrameOrientations=[[0, 0, 0, 1]] * 3, linkParentIndices=[0] * 3,
+    linkJointTypes=[p.JOINT_REVOLUTE] * 2 + [p.JOINT_FIXED], linkJointAxis=[[0, 1, 0]] * 3)
+for i in range(480):
+    for w in wheels:
+        p.setJointMotorControl2(b, w, p.VELOCITY_CONTROL, targetVelocity=10, force=5)
+    p.stepSimulation()
+rolled = [p.getJointState(b, w)[0] * radius for w in wheels]
+"""
 LEVEL = {
     "slope": 0, "mu": 0.8, "height": 0.1, "hang": 0, "axis": [0, 1, 0], "before": "",
     "driven": "wheels", "shape": "p.GEOM_SPHERE", "speed": -8, "each": "pass",
@@ -99,6 +117,7 @@ SLIP = {
     "racecar on ice": (
         RACECAR.format(mu=0.02, speed=20, steer=0), RACECAR.format(mu=2, speed=20, steer=0),
     ),
+    "a caster that drags": (TRIKE.format(mu=0.05), TRIKE.format(mu=2)),
     "cart up a slope": (cart(slope=0.1, mu=0.12), cart(slope=0.1, mu=1)),
 }  # fmt: skip
 THEN_BACK = """

@@ -28,7 +28,7 @@ TURN_RAD = 2 * np.pi
 """What does not go round once is no wheel."""
 LYING = 0.5
 """Cosine of the angle between axis and ground's normal: above, it is a brush."""
-AT_LIMIT = 0.95
+AT_LIMIT = ALIKE = 0.95
 HELD = 0.1
 """Share of the friction available to the wheels: with more, something else holds the robot."""
 SIDEWAYS = 0.2
@@ -206,13 +206,16 @@ class Rolling:
                 self.lying[rows] = np.einsum("ki,ki->k", axis, self._normal[rows])
 
     def held(self, wheel: Flags) -> Flags:
-        """Return in which steps something besides the wheels' friction acts along the ground."""
+        """Return in which steps something besides the ground's friction acts along it."""
         steps, n = self._steps, len(self._steps)
         timestep_s = steps.reported.timestep_s[:, None]
         outside = sum(steps.terms[name][:, 3:6] for name in ("contacts", "constraints", "applied"))
-        others = outside / timestep_s - _summed(self._tangential_n[wheel], self.row[wheel], n)
         normal = _summed(self._normal[wheel] * self._normal_n[wheel, None], self.row[wheel], n)
         normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-12)[:, None]
+        # A caster without a joint that drags on the same ground does not hold it.
+        alike = np.einsum("ki,ki->k", self._normal, normal[self.row]) > ALIKE
+        own = wheel | (alike & (self.rate == steps.law.tree.joint_rates))
+        others = outside / timestep_s - _summed(self._tangential_n[own], self.row[own], n)
         others = others - np.einsum("ni,ni->n", others, normal)[:, None] * normal
         most = (self._friction * self._normal_n)[wheel, None]
         available = _summed(most, self.row[wheel], n)[:, 0]
