@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Collection
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from drop_physics.analysis.answers.arguments import site_of
 from drop_physics.seen.calls import Call
 from drop_physics.seen.events import Appearance, Body
-from drop_physics.seen.history import Piece
+from drop_physics.seen.history import Piece, Seen
 from drop_physics.seen.log import MAKES
 
 
@@ -73,3 +74,18 @@ def size_m(body: Body) -> float:
     """Return the longest edge of the box around a body, as it was added; 1 if it is unknown."""
     boxes = np.reshape(body.bounds_m, (-1, 2, 3))
     return float(np.max(boxes[:, 1] - boxes[:, 0], initial=0.0)) or 1.0
+
+
+def strained_by(seen: Seen, bodies: Collection[Body]) -> float:
+    """Return how much heavier one of some bodies is than another, if the solver cannot bear that.
+
+    0 where it does not use up its iterations, and of bodies with joints, whose masses act as one.
+    """
+    numbers = {each.number for each in bodies}
+    told = {each.body.number: float(each.reported["mass_kg"][0])
+        for each in seen.dynamics if each.body.number in numbers}  # fmt: skip
+    masses_kg = [each for each in told.values() if each > 0]
+    plain = masses_kg and all(len(each.links) == 1 for each in bodies)
+    clients = {each.client for each in seen.solvers if each.steps}
+    early = all(each.client in clients for each in bodies)
+    return max(masses_kg) / min(masses_kg) if plain and early else 0.0

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
+from drop_physics.analysis.answers.asked_of_bodies import strained_by
 from drop_physics.analysis.answers.runs import Runs, consecutive
 from drop_physics.analysis.contact_points import Pairs
 from drop_physics.messages import Message, joined
@@ -146,10 +147,10 @@ class DeepPenetration(Answer):
 
     def _cause(self, body: int, other: int, overlap: Overlap) -> tuple[str | None, str | None]:
         """Return why, and what changes it; None where that is not sure."""
-        took, client = overlap.deepest - overlap.first, self.scene.body(body).client
+        took = overlap.deepest - overlap.first
         grows = took >= GROWS and overlap.depth_m > 2 * overlap.began_m
-        stiffness_n_m, ratio = self._stiffness_n_m(body, other), self._ratio(body, other)
-        early = any(each.client == client and each.steps for each in self.scene.seen.solvers)
+        stiffness_n_m = self._stiffness_n_m(body, other)
+        ratio = strained_by(self.scene.seen, [self.scene.body(each) for each in (body, other)])
         if overlap.carried > (overlap.last - overlap.first) / 2:
             return (
                 Message("a call moves one of them in each step, and it has no velocity"),
@@ -178,7 +179,7 @@ class DeepPenetration(Answer):
                 Message("give the motors less force, or raise "
                     "p.setPhysicsEngineParameter(numSolverIterations=500)"),
             )  # fmt: skip
-        if RATIO <= ratio <= MOST_RATIO and early and took >= GROWS:
+        if RATIO <= ratio <= MOST_RATIO and took >= GROWS:
             return (
                 Message("one is {ratio:.3g} times as heavy as the other, and the solver uses up "
                     "its iterations", ratio=ratio),
@@ -200,17 +201,6 @@ class DeepPenetration(Answer):
             if number in self._end and link + 1 < len(boxes):
                 edges.append(float((boxes[link + 1, 1] - boxes[link + 1, 0]).min()))
         return max(min(edges, default=np.inf), 1e-9)
-
-    def _ratio(self, body: int, other: int) -> float:
-        """Return how much heavier one of two bodies without joints is; 0 with others."""
-        masses = []
-        for number in (body, other):
-            each = self.scene.body(number)
-            told = [d.reported["mass_kg"] for d in self.scene.seen.dynamics if d.body is each]
-            if len(each.links) != 1 or not told or not float(told[-1][0]) > 0:
-                return 0.0
-            masses.append(float(told[-1][0]))
-        return max(masses) / min(masses)
 
 
 def _presses(scene: Scene, body: int, steps: Int64) -> str:

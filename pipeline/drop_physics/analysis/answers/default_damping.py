@@ -7,13 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drop_physics.analysis.answers.answer import (
-    Answer,
-    Effect,
-    Finding,
-    Noted,
-    Scene,
-)
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Noted, Scene
 from drop_physics.analysis.explained.changes import energy_of
 from drop_physics.analysis.explained.judged import DRIVEN, FLIGHT
 from drop_physics.messages import Message

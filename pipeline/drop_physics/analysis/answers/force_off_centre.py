@@ -7,13 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.answers.answer import (
-    Answer,
-    Effect,
-    Finding,
-    Notes,
-    Scene,
-)
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Notes, Scene
 from drop_physics.analysis.answers.arguments import given, number, site_of
 from drop_physics.analysis.explained.steps import Steps
 from drop_physics.laws.kinematics import kinematics

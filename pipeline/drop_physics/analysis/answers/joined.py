@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
 from drop_physics.analysis.answers.arguments import given, number, site_of
-from drop_physics.analysis.answers.asked_of_bodies import size_m
+from drop_physics.analysis.answers.asked_of_bodies import size_m, strained_by
 from drop_physics.analysis.explained.commands import TIMESTEPS
 from drop_physics.analysis.explained.joined import FIXED, POINT
 from drop_physics.laws.kinematics import kinematics
@@ -194,19 +194,11 @@ class Joined(Answer):
                 yield weak
 
     def _ratio(self, client: int) -> float:
-        """Return how much heavier than another a body is that hangs on the same unmoved points.
-
-        0 where the solver does not use up its iterations, and of bodies with joints.
-        """
+        """Return what the solver has to bear of points that meet and that no call moved."""
         mine = [each for each in self._all if each.call.client == client]
         bodies = {body.number: body for each in mine for body in each.bodies if body is not None}
-        told = {each.body.number: float(each.reported["mass_kg"][0])
-            for each in self.scene.seen.dynamics if each.body.number in bodies}  # fmt: skip
-        masses_kg = [each for each in told.values() if each > 0]
-        plain = all(len(each.links) == 1 for each in bodies.values())
-        early = any(each.client == client and each.steps for each in self.scene.seen.solvers)
         meet = all(_meets(each) and each.changed == each.call.at.step for each in mine)
-        return max(masses_kg) / min(masses_kg) if plain and early and meet and masses_kg else 0.0
+        return strained_by(self.scene.seen, bodies.values()) if meet else 0.0
 
     def _leans(self, joined: _Joined) -> bool:
         """Whether something that one of its bodies touches may hold it off, at the end."""

@@ -6,12 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from drop_physics.analysis.answers.answer import (
-    Answer,
-    Finding,
-    Scene,
-    Span,
-)
+from drop_physics.analysis.answers.answer import Answer, Finding, Scene, Span
 from drop_physics.analysis.answers.arguments import site_of
 from drop_physics.messages import Message
 from drop_physics.seen.calls import BODY_NAMES, Call

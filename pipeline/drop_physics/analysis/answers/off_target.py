@@ -11,14 +11,7 @@ from numpy.typing import NDArray
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span, and_more
 from drop_physics.analysis.answers.asked_of_bodies import size_m
 from drop_physics.analysis.answers.held_off import Cause, at_limit, cause_of, give_at_least
-from drop_physics.analysis.answers.joint import (
-    OFF,
-    distance,
-    effort,
-    name_of,
-    place,
-    units_of,
-)
+from drop_physics.analysis.answers.joint import OFF, distance, effort, name_of, place, units_of
 from drop_physics.analysis.joints import Driven
 from drop_physics.analysis.targets import Stood, Targets, rings_with
 from drop_physics.messages import Message

@@ -8,13 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.answers.answer import (
-    Answer,
-    Effect,
-    Finding,
-    Noted,
-    Scene,
-)
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Noted, Scene
 from drop_physics.analysis.answers.arguments import given, number, site_of
 from drop_physics.analysis.explained.steps import Steps
 from drop_physics.messages import Message

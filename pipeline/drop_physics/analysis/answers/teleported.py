@@ -6,13 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from drop_physics.analysis.answers.answer import (
-    Answer,
-    Effect,
-    Finding,
-    Notes,
-    Scene,
-)
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Notes, Scene
 from drop_physics.laws.tree import States
 from drop_physics.messages import Message
 
