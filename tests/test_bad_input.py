@@ -80,7 +80,7 @@ def refused_or(make: Callable[[], Optioned], option: Option) -> Optioned | None:
 
 @pytest.mark.parametrize("kind", [Scenario, Camera])
 @given(data=st.data())
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=250, deadline=None)
 def test_any_value_in_any_field_is_taken_or_refused_in_one_line(
     kind: type[Optioned], data: st.DataObject
 ) -> None:
@@ -95,7 +95,7 @@ def test_any_value_in_any_field_is_taken_or_refused_in_one_line(
 
 
 @given(data=st.data())
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=250, deadline=None)
 def test_any_text_for_any_option_is_taken_or_refused_in_one_line(data: st.DataObject) -> None:
     options = Scenario.options() | Camera.options()
     name = data.draw(st.sampled_from(sorted(options)))

@@ -103,20 +103,20 @@ def test_the_law_is_pybullets(coordinates: Any, linear_damping: float | None) ->
             "timestep_s": dt,
         }
         positions, velocities, mass_kg = thrown(
-            steps=60, mass_kg=mass, velocity_m_s=velocity, **setting
+            steps=30, mass_kg=mass, velocity_m_s=velocity, **setting
         )
         law = law_of(mass_kg=mass_kg, **setting)
-        predicted = airborne(law, 60, velocity_m_s=velocity)
+        predicted = airborne(law, 30, velocity_m_s=velocity)
         assert_same(predicted[0], positions)
         assert_same(predicted[1], velocities)
         many = law.held(law.free_velocities(velocities[:-1]))
         # Each of its few operations rounds the largest of what it adds.
         largest = np.abs(velocities).max() + abs(gravity) * dt
         assert np.abs(many - velocities[1:]).max() <= 8 * np.spacing(largest)
-        exact = exact_path(law, steps=60, velocity_m_s=velocity)
+        exact = exact_path(law, steps=30, velocity_m_s=velocity)
         rounding = exact.difference(positions)
         # Each step rounds the height and the velocity once more, by half a last place at most.
-        steps = np.arange(61)[:, None]
+        steps = np.arange(31)[:, None]
         in_height = np.spacing(np.abs(positions).max())
         in_velocity = np.spacing(np.abs(velocities).max()) * steps * dt
         assert (np.abs(rounding) <= steps * (in_height + 2 * in_velocity)).all()

@@ -110,8 +110,8 @@ def bounces_of(series: tuple[np.ndarray, np.ndarray], fall: Dropped, rate: int) 
 
 
 @pytest.mark.parametrize("coordinates", MODES)
-@pytest.mark.parametrize("rate", [60, 240, 480, 960])
-@pytest.mark.parametrize("restitution", [0.0, 0.5, 0.9])
+@pytest.mark.parametrize("rate", [60, 240, 960])
+@pytest.mark.parametrize("restitution", [0.0, 0.9])
 def test_the_whole_second_is_pybullets(coordinates: Any, rate: int, restitution: float) -> None:
     # Each body has the restitution; the pair's is the product. Bounces that differ in a last place
     # may see the floor's distance off by 2^-50 m, which is a speed of 2^-50 m / dt for 1 s.

@@ -116,24 +116,13 @@ EPSILON = 2.0**-52
     "scenario",
     [
         Scenario(),
-        Scenario(height_m=1000, duration_s=10),
-        Scenario(height_m=1000, duration_s=5, timestep_s=1 / 4000, linear_damping=0.0),
+        Scenario(height_m=1000, duration_s=2, timestep_s=1 / 4000, linear_damping=0.0),
         Scenario(height_m=1e4, timestep_s=0.02, duration_s=20),
         Scenario(height_m=0.03, velocity_m_s=(3, 0, 9), duration_s=1.5),
-        Scenario(floor=False, duration_s=60, linear_damping=0.0),
+        Scenario(floor=False, duration_s=30, linear_damping=0.0),
         Scenario(coordinates="maximal", linear_damping=0.3, height_m=50, duration_s=3),
-        Scenario(gravity_m_s2=-1.62, height_m=20, linear_damping=0.9, duration_s=4),
     ],
-    ids=[
-        "standard",
-        "1000 m",
-        "small steps",
-        "large steps",
-        "thrown",
-        "no floor",
-        "maximal",
-        "moon",
-    ],
+    ids=["standard", "small steps", "large steps", "thrown", "no floor", "maximal"],
 )
 def test_rounding_is_as_small_as_the_readme_says(scenario: Scenario, tmp_path: Path) -> None:
     """Below steps × 2⁻⁵² × the largest height so far. Measured over 35 scenarios: 0.36 of it.

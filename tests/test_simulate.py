@@ -199,7 +199,7 @@ def test_the_rest_height_of_a_cube_is_half_its_edge_to_the_bit() -> None:
 
 @pytest.mark.parametrize("turned", TURNED)
 @pytest.mark.parametrize("maximal", [False, True])
-@pytest.mark.parametrize("name", some([*BODIES, *MESHES], 6))
+@pytest.mark.parametrize("name", some([*BODIES, *MESHES], 4))
 def test_at_the_rest_height_the_floor_begins_to_push(
     tmp_path: Path, name: str, maximal: bool, turned: str
 ) -> None:

@@ -117,12 +117,11 @@ CHANCE = "--samples 5 --vary velocity_z=normal:0:0.1 --no-record"
 @pytest.mark.parametrize(
     "command",
     some([
-        "", "--help", *(f"{name} --help" for name in EXAMPLES),
+        "", "--help", *(f"{name} --help" for name in (*EXAMPLES,)[:4]),
         "run", "simulate --out new.rrd --no-camera --gravity 9.81",
         "analyze run.rrd --at 0.1 --at 0.9", "render run.rrd", "check run.rrd --against run.rrd",
         "check bounce.rrd --against run.rrd",
         f"sweep --out s --spin 0,0,0;1,2,3 --body cube_small.urdf,sphere_small.urdf {STUDY}",
-        f"sweep --out s --duration 1,0.3001 {CHANCE}",
         "foo", "simulate", "simulate --out new.rrd --timestep 1/0", "render no.rrd",
         "sweep --out s --samples 3 --vary zzz=uniform:1:2", "check run.rrd --against no.rrd",
     ], 6),
@@ -268,14 +267,13 @@ def test_names_with_control_characters_are_harmless_in_errors(
     ("command", "what"),
     some(
         [
+            ("analyze run.rrd", "analyzing"),
             ("simulate --out a.rrd --duration 400 --no-camera", "stepping"),
             ("simulate --out a.rrd", "drawing frames"),
             ("render run.rrd", "writing gif"),
-            ("analyze run.rrd", "analyzing"),
-            (f"sweep --out s {CHANCE}", "runs, 0 failed"),
             ("sweep --out s --duration 1,0.3001,2 --no-record", "runs, 1 failed"),
         ],
-        2,
+        1,
     ),
 )
 def test_what_takes_long_has_a_bar_with_count_rate_and_time_left(
@@ -303,7 +301,7 @@ def test_a_script_has_a_line_that_says_how_far_it_is_and_how_to_stop_it(
 
 
 def test_a_pipe_gets_no_bar(drop: Drop) -> None:
-    assert drop("simulate", "--out", "a.rrd").stderr == ""
+    assert drop("simulate", "--out", "a.rrd", "--duration", "0.1").stderr == ""
 
 
 @pytest.mark.parametrize(
@@ -768,7 +766,7 @@ def test_printed_commands_can_be_pasted(drop: Drop, tmp_path: Path) -> None:
     folder = "it's a folder"
     missing = drop("simulate", "-o", f"{folder}/new.rrd", "--no-camera").stderr
     assert shlex.split(missing.partition("create it with: ")[2]) == ["mkdir", "-p", folder]
-    told = drop("run", "--no-camera", "--out-dir", folder).stdout
+    told = drop("run", "--no-camera", "--duration", "0.1", "--out-dir", folder).stdout
     command = told.partition("see it move")[2].strip()
     assert shlex.split(command) == ["drop", "view", f"{folder}/run.rrd"]
     told = drop("info", f"{folder}/run.rrd").stdout

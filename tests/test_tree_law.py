@@ -308,12 +308,12 @@ def test_free_motion_closes(file: str) -> None:
         closes(watched.sum())
 
 
-@pytest.mark.parametrize(("file", "mode"), some(DRIVEN, 16))
+@pytest.mark.parametrize(("file", "mode"), some(DRIVEN, 12))
 def test_a_robot_on_a_floor_that_may_touch_itself_closes(file: str, mode: str) -> None:
     with engine(floor=True):
         flags = {"flags": p.URDF_USE_SELF_COLLISION} if file.endswith(".urdf") else {}
         watched = robot(file, height_m=0.6, **flags)
-        run([watched], 150, driven(watched, mode))
+        run([watched], 90, driven(watched, mode))
         closes(watched.sum())
 
 

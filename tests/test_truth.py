@@ -1905,7 +1905,7 @@ FOUND: dict[str, tuple[str, dict[str, Any]]] = {
 """What drawn scenarios found once, made smaller; a statement or the oracle was wrong."""
 
 
-@pytest.mark.parametrize("found", some(FOUND, 5))
+@pytest.mark.parametrize("found", some(FOUND, 3))
 def test_what_was_found_once_is_confirmed(tmp_path: Path, found: str) -> None:
     body, values = FOUND[found]
     made = {one.__name__[1:].replace("_", "-"): one for one in BODIES}

@@ -117,7 +117,7 @@ def numbers(events: list[Event]) -> dict[str, np.ndarray[Any, Any]]:
 
 
 @pytest.mark.parametrize(
-    ("name", "finer"), some([(name, (2, 4)[number % 2]) for number, name in enumerate(SCRIPTS)], 3)
+    ("name", "finer"), some([(name, (2, 4)[number % 2]) for number, name in enumerate(SCRIPTS)], 2)
 )
 def test_a_finer_timestep_is_the_script_written_that_way(
     tmp_path: Path, name: str, finer: int
@@ -202,7 +202,7 @@ CHANGES: dict[str, tuple[dict[str, Any], str]] = {
 }
 
 
-@pytest.mark.parametrize("name", some(CHANGES, 2))
+@pytest.mark.parametrize("name", some(CHANGES, 1))
 def test_what_is_varied_is_what_a_call_would_change(tmp_path: Path, name: str) -> None:
     variation, call = CHANGES[name]
     varied, _, _ = watched(tmp_path, script(IN_THE_ENGINE), variation=variation)

@@ -184,11 +184,6 @@ def altered(source: Path, path: Path, change: Callable[[Chunk], Chunk | None]) -
     return path
 
 
-def without_pinhole(chunk: Chunk) -> Chunk | None:
-    names = chunk.to_record_batch().schema.names
-    return None if any(name.startswith("Pinhole:") for name in names) else chunk
-
-
 def with_broken_images(chunk: Chunk) -> Chunk:
     if chunk.entity_path != f"/{schema.IMAGE}":
         return chunk
@@ -210,7 +205,6 @@ def with_one_timeline(chunk: Chunk) -> Chunk:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (without_pinhole, "pinhole"),
         (with_broken_images, "Camera"),
         (with_one_timeline, "timelines ['call', 'sim_time']"),
     ],

@@ -234,7 +234,7 @@ for i in range(2 * {rate}):
     ("scene", "unit"),
     some(
         [
-            (TUMBLING.format(rate=240, spin="[0.05, 10, 0.05]", n=2400), "kg m²/s"),
+            (TUMBLING.format(rate=240, spin="[0.05, 10, 0.05]", n=1200), "kg m²/s"),
             (FLOATING.format(file="kuka_iiwa/model_free_base.urdf", rate=240, force=100), "kg m/s"),
         ],
         1,
