@@ -48,9 +48,13 @@ class Case:
     @property
     def name(self) -> str:
         """What is shown of it."""
-        sized = {"steps": "one box at rest", "bodies": f"boxes at rest: {self.size}",
-                 "dofs": f"degrees of freedom: {self.size}"}  # fmt: skip
-        return f"{sized[self.what]}, {self.steps:,} steps"
+        boxes = "1 box" if self.what == "steps" else f"{self.size} boxes"
+        sized = (
+            f"a robot of {self.size} degrees of freedom"
+            if self.what == "dofs"
+            else f"{boxes} at rest"
+        )
+        return f"{sized}, {self.steps:,} steps"
 
 
 def boxes(count: int) -> str:
@@ -123,7 +127,7 @@ def draw(path: Path, *, quick: bool) -> None:
         panel.grid(alpha=0.3)
     panels[0].set_ylabel("seconds, start included")
     panels[0].legend(frameon=False)
-    figure.savefig(path, dpi=110)
+    figure.savefig(path, dpi=90)
 
 
 if __name__ == "__main__":

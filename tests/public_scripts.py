@@ -206,8 +206,7 @@ class Trial:
         found.verified = verified.returncode == 0
         found.steps, posed = _contents(out)
         if told["ended"] == "failed":
-            text = next(one for one in found.notes if one.startswith("the script failed: "))
-            found.error = text.partition(": ")[2].rpartition("; what it did")[0]
+            found.error = told["error"]
             return
         found.outcome = (
             "recorded" if found.steps else "posed only" if posed else "simulates nothing"

@@ -64,8 +64,8 @@ def show_record(recorded: Recorded, *, as_json: bool) -> int:
         return 0
     note(
         Message(
-            "the script failed: {error}; what it did until then is in {recording}",
-            error=recorded.error,
+            "{failure}; what it did until then is in {recording}",
+            failure=recorded.failure,
             recording=str(recorded.recording),
         )
     )

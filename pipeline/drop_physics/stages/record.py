@@ -59,6 +59,8 @@ class Recorded(Shown, lines_of="drop_physics.console.show_record:record_lines"):
     `interrupted` or `failed`."""
     error: str
     """The script's error in one line; empty if there was none."""
+    failure: str
+    """The same in a sentence, with the call that raised it and what is behind that."""
     samples: int
     """States of a simulation: one more than its steps."""
     bodies: int
@@ -262,6 +264,7 @@ def recorded_of(
         script=name,
         ended=ended.how,
         error=ended.error,
+        failure=_failure(path) if ended.how == "failed" else "",
         samples=recorder.samples,
         bodies=len(recorder.bodies),
         frames=recorder.frames,
@@ -270,6 +273,18 @@ def recorded_of(
         twice=False,
         first_difference=None,
     )
+
+
+def _failure(path: Path) -> str:
+    """Return what a script failed with, as the analysis says it."""
+    from drop_physics.analysis.answers.script_failed import failure
+    from drop_physics.recording.reader import read
+
+    held = read(path)
+    last = held.seen.sampled.last
+    calls = held.seen.sampled.piece(last, last + 1).calls
+    found = failure(held.origin_and_end, next(reversed(calls.failed()), None), calls)
+    return Message("the script fails") if found is None else found.message
 
 
 def _silent(*_: object) -> None:
