@@ -383,6 +383,19 @@ def test_a_point_of_the_world(
     assert not ask(scene, tmp_path, "force-off-centre")
 
 
+@pytest.mark.parametrize("frame", ["WORLD_FRAME", "LINK_FRAME"])
+def test_where_the_body_is_in_its_own_frame(frame: str, tmp_path: Path) -> None:
+    scene = BESIDE.format(file="cube_small.urdf", where=[2, 0, 1], force=[0, 0, 0.5],
+        point="p.getBasePositionAndOrientation(c)[0]", frame=frame)  # fmt: skip
+    if frame == "WORLD_FRAME":
+        assert not ask(scene, tmp_path, "force-off-centre")
+    else:
+        found = one(scene, tmp_path, "force-off-centre")
+        assert "(2, 0, 1) is in its own frame, 2 m off its centre" in found.message
+        lever = scene.replace("p.getBasePositionAndOrientation(c)[0]", "[2, 0, .9]")
+        assert not ask(lever, tmp_path, "force-off-centre")
+
+
 SPIN = "spin = p.getBaseVelocity(b)[1]\n"
 ROTORS = """
 c = p.loadURDF("{file}", {where})

@@ -1,4 +1,7 @@
-"""Why a force makes a body whirl: a point of the body is given as one of the world."""
+"""Why a force makes a body whirl: a point of the body is given as one of the world, or as its own.
+
+As its own: where the body is in the world, in a frame that begins there.
+"""
 
 from __future__ import annotations
 
@@ -16,9 +19,17 @@ from drop_physics.messages import Message
 from drop_physics.seen.calls import WORLD_FRAME, Call
 from drop_physics.seen.events import Body
 
+SAME_M = 1e-6
+"""A point this near to the centre is the centre."""
+FRAMES = {True: Message("the world's frame"), False: Message("its own frame")}
+ADVICE = {
+    True: Message("give it in p.LINK_FRAME, or at the body's position"),
+    False: Message("give it in p.WORLD_FRAME, or at [0, 0, 0]"),
+}
+
 
 class ForceOffCentre(Answer):
-    """A point of the body, given as one of the world."""
+    """A point in the other frame than the one that is named."""
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -27,25 +38,25 @@ class ForceOffCentre(Answer):
         """Those whose step is in the next piece."""
 
     def see(self) -> None:
-        """Compare where forces of the world's frame act with where their bodies are."""
+        """Compare where forces act with where their bodies are."""
         end = self.scene.piece.end
         calls = [*self._late, *self.scene.calls_of("applyExternalForce")]
         self._late = [pair for pair in calls if pair[0].at.step + 1 >= end]
-        by_body: dict[int, list[Call]] = {}
+        told: dict[tuple[int, int, bool], list[Call]] = {}
         for call, body in calls:
             world = int(number(call, "flags", 0.0)) == WORLD_FRAME
             vectors = len(given(call, "posObj")) == len(given(call, "forceObj")) == 3
-            if world and vectors and call.at.step + 1 < end:
-                by_body.setdefault(body.number, []).append(call)
-        for number_, its in by_body.items():
+            if vectors and call.at.step + 1 < end:
+                key = body.number, int(number(call, "linkIndex", float(BASE))), world
+                told.setdefault(key, []).append(call)
+        for (number_, link, world), its in told.items():
             for _, steps in self.scene.stretches(number_):
-                for link in {int(number(call, "linkIndex", float(BASE))) for call in its}:
-                    if BASE <= link < steps.law.tree.links:
-                        told = [call for call in its
-                            if int(number(call, "linkIndex", float(BASE))) == link]  # fmt: skip
-                        self._compare(self.scene.body(number_), link, steps, told)
+                if BASE <= link < steps.law.tree.links:
+                    self._compare(self.scene.body(number_), link, steps, its, world=world)
 
-    def _compare(self, body: Body, link: int, steps: Steps, calls: list[Call]) -> None:
+    def _compare(
+        self, body: Body, link: int, steps: Steps, calls: list[Call], *, world: bool
+    ) -> None:
         """Note steps whose forces act beside the body, and within it if in its own frame.
 
         Together: each of a drone's rotors is beside it, and all four lift it at its centre.
@@ -59,7 +70,8 @@ class ForceOffCentre(Answer):
             for name in ("posObj", "forceObj"))  # fmt: skip
         centre = kinematics(tree, steps.before.at(rows[known])).position_m(link)
         strength = np.maximum(np.linalg.norm(forces, axis=1), 1e-300)[:, None]
-        moments = np.cross(points - centre, forces)
+        same = np.abs(points - centre).max(axis=1) <= SAME_M
+        moments = np.cross(points - centre if world else points, forces)
         arms = np.linalg.norm(moments / strength, axis=1)
         ends, each = np.unique(ends[known], return_inverse=True)
 
@@ -72,26 +84,29 @@ class ForceOffCentre(Answer):
         box = np.array(body.bounds_m[6 * (link + 1) : 6 * (link + 2)])
         size_m = float(np.linalg.norm(box[3:] - box[:3])) / 2 if len(box) == 6 else 0.0
         own = np.maximum(mean_m(np.cross(points, forces)), mean_m(points * strength))
-        off = np.flatnonzero((mean_m(moments) > size_m) & (own <= size_m))
+        meant = own <= size_m if world else np.bincount(each, ~same) == 0
+        off = np.flatnonzero((mean_m(moments) > size_m) & meant)
         if len(off):
             farthest = np.array([np.where(each == k, arms, -1.0).argmax() for k in off])
             first = calls[known[np.flatnonzero(each == off[0])[0]]]
             ends, told = ends[off], {"point": points[farthest], "arm": arms[farthest]}
             order = -ends.astype(float)  # of all the first is told
-            self._off.add(body.number, ends, order, told, size=size_m, site=site_of(first))
+            self._off.add(body.number, ends, order, told, size=size_m, site=site_of(first),
+                world=world)  # fmt: skip
 
     def findings(self) -> Iterator[Finding]:
         """Yield the first such force of each body."""
         for number_, each in self._off.items():
             body, arm = self.scene.body(number_).label, each.at["arm"]
             message = Message(
-                "{body} is pushed beside itself: the point ({point}) is in the world's frame, "
-                "{arm:.3g} m off its centre, so the force spins it",
+                "{body} is pushed beside itself: the point ({point}) is in {frame}, {arm:.3g} m "
+                "off its centre, so the force spins it",
                 body=body, point=", ".join(f"{x:g}" for x in each.at["point"]), arm=arm,
+                frame=FRAMES[each.at["world"]],
             )  # fmt: skip
             yield Finding(
                 code="force-off-centre", level="asked", message=message, body=body,
-                advice=Message("give it in p.LINK_FRAME, or at the body's position"),
+                advice=ADVICE[each.at["world"]],
                 effect=Effect(arm, "m"), share=arm / each.at["size"], steps=each.span,
                 site=each.at["site"],
             )  # fmt: skip
