@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.laws.bullet_spin import MAX_TURN_RAD
-from drop_physics.laws.rotations import same_way
+from drop_physics.laws.rotations import products, same_way
 from drop_physics.laws.tree import RATES, States, Tree
 
 Float64 = NDArray[np.float64]
@@ -54,11 +54,6 @@ def _turned(before: Float64, turn: Float64, after: Float64) -> Flags:
     angle = np.linalg.norm(turn, axis=1, keepdims=True)
     held = np.minimum(angle, MAX_TURN_RAD)
     share = np.divide(np.sin(held / 2), held, out=np.full_like(held, 0.5), where=held > 0)
-    vector, scalar = turn * share, np.cos(held / 2)
-    x, w = before[:, :3], before[:, 3:]
-    product = np.hstack((
-        scalar * x + w * vector + np.cross(vector, x),
-        scalar * w - np.sum(vector * x, axis=1, keepdims=True),
-    ))  # fmt: skip
+    product = products(np.hstack((turn * share, np.cos(held / 2))), before)
     product = product / np.linalg.norm(product, axis=1, keepdims=True)
     return np.asarray(np.abs(same_way(product, after) - after).max(axis=1) <= TURNED)

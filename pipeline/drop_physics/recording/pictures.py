@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,8 @@ BEYOND_M = 1e-3
 """By which a hull is drawn larger, lest it flicker where the mesh lies in it: its margin."""
 MESH_SUFFIXES = (".obj", ".stl", ".dae", ".gltf", ".glb")
 LARGEST_MESH_BYTES = 1 << 26
+ROUND_OR_BOX = "box", "sphere", "cylinder"
+"""Kinds of shapes that are drawn, and that may be touched."""
 BRIGHTEST = 217
 """Of 255, of a white body: PyBullet's default would vanish on a light page."""
 TRAIL_RADIUS, TRAIL_COLOUR = -1.5, 0x56B4E9FF
@@ -93,13 +95,8 @@ def shape(entity: str, at: Times, seen: Shape) -> Iterator[Chunk]:
     solid = [rr.components.FillMode.Solid]
     a, b, *_ = (*seen.size_m, 0.0, 0.0)
     offset, scale = (0.0, 0.0, 0.0), None
-    if seen.kind == "box":
-        half = [[side / 2 for side in seen.size_m]]
-        drawn = rr.Boxes3D.columns(half_sizes=half, colors=[colour], fill_mode=solid)
-    elif seen.kind == "sphere":
-        drawn = rr.Ellipsoids3D.columns(half_sizes=[[a, a, a]], colors=[colour], fill_mode=solid)
-    elif seen.kind == "cylinder":
-        drawn = rr.Cylinders3D.columns(lengths=[a], radii=[b], colors=[colour], fill_mode=solid)
+    if seen.kind in ROUND_OR_BOX:
+        drawn = _solid(seen, colors=[colour], fill_mode=solid)
     elif seen.kind == "capsule":
         drawn = rr.Capsules3D.columns(lengths=[a], radii=[b], colors=[colour], fill_mode=solid)
         offset = (0.0, 0.0, -a / 2)  # Rerun's begins at the origin
@@ -120,25 +117,25 @@ def shape(entity: str, at: Times, seen: Shape) -> Iterator[Chunk]:
     yield Chunk.from_columns(entity, times(at), [*drawn, *placed])
 
 
+def _solid(seen: Shape | Collision, **look: Any) -> Iterable[rr.ComponentColumn]:  # noqa: ANN401
+    """Return a box, sphere or cylinder."""
+    a, b, *_ = (*seen.size_m, 0.0, 0.0)
+    if seen.kind == "box":
+        return rr.Boxes3D.columns(half_sizes=[[side / 2 for side in seen.size_m]], **look)
+    if seen.kind == "sphere":
+        return rr.Ellipsoids3D.columns(half_sizes=[[a, a, a]], **look)
+    return rr.Cylinders3D.columns(lengths=[a], radii=[b], **look)
+
+
 def collision(entity: str, at: Times, link: str, seen: Collision) -> Iterator[Chunk]:
     """Yield what is touched of a link, if it can be drawn: in the frame of the entity `link`."""
-    a, b, *_ = (*seen.size_m, 0.0, 0.0)
-    see_through = [rr.components.FillMode.TransparentFillMajorWireframe]
-    where: dict[str, Any] = {
-        "centers": [seen.position_m],
-        "colors": [COLLISION_COLOUR],
-        "fill_mode": see_through,
-    }
     if max(seen.size_m, default=0.0) > PLANE_M:
         return  # a floor, which would hide all else
-    turned = where | {"quaternions": [seen.orientation]}
-    if seen.kind == "box":
-        half = [[side / 2 for side in seen.size_m]]
-        drawn = rr.Boxes3D.columns(half_sizes=half, **turned)
-    elif seen.kind == "sphere":
-        drawn = rr.Ellipsoids3D.columns(half_sizes=[[a, a, a]], **where)
-    elif seen.kind == "cylinder":
-        drawn = rr.Cylinders3D.columns(lengths=[a], radii=[b], **turned)
+    if seen.kind in ROUND_OR_BOX:
+        see_through = [rr.components.FillMode.TransparentFillMajorWireframe]
+        turned = {} if seen.kind == "sphere" else {"quaternions": [seen.orientation]}
+        drawn = _solid(seen, centers=[seen.position_m], colors=[COLLISION_COLOUR],
+            fill_mode=see_through, **turned)  # fmt: skip
     elif seen.kind == "mesh" and (hull := hull_of(seen)) is not None:
         corners_m, triangles, normals = hull
         drawn = rr.Mesh3D.columns(
