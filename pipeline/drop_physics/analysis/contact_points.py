@@ -264,17 +264,17 @@ class Pairs:
         return np.divide(weighted, total, out=np.zeros_like(weighted), where=total > 0)
 
 
-def pairs_of(explained: Explained, records: Mapping[int, Record]) -> Pairs:
+def pairs_of(explained: Explained) -> Pairs:
     """Return the contact points of a piece, per pair of bodies."""
-    points = _points(explained, records)
+    points = _points(explained)
     keys = np.column_stack((points.step, points.body))
     new = np.ones(len(keys), np.bool_)
     new[1:] = (keys[1:] != keys[:-1]).any(axis=1)
     return Pairs(points, np.flatnonzero(new))
 
 
-def _points(explained: Explained, records: Mapping[int, Record]) -> Points:
-    table = explained.piece.contacts
+def _points(explained: Explained) -> Points:
+    table, records = explained.piece.contacts, explained.records
     bodies, links = (np.column_stack([table[f"{what}_{side}"].to_numpy() for side in "ab"])
         for what in ("body", "link"))  # fmt: skip
     swapped = bodies[:, 0] > bodies[:, 1]
@@ -282,7 +282,7 @@ def _points(explained: Explained, records: Mapping[int, Record]) -> Points:
     low, high = bodies.min(axis=1, initial=1 << 30), bodies.max(axis=1, initial=-1)
     order = np.lexsort((high, low, table["step"].to_numpy()))
     order = order[np.isin(bodies[order], [*records]).all(axis=1)]
-    sides = _Sides(len(table), explained, records, bodies, links, table)
+    sides = _Sides(explained, bodies)
     flip = np.where(swapped, -1.0, 1.0)[order]
     which = np.where(swapped[:, None], [1, 0], [0, 1])[order]
     rows = order[:, None]
@@ -316,21 +316,15 @@ def _points(explained: Explained, records: Mapping[int, Record]) -> Points:
 class _Sides:
     """How both sides of k contact points move, in the engine's order: shapes (k, 2, …)."""
 
-    def __init__(
-        self,
-        count: int,
-        explained: Explained,
-        records: Mapping[int, Record],
-        bodies: Int64,
-        links: Int64,
-        table: pl.DataFrame,
-    ) -> None:
+    def __init__(self, explained: Explained, bodies: Int64) -> None:
+        table, records = explained.piece.contacts, explained.records
+        count = len(table)
         self.at_m = np.stack([vectors_of(table, "ax_m"), vectors_of(table, "bx_m")], axis=1)
         self.began_m_s, self.ended_m_s, self.carried_m_s = np.zeros((3, count, 2, 3))
         self.timestep_s = np.zeros(count)
         self.explained = np.ones((count, 2), np.bool_)
         self.moves = np.zeros((count, 2), np.bool_)
-        self._links, ends = links, table["step"].to_numpy()
+        ends = table["step"].to_numpy()
         for number in np.unique(bodies).tolist():
             if number in explained.bodies:
                 judged = explained.bodies[number]

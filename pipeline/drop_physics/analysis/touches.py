@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.contact_points import Pairs, pairs_of
-from drop_physics.analysis.explained.bodies import records_of
 from drop_physics.analysis.explained.judged import Judged
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.seen.history import Seen
@@ -76,7 +75,6 @@ class TouchTable:
 
     def __init__(self, seen: Seen) -> None:
         self._seen = seen
-        self._records = records_of(seen)
         self._totals: dict[tuple[int, int], _Total] = {}
         """By the numbers of a body and of the other."""
         self.pairs: Pairs
@@ -88,7 +86,7 @@ class TouchTable:
 
     def add(self, explained: Explained) -> None:
         """Take a piece."""
-        pairs = self.pairs = pairs_of(explained, self._records)
+        pairs = self.pairs = pairs_of(explained)
         pressed, friction = pairs.points.normal_n > PRESSED, pairs.points.friction
         least = -pairs.most(np.where(pressed, -friction, -np.inf))
         greatest = pairs.most(np.where(pressed, friction, -np.inf))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.explained.bodies import Epochs, records_of
+from drop_physics.analysis.explained.bodies import Epochs, Record, records_of
 from drop_physics.analysis.explained.causes import Totals
 from drop_physics.analysis.explained.chain import Chain, chain_of, stretches_of
 from drop_physics.analysis.explained.commands import Commands
@@ -42,6 +42,8 @@ class Explained:
     """The states of the same bodies, which begin with the last ones of the piece before."""
     constraints: Constraints
     """As they are told until its end."""
+    records: Mapping[int, Record]
+    """What was told of each body that is not soft, by its number."""
 
 
 class Explanation:
@@ -105,7 +107,7 @@ class Explanation:
             self.totals.setdefault(number, Totals(record.body)).add(bodies[number])
             self._lasts[number] = chain.at(np.arange(len(chain))[-2:])  # a copy
         held = {number: chain for number, (chain, _) in chains.items()}
-        return Explained(piece, bodies, held, self._constraints)
+        return Explained(piece, bodies, held, self._constraints, self._records)
 
     def _chained(self, piece: Piece) -> dict[int, tuple[Chain, int]]:
         """Return the states of each body, and how many of them were in the piece before."""
