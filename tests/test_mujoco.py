@@ -128,8 +128,6 @@ def test_a_law_that_is_another_one_is_noticed(recorded: Recorder) -> None:
     "coarse",
     [
         {"solver_residual": 1.0, "height_m": 0.05},
-        {"solver_residual": 0.3, "height_m": 0.1},
-        {"solver_iterations": 1, "velocity_m_s": (1.0, 0.0, 0.0)},
         {"solver_iterations": 1, "spin_rad_s": (1.0, 2.0, 0.0), "solver_residual": 0.0},
     ],
 )

@@ -355,7 +355,7 @@ def test_step_and_time_go_on_over_a_reset(plain: Plain) -> None:
     assert put == [40, 80]
 
 
-@pytest.mark.parametrize("how", [{"seed": 2**63 - 1}, {"seed": 1 - 2**63}, {"steps": 2**63 - 1}])
+@pytest.mark.parametrize("how", [{"seed": 2**63 - 1, "steps": 2**63 - 1}, {"seed": 1 - 2**63}])
 def test_the_largest_numbers_that_are_taken_are_read_back(
     bench: Bench, how: dict[str, int]
 ) -> None:
@@ -866,9 +866,8 @@ def test_a_call_that_fails_is_said_with_what_is_behind_it(bench: Bench) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["def f():\n    raise ValueError  # here\nf()\n",
-     "import json\ndef f():\n    json.loads('{')  # here\nf()\n",
-     "p.getJointState(0, 99)  # here\n", "import nothing_of_this_name  # here\n"],
+    ["import json\ndef f():\n    json.loads('{')  # here\nf()\n",
+     "p.getJointState(0, 99)  # here\n"],
 )  # fmt: skip
 def test_the_line_of_the_scripts_own_that_fails_is_cited(bench: Bench, text: str) -> None:
     script = bench.script(STEPS + text)
@@ -898,10 +897,9 @@ except p.error:
             except RuntimeError as itself:
                 raise itself from itself
 """,
-        "import runpy; runpy.run_path('no such file')",
         "if:",
     ],
-    ids=["chain", "runpy", "syntax"],
+    ids=["chain", "syntax"],
 )
 def test_a_traceback_is_that_of_the_script(bench: Bench, text: str) -> None:
     script = bench.script(STEPS + text)
@@ -1243,6 +1241,7 @@ def test_a_block_may_take_its_time(bench: Bench, steps: int, sleep: float) -> No
     assert len(states(bench.out)) == steps + 1
 
 
+@pytest.mark.long
 def test_before_the_disk_is_full_a_block_is_left_and_its_recording_kept(bench: Bench) -> None:
     recorder = bench.folder / "recorder"
     recorder.write_text(
@@ -1382,15 +1381,11 @@ print(at)
     [
         (
             "np.random.seed(0); np.random.rand(); random.seed(0); random.random()\n"
-            "np.random.RandomState(3).rand(); np.random.default_rng(3).random()",
-            "",
-        ),
-        (
+            "np.random.RandomState(3).rand(); np.random.default_rng(3).random()\n"
             "random.setstate(random.Random(1).getstate()); random.random()\n"
             "np.random.set_state(np.random.RandomState(1).get_state()); np.random.rand()",
             "",
         ),
-        ("np.random.sample()", "numpy.random.sample"),
         ("np.random.RandomState().rand()", "numpy.random.SeedSequence"),
         ("np.random.seed(0); np.random.seed(); np.random.ranf()", "by numpy.random.ranf at script"),
     ],
@@ -1442,7 +1437,7 @@ def test_what_a_library_draws_while_it_is_imported_is_its_own(
     assert unseeded in "".join(said)
 
 
-@pytest.mark.parametrize("off", ["0", "False", "enableRealTimeSimulation=0, physicsClientId=0"])
+@pytest.mark.parametrize("off", ["False", "enableRealTimeSimulation=0, physicsClientId=0"])
 def test_the_call_that_turned_real_time_on_is_cited(bench: Bench, off: str) -> None:
     script = bench.script(
         f"{scripts.WINDOW}p.setRealTimeSimulation({off})\np.setRealTimeSimulation(1)\n"
@@ -1683,11 +1678,10 @@ def test_a_script_that_is_interrupted_before_its_first_step_is_not_run_again(ben
     assert bench.folder.joinpath("there").read_text() == "x"
 
 
-@pytest.mark.parametrize("first", ["raise SystemExit", "pass"])
-def test_a_second_run_that_goes_on_is_ended_and_differs(bench: Bench, first: str) -> None:
+def test_a_second_run_that_goes_on_is_ended_and_differs(bench: Bench) -> None:
     script = bench.script(
-        STEPS + f"if not os.path.exists('there'):\n    open('there', 'w').close()\n    {first}\n"
-        "else:\n    while True:\n        p.stepSimulation()\n"
+        STEPS + "if not os.path.exists('there'):\n    open('there', 'w').close()\n"
+        "    raise SystemExit\nelse:\n    while True:\n        p.stepSimulation()\n"
     )
     recorded, _ = bench.record(script, twice=True)
     assert (recorded.ended, recorded.samples) == ("finished", 101)

@@ -548,7 +548,7 @@ INFINITE = {
 
 
 @pytest.mark.parametrize("maximal", [False, True])
-@pytest.mark.parametrize("call", some(INFINITE, 2))
+@pytest.mark.parametrize("call", some(INFINITE, 1))
 def test_nothing_is_printed_of_states_that_are_infinite(
     tmp_path: Path, drop: Drop, call: str, *, maximal: bool
 ) -> None:

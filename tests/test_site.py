@@ -23,7 +23,10 @@ PAGES = [
     for path in folder.glob("*.md")
 ]
 JAPANESE = {"README.ja", "docs/walkthrough.ja"}
-pytestmark = [pytest.mark.needs(module) for module in ("sphinx", "myst_parser", "furo")]
+pytestmark = [
+    pytest.mark.long,
+    *(pytest.mark.needs(module) for module in ("sphinx", "myst_parser", "furo")),
+]
 
 
 def build(clone: Path, site: Path) -> subprocess.CompletedProcess[str]:

@@ -299,6 +299,7 @@ def test_processes_give_the_same_bits(tmp_path: Path, reference: pl.DataFrame) -
     assert reports[-1] == (40, 0, 40)
 
 
+@pytest.mark.long
 @pytest.mark.needs("ray")
 @pytest.mark.filterwarnings("ignore:.*:ResourceWarning", "ignore:.*:DeprecationWarning:ray")
 @pytest.mark.filterwarnings("ignore:Tip. In future versions of Ray:FutureWarning")
