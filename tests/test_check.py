@@ -830,6 +830,10 @@ def test_what_it_prints_of_a_script(recording: Record, golden: Path, drop: Drop)
     ended = drop("check", recording(steps=50), "--against", golden).stdout
     assert "first       step 51, 0.2125 s, 1_sphere: in golden, but not here\n" in ended
     assert "positions   identical, as far as both go\n" in ended
+    sets = ("p.setGravity(", "p.setPhysicsEngineParameter(numSolverIterations=60)\np.setGravity(")
+    output = drop("check", recording(sets), "--against", golden).stdout
+    assert "engine.numSolverIterations: 60.0, golden 50.0" in output
+    assert "set_" not in output
 
 
 def test_the_same_script_twice_is_the_same_and_a_comment_too(

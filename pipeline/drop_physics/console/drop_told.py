@@ -21,12 +21,7 @@ from drop_physics.console.output import (
     width,
     wrapped,
 )
-from drop_physics.console.words import (
-    CAUSES,
-    EXPLAINED,
-    TERMS,
-    kinds_of_samples,
-)
+from drop_physics.console.words import CAUSES, EXPLAINED, TERMS, kinds_of_samples
 from drop_physics.fields import LARGE, decimals, engineering, fraction
 from drop_physics.messages import Message, joined, localized, translated
 from drop_physics.scenario import ENGINES, EXACT_INTEGRATORS

@@ -32,6 +32,7 @@ GOLDEN, IDENTICAL, NOTHING = Message("golden"), Message("identical"), Message("n
 GIVEN = {True: Message("given"), False: Message("not given")}
 MOST = 6
 """Inputs that are listed; all are in the JSON."""
+SET = "engine.set_"
 COLUMN = 12
 """Columns that a title takes."""
 LONGEST = 160
@@ -166,7 +167,10 @@ def _compared(check: Check, compared: Comparison) -> Iterator[Pair]:
         calls = {"call": _call(other.value), "golden": _call(other.golden)}
         yield Message("call"), Message("{call}, golden {golden}", **calls)
     yield from _distances(check, compared)
-    more = [each for each in compared.differences if each not in (*settings, check.first)]
+    # What a call sets is kept beside what the engine reports of it.
+    told = {each.column for each in compared.differences}
+    more = [each for each in compared.differences if each not in (*settings, check.first)
+        and not (SET in each.column and each.column.replace(SET, "engine.") in told)]  # fmt: skip
     for difference in more[:MOST]:
         yield Message("also"), _difference(difference)
     if len(more) > MOST:
@@ -310,7 +314,9 @@ def _facts(compared: Comparison) -> Iterator[Pair]:
                 " ".join(map(str, each)) if isinstance(each, list) else _value(each)
                 for each in (setting.value, setting.golden)
             )
-            yield Message("script"), _beside(setting.name, value, golden)
+            names = Message("{call}, golden {golden}", call=value, golden=golden)
+            named = _beside(setting.name, value, golden)
+            yield Message("script"), names if setting.name == "script" else named
     if compared.other_call is not None and compared.unseeded:
         yield (
             Message("draws"),

@@ -23,13 +23,7 @@ from drop_physics.laws.impulses import (
     largest_per_step,
     per_step,
 )
-from drop_physics.laws.kinematics import (
-    Kinematics,
-    Motion,
-    generalised,
-    kinematics,
-    motion,
-)
+from drop_physics.laws.kinematics import Kinematics, Motion, generalised, kinematics, motion
 from drop_physics.laws.tree import States, Tree
 from drop_physics.laws.unreported import Unreported, shared_out
 

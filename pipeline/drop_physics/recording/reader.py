@@ -33,12 +33,7 @@ from drop_physics.recording.checks import (
 )
 from drop_physics.recording.columns import Properties
 from drop_physics.recording.contents import chunks_of, closing_of, gather
-from drop_physics.recording.digest import (
-    Digests,
-    ToldDigest,
-    closing_digest,
-    inputs_digest,
-)
+from drop_physics.recording.digest import Digests, ToldDigest, closing_digest, inputs_digest
 from drop_physics.recording.inputs import Drop, check_inputs, drop_of
 from drop_physics.recording.sampled import RecordedSamples, is_series
 from drop_physics.recording.told import Told

@@ -13,15 +13,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.errors import ScenarioError
-from drop_physics.seen.events import (
-    Appearance,
-    Body,
-    Dynamics,
-    Put,
-    Settings,
-    Solver,
-    Surface,
-)
+from drop_physics.seen.events import Appearance, Body, Dynamics, Put, Settings, Solver, Surface
 from drop_physics.seen.log import Log
 from drop_physics.seen.poses import (
     COLUMNS,

@@ -19,12 +19,7 @@ from drop_physics.recording import writer
 from drop_physics.recording.falling import Progress
 from drop_physics.recording.layout import layout, look_of_drop
 from drop_physics.recording.live import shown
-from drop_physics.scenario import (
-    BYTES_PER_SAMPLE,
-    STANDARD_CAMERA,
-    Camera,
-    Scenario,
-)
+from drop_physics.scenario import BYTES_PER_SAMPLE, STANDARD_CAMERA, Camera, Scenario
 from drop_physics.shown import Shown
 from drop_physics.stages.recorded import BATCH, recorded
 from drop_physics.workers import Worker

@@ -14,12 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.engines.bullet.described import (
-    Numbering,
-    moving_links,
-    reported_of,
-    shapes_of,
-)
+from drop_physics.engines.bullet.described import Numbering, moving_links, reported_of, shapes_of
 from drop_physics.engines.bullet.frames import Frames, StreamError
 from drop_physics.engines.bullet.gathered import Known, World
 from drop_physics.engines.bullet.surfaces import surfaces_of
