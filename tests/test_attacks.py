@@ -219,6 +219,12 @@ MEANT = {
         "    p.stepSimulation()",
         "off-target",
     ),
+    # The script lets it settle before it sends it anywhere.
+    "an arm that waits": (
+        KUKA + "p.resetJointState(k, 1, .5)\nsteps(60)\nfor j in range(7):\n"
+        "    p.setJointMotorControl2(k, j, p.POSITION_CONTROL, .4, force=300)\nsteps(60)",
+        "default-motor",
+    ),
     # A ball of half the mass has half the inertia.
     "a mass that is set": (
         'b = p.loadURDF("sphere2.urdf", [0, 0, 3], globalScaling=.4)\n'

@@ -77,12 +77,17 @@ class DefaultMotor(Answer):
             default, torqued = asked.mode == DEFAULT, ~np.isnan(asked.torque_since)
             if (~default | torqued).any():
                 self._asked.add(driven.body.number)
+            joints = self._joints.setdefault(driven.body.number, {})
+            # Until a call gives it another motor, it was to stay where it was.
+            sent = (~default & ~torqued).any(axis=0)
+            for k in np.flatnonzero(sent).tolist():
+                joints.pop((k, False), None)
             if not steps.covered or driven.body.before:
                 continue
             on = (asked.impulse > 0) & (asked.pd != 1)
             on &= (steps.unexplained <= EXPLAINED)[:, None]
             # What carries a body that is not fixed is not told apart from what should move it.
-            own = on & ~torqued & default & steps.law.tree.fixed
+            own = on & ~torqued & default & ~sent & steps.law.tree.fixed
             for torque, which in ((True, on & torqued), (False, own)):
                 for k in np.flatnonzero(which.any(axis=0)).tolist():
                     self._add(driven, k, np.flatnonzero(which[:, k]), torque=torque)
@@ -90,7 +95,7 @@ class DefaultMotor(Answer):
     def _add(self, driven: Driven, k: int, rows: NDArray[np.intp], *, torque: bool) -> None:
         steps, asked, row = driven.steps, driven.asked, rows[-1]
         first = Noted(int(steps.steps[rows[0]]))
-        held = self._joints.setdefault(driven.body.number, {}).setdefault(
+        held = self._joints[driven.body.number].setdefault(
             (k, torque), _Held(name_of(driven, k), units_of(driven, k)[1], first)
         )
         rate = steps.law.tree.first_rate + k
