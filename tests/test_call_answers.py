@@ -961,7 +961,7 @@ steps(4 * {wait})
 p.restoreState(s)
 steps(60)
 """
-STACK = FLOOR + "for i in range(8): p.loadURDF('cube_small.urdf', [0.012 * i, 0, 0.025 + 0.05 * i])"
+STACK = FLOOR + "for i in range(5): p.loadURDF('cube_small.urdf', [0.012 * i, 0, 0.025 + 0.05 * i])"
 SLIDING = FLOOR + (
     "c = p.loadURDF('cube_small.urdf', [0, 0, 0.025])\np.resetBaseVelocity(c, [2, 0, 0])"
 )

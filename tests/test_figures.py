@@ -105,19 +105,6 @@ def same(ours: Sequence[Pixels], theirs: Sequence[Pixels]) -> bool:
 
 
 @pytest.mark.long
-def test_every_recorded_frame_is_in_the_gif_to_the_pixel(standard_frames: list[Pixels]) -> None:
-    still = sum(map(np.array_equal, standard_frames, standard_frames[1:]))
-    assert still >= 10  # the box is still in the end: other writers merge these
-    wrote, gif = written(standard_frames)
-    pictures, delays_ms = decoded(gif)
-    assert wrote == Gif(frames=41, duration_s=2.05, quantised=0)
-    assert same(pictures, standard_frames)
-    assert delays_ms == [50] * 41
-    with Image.open(io.BytesIO(gif)) as image:
-        assert image.info["loop"] == 0  # forever
-
-
-@pytest.mark.long
 def test_only_what_changed_is_stored(standard_frames: list[Pixels]) -> None:
     first, *_ = standard_frames
     _, alone = written([first])
