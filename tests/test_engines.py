@@ -46,7 +46,6 @@ BODIES = ("cube_small.urdf", "sphere_small.urdf", "block.urdf", "lego/lego.urdf"
 TUMBLING = {
     "orientation": (20.0, 30.0, 0.0), "velocity_m_s": (1.0, 0.0, 0.0), "spin_rad_s": (1.0, 2.0, 0.0)
 }  # fmt: skip
-SINGLE = 2.0**-23
 HEAVY = (
     '<robot name="heavy"><link name="base"><inertial><mass value="1e4"/>'
     '<inertia ixx="4e5" iyy="8e5" izz="1e6" ixy="0" ixz="0" iyz="0"/></inertial>'

@@ -49,8 +49,6 @@ UNTURNED_RAD = 5e-3
 """A body turned by less is said to be as it was released, which is right to this share."""
 LYING_RAD = 1e-4
 """A body tilted by more is not said to lie at a height."""
-RESTS_S = 0.1
-"""A body that lay still for so long is said to be at rest."""
 
 
 # -- scenarios -------------------------------------------------------------------------------------
