@@ -75,9 +75,12 @@ def record(scene: str, path: Path, *, for_viewer: bool = False) -> Recording:
 
 
 def record_file(script: Path, path: Path, *arguments: str) -> Recording:
-    """Record a script, run in its folder and cited by its name alone, and read that back."""
+    """Record a script, run in its folder and cited by its name alone, and read that back.
+
+    It has a layout.
+    """
     code = ((script.read_text(), script.name),)
-    _worker().submit(_record, code, path, False, script.parent, arguments).result(timeout=60)
+    _worker().submit(_record, code, path, True, script.parent, arguments).result(timeout=60)
     return read(path)
 
 
