@@ -200,10 +200,7 @@ def _distances(check: Check, compared: Comparison) -> Iterator[Pair]:
     most, joint = farthest.get("position"), farthest.get("joint_position")
     if most is None:
         ends = check.first is not None and check.first.column == "there"
-        yield (
-            Message("positions"),
-            Message("identical, as far as both go") if ends else IDENTICAL,
-        )
+        yield (Message("positions"), Message("identical, as far as both go") if ends else IDENTICAL)
     else:
         yield Message("positions"), Message(
             "up to {apart:.3g} m apart ({where}); allowed: {allowed}",

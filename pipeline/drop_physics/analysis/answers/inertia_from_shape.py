@@ -168,10 +168,7 @@ def other_inertia(
         used_kg_m2 = np.sort(tree.inertias_kg_m2[link + 1])
         # PyBullet does not scale an inertia that it takes from the file.
         unscaled = moments is not None and np.allclose(
-            np.linalg.eigvalsh(moments) / np.square(body.asked.scale),
-            used_kg_m2,
-            rtol=1e-6,
-            atol=0,
+            np.linalg.eigvalsh(moments) / np.square(body.asked.scale), used_kg_m2, rtol=1e-6, atol=0
         )
         if moments is not None and not unscaled:
             turned = kin.matrix(link)[0]

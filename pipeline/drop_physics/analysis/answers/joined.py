@@ -173,9 +173,7 @@ class Joined(Answer):
             if len(rows) and link < steps.law.tree.links:
                 states = (steps.after if after else steps.before).at(rows)
                 found.append(kinematics(steps.law.tree, states).point_m(link, pivot_m))
-        if (
-            body.number not in self.scene.judged and link == BASE
-        ):  # it stands fast, where calls put it
+        if body.number not in self.scene.judged and link == BASE:  # it stands where calls put it
             puts = [each for each in self.scene.seen.puts if each.body.number == body.number]
             bases = [each.base for each in puts if each.at.step < ends[-1]][-1:]
             found = [np.tile(base[:3] + matrix(base[3:7].tolist()) @ pivot_m, (len(ends), 1))

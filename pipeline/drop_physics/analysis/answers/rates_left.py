@@ -28,13 +28,9 @@ class RatesLeft(Answer):
     def see(self) -> None:
         """Note where a base was put, once, while joints turned that no call put."""
         for driven in self.scene.driven():
-            number, steps, none = (
-                driven.body.number,
-                driven.steps,
-                np.zeros((0, 3 + driven.after.shape[1])),
-            )
+            number, steps = driven.body.number, driven.steps
             now = np.hstack([steps.after.position_m, driven.after])
-            last, came = self._after.get(number, (-1, none))
+            last, came = self._after.get(number, (-1, now[:0]))
             came = np.vstack([came if last + 1 == steps.steps[0] else now[:1], now[:-1]])
             self._after[number] = int(steps.steps[-1]), now[-1:]
             moved = np.abs(np.hstack([steps.before.position_m, driven.before]) - came) > KEPT

@@ -133,18 +133,14 @@ def steps_of(stretch: Stretch, around: Around) -> Steps:
     found, acting, sides = _reported(around, law, ends, before, asked)
     rows, added = Transitions(real, found.gravity_m_s2), None
     n, size = len(where), law.tree.size
-    unexplained = np.full(n, np.inf)
+    unexplained, without = np.full(n, np.inf), {*reasons} & WITHOUT_SUM
     if not size:
         unexplained[_coasts(law, begins, ends, found.timestep_s)] = 0.0
-    elif not WITHOUT_SUM & {*reasons}:
+    elif not without:
         added, found = _closing(stretch, around, rows, states, found)
         unexplained = added.unexplained[real]
     after, codes = ends.states(law.tree), None
-    if (
-        size
-        and not law.tree.links
-        and {*reasons} & alone.ALONE == {*reasons} & WITHOUT_SUM != set()
-    ):
+    if size and not law.tree.links and without and {*reasons} & alone.ALONE == without:
         found = replace(found, applied=_pushed(stretch, around, rows, np.full(n, NEVER)))
         touches = around.touching.touches(sides, found.contacts)
         codes = alone.explained(stretch.epoch, before, after, found, touches, exact=around.exact)
