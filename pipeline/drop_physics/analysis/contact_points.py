@@ -292,7 +292,7 @@ def _points(explained: Explained) -> Points:
             for k in (1, 2)
         )
         * (table["normal_force_n"].to_numpy() != 0)[:, None]
-    )  # as in `contact_forces`
+    )  # as in `Touching`
     return Points(
         step=table["step"].to_numpy()[order],
         body=bodies[rows, which],

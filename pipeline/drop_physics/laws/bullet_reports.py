@@ -41,12 +41,10 @@ def contact_forces(
     A body that touches itself has two rows per point. `normal` is contactNormalOnB, (k, 3), and
     `point_m` positionOnA or positionOnB; `friction_n` both lateral frictions, (k, 2), and
     `directions` theirs, (k, 2, 3). `rolling`: whether either link has a coefficient of rolling or
-    spinning friction. A point farther apart than `contactProcessingThreshold` reports the friction
-    of another point; without a normal force it has none.
+    spinning friction.
     """
-    friction = np.einsum("kd,kdi->ki", friction_n, directions)
-    force = normal * normal_force_n[:, None] + friction
-    force = np.where(is_a[:, None], force, -force) * (normal_force_n != 0)[:, None]
+    force = normal * normal_force_n[:, None] + np.einsum("kd,kdi->ki", friction_n, directions)
+    force = np.where(is_a[:, None], force, -force)
     return Forces(
         step=step, link=link, force_n=force, point_m=point_m,
         torque_n_m=np.zeros_like(force), rolling=rolling,

@@ -71,6 +71,9 @@ class Touching:
         self._friction_n = np.column_stack(
             [contacts[name].to_numpy() for name in ("friction_1_n", "friction_2_n")]
         )
+        # Farther apart than contactProcessingThreshold, Bullet reports the friction of another
+        # point; DART's points in contact may have friction alone.
+        self._friction_n[(self._normal_n == 0) & (self._distance_m > 0)] = 0.0
         step, a, b, link_a, link_b = (
             contacts[name].to_numpy() for name in ("step", "body_a", "body_b", "link_a", "link_b")
         )
