@@ -71,8 +71,17 @@ class _Rates:
     clamped: Notes[int]
     """Those in which the clamp took something: how much [N s] or [N m s]."""
     taken: Float64
+    forces: Float64
+    """Of the script's forces in such runs the least, the greatest, and the least magnitude, shape
+    (3, size)."""
     limit: float = 0.0
     steps: int = 0
+
+    def is_switch(self, row: int) -> bool:
+        """Whether they only change their sign there, whatever the rate: no gain is too large."""
+        low, high, least = self.forces[:, row].tolist()
+        most = max(abs(low), abs(high))
+        return bool(most - least <= SAME * most and high - low > most)
 
 
 class Unstable(Answer):
@@ -91,8 +100,9 @@ class Unstable(Answer):
             known, tree = self._rates.get(number), steps.law.tree
             if known is None or known.greatest.shape != (tree.size,):
                 none = np.zeros(tree.size)
+                forces = np.stack([none + np.inf, none - np.inf, none + np.inf])
                 known = _Rates(judged.body, tree, none, none.astype(np.int64), {}, Notes(),
-                    Notes(), none)  # fmt: skip
+                    Notes(), none, forces)  # fmt: skip
                 self._rates[number] = known
             # What a motor's gains turn around is motor-gain's.
             own = np.ones(len(steps), np.bool_)
@@ -106,8 +116,8 @@ class Unstable(Answer):
     def findings(self) -> Iterator[Finding]:
         """Yield the worst degree of freedom of each body."""
         for each in self._rates.values():
-            rings = {row: noted for row, noted in each.rings.items()
-                if noted.most > max(SHARE * each.greatest[row], LEAST)}  # fmt: skip
+            rings = {row: noted for row, noted in each.rings.items() if not each.is_switch(row)
+                and noted.most > max(SHARE * each.greatest[row], LEAST)}  # fmt: skip
             found = _unstable(each, rings) if rings else None
             if found is None and each.clamped:
                 found = _clamped(each)
@@ -127,13 +137,15 @@ def _ring(known: _Rates, steps: Steps, own: NDArray[np.bool_]) -> None:
     broken = np.maximum.accumulate(np.where(turns, -1, rows), axis=0)
     run = np.where(broken < 0, rows + 1 + known.run, rows - broken)
     known.run, rings = run[-1], run >= OFTEN
-    # A force that only changes its sign is a switch, whatever the rate: no gain is too large.
-    for row in np.flatnonzero(rings.any(axis=0)).tolist():
-        forces = steps.terms["applied"][rings[:, row], row]
-        most = np.abs(forces).max()
-        rings[:, row] &= np.ptp(np.abs(forces)) > SAME * most or np.ptp(forces) <= most
     for row in np.flatnonzero(rings.any(axis=0)).tolist():
         known.rings.add(row, steps.steps[rings[:, row]], size[rings[:, row], row])
+    low, high, least = known.forces
+    forces = steps.terms["applied"]
+    known.forces = np.stack([
+        np.where(rings, forces, np.inf).min(axis=0, initial=np.inf).clip(max=low),
+        np.where(rings, forces, -np.inf).max(axis=0, initial=-np.inf).clip(min=high),
+        np.where(rings, np.abs(forces), np.inf).min(axis=0, initial=np.inf).clip(max=least),
+    ])  # fmt: skip
     against = np.where(rings, -np.sign(before), 0)
     for name, term in steps.terms.items() if rings.any() else ():
         known.turned[name] = known.turned.get(name, 0.0) + (against * term).sum(axis=0)
