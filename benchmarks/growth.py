@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-import sys
+import argparse
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -131,5 +131,9 @@ def draw(path: Path, *, quick: bool) -> None:
 
 
 if __name__ == "__main__":
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.growth", description=__doc__)
+    parser.add_argument("picture", metavar="PICTURE.png", type=Path, help="the plot to write")
+    parser.add_argument("--quick", action="store_true", help="a tenth of the work, as a smoke test")
+    options = parser.parse_args()
     print(machine(), HEAD, sep="\n\n")
-    draw(Path(sys.argv[1]), quick="--quick" in sys.argv)
+    draw(options.picture, quick=options.quick)
