@@ -48,7 +48,8 @@ class Case:
     @property
     def name(self) -> str:
         """What is shown of it."""
-        boxes = "1 box" if self.what == "steps" else f"{self.size} boxes"
+        count = self.size if self.what == "bodies" else 1
+        boxes = "1 box" if count == 1 else f"{count} boxes"
         sized = (
             f"a robot of {self.size} degrees of freedom"
             if self.what == "dofs"
