@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.engines.bullet.engine import p
 from drop_physics.engines.bullet.visible_world import world_from_camera
 from drop_physics.scenario import Camera
+from drop_physics.seen.events import Pose
 
-Place = tuple[Sequence[float], Sequence[float]]
-"""A position [m], and an orientation as a quaternion x, y, z, w."""
 LEAST_NEARNESS = 1e-6
 """Of what is drawn in squares [1/m]."""
 
 
 def checkerboard(
-    camera: Camera, place: Place, side_m: float, tiles: NDArray[np.uint8]
+    camera: Camera, place: Pose, side_m: float, tiles: NDArray[np.uint8]
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """Return what a camera sees of a plane, to be laid behind what is nearer.
 

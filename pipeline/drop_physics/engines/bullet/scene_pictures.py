@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from PIL import ImageColor
 
 from drop_physics.engines.bullet.c_output import c_output_moved_aside
-from drop_physics.engines.bullet.checkerboard import Place, checkerboard
+from drop_physics.engines.bullet.checkerboard import checkerboard
 from drop_physics.engines.bullet.engine import p
 from drop_physics.engines.bullet.visible_world import picture_of
 from drop_physics.scenario import Camera
-from drop_physics.seen.events import Model
+from drop_physics.seen.events import Model, Pose
 
 SQUARE = 1 / 8
 """About the side of a plane's squares, in distances of the camera."""
@@ -30,7 +30,7 @@ SHADES = 8
 EDGE = 0.35
 """Share of its colour that an edge keeps."""
 DRAWN_MESHES = (".obj", ".stl", ".dae")
-NOWHERE: Place = (0.0, 0.0, -1e4), (0.0, 0.0, 0.0, 1.0)
+NOWHERE: Pose = (0.0, 0.0, -1e4), (0.0, 0.0, 0.0, 1.0)
 Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 
@@ -80,20 +80,20 @@ def drawn(
         p.disconnect(client)
 
 
-def _placed(model: Model) -> Place:
+def _placed(model: Model) -> Pose:
     """Return where a shape is on its part."""
     return model.shape.position_m, model.shape.orientation
 
 
-def _after(pose: Float64, offset: Place) -> Place | None:
+def _after(pose: Float64, offset: Pose) -> Pose | None:
     """Return where a shape is whose part has this pose; None if that is absent."""
     if np.isnan(pose).any():
         return None
-    place: Place = p.multiplyTransforms(pose[:3].tolist(), pose[3:].tolist(), *offset)
+    place: Pose = p.multiplyTransforms(pose[:3].tolist(), pose[3:].tolist(), *offset)
     return place
 
 
-def _body(client: int, folder: Path, model: Model) -> tuple[int, Place] | None:
+def _body(client: int, folder: Path, model: Model) -> tuple[int, Pose] | None:
     """Return a body that looks like a shape, and its place on its part; None if none can."""
     shape, a, b = model.shape, *(*model.shape.size_m, 0.0, 0.0)[:2]
     look: dict[str, object]
