@@ -291,6 +291,7 @@ EXTREMES = st.fixed_dictionaries(
 )
 
 
+@pytest.mark.long
 @given(extremes=EXTREMES, steps=st.sampled_from([1, 2, 30, 200]))
 @settings(max_examples=120, deadline=None)
 @example(extremes={"spin_rad_s": (1e4, -1e4, 1e4), "timestep_s": 10.0}, steps=30)

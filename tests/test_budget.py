@@ -467,6 +467,7 @@ def test_what_goes_on_slowly_has_no_first_sample_of_its_rest(recorded: Recorder,
     assert ("at rest" in events(analysis)[-1][-1]) == stops
 
 
+@pytest.mark.long
 def test_a_body_rests_only_after_a_tenth_of_a_second(recorded: Recorder) -> None:
     """For any length of the recording, 24 steps of 1/240 s are between settling and its end."""
     recording = recorded()

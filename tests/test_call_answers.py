@@ -716,6 +716,7 @@ steps(240)
 """
 
 
+@pytest.mark.long
 def test_a_rope_that_is_too_light_for_its_load(tmp_path: Path) -> None:
     found = one(ROPE.format(kg=100, more=""), tmp_path, "weak-constraint")
     assert "1e+04 times as heavy" in found.message

@@ -866,6 +866,7 @@ def test_random_numbers_are_said(recording: Record, drop: Drop) -> None:
     assert compared(*seeded).same
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("steps", [1, 7, 1000])
 def test_pieces_of_any_length_say_the_same(
     recording: Record, golden: Path, monkeypatch: pytest.MonkeyPatch, steps: int

@@ -264,6 +264,7 @@ PASSES = {
 }  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", PASSES)
 def test_what_cannot_touch_passes_through(name: str, tmp_path: Path) -> None:
     scene, off, on = PASSES[name]

@@ -717,6 +717,7 @@ def test_a_recording_that_does_not_verify_is_not_reported_as_kept(
     assert raised.value.__notes__ == [f"what had been recorded is in {new}.part"]
 
 
+@pytest.mark.long
 def test_runs_at_once_in_one_folder_are_numbered(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

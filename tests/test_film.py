@@ -291,6 +291,7 @@ def test_bodies_far_apart_are_seen_though_nothing_is_in_their_middle(
     assert render(path, out=tmp_path / "far.gif", view="standard").frames == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("view", some(["standard", "follow"], 1))
 def test_the_poses_of_a_drop_are_drawn_near_where_a_camera_is_named(
     drop: Drop, tmp_path: Path, view: str

@@ -395,6 +395,7 @@ def test_what_is_believed_is_a_digest_and_not_a_name(tmp_path: Path, trials: lis
     assert len(trials) == 2
 
 
+@pytest.mark.long
 def test_a_sweep_tries_each_body_once_and_a_deadly_one_is_a_row(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -139,6 +139,7 @@ def test_a_grip_does_not_need_its_own_force(force: float, tmp_path: Path) -> Non
     assert 0.3 < abs(joint.needs or 0) - abs(alone) < 0.7
 
 
+@pytest.mark.long
 def test_a_load_that_two_share_belongs_to_neither(tmp_path: Path) -> None:
     scene = """
     p.setGravity(0, 0, -9.81)

@@ -88,6 +88,7 @@ def test_the_readmes_script_runs_twice(tmp_path: Path) -> None:
 # -- how results print ----------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_result_prints_as_the_terminal_prints_it(
     drop: Drop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, standard: Run
 ) -> None:

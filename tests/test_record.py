@@ -442,6 +442,7 @@ print([again.stepSimulation() for _ in range(20)])
     assert bench.record(script)[1] == bare.stdout
 
 
+@pytest.mark.long
 def test_a_solver_with_more_islands_than_pybullet_reports_is_not_asked(bench: Bench) -> None:
     """PyBullet keeps 64 reports and reads past them: what it finds there may end the process."""
     script = bench.script(
@@ -559,6 +560,7 @@ print(p.getConnectionInfo()["connectionMethod"] == p.GUI, p.connect(p.SHARED_MEM
     ]
 
 
+@pytest.mark.long
 def test_sleeping_passes_at_once(bench: Bench) -> None:
     script = bench.script(
         scripts.WINDOW

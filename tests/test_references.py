@@ -102,6 +102,7 @@ def test_what_record_prints_is_what_the_schema_says(tmp_path: Path) -> None:
     Draft202012Validator(strict(schema_of("record"))).validate(json.loads(done.stdout))
 
 
+@pytest.mark.long
 def test_what_trust_prints_is_what_the_schema_says(tmp_path: Path) -> None:
     tmp_path.joinpath("script.py").write_text(
         "import pybullet as p\np.connect(p.DIRECT)\np.setGravity(0, 0, -10)\n"
@@ -112,6 +113,7 @@ def test_what_trust_prints_is_what_the_schema_says(tmp_path: Path) -> None:
     Draft202012Validator(strict(schema_of("trust"))).validate(json.loads(done.stdout))
 
 
+@pytest.mark.long
 def test_what_analyze_prints_of_a_script_is_what_the_schema_says(
     printed: Any, tmp_path: Path
 ) -> None:

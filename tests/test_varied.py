@@ -231,6 +231,7 @@ for _ in range(3):
 """
 
 
+@pytest.mark.long
 def test_a_nudge_displaces_all_that_moves_and_changes_no_velocity(tmp_path: Path) -> None:
     runs = [
         numbers(watched(tmp_path, script(NUDGED), variation=each)[0])

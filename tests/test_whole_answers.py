@@ -269,6 +269,7 @@ def centre(x=0, mass=0):
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "file",
     some(["kuka_iiwa/model_free_base.urdf", "franka_panda/panda.urdf", "a1/a1.urdf"], 1),
