@@ -10,15 +10,35 @@ from pathlib import Path
 
 from benchmarks.harness import HEAD, ROOT, machine
 
-SCRIPTS = ("run", "steps", "memory", "size", "frames", "analyze", "arm", "start", "gif", "egl",
-           "sweep", "watching", "tree", "growth", "trust")  # fmt: skip
+SCRIPTS = (
+    "run",
+    "steps",
+    "memory",
+    "size",
+    "frames",
+    "analyze",
+    "arm",
+    "start",
+    "gif",
+    "egl",
+    "sweep",
+    "watching",
+    "tree",
+    "growth",
+    "trust",
+)
 
 
 def main() -> None:
     """Run all scripts, or the chosen ones, each in its own folder."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
-    parser.add_argument("--only", metavar="NAME", action="append", choices=SCRIPTS,
-                        help=f"one of {', '.join(SCRIPTS)}; repeatable")  # fmt: skip
+    parser.add_argument(
+        "--only",
+        metavar="NAME",
+        action="append",
+        choices=SCRIPTS,
+        help=f"one of {', '.join(SCRIPTS)}; repeatable",
+    )
     parser.add_argument("--quick", action="store_true", help="a tenth of the work, as a smoke test")
     options = parser.parse_args()
     # An installed package comes with its bytecode; compile a checkout too, whatever

@@ -26,8 +26,16 @@ for name in ("states.parquet", "contacts.parquet"):
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     """Compare whole processes."""
     steps = 100_000 if quick else 1_000_000
-    process(*DROP, "simulate", "--no-camera", "--out", "run.rrd", "--duration", f"{steps}/240",
-            folder=folder)  # fmt: skip
+    process(
+        *DROP,
+        "simulate",
+        "--no-camera",
+        "--out",
+        "run.rrd",
+        "--duration",
+        f"{steps}/240",
+        folder=folder,
+    )
     read(folder / "run.rrd").states.write_parquet(folder / "state.parquet")
     ratios, detail = paired(
         lambda: process(*DROP, "analyze", "run.rrd", folder=folder),
@@ -35,9 +43,12 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
         pairs=3 if quick else 7,
     )
     yield Measured(
-        f"`drop analyze`, {steps:.0e} steps", "polars: Parquet, free fall, error", ratios, 6,
+        f"`drop analyze`, {steps:.0e} steps",
+        "polars: Parquet, free fall, error",
+        ratios,
+        6,
         detail=detail,
-    )  # fmt: skip
+    )
     steps = 1_000 if quick else 10_000
     (folder / "scene.py").write_text(SCENE.format(load=boxes(100)), encoding="utf-8")
     process(*DROP, "record", "--out", "boxes.rrd", "scene.py", steps, folder=folder)
@@ -50,6 +61,9 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
         pairs=3,
     )
     yield Measured(
-        f"`drop analyze`, 100 bodies × {steps:,} steps", "polars: the same numbers from Parquet",
-        ratios, 5, detail=detail,
-    )  # fmt: skip
+        f"`drop analyze`, 100 bodies × {steps:,} steps",
+        "polars: the same numbers from Parquet",
+        ratios,
+        5,
+        detail=detail,
+    )

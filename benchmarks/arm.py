@@ -97,8 +97,9 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     """Compare whole processes."""
     steps = 10_000 if quick else 100_000
     (folder / "arm.py").write_text(SCENE, encoding="utf-8")
-    process(*DROP, "record", "--duration", "1e9", "--out", "run.rrd", "arm.py", steps,
-            folder=folder)  # fmt: skip
+    process(
+        *DROP, "record", "--duration", "1e9", "--out", "run.rrd", "arm.py", steps, folder=folder
+    )
     seen = read(folder / "run.rrd").seen
     joints = [each for piece in seen.pieces() for each in piece.joints.values()]
     np.savez(
@@ -112,6 +113,9 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
         pairs=3 if quick else 5,
     )
     yield Measured(
-        f"`drop analyze`, a kuka, {steps:.0e} steps", "numpy: its mass matrix and bias", ratios,
-        1.5, detail=detail,
-    )  # fmt: skip
+        f"`drop analyze`, a kuka, {steps:.0e} steps",
+        "numpy: its mass matrix and bias",
+        ratios,
+        1.5,
+        detail=detail,
+    )

@@ -25,9 +25,13 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:  # noqa: ARG001
         pairs=3 if quick else 7,
     )
     yield Measured(
-        f"{count} frames by 2 workers: times faster", "one process", ratios, 1.8,
-        more_is_better=True, detail=detail,
-    )  # fmt: skip
+        f"{count} frames by 2 workers: times faster",
+        "one process",
+        ratios,
+        1.8,
+        more_is_better=True,
+        detail=detail,
+    )
     few = poses[:: count // 50]
     ratios, detail = paired(
         lambda: done(lambda: _draw(scenario, camera, few, workers=False)),

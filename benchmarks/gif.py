@@ -46,9 +46,12 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     )
     yield Measured(f"gif of {many} frames", "Pillow's save_all", ratios, 0.5, detail=detail)
     yield Measured(
-        f"gif: peak memory of {many} frames over {few}", "",
-        [ours(many).peak_mb / ours(few).peak_mb], 1.1, detail=f"{ours(many).peak_mb:.0f} MB",
-    )  # fmt: skip
+        f"gif: peak memory of {many} frames over {few}",
+        "",
+        [ours(many).peak_mb / ours(few).peak_mb],
+        1.1,
+        detail=f"{ours(many).peak_mb:.0f} MB",
+    )
 
 
 def _draw(path: Path, count: int) -> None:

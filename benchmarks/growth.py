@@ -85,17 +85,30 @@ def rows(case: Case, recorded: Ran, analyzed: Ran) -> Iterator[Measured]:
     """Yield the rows of a table."""
     for verb, ran in (("record", recorded), ("analyze", analyzed)):
         yield Measured(
-            f"`drop {verb}`, {case.name}", "", [ran.wall_s / case.steps * 1e6], unit="µs a step",
+            f"`drop {verb}`, {case.name}",
+            "",
+            [ran.wall_s / case.steps * 1e6],
+            unit="µs a step",
             detail=f"{ran.wall_s:.2f} s, {ran.peak_mb:.0f} MB",
-        )  # fmt: skip
+        )
 
 
 def measured(folder: Path, *, quick: bool) -> Iterator[tuple[Case, Ran, Ran]]:
     """Yield each case with what recording and analyzing it took."""
     for case in cases(quick=quick):
         (folder / "scene.py").write_text(SCENE.format(load=case.load), encoding="utf-8")
-        recorded = process(*DROP, "record", "--force", "--duration", "1e9", "--out", "run.rrd",
-                           "scene.py", case.steps, folder=folder)  # fmt: skip
+        recorded = process(
+            *DROP,
+            "record",
+            "--force",
+            "--duration",
+            "1e9",
+            "--out",
+            "run.rrd",
+            "scene.py",
+            case.steps,
+            folder=folder,
+        )
         yield case, recorded, process(*DROP, "analyze", "--force", "run.rrd", folder=folder)
 
 
@@ -107,8 +120,11 @@ def draw(path: Path, *, quick: bool) -> None:
             found.setdefault(case.what, []).append((case, recorded.wall_s, analyzed.wall_s))
             for row in rows(case, recorded, analyzed):
                 print(row.row(), flush=True)
-    labels = {"steps": "steps of one box at rest", "bodies": "boxes at rest, 10,000 steps",
-              "dofs": "degrees of freedom, 10,000 steps"}  # fmt: skip
+    labels = {
+        "steps": "steps of one box at rest",
+        "bodies": "boxes at rest, 10,000 steps",
+        "dofs": "degrees of freedom, 10,000 steps",
+    }
     figure, panels = plt.subplots(1, 3, figsize=(10, 3.2), layout="constrained")
     for panel, (what, its) in zip(panels, found.items(), strict=True):
         sizes = [case.size for case, _, _ in its]

@@ -20,6 +20,9 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
         pairs=3 if quick else 9,
     )
     yield Measured(
-        "`drop run`: recording, analysis, gif, plot", "plain script: gif", ratios, 0.38,
+        "`drop run`: recording, analysis, gif, plot",
+        "plain script: gif",
+        ratios,
+        0.38,
         detail=detail,
-    )  # fmt: skip
+    )

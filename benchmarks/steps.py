@@ -30,8 +30,16 @@ AND_CONTACT = """
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     """Compare whole processes; only ours writes to the disk."""
     steps = 100_000 if quick else 1_000_000
-    command = (*DROP, "simulate", "--no-camera", "--force", "--out", "run.rrd", "--duration",
-               f"{steps}/240")  # fmt: skip
+    command = (
+        *DROP,
+        "simulate",
+        "--no-camera",
+        "--force",
+        "--out",
+        "run.rrd",
+        "--duration",
+        f"{steps}/240",
+    )
     for loop, what, goal in (
         (BARE_LOOP, "bare loop: step, pose, velocity", 1.25),
         (BARE_LOOP + AND_CONTACT.lstrip("\n"), "the same loop, contact too", 0.8),

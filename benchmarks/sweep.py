@@ -47,10 +47,19 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
 
     def ours(jobs: int, *options: str, runs: int = runs) -> Ran:
         return process(
-            *DROP, "sweep", "--out", f"sweep-{next(number)}", "--samples", runs, "--jobs", jobs,
-            "--vary", "height=uniform:1:1.0001",  # --samples needs something to draw
-            *options, folder=folder,
-        )  # fmt: skip
+            *DROP,
+            "sweep",
+            "--out",
+            f"sweep-{next(number)}",
+            "--samples",
+            runs,
+            "--jobs",
+            jobs,
+            "--vary",
+            "height=uniform:1:1.0001",  # --samples needs something to draw
+            *options,
+            folder=folder,
+        )
 
     def bare(jobs: int) -> Ran:
         return process(*PYTHON, BARE_LOOP.format(runs=runs, jobs=jobs), folder=folder)
@@ -58,9 +67,12 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     for jobs in (1, 2):
         ratios, detail = paired(lambda: ours(jobs, "--no-record"), lambda: bare(jobs), pairs=pairs)  # noqa: B023
         yield Measured(
-            f"`drop sweep --no-record --jobs {jobs}`, {runs:,} drops", "bare loop", ratios, 1.6,
+            f"`drop sweep --no-record --jobs {jobs}`, {runs:,} drops",
+            "bare loop",
+            ratios,
+            1.6,
             detail=detail,
-        )  # fmt: skip
+        )
     # Enough runs that starting the workers, about 0.4 s, does not hide how they scale.
     many = 5 * runs
     ratios, detail = paired(
@@ -70,10 +82,17 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     )
     yield Measured(
         f"`drop sweep --no-record --jobs 1`, {many:,} drops: slower than two processes by",
-        "`--jobs 2`", ratios, 1.7, more_is_better=True, detail=detail,
-    )  # fmt: skip
+        "`--jobs 2`",
+        ratios,
+        1.7,
+        more_is_better=True,
+        detail=detail,
+    )
     ratios, detail = paired(lambda: ours(1), lambda: bare(1), pairs=max(2, pairs // 2))
     yield Measured(
-        f"`drop sweep --jobs 1`, {runs:,} drops with a recording each", "bare loop", ratios, 5.0,
+        f"`drop sweep --jobs 1`, {runs:,} drops with a recording each",
+        "bare loop",
+        ratios,
+        5.0,
         detail=detail,
-    )  # fmt: skip
+    )

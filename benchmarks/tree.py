@@ -41,9 +41,11 @@ def measure(_: Path, *, quick: bool) -> Iterator[Measured]:
         what = f"sum of impulses, {size} degrees of freedom, {steps:,} steps"
         yield Measured(what, "", taken, goal_us, "µs a step", detail=f"{contacts:,} contact points")
         yield Measured(
-            what, "PyBullet's step, all read in Python", [one / engine_us for one in taken],
+            what,
+            "PyBullet's step, all read in Python",
+            [one / engine_us for one in taken],
             detail=f"{engine_us:.0f} µs a step",
-        )  # fmt: skip
+        )
 
 
 def _drive(watched: Watched, steps: int) -> None:

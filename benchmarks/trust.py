@@ -32,17 +32,26 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     (folder / "scene.py").write_text(SCENE, encoding="utf-8")
     steps = 10_000 if quick else 100_000
     ratios, detail = paired(
-        lambda: process(*DROP, "trust", "--jobs", 2, "--force", "--out", "out", "scene.py", steps,
-            folder=folder),
-        lambda: _seven_times(folder, steps), pairs=3, warm=not quick,
-    )  # fmt: skip
-    yield Measured(f"`drop trust`, kuka, {steps:,} steps, 7 runs, 2 jobs",
-        "the bare script seven times", ratios, 1.2, detail=detail)  # fmt: skip
+        lambda: process(
+            *DROP, "trust", "--jobs", 2, "--force", "--out", "out", "scene.py", steps, folder=folder
+        ),
+        lambda: _seven_times(folder, steps),
+        pairs=3,
+        warm=not quick,
+    )
+    yield Measured(
+        f"`drop trust`, kuka, {steps:,} steps, 7 runs, 2 jobs",
+        "the bare script seven times",
+        ratios,
+        1.2,
+        detail=detail,
+    )
 
 
 def _seven_times(folder: Path, steps: int) -> Ran:
     runs = [process(sys.executable, "scene.py", steps, folder=folder) for _ in range(RUNS)]
     return Ran(
-        sum(each.wall_s for each in runs), sum(each.cpu_s for each in runs),
+        sum(each.wall_s for each in runs),
+        sum(each.cpu_s for each in runs),
         max(each.peak_mb for each in runs),
-    )  # fmt: skip
+    )

@@ -138,24 +138,45 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
         detail = f"{_over(ours, theirs)}; only reading the same: {_over(read, theirs)}"
         if name == "one box":
             more = [mine - other for mine, other in zip(ours, theirs, strict=True)]
-            yield Measured(f"watching {name}: more per step", "the bare script", more, scene.goal,
-                unit="µs", detail=detail)  # fmt: skip
+            yield Measured(
+                f"watching {name}: more per step",
+                "the bare script",
+                more,
+                scene.goal,
+                unit="µs",
+                detail=detail,
+            )
         else:
             ratios = [mine / other for mine, other in zip(ours, theirs, strict=True)]
-            yield Measured(f"watching {name}, per step", "the bare script", ratios, scene.goal,
-                detail=detail)  # fmt: skip
+            yield Measured(
+                f"watching {name}, per step", "the bare script", ratios, scene.goal, detail=detail
+            )
         if scene.goal_logged is not None:
             ratios = [mine / other for mine, other in zip(ours, logged, strict=True)]
-            yield Measured(f"watching {name}, per step", "a logger written by hand", ratios,
-                scene.goal_logged, detail=_over(ours, logged))  # fmt: skip
+            yield Measured(
+                f"watching {name}, per step",
+                "a logger written by hand",
+                ratios,
+                scene.goal_logged,
+                detail=_over(ours, logged),
+            )
     for name, (load, call) in CALLS.items():
         calls = [_of_call(folder, load, call, 20_000 // share) for _ in range(pairs)]
-        yield Measured(f"watching {name} every step: more per call", "the bare call",
-            [mine - other for mine, other in calls], 5, unit="µs",
-            detail=f"the call takes {calls[-1][1]:.3g} µs")  # fmt: skip
+        yield Measured(
+            f"watching {name} every step: more per call",
+            "the bare call",
+            [mine - other for mine, other in calls],
+            5,
+            unit="µs",
+            detail=f"the call takes {calls[-1][1]:.3g} µs",
+        )
     calls = [_of_call(folder, KUKA, READING, 10_000 // share) for _ in range(pairs)]
-    yield Measured("watching 14 reading calls a step", "the bare calls",
-        [mine / other for mine, other in calls], 1.1)  # fmt: skip
+    yield Measured(
+        "watching 14 reading calls a step",
+        "the bare calls",
+        [mine / other for mine, other in calls],
+        1.1,
+    )
 
 
 def _of_call(folder: Path, load: str, call: str, steps: int) -> tuple[float, float]:

@@ -92,10 +92,11 @@ def _standard_streams(streams: Sequence[int | None]) -> Iterator[None]:
             os.dup2(stream, number)
     modes = (("r", -1, "strict"), ("w", -1, "strict"), ("w", 1, "backslashreplace"))
     ours = [  # where one is closed, Python has none
-        None if stream is None
+        None
+        if stream is None
         else open(number, mode, size, encoding="utf-8", errors=errors, closefd=False)  # noqa: SIM115
         for number, (stream, (mode, size, errors)) in enumerate(zip(streams, modes, strict=True))
-    ]  # fmt: skip
+    ]
     sys.stdin, sys.stdout, sys.stderr = ours  # type: ignore[assignment]
     try:
         yield
@@ -133,9 +134,11 @@ def drop_here(
         Path(os.devnull).open("rb") as nothing,
     ):
         code = run_here(
-            arguments, folder, environment=environment(**variables),
+            arguments,
+            folder,
+            environment=environment(**variables),
             streams=(nothing.fileno() if stdin is None else stdin, out.fileno(), err.fileno()),
-        )  # fmt: skip
+        )
         out.seek(0)
         err.seek(0)
         return subprocess.CompletedProcess(
@@ -164,6 +167,11 @@ def drop_alone(*arguments: object, folder: Path, **how: object) -> subprocess.Co
     """Run the command as a process of its own, its streams being pipes."""
     return subprocess.run(
         [sys.executable, "-m", "drop_physics", *map(str, arguments)],
-        capture_output=True, text=True, cwd=folder, env=environment(), timeout=120, check=False,
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        env=environment(),
+        timeout=120,
+        check=False,
         **how,  # type: ignore[call-overload]
-    )  # fmt: skip
+    )

@@ -197,10 +197,18 @@ def planted(tmp_path: Path) -> Iterator[Planted]:
         def run_in(place: Path, *path: Path) -> subprocess.CompletedProcess[str]:
             return subprocess.run(
                 [sys.executable, program, *map(str, arguments)],
-                capture_output=True, text=True, cwd=place, timeout=120, check=False,
-                env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, path)), "DISPLAY": "",
-                     "WAYLAND_DISPLAY": ""},
-            )  # fmt: skip
+                capture_output=True,
+                text=True,
+                cwd=place,
+                timeout=120,
+                check=False,
+                env={
+                    **os.environ,
+                    "PYTHONPATH": os.pathsep.join(map(str, path)),
+                    "DISPLAY": "",
+                    "WAYLAND_DISPLAY": "",
+                },
+            )
 
         alone = run_in(empty, listening, PACKAGE.parent)
         assert alone.returncode == ends, alone.stderr

@@ -62,8 +62,13 @@ def analysis_of_world(world: World) -> DropAnalysis:
         appearances=appearances,
         dynamics=[each for each in events if isinstance(each, Dynamics)],
         settings=[each for each in events if isinstance(each, Settings)],
-        surfaces=[], solvers=[], puts=[], samples={},
+        surfaces=[],
+        solvers=[],
+        puts=[],
+        samples={},
         sampled=Sampled(states, contacts, batch.joints),
-        real_time=False, unseeded=(), machine=engine.machine or "",
-    )  # fmt: skip
+        real_time=False,
+        unseeded=(),
+        machine=engine.machine or "",
+    )
     return drop_analysis_of(world.scenario, engine, seen)

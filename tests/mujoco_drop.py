@@ -39,10 +39,15 @@ def drive(
     From a release that is not turned.
     """
     xml = XML.format(
-        timestep_s=repr(timestep_s), gravity_m_s2=repr(gravity_m_s2), height_m=repr(height_m),
-        mass_kg=repr(mass_kg), inertia=" ".join(map(repr, inertia_kg_m2)), integrator=integrator,
-        half=" ".join(repr(edge / 2) for edge in edges_m), solref=repr(solref),
-    )  # fmt: skip
+        timestep_s=repr(timestep_s),
+        gravity_m_s2=repr(gravity_m_s2),
+        height_m=repr(height_m),
+        mass_kg=repr(mass_kg),
+        inertia=" ".join(map(repr, inertia_kg_m2)),
+        integrator=integrator,
+        half=" ".join(repr(edge / 2) for edge in edges_m),
+        solref=repr(solref),
+    )
     model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)
     data.qvel[:3], data.qvel[3:] = velocity_m_s, spin_rad_s

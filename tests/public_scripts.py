@@ -31,8 +31,13 @@ from typing import Any
 from rerun.chunk import RrdReader
 from witness import interpreter
 
-PACKAGES = ("pybullet_examples", "pybullet_envs", "pybullet_robots", "pybullet_utils",
-    "pybullet_data")  # fmt: skip
+PACKAGES = (
+    "pybullet_examples",
+    "pybullet_envs",
+    "pybullet_robots",
+    "pybullet_utils",
+    "pybullet_data",
+)
 STEPS, DURATION_S, WALL_S = 300, 2.0, 60.0
 """Where a script is stopped."""
 HANGS_S = 20.0
@@ -92,7 +97,7 @@ def is_runnable(path: Path) -> bool:
         (isinstance(one, ast.If) and "__name__" in ast.dump(one.test))
         or (not isinstance(one, DEFINITIONS) and ".connect(" in ast.unparse(one))
         for one in tree.body
-    )  # fmt: skip
+    )
 
 
 def of_the_wheel() -> Iterator[str]:
@@ -122,9 +127,14 @@ def run(command: Sequence[str], folder: Path, wall_s: float, **environment: str)
         tempfile.TemporaryFile("w+", errors="replace") as err,
     ):
         process = subprocess.Popen(
-            command, cwd=folder, stdout=out, stderr=err, stdin=subprocess.DEVNULL,
-            env=os.environ | environment, start_new_session=True,
-        )  # fmt: skip
+            command,
+            cwd=folder,
+            stdout=out,
+            stderr=err,
+            stdin=subprocess.DEVNULL,
+            env=os.environ | environment,
+            start_new_session=True,
+        )
         try:
             process.wait(wall_s)
         except subprocess.TimeoutExpired:
@@ -166,11 +176,24 @@ class Trial:
             twice = [] if blind else ["--twice"]
             # `--twice` tells its ends twice.
             done = run(
-                [*COMMAND, "record", *limits, *twice, "--json", "--force", "--out", str(out),
-                    "--python", str(self._python), *program],
-                where, self._wall_s * (1 if blind else 2), WITNESS=str(ends),
+                [
+                    *COMMAND,
+                    "record",
+                    *limits,
+                    *twice,
+                    "--json",
+                    "--force",
+                    "--out",
+                    str(out),
+                    "--python",
+                    str(self._python),
+                    *program,
+                ],
+                where,
+                self._wall_s * (1 if blind else 2),
+                WITNESS=str(ends),
                 WITNESS_BLIND=str(int(blind)),
-            )  # fmt: skip
+            )
             if done is None:
                 found.outcome = "drop hangs"
                 break
@@ -250,11 +273,14 @@ def table(rows: Sequence[Tried], folders: Sequence[Path] = ()) -> str:
     lines.append(f"| {' | '.join(cells)} |")
     stepped = [row for row in rows if row.steps]
     compared = [row for row in stepped if row.same_unread is not None]
-    lines += ["", f"recordings that verify: {sum(row.verified for row in rows)}",
+    lines += [
+        "",
+        f"recordings that verify: {sum(row.verified for row in rows)}",
         f"end the same read and unread: {sum(row.same_unread is True for row in compared)} of "
         f"{len(compared)}",
-        f"twice the same: {sum(row.first_difference is None for row in stepped)} of "
-        f"{len(stepped)}", ""]  # fmt: skip
+        f"twice the same: {sum(row.first_difference is None for row in stepped)} of {len(stepped)}",
+        "",
+    ]
     for row in rows:
         said = []
         if row.outcome not in ("recorded", "posed only", "simulates nothing"):

@@ -105,9 +105,13 @@ def _record(
     ):
         memory.truncate(pipe.BLOCK_BYTES)
         watch = start.watch(
-            os.dup(stream.fileno()), os.dup(memory.fileno()), steps=None, duration_s=None,
-            keep_sleeping=False, seed=None,
-        )  # fmt: skip
+            os.dup(stream.fileno()),
+            os.dup(memory.fileno()),
+            steps=None,
+            duration_s=None,
+            keep_sleeping=False,
+            seed=None,
+        )
         try:
             _run(code)
         finally:
@@ -122,12 +126,14 @@ def _record(
         writer.record(
             path,
             recorder.chunks(
-                listener.events(), listener.ending,
+                listener.events(),
+                listener.ending,
                 lambda ended: about_script(origin, recorder, ended),
             ),
-            recording_id=uuid.uuid4().hex, force=True,
+            recording_id=uuid.uuid4().hex,
+            force=True,
             blueprint=(lambda: layout(recorder.look())) if for_viewer else None,
-        )  # fmt: skip
+        )
 
 
 def _as_at_first() -> None:

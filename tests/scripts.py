@@ -386,8 +386,12 @@ PLAIN: dict[str, str] = {
 
 ARGUMENTS = {"arguments": ["--height", "0.5", "--force", "--", "-x", "y z"]}
 
-PLAIN = {name: textwrap.dedent(text) if not text.startswith(HEAD)
-    else HEAD + textwrap.dedent(text[len(HEAD):]) for name, text in PLAIN.items()}  # fmt: skip
+PLAIN = {
+    name: textwrap.dedent(text)
+    if not text.startswith(HEAD)
+    else HEAD + textwrap.dedent(text[len(HEAD) :])
+    for name, text in PLAIN.items()
+}
 
 WINDOW = """
 import pybullet as p, pybullet_data, time

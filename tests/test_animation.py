@@ -113,12 +113,20 @@ def test_a_recording_of_any_length_is_shown_completely() -> None:
 @pytest.mark.parametrize("suffix", some([".gif", ".webp", ".apng"], 1))
 @pytest.mark.parametrize(("wanted", "end_s"), some([({"speed": 1.0}, 1.025), ({}, 2.05)], 1))
 def test_every_pixel_is_shown_at_its_time(
-    standard: Run, recorded: list[Pixels], tmp_path: Path, suffix: str,
-    wanted: dict[str, float], end_s: float,
-) -> None:  # fmt: skip
+    standard: Run,
+    recorded: list[Pixels],
+    tmp_path: Path,
+    suffix: str,
+    wanted: dict[str, float],
+    end_s: float,
+) -> None:
     path = tmp_path / f"fall{suffix}"
-    rendering = render(standard.simulation.recording, out=path, animation=Animation(**wanted),
-                  plot=tmp_path / "p.png")  # fmt: skip
+    rendering = render(
+        standard.simulation.recording,
+        out=path,
+        animation=Animation(**wanted),
+        plot=tmp_path / "p.png",
+    )
     assert (rendering.gif, rendering.frames) == (path, 41)
     pictures, begins = shown(path)
     assert begins[-1] == pytest.approx(end_s, abs=0.006)
@@ -181,10 +189,12 @@ def test_no_frames_make_no_animation(suffix: str) -> None:
 @pytest.mark.parametrize(
     ("name", "fastest"),
     [
-        ("a.gif", 50.0), ("a.webp", 1000.0), ("a.apng", 1000.0),
+        ("a.gif", 50.0),
+        ("a.webp", 1000.0),
+        ("a.apng", 1000.0),
         pytest.param("a.mp4", 240.0, marks=pytest.mark.needs("av")),
     ],
-)  # fmt: skip
+)
 def test_a_format_plays_up_to_its_fastest_rate(name: str, fastest: float) -> None:
     check_animation(Path(name), fastest)
     with pytest.raises(ScenarioError, match=f"at most {fastest:g} in a {Path(name).suffix}"):
@@ -240,8 +250,12 @@ def test_the_camera_picture_stays_itself(
 ) -> None:
     """To the pixel, even in a gif: plot and caption leave enough colours for it."""
     path = tmp_path / "fall.gif"
-    render(standard.simulation.recording, out=path, animation=Animation(with_plot=True),
-           plot=tmp_path / "p.png")  # fmt: skip
+    render(
+        standard.simulation.recording,
+        out=path,
+        animation=Animation(with_plot=True),
+        plot=tmp_path / "p.png",
+    )
     pictures, _ = shown(path)
     assert len(pictures) == 41
     for picture, own in zip(pictures, recorded, strict=True):

@@ -37,12 +37,17 @@ from hypothesis import strategies as st
 
 NUMBERS = {name: spec for name, spec in Scenario.options().items() if math.isfinite(spec.high)}
 ANYTHING = st.one_of(
-    st.none(), st.booleans(), st.integers(), st.floats(), st.text(), st.binary(),
+    st.none(),
+    st.booleans(),
+    st.integers(),
+    st.floats(),
+    st.text(),
+    st.binary(),
     st.complex_numbers(),
     st.lists(st.floats(), max_size=4),
     st.tuples(st.floats(), st.floats(), st.floats()),
     st.sampled_from([10**400, -(10**400), 10**5000, 5e-324, sys.float_info.max, math.nan]),
-)  # fmt: skip
+)
 """Values of every type, and numbers that programs often get wrong."""
 TEXTS = st.one_of(
     st.text(),
@@ -50,11 +55,32 @@ TEXTS = st.one_of(
     st.tuples(st.integers(), st.integers()).map("{0[0]}/{0[1]}".format),
     st.lists(st.floats(), min_size=2, max_size=4).map(lambda parts: ",".join(map(str, parts))),
     st.sampled_from(
-        ["", " ", "1/0", "1e999", "-1e999", "nan", "inf", "1/240/2", "0x10", "1_000", "１２",
-         "__import__('os')", "9" * 5000, "1/" + "9" * 5000, "default", "earth", "EARTH", "1,2",
-         "1,2,3,4", ",,", "a\nb", "\0"]
+        [
+            "",
+            " ",
+            "1/0",
+            "1e999",
+            "-1e999",
+            "nan",
+            "inf",
+            "1/240/2",
+            "0x10",
+            "1_000",
+            "１２",
+            "__import__('os')",
+            "9" * 5000,
+            "1/" + "9" * 5000,
+            "default",
+            "earth",
+            "EARTH",
+            "1,2",
+            "1,2,3,4",
+            ",,",
+            "a\nb",
+            "\0",
+        ]
     ),
-)  # fmt: skip
+)
 
 
 def one_line(error: BaseException) -> str:
@@ -110,11 +136,19 @@ NUMERIC = {
     (command, option.opts[0]): option.metavar
     for command, click_command in COMMANDS.items()
     for option in click_command.params
-    if option.metavar in (
-        "NUMBER", "N", "S", "METRES", "SECONDS", "X,Y,Z", "R,P,Y|X,Y,Z,W", "NUMBER|NAME",
+    if option.metavar
+    in (
+        "NUMBER",
+        "N",
+        "S",
+        "METRES",
+        "SECONDS",
+        "X,Y,Z",
+        "R,P,Y|X,Y,Z,W",
+        "NUMBER|NAME",
         "WIDTHxHEIGHT",
     )
-}  # fmt: skip
+}
 GIVEN = {
     "simulate": ["--out", "a.rrd"], "analyze": ["a.rrd"], "render": ["a.rrd"], "run": [],
     "check": ["a.rrd", "--against", "b.rrd"], "sweep": ["--out", "s"],
@@ -161,10 +195,16 @@ def edges(spec: Option) -> list[tuple[float, bool]]:
     """Return numbers at the edges of a domain, and whether they are in it."""
     inward, outward = math.nextafter(spec.low, math.inf), math.nextafter(spec.low, -math.inf)
     return [
-        (spec.low, not spec.above), (inward, True), (outward, False), (spec.high, True),
-        (math.nextafter(spec.high, math.inf), False), (math.nan, False), (math.inf, False),
-        (-math.inf, False), (sys.float_info.max, False),
-    ]  # fmt: skip
+        (spec.low, not spec.above),
+        (inward, True),
+        (outward, False),
+        (spec.high, True),
+        (math.nextafter(spec.high, math.inf), False),
+        (math.nan, False),
+        (math.inf, False),
+        (-math.inf, False),
+        (sys.float_info.max, False),
+    ]
 
 
 @pytest.mark.parametrize("name", NUMBERS)
@@ -459,9 +499,13 @@ def test_a_good_urdf_is_left_to_bullet(tmp_path: Path) -> None:
 # -- names ----------------------------------------------------------------------------------------
 
 NAMES = (
-    "with space, it's a \"quote\"; $(touch x)", "ünïcödé 日本語 📦 …", "new\nline, tab\tin",
-    "[red] per%cent {brace} back\\slash", "-dash", "~",
-)  # fmt: skip
+    'with space, it\'s a "quote"; $(touch x)',
+    "ünïcödé 日本語 📦 …",
+    "new\nline, tab\tin",
+    "[red] per%cent {brace} back\\slash",
+    "-dash",
+    "~",
+)
 
 
 @pytest.mark.parametrize("name", some(NAMES, 2))
@@ -497,8 +541,10 @@ def test_a_name_with_a_dash_in_front_is_no_option_of_rerun(
     assert check(run, golden, update=True).updated
     assert check(run, golden).same
     assert {file.name for file in tmp_path.iterdir()} == {
-        "-x.rrd", "-x.analysis.rrd", "--golden.rrd",
-    }  # fmt: skip
+        "-x.rrd",
+        "-x.analysis.rrd",
+        "--golden.rrd",
+    }
 
 
 @pytest.mark.parametrize("name", ["~/runs", "~", "~root/runs"])

@@ -211,14 +211,15 @@ BYTES: dict[str, Callable[[bytes], bytes]] = {
     "garbage after the header": lambda data: data[:12] + random.Random(4).randbytes(len(data)),
     "a text": lambda _: b"# not a recording\n" * 1000,
     "a page of zeros": lambda data: data[:40_000] + bytes(4096) + data[44_096:],
-    "two pages swapped": lambda data: data[:16384] + data[20480:24576] + data[16384:20480]
-    + data[24576:],
+    "two pages swapped": lambda data: (
+        data[:16384] + data[20480:24576] + data[16384:20480] + data[24576:]
+    ),
     "backwards": lambda data: data[::-1],
     "an older format": lambda data: b"RRF1" + data[4:],
     "a message of 2^63 bytes": lambda data: data[:20] + b"\0\0\0\0\0\0\0\x80" + data[28:],
     "a message of 1 TB": lambda data: data[:20] + (10**12).to_bytes(8, "little") + data[28:],
     "a message of another kind": lambda data: data[:12] + b"\x09" + data[13:],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("kind", BYTES)
@@ -761,14 +762,19 @@ OTHER_KINDS: dict[str, Change] = {
         f"{values.type.value_type} in {name}.{key}": with_property(name, key, values)
         for name, key in (("engine", "mass_kg"), ("scenario", "height_m"), ("camera", "yaw_deg"))
         for values in (
-            blob(1.0, kind=pa.float32()), blob(2**62, kind=pa.timestamp("s")),
-            blob(b"x", kind=pa.binary()), blob(1, kind=pa.decimal128(10)),
-            blob(2**64 - 1, kind=pa.uint64()), blob([1.0], kind=pa.list_(pa.float64())),
-            blob({"a": 1}, kind=pa.struct([("a", pa.int64())])), blob(None, kind=pa.null()),
-            blob(None, 1.0, kind=pa.float64()), blob("x", kind=pa.large_string()),
+            blob(1.0, kind=pa.float32()),
+            blob(2**62, kind=pa.timestamp("s")),
+            blob(b"x", kind=pa.binary()),
+            blob(1, kind=pa.decimal128(10)),
+            blob(2**64 - 1, kind=pa.uint64()),
+            blob([1.0], kind=pa.list_(pa.float64())),
+            blob({"a": 1}, kind=pa.struct([("a", pa.int64())])),
+            blob(None, kind=pa.null()),
+            blob(None, 1.0, kind=pa.float64()),
+            blob("x", kind=pa.large_string()),
         )
     },
-}  # fmt: skip
+}
 """Columns without a digest of ours."""
 
 
@@ -879,11 +885,12 @@ def test_a_frame_whose_pixels_cannot_be_decoded_is_refused(sound: Sound, tmp_pat
 def arrow(columns: dict[str, pa.Array], *, entity: str = "/x", compression: str = "") -> pa.Buffer:
     """Return a chunk as Arrow's stream: a schema, and one batch of rows."""
     batch = pa.record_batch(
-        list(columns.values()), schema=pa.schema(
+        list(columns.values()),
+        schema=pa.schema(
             [pa.field(name, values.type) for name, values in columns.items()],
             metadata={"rerun:entity_path": entity},
         ),
-    )  # fmt: skip
+    )
     sink, how = pa.BufferOutputStream(), pa.ipc.IpcWriteOptions(compression=compression or None)
     with pa.ipc.new_stream(sink, batch.schema, options=how) as stream:
         stream.write_batch(batch)

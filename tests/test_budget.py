@@ -180,8 +180,14 @@ def test_numbers_of_things_are_the_same_as_json(recorded: Recorder) -> None:
 
 def test_an_apex_of_one_sample_is_counted(recorded: Recorder) -> None:
     """Its bounce leaves the floor and returns within two steps; the recording goes on."""
-    drop = {"body": "cube.urdf", "height_m": 2.493832761794609, "timestep_s": 0.01,
-            "duration_s": 2.0, "restitution": 0.7, "gravity_m_s2": -20.0}  # fmt: skip
+    drop = {
+        "body": "cube.urdf",
+        "height_m": 2.493832761794609,
+        "timestep_s": 0.01,
+        "duration_s": 2.0,
+        "restitution": 0.7,
+        "gravity_m_s2": -20.0,
+    }
     without = judge(recorded(**drop, contact_erp=0.0, solver_residual=0.0)).bounces
     for said, bounce in zip(judge(recorded(**drop)).bounces[:5], without, strict=False):
         assert said.uncorrected_apex_m == pytest.approx(bounce.apex_m, rel=1e-9)
@@ -265,8 +271,11 @@ def test_events_are_reported_at_the_step_at_which_they_happen(recorded: Recorder
     steps = {word: step for step, line in happened for word in line.replace(",", " ").split()}
     assert analysis.rest is not None
     assert (steps["release"], steps["damping"], steps["lowest"], steps["contact"]) == (
-        0, 72, 108, 108,
-    )  # fmt: skip
+        0,
+        72,
+        108,
+        108,
+    )
     lines = [line for _, line in happened]
     (contact, *_), (lowest, *_) = (
         [at for at, line in enumerate(lines) if word in line] for word in ("contact", "lowest")
@@ -306,9 +315,13 @@ def test_rest_is_explained_in_micrometres(recorded: Recorder) -> None:
 def test_bounces_rise_as_theory_says_once_the_correction_is_off(recorded: Recorder) -> None:
     plain = recorded(restitution=math.sqrt(0.5), timestep_s=1 / 960, duration_s=1.5)
     exact = recorded(
-        restitution=math.sqrt(0.5), timestep_s=1 / 960, duration_s=1.5, contact_erp=0.0,
-        linear_damping=0.0, solver_residual=0.0,
-    )  # fmt: skip
+        restitution=math.sqrt(0.5),
+        timestep_s=1 / 960,
+        duration_s=1.5,
+        contact_erp=0.0,
+        linear_damping=0.0,
+        solver_residual=0.0,
+    )
     (inflated, *_), (bounce, *_) = judge(plain).bounces, judge(exact).bounces
     assert bounce.effective_restitution == pytest.approx(0.5, abs=1e-12)
     assert bounce.correction_m_s == pytest.approx(0.0, abs=1e-12)
@@ -346,9 +359,12 @@ def test_every_joule_is_booked_to_a_cause(recorded: Recorder) -> None:
 @pytest.mark.parametrize("floor", [True, False])
 def test_what_a_spin_loses_in_the_air_is_damping(recorded: Recorder, floor: bool) -> None:
     recording = recorded(
-        body="sphere_small.urdf", spin_rad_s=(30.0, 0.0, 50.0), angular_damping=0.5, floor=floor,
+        body="sphere_small.urdf",
+        spin_rad_s=(30.0, 0.0, 50.0),
+        angular_damping=0.5,
+        floor=floor,
         linear_damping=0.0,
-    )  # fmt: skip
+    )
     spin_j, causes = judge(recording).table["kinetic_angular_j"].to_numpy(), causes_of(recording)
     if floor:
         assert causes["contacts"] < -0.1
@@ -394,10 +410,16 @@ def test_floating_and_spinning_bodies_conserve_what_they_should(
     recorded: Recorder, body: str, damping: float, coordinates: str
 ) -> None:
     recording = recorded(
-        body=body, gravity_m_s2=0.0, floor=False, coordinates=coordinates, mass_kg=0.7,
-        velocity_m_s=(1.0, 2.0, 3.0), spin_rad_s=(0.0, 0.0, 5.0),
-        linear_damping=damping, angular_damping=damping,
-    )  # fmt: skip
+        body=body,
+        gravity_m_s2=0.0,
+        floor=False,
+        coordinates=coordinates,
+        mass_kg=0.7,
+        velocity_m_s=(1.0, 2.0, 3.0),
+        spin_rad_s=(0.0, 0.0, 5.0),
+        linear_damping=damping,
+        angular_damping=damping,
+    )
     conservation = judge(recording).conservation
     inertia_z = recording.engine.inertia_kg_m2[2]
     assert conservation.energy_initial_j == pytest.approx(0.7 * 14 / 2 + inertia_z * 25 / 2)
@@ -415,9 +437,11 @@ def test_energy_and_momentum_of_a_turned_body_are_those_of_its_principal_axes() 
     """A body turned by 90° about x, spinning about world z, spins about its own y."""
     half = math.sqrt(0.5)
     sample = Motion(
-        position_m=np.array([[0.0, 0.0, 2.0]]), orientation=np.array([[half, 0.0, 0.0, half]]),
-        velocity_m_s=np.zeros((1, 3)), spin_rad_s=np.array([[0.0, 0.0, 3.0]]),
-    )  # fmt: skip
+        position_m=np.array([[0.0, 0.0, 2.0]]),
+        orientation=np.array([[half, 0.0, 0.0, half]]),
+        velocity_m_s=np.zeros((1, 3)),
+        spin_rad_s=np.array([[0.0, 0.0, 3.0]]),
+    )
     inertia_kg_m2 = np.array([1.0, 10.0, 100.0])
     sample_mechanics = mechanics_of_part(sample, 1.5, inertia_kg_m2, -9.81)
     assert sample_mechanics.kinetic_angular_j[0] == pytest.approx(10 * 3**2 / 2)
@@ -438,9 +462,13 @@ def test_what_slides_or_spins_is_not_at_rest(recorded: Recorder) -> None:
     """Its height stays, or its centre; at rest both position and orientation stay."""
     slides = recorded(height_m=0.03, velocity_m_s=(0.5, 0.0, 0.0), friction=0.0, duration_s=1.0)
     spins = recorded(
-        body="sphere_small.urdf", height_m=0.0301, spin_rad_s=(0.0, 0.0, 50.0), friction=0.0,
-        angular_damping=0.0, duration_s=1.0,
-    )  # fmt: skip
+        body="sphere_small.urdf",
+        height_m=0.0301,
+        spin_rad_s=(0.0, 0.0, 50.0),
+        friction=0.0,
+        angular_damping=0.0,
+        duration_s=1.0,
+    )
     assert judge(slides).rest is None
     assert judge(spins).rest is None
 

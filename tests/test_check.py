@@ -283,9 +283,11 @@ def test_friction_is_compared_as_one_force(recorded: Recorder) -> None:
     """Its directions are arbitrary where it is small; only the force moves the body."""
     golden = side(recorded())
     turned = golden.seen.contacts.with_columns(
-        friction_1_n=-pl.col("friction_1_n"), f1x=-pl.col("f1x"), f1y=-pl.col("f1y"),
+        friction_1_n=-pl.col("friction_1_n"),
+        f1x=-pl.col("f1x"),
+        f1y=-pl.col("f1y"),
         f1z=-pl.col("f1z"),
-    )  # fmt: skip
+    )
     assert compare(with_contacts(golden, turned), golden).same
     allowed_n, (x, y) = 1e-9 * 0.1 * 240**2, golden.seen.contacts.select("f1x", "f1y").row(-1)
     axis = "x" if abs(x) > abs(y) else "y"
@@ -329,8 +331,9 @@ def test_a_contact_that_only_one_of_them_has_differs(recorded: Recorder) -> None
     early = golden.seen.contacts.head(1).with_columns(step=pl.lit(50, pl.Int64))
     touching = with_contacts(golden, pl.concat([early, golden.seen.contacts]))
     for mine, theirs, value, there in (
-        (touching, golden, 1.0, 0.0), (golden, touching, 0.0, 1.0),
-    ):  # fmt: skip
+        (touching, golden, 1.0, 0.0),
+        (golden, touching, 0.0, 1.0),
+    ):
         result = compare(mine, theirs, tolerance_m=1.0)
         assert where(result.first) == (50, "contact_points", value, there)
     less = with_contacts(golden, golden.seen.contacts.head(-1))
@@ -369,12 +372,12 @@ def test_a_joint_that_differs_is_named(recorded: Recorder) -> None:
     assert (result.first.link, result.first.part) == (moving[3].link, moving[3].name)
     largest = {each.quantity: each for each in result.largest}
     assert (largest["joint_position"].difference, largest["joint_position"].unit) == (
-        pytest.approx(1e-3), "rad",
-    )  # fmt: skip
+        pytest.approx(1e-3),
+        "rad",
+    )
     assert largest["orientation"].difference == pytest.approx(1e-3)
     assert largest["orientation"].link == result.first.link
-    assert compare(with_samples(golden, joints=turned), golden,
-                   tolerance_m=0.01).same  # fmt: skip
+    assert compare(with_samples(golden, joints=turned), golden, tolerance_m=0.01).same
 
 
 def test_a_tolerance_is_a_length(recorded: Recorder) -> None:
@@ -814,12 +817,25 @@ def test_what_it_prints_of_a_script(recording: Record, golden: Path, drop: Drop)
     result = json.loads(done.stdout)
     assert done.returncode == 3
     assert result["first_difference"] == {
-        "step": 0, "body": "1_sphere", "link": -1, "column": "z_m", "value": 0.25, "golden": 0.2,
-        "difference": pytest.approx(0.05), "time_s": 0.0, "part": None,
-    }  # fmt: skip
+        "step": 0,
+        "body": "1_sphere",
+        "link": -1,
+        "column": "z_m",
+        "value": 0.25,
+        "golden": 0.2,
+        "difference": pytest.approx(0.05),
+        "time_s": 0.0,
+        "part": None,
+    }
     assert set(result["call_before"]) == {
-        "at", "client", "function", "arguments", "file", "line", "raised",
-    }  # fmt: skip
+        "at",
+        "client",
+        "function",
+        "arguments",
+        "file",
+        "line",
+        "raised",
+    }
     assert result["other_call"]["golden"]["line"] == 6
     assert [each["name"] for each in result["script"]] == ["script_sha256"]
     schema_of_it = strict(schema_of("check"))
@@ -959,8 +975,9 @@ def test_recordings_are_compared_up_to_the_end_of_the_shorter(
     assert compared(recording(pushed, steps=50), recording(pushed)).differences == []
     removing = (
         ("if step == 20:", "if step == 59: p.removeBody(1), p.removeBody(2)\n    if step == 20:"),
-        ("range(60)", "range(70)"), ("    p.setJoint", "    step > 59 or p.setJoint"),
-    )  # fmt: skip
+        ("range(60)", "range(70)"),
+        ("    p.setJoint", "    step > 59 or p.setJoint"),
+    )
     not_removing = (("range(60)", "range(70)"), removing[2])
     result = compared(recording(*removing), recording(*not_removing))
     assert {difference.column for difference in result.differences} == {"there"}
@@ -983,8 +1000,9 @@ def test_joints_and_contact_points_are_compared_to_the_bit(golden: Path) -> None
     contacts = theirs.seen.contacts
     assert len(contacts) > 5
     step = contacts["step"][4]
-    fewer = with_samples(theirs, contacts=contacts.with_row_index().filter(
-        pl.col("index") != 4).drop("index"))  # fmt: skip
+    fewer = with_samples(
+        theirs, contacts=contacts.with_row_index().filter(pl.col("index") != 4).drop("index")
+    )
     first = compare(fewer, theirs).first
     assert first is not None
     assert (first.step, first.column, first.difference) == (step, "contact_points", -1.0)
@@ -1102,8 +1120,11 @@ def test_the_folder_of_a_file_does_not_make_a_call_different(golden: Path) -> No
 
 @pytest.mark.long
 def test_two_clients_are_compared_each_by_its_steps(tmp_path: Path) -> None:
-    text = scripts.PLAIN["client"].replace("show(pybullet, 0, 1)", "").replace(
-        "from show import show", "")  # fmt: skip
+    text = (
+        scripts.PLAIN["client"]
+        .replace("show(pybullet, 0, 1)", "")
+        .replace("from show import show", "")
+    )
     paths = []
     for number, gravity in enumerate(("-9.81 - n", "-9.81 - n", "-9.81 - 2 * n")):
         tmp_path.joinpath("two.py").write_text(textwrap.dedent(text).replace("-9.81 - n", gravity))
@@ -1152,8 +1173,10 @@ def test_which_simulation_is_first_does_not_count(tmp_path: Path) -> None:
     paths = [
         recorded_script(TURNS, tmp_path / f"{order}.rrd", order) for order in ("forward", "back")
     ]
-    labels = [{body.client: body.label for body in script_side(path).seen.bodies.values()}
-              for path in paths]  # fmt: skip
+    labels = [
+        {body.client: body.label for body in script_side(path).seen.bodies.values()}
+        for path in paths
+    ]
     assert labels[0] != labels[1]
     for run, golden in (paths, paths[::-1]):
         for tolerance_m in (0.0, 1e-3):

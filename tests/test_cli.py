@@ -48,16 +48,28 @@ def test_every_stage_prints_one_json_object(drop: Drop, tmp_path: Path, standard
     (tmp_path / "run.rrd").write_bytes(standard.simulation.recording.read_bytes())
     simulated = drop("simulate", "--out", "new.rrd", "--no-camera", "--json")
     assert set(json.loads(simulated.stdout)) == {
-        "recording", "recording_id", "samples", "frames", "bytes", "wall_s",
-    }  # fmt: skip
+        "recording",
+        "recording_id",
+        "samples",
+        "frames",
+        "bytes",
+        "wall_s",
+    }
     rendered = json.loads(drop("render", "run.rrd", "--json").stdout)
     assert rendered == {"gif": "run.gif", "frames": 41, "fps": 20.0, "plot": "run.png"}
 
     analyzed = json.loads(drop("analyze", "run.rrd", "--at", "0.3", "--at", "0.9", "--json").stdout)
     assert {
-        "recording", "scenario", "engine", "at", "airborne", "impact", "rest", "conservation",
+        "recording",
+        "scenario",
+        "engine",
+        "at",
+        "airborne",
+        "impact",
+        "rest",
+        "conservation",
         "findings",
-    } <= set(analyzed)  # fmt: skip
+    } <= set(analyzed)
     falling, resting = analyzed["at"]
     assert set(falling["terms_m"]) == {"timestep", "damping", "interaction", "rounding"}
     assert sum(falling["terms_m"].values()) == pytest.approx(falling["error_m"], abs=1e-15)
@@ -68,23 +80,75 @@ def test_every_stage_prints_one_json_object(drop: Drop, tmp_path: Path, standard
 
 def test_scenario_options_reach_the_recording(drop: Drop) -> None:
     drop(
-        "simulate", "--out", "run.rrd", "--no-camera", "--height", "2", "--timestep", "1/480",
-        "--duration", "0.5", "--gravity", "moon", "--linear-damping", "0.1", "--angular-damping",
-        "0", "--velocity", "0,0,-1", "--spin", "1,2,3", "--mass", "0.2", "--restitution", "0.5",
-        "--contact-erp", "0.1", "--solver-residual", "0", "--solver-iterations", "20",
-        "--coordinates", "maximal", "--no-floor", "--orientation", "90,0,45", "--friction", "0.3",
-        "--restitution-threshold", "0.1", "--substeps", "2",
-    )  # fmt: skip
+        "simulate",
+        "--out",
+        "run.rrd",
+        "--no-camera",
+        "--height",
+        "2",
+        "--timestep",
+        "1/480",
+        "--duration",
+        "0.5",
+        "--gravity",
+        "moon",
+        "--linear-damping",
+        "0.1",
+        "--angular-damping",
+        "0",
+        "--velocity",
+        "0,0,-1",
+        "--spin",
+        "1,2,3",
+        "--mass",
+        "0.2",
+        "--restitution",
+        "0.5",
+        "--contact-erp",
+        "0.1",
+        "--solver-residual",
+        "0",
+        "--solver-iterations",
+        "20",
+        "--coordinates",
+        "maximal",
+        "--no-floor",
+        "--orientation",
+        "90,0,45",
+        "--friction",
+        "0.3",
+        "--restitution-threshold",
+        "0.1",
+        "--substeps",
+        "2",
+    )
     scenario = json.loads(drop("analyze", "run.rrd", "--json").stdout)["scenario"]
     assert scenario == {
-        "height_m": 2.0, "timestep_s": 1 / 480, "duration_s": 0.5, "gravity_m_s2": -1.62,
-        "linear_damping": 0.1, "angular_damping": 0.0, "velocity_m_s": [0.0, 0.0, -1.0],
-        "spin_rad_s": [1.0, 2.0, 3.0], "body": "cube_small.urdf", "mass_kg": 0.2,
-        "restitution": 0.5, "contact_erp": 0.1, "solver_residual": 0.0, "solver_iterations": 20,
-        "orientation": [90.0, 0.0, 45.0], "friction": 0.3, "restitution_threshold_m_s": 0.1,
-        "substeps": 2, "coordinates": "maximal", "engine": "bullet", "integrator": None,
-        "stepped": True, "gravity_set": True, "floor": False,
-    }  # fmt: skip
+        "height_m": 2.0,
+        "timestep_s": 1 / 480,
+        "duration_s": 0.5,
+        "gravity_m_s2": -1.62,
+        "linear_damping": 0.1,
+        "angular_damping": 0.0,
+        "velocity_m_s": [0.0, 0.0, -1.0],
+        "spin_rad_s": [1.0, 2.0, 3.0],
+        "body": "cube_small.urdf",
+        "mass_kg": 0.2,
+        "restitution": 0.5,
+        "contact_erp": 0.1,
+        "solver_residual": 0.0,
+        "solver_iterations": 20,
+        "orientation": [90.0, 0.0, 45.0],
+        "friction": 0.3,
+        "restitution_threshold_m_s": 0.1,
+        "substeps": 2,
+        "coordinates": "maximal",
+        "engine": "bullet",
+        "integrator": None,
+        "stepped": True,
+        "gravity_set": True,
+        "floor": False,
+    }
 
 
 @pytest.mark.parametrize("suffix", ["parquet", "csv"])
@@ -121,9 +185,11 @@ def test_rerun_cannot_be_switched_off(
 
 
 LOUD = {
-    "RUST_LOG": "debug", "MALLOC_CONF": "stats_print:true", "_RJEM_MALLOC_CONF": "no:thing",
+    "RUST_LOG": "debug",
+    "MALLOC_CONF": "stats_print:true",
+    "_RJEM_MALLOC_CONF": "no:thing",
     "POLARS_VERBOSE": "1",
-}  # fmt: skip
+}
 
 
 @pytest.mark.long
@@ -186,9 +252,14 @@ def test_where_memory_is_limited_a_library_that_aborts_is_one_line(
         resource.setrlimit(resource.RLIMIT_AS, (most, most))
 
     done = subprocess.run(
-        [sys.executable, "-c", ABORTS.replace("{how}", how)], cwd=tmp_path, env=environment(),
-        capture_output=True, text=True, check=False, preexec_fn=limited,
-    )  # fmt: skip
+        [sys.executable, "-c", ABORTS.replace("{how}", how)],
+        cwd=tmp_path,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=limited,
+    )
     assert (done.returncode, done.stdout) == (code, ""), done.stderr
     assert len(done.stderr.splitlines()) == bool(said)
     assert said in done.stderr
@@ -215,9 +286,12 @@ def test_an_error_is_said_though_no_translation_can_be_read(
 def test_a_reader_that_closes_the_pipe_is_not_an_error() -> None:
     command = f"{sys.executable} -m drop_physics analyze --help | head -1"
     done = subprocess.run(
-        ["bash", "-c", command], capture_output=True, text=True, cwd=Path(__file__).parents[1],
+        ["bash", "-c", command],
+        capture_output=True,
+        text=True,
+        cwd=Path(__file__).parents[1],
         check=False,
-    )  # fmt: skip
+    )
     assert done.stderr == ""
 
 
@@ -322,10 +396,23 @@ def test_interrupted_it_says_so_and_keeps_the_part(
 ) -> None:
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
     process = subprocess.Popen(
-        [sys.executable, "-m", "drop_physics", "simulate", "--out", "run.rrd", "--duration", "5000",
-         "--no-camera"],
-        cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-m",
+            "drop_physics",
+            "simulate",
+            "--out",
+            "run.rrd",
+            "--duration",
+            "5000",
+            "--no-camera",
+        ],
+        cwd=tmp_path,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     part = tmp_path / "run.rrd.part"
     deadline = time.monotonic() + 20
     while not (part.exists() and part.stat().st_size > 1_000_000):
@@ -344,9 +431,13 @@ def test_interrupted_while_it_is_still_being_imported_it_says_so(tmp_path: Path)
     (tmp_path / "typer.py").write_text("import os\nos.kill(os.getpid(), 2)\nraise SystemExit(7)\n")
     places = os.pathsep.join([str(tmp_path), str(Path(__file__).parents[1])])
     done = subprocess.run(
-        [sys.executable, "-m", "drop_physics", "run"], capture_output=True, text=True, cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": places}, check=False,
-    )  # fmt: skip
+        [sys.executable, "-m", "drop_physics", "run"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": places},
+        check=False,
+    )
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "drop: interrupted\n")
 
 

@@ -154,10 +154,14 @@ steps(240)
 
 @pytest.mark.parametrize(
     "scene",
-    [CUBE.replace("{z}", "1").replace("{v}", "0"), CUBE.replace("{z}", "3").replace("{v}", "2"),
-     ROLLS, BESIDE],
+    [
+        CUBE.replace("{z}", "1").replace("{v}", "0"),
+        CUBE.replace("{z}", "3").replace("{v}", "2"),
+        ROLLS,
+        BESIDE,
+    ],
     ids=["a cube", "a fast cube", "nearly convex ones", "a ring on a floor"],
-)  # fmt: skip
+)
 def test_what_is_touched_on_its_surface_is_its_hull(scene: str, tmp_path: Path) -> None:
     assert not found(scene.replace("{folder}", str(tmp_path)), tmp_path, "collides-as-hull")
 
@@ -189,8 +193,9 @@ def test_what_is_touched_is_drawn_but_hidden(tmp_path: Path) -> None:
     recording = record(PEG.format(n=24, scale=1, folder=tmp_path, flags=""), path)
     assert f"{schema.COLLISIONS}/0_mesh/base/0" in recording.entities
     # What is drawn as it is touched needs no second drawing.
-    assert not any("1_cylinder" in each for each in recording.entities
-        if each.startswith(schema.COLLISIONS))  # fmt: skip
+    assert not any(
+        "1_cylinder" in each for each in recording.entities if each.startswith(schema.COLLISIONS)
+    )
 
 
 @pytest.mark.long

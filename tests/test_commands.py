@@ -33,8 +33,11 @@ for i in range(30):
     )
     found = rows(scene, tmp_path / "run.rrd", "target")
     assert {step: row["Scalars:scalars"][1] for step, row in found.items()} == {
-        0: 0.0, 10: 0.1, 20: 0.2, 30: 0.2,
-    }  # fmt: skip
+        0: 0.0,
+        10: 0.1,
+        20: 0.2,
+        30: 0.2,
+    }
     assert np.isnan(found[30]["Scalars:scalars"][0])
     limits = rows(scene, tmp_path / "limits.rrd", "limit")
     assert {step: row["Scalars:scalars"][1] for step, row in limits.items()} == {0: 30.0, 30: 30.0}

@@ -121,8 +121,9 @@ def test_what_is_meant_to_move_does_not_slide(scene: str, tmp_path: Path) -> Non
 
 def test_a_ball_rolls(tmp_path: Path) -> None:
     scene = SLOPE.format(degrees=40, mu=0.1, above=0, steps=240)
-    assert not found(scene.replace("box(1, [0, 0, 0.05 + 0], mu=0.1)", "ball(1, [0, 0, .1])"),
-        tmp_path, "slides")  # fmt: skip
+    assert not found(
+        scene.replace("box(1, [0, 0, 0.05 + 0], mu=0.1)", "ball(1, [0, 0, .1])"), tmp_path, "slides"
+    )
 
 
 # -- starts-in-contact, self-collision ------------------------------------------------------------
@@ -301,8 +302,10 @@ EARLY = [
 def test_a_contact_acts_before_it_touches(
     shape: str, size: float, x: float, v: float, r: float, tmp_path: Path
 ) -> None:
-    scene, cured = (AT_A_WALL.format(shape=shape, size=size, x=x, v=v, r=r, more=more)
-        for more in ("", ", contactProcessingThreshold=0"))  # fmt: skip
+    scene, cured = (
+        AT_A_WALL.format(shape=shape, size=size, x=x, v=v, r=r, more=more)
+        for more in ("", ", contactProcessingThreshold=0")
+    )
     (one,) = found(scene, tmp_path, "no-restitution")
     assert f"{v} m/s and leaves at 0 m/s" in one.message
     assert "before they touch" in one.message

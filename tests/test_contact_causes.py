@@ -53,11 +53,16 @@ SPINS = FLOOR + BOX + "b = box(1, [0, 0, .05])\np.resetBaseVelocity(b, [0, 0, 0]
 
 @pytest.mark.parametrize(
     "scene",
-    [SLOPE.format(degrees=20, mu=0.9, above=0, steps=600), ROLLS + "steps(480)",
-     SPINS + "steps(240)", TRAY.format(mu=0.8), GRIP.format(mass=0.3, off=0, mu=0.3, force=10),
-     SLOPE.format(degrees=25, mu=0.3, above=0, steps=240)],
+    [
+        SLOPE.format(degrees=20, mu=0.9, above=0, steps=600),
+        ROLLS + "steps(480)",
+        SPINS + "steps(240)",
+        TRAY.format(mu=0.8),
+        GRIP.format(mass=0.3, off=0, mu=0.3, force=10),
+        SLOPE.format(degrees=25, mu=0.3, above=0, steps=240),
+    ],
     ids=["slope", "rolls", "spins", "tray", "grip", "slides"],
-)  # fmt: skip
+)
 def test_what_rests_or_slides_does_not_creep(scene: str, tmp_path: Path) -> None:
     assert not found(scene, tmp_path, "creeps")
 
@@ -281,10 +286,22 @@ def test_what_cannot_touch_passes_through(name: str, tmp_path: Path) -> None:
     assert not found(scene.format(on=on), tmp_path, "tunnelled")
 
 
-BESIDE = SHOT.format(half=(0.02, 1, 1), turned=(0, 0, 0), shape="ball(.1, [0, 1.5, 1], .03)",
-    v=[60, 0, 0], dt="1/240", n=40)  # fmt: skip
-MEANT = SHOT.format(half=(0.02, 1, 1), turned=(0, 0, 0), shape="ball(.1, [0, 0, 1], .03)\n"
-    "p.setCollisionFilterPair(w, b, -1, -1, 0)", v=[60, 0, 0], dt="1/240", n=40)  # fmt: skip
+BESIDE = SHOT.format(
+    half=(0.02, 1, 1),
+    turned=(0, 0, 0),
+    shape="ball(.1, [0, 1.5, 1], .03)",
+    v=[60, 0, 0],
+    dt="1/240",
+    n=40,
+)
+MEANT = SHOT.format(
+    half=(0.02, 1, 1),
+    turned=(0, 0, 0),
+    shape="ball(.1, [0, 0, 1], .03)\np.setCollisionFilterPair(w, b, -1, -1, 0)",
+    v=[60, 0, 0],
+    dt="1/240",
+    n=40,
+)
 MOVED = (
     BOX
     + """

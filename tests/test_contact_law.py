@@ -38,9 +38,13 @@ class Dropped:
     def law(self, rate: float, substeps: int = 1) -> BulletLaw:
         """Return its law at a given number of steps per second."""
         return law_of(
-            timestep_s=1 / rate, substeps=substeps, gravity_m_s2=self.gravity_m_s2,
-            mass_kg=MASS_KG, linear_damping=self.linear_damping, coordinates=self.coordinates,
-        )  # fmt: skip
+            timestep_s=1 / rate,
+            substeps=substeps,
+            gravity_m_s2=self.gravity_m_s2,
+            mass_kg=MASS_KG,
+            linear_damping=self.linear_damping,
+            coordinates=self.coordinates,
+        )
 
 
 def dropped(
@@ -54,11 +58,16 @@ def dropped(
     """Return heights and vertical velocities of cube_small.urdf above plane.urdf."""
     damping = effective_damping(fall.linear_damping, fall.coordinates)
     seen = drive(
-        timestep_s=timestep_s, samples=steps + 1, gravity_m_s2=fall.gravity_m_s2,
-        height_m=fall.height_m, velocity_m_s=(0.0, 0.0, fall.velocity_m_s),
-        coordinates=fall.coordinates, restitution=restitution,
-        dynamics={"linearDamping": damping}, engine=engine,
-    )  # fmt: skip
+        timestep_s=timestep_s,
+        samples=steps + 1,
+        gravity_m_s2=fall.gravity_m_s2,
+        height_m=fall.height_m,
+        velocity_m_s=(0.0, 0.0, fall.velocity_m_s),
+        coordinates=fall.coordinates,
+        restitution=restitution,
+        dynamics={"linearDamping": damping},
+        engine=engine,
+    )
     return seen.position_m[:, 2], seen.velocity_m_s[:, 2]
 
 

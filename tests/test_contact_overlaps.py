@@ -230,9 +230,17 @@ steps(240)
 
 @pytest.mark.parametrize(
     "scene",
-    [LIFTED, HIT, run(RISES + "p.changeDynamics(b, -1, restitution=1)\n"
-        "p.changeDynamics(f, -1, restitution=1)\n", 240, UP.format(v=0.6) + WITH.format(v=0.6))],
+    [
+        LIFTED,
+        HIT,
+        run(
+            RISES + "p.changeDynamics(b, -1, restitution=1)\n"
+            "p.changeDynamics(f, -1, restitution=1)\n",
+            240,
+            UP.format(v=0.6) + WITH.format(v=0.6),
+        ),
+    ],
     ids=["lifted", "hit", "carried"],
-)  # fmt: skip
+)
 def test_what_is_lifted_or_hit_gains_nothing_from_nowhere(scene: str, tmp_path: Path) -> None:
     assert not found(scene, tmp_path, "energy-gained")

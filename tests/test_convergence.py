@@ -79,9 +79,16 @@ def test_a_study_of_the_articles_golden_heights() -> None:
         timestep_m = -9.81 * 0.3 / frequency / 2
         error_m = height_m - free_fall_m
         runs.append(
-            StudiedRun(1 / frequency, height_m, error_m, timestep_m, damping_m,
-                error_m - timestep_m - damping_m, 0.0)
-        )  # fmt: skip
+            StudiedRun(
+                1 / frequency,
+                height_m,
+                error_m,
+                timestep_m,
+                damping_m,
+                error_m - timestep_m - damping_m,
+                0.0,
+            )
+        )
     study = study_of(runs[::-1])
     assert [run.timestep_s for run in study.runs] == HALVED
     assert study.orders_free_fall == pytest.approx([0.5479, -1.1576], abs=1e-4)
@@ -165,9 +172,16 @@ def test_damping_matters_where_it_shows_in_an_order(damping_m: float, matters: b
 
 @pytest.mark.parametrize(
     ("cancelling_s", "near"),
-    [(1 / 13487086115049, False), (1 / 9610, False), (1 / 9590, True), (1 / 341, True),
-     (1 / 25, True), (1 / 23, False), (None, False)],
-)  # fmt: skip
+    [
+        (1 / 13487086115049, False),
+        (1 / 9610, False),
+        (1 / 9590, True),
+        (1 / 341, True),
+        (1 / 25, True),
+        (1 / 23, False),
+        (None, False),
+    ],
+)
 def test_errors_that_cancel_far_from_all_timesteps_are_not_reported(
     cancelling_s: float | None, near: bool
 ) -> None:
@@ -179,8 +193,10 @@ def test_errors_that_cancel_far_from_all_timesteps_are_not_reported(
 
 
 def test_a_height_of_zero_has_no_relative_error() -> None:
-    runs = [StudiedRun(step_s, -step_s * n, step_s, step_s, 0.0, 0.0, 0.0)
-            for step_s, n in ((1 / 240, 2), (1 / 480, 1), (1 / 960, 0))]  # fmt: skip
+    runs = [
+        StudiedRun(step_s, -step_s * n, step_s, step_s, 0.0, 0.0, 0.0)
+        for step_s, n in ((1 / 240, 2), (1 / 480, 1), (1 / 960, 0))
+    ]
     study = study_of(runs)
     assert study.order is not None
     assert (study.relative_error, study.grid_convergence_index) == (None, None)
@@ -188,10 +204,16 @@ def test_a_height_of_zero_has_no_relative_error() -> None:
 
 @pytest.mark.parametrize(
     ("errors", "hurts"),
-    [((3.0, 2.0, 1.0), False), ((-3.0, -2.0, -1.0), False), ((2.0, 2.0), False),
-     ((-1.0, 2.0), True), ((1.0, -2.0), True), ((3.0, 1.0, 2.0), True),
-     ((3.0, 1.0, 1.005), False)],
-)  # fmt: skip
+    [
+        ((3.0, 2.0, 1.0), False),
+        ((-3.0, -2.0, -1.0), False),
+        ((2.0, 2.0), False),
+        ((-1.0, 2.0), True),
+        ((1.0, -2.0), True),
+        ((3.0, 1.0, 2.0), True),
+        ((3.0, 1.0, 1.005), False),
+    ],
+)
 def test_refining_hurts_where_the_size_of_the_error_grows(
     errors: tuple[float, ...], hurts: bool
 ) -> None:
@@ -203,8 +225,10 @@ def test_refining_hurts_where_the_size_of_the_error_grows(
 def test_a_summary_leaves_out_the_rows_that_have_no_number() -> None:
     """For 0 … 100, shuffled, with gaps left out: quantiles 5, 50 and 95, mean 50, spread 29.3."""
     values = np.random.default_rng(1).permutation(101).astype(float).tolist()
-    rows = pl.LazyFrame({"error_m": [*values, None, None], "damping_m": [None] * 103},
-                        schema_overrides={"damping_m": pl.Float64})  # fmt: skip
+    rows = pl.LazyFrame(
+        {"error_m": [*values, None, None], "damping_m": [None] * 103},
+        schema_overrides={"damping_m": pl.Float64},
+    )
     (summary,) = summaries(rows, ("error_m", "damping_m"))
     assert (summary.quantity, summary.count, summary.mean) == ("error_m", 101, pytest.approx(50))
     assert summary.quantiles == pytest.approx({"5%": 5, "50%": 50, "95%": 95})

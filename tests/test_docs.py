@@ -27,8 +27,10 @@ def test_the_readmes_two_commands_are_what_ci_runs() -> None:
     assert "pip install '.[test]' && pytest" in README
     ci = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
     assert re.findall(r"^pip.*|^pytest.*|pip\" install '\S+'", ci, re.MULTILINE) == [
-        "pip\" install '.[dev]'", "pip install '.[test]' && pytest", 'pytest -m "needs or long"'
-    ]  # fmt: skip
+        "pip\" install '.[dev]'",
+        "pip install '.[test]' && pytest",
+        'pytest -m "needs or long"',
+    ]
 
 
 SKIPPING = """

@@ -44,8 +44,10 @@ OTHERS = [
 DRAKE, PHYSX, DART = (pytest.mark.needs(MODULES[name]) for name in ("drake", "physx", "dart"))
 BODIES = ("cube_small.urdf", "sphere_small.urdf", "block.urdf", "lego/lego.urdf")
 TUMBLING = {
-    "orientation": (20.0, 30.0, 0.0), "velocity_m_s": (1.0, 0.0, 0.0), "spin_rad_s": (1.0, 2.0, 0.0)
-}  # fmt: skip
+    "orientation": (20.0, 30.0, 0.0),
+    "velocity_m_s": (1.0, 0.0, 0.0),
+    "spin_rad_s": (1.0, 2.0, 0.0),
+}
 HEAVY = (
     '<robot name="heavy"><link name="base"><inertial><mass value="1e4"/>'
     '<inertia ixx="4e5" iyy="8e5" izz="1e6" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -104,21 +106,32 @@ def test_every_step_in_the_air_follows_the_law(engine: str) -> None:
         pytest.param({"engine": "drake", "velocity_m_s": (0.0, 0.0, 20.0)}, marks=DRAKE),
         # MuJoCo: rounding turns a body that is thrown sideways by less than 1e-15 rad/s.
         {
-            "engine": "mujoco", "timestep_s": 10.0, "duration_s": 1000.0, "gravity_m_s2": -1.62,
-            "velocity_m_s": (1e-9, 0.3, -2.0), "height_m": 100.0, "heavy": True,
+            "engine": "mujoco",
+            "timestep_s": 10.0,
+            "duration_s": 1000.0,
+            "gravity_m_s2": -1.62,
+            "velocity_m_s": (1e-9, 0.3, -2.0),
+            "height_m": 100.0,
+            "heavy": True,
         },
         # PhysX: what damping leaves in the end is too small for a float32.
         pytest.param(
             {
-                "engine": "physx", "timestep_s": 1.0, "duration_s": 200.0, "gravity_m_s2": 0.0,
-                "velocity_m_s": (1.0, 0.0, 1.0), "spin_rad_s": (1.0, 2.0, 0.5),
-                "linear_damping": 0.5, "angular_damping": 0.5, "heavy": True,
+                "engine": "physx",
+                "timestep_s": 1.0,
+                "duration_s": 200.0,
+                "gravity_m_s2": 0.0,
+                "velocity_m_s": (1.0, 0.0, 1.0),
+                "spin_rad_s": (1.0, 2.0, 0.5),
+                "linear_damping": 0.5,
+                "angular_damping": 0.5,
+                "heavy": True,
             },
             marks=PHYSX,
         ),
     ],
     ids=["drake", "drake-apex", "mujoco", "physx"],
-)  # fmt: skip
+)
 def test_a_long_flight_follows_the_law_as_well(values: dict[str, Any], tmp_path: Path) -> None:
     values = dict(values)
     if values["engine"] == "drake":
@@ -310,10 +323,15 @@ def test_dart_loses_digits_of_a_body_that_is_nearly_upright(
     )
     analysis = judge(
         recorded(
-            engine="dart", timestep_s=1 / 60, height_m=0.03, body=str(body), linear_damping=1.0,
-            spin_rad_s=(0.26897543229944176, 6.093424822789364, 0.0), friction=3.0,
+            engine="dart",
+            timestep_s=1 / 60,
+            height_m=0.03,
+            body=str(body),
+            linear_damping=1.0,
+            spin_rad_s=(0.26897543229944176, 6.093424822789364, 0.0),
+            friction=3.0,
         )
-    )  # fmt: skip
+    )
     assert analysis.explained.why is None
 
 
@@ -520,9 +538,17 @@ def test_a_sweep_says_what_each_does_on_the_floor(tmp_path: Path, drop: Drop) ->
 def test_a_sweep_of_a_spinning_body_says_what_drifts_and_its_order(drop: Drop) -> None:
     spinning = ("--spin", "1,9,1", "--gravity", "zero", "--no-floor", "--body", "block.urdf")
     runs = swept(
-        drop, *spinning, "--engine", "mujoco", "--integrator", "euler,rk4",
-        "--timestep", "1/500,1/1000", "--duration", "1",
-    )["engines"]  # fmt: skip
+        drop,
+        *spinning,
+        "--engine",
+        "mujoco",
+        "--integrator",
+        "euler,rk4",
+        "--timestep",
+        "1/500,1/1000",
+        "--duration",
+        "1",
+    )["engines"]
     drifts = {(run["timestep_s"], run["order"] is None): run for run in runs}
     assert len(drifts) == 2
     orders = [run["order"] for run in runs if run["order"] is not None]
@@ -562,8 +588,14 @@ def test_recordings_of_one_drop_open_as_one_a_colour_for_each(tmp_path: Path) ->
         chunks = list(RrdReader(layer).stream())
         assert {"/world/MuJoCo/base", "/height/MuJoCo"} <= {chunk.entity_path for chunk in chunks}
         batches = [chunk.to_record_batch() for chunk in chunks]
-        seen = str([column.to_pylist() for each in batches for column in each.columns
-                    if not pa.types.is_duration(column.type)])  # fmt: skip
+        seen = str(
+            [
+                column.to_pylist()
+                for each in batches
+                for column in each.columns
+                if not pa.types.is_duration(column.type)
+            ]
+        )
         assert str(writer.rgba(colours.ENGINES["mujoco"]) - 0xFF + other_layer.ALPHA) in seen
     simulate(Scenario(engine="mujoco", height_m=2.0), tmp_path / "other.rrd", camera=None)
     with view([paths[0], tmp_path / "other.rrd"], web=True) as shown:
@@ -602,8 +634,9 @@ def test_a_note_says_what_an_engine_ignores_in_the_urdf(tmp_path: Path) -> None:
 
     def noted(**how: Any) -> list[str]:
         notes.clear()
-        simulate(Scenario(**short, **how), tmp_path / "x.rrd", camera=None, force=True,
-                 note=notes.append)  # fmt: skip
+        simulate(
+            Scenario(**short, **how), tmp_path / "x.rrd", camera=None, force=True, note=notes.append
+        )
         return notes
 
     assert noted() == []

@@ -113,9 +113,16 @@ def altered(recording: Recording, step: int, column: str, by: float) -> DropAnal
 
 @pytest.mark.parametrize(
     ("step", "column"),
-    [(0, "x_m"), (0, "wy_rad_s"), (60, "qy"), (109, "vz_m_s"), (400, "vx_m_s"), (500, "wy_rad_s"),
-     (720, "x_m")],
-)  # fmt: skip
+    [
+        (0, "x_m"),
+        (0, "wy_rad_s"),
+        (60, "qy"),
+        (109, "vz_m_s"),
+        (400, "vx_m_s"),
+        (500, "wy_rad_s"),
+        (720, "x_m"),
+    ],
+)
 def test_an_altered_sample_ends_what_is_explained(
     recorded: Recorder, step: int, column: str
 ) -> None:
@@ -143,10 +150,11 @@ def test_an_altered_force_ends_what_is_explained(recorded: Recorder) -> None:
     step = forced[len(forced) // 2]
     force = pl.col("normal_force_n")
     contacts = recording.contacts.with_columns(
-        pl.when(pl.col("step") == step).then(force * (1 + 1e-8)).otherwise(force).alias(
-            "normal_force_n"
-        )
-    )  # fmt: skip
+        pl.when(pl.col("step") == step)
+        .then(force * (1 + 1e-8))
+        .otherwise(force)
+        .alias("normal_force_n")
+    )
     analysis = judge(recording, contacts=contacts)
     assert analysis.explained.until_s == pytest.approx((step - 1) / 240)
     assert analysis.segments["unexplained"] == 1

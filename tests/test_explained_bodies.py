@@ -323,8 +323,9 @@ def test_the_energy_of_a_box_by_hand(seen: Callable[[str], Seen]) -> None:
     totals = explanation(found).totals[1]
     assert totals.start_j == pytest.approx(0.1 * 9.81 * 0.3, rel=1e-12)
     last = found.bases.row(-1, named=True)
-    speed, spin = (sum(last[name.format(axis)] ** 2 for axis in "xyz")
-        for name in ("v{}_m_s", "w{}_rad_s"))  # fmt: skip
+    speed, spin = (
+        sum(last[name.format(axis)] ** 2 for axis in "xyz") for name in ("v{}_m_s", "w{}_rad_s")
+    )
     kinetic = (0.1 * speed + 0.000125 * spin) / 2
     assert totals.end_j == pytest.approx(kinetic + 0.1 * 9.81 * last["z_m"], rel=1e-9)
     assert totals.energy_j["contacts"] < -0.1
@@ -509,14 +510,20 @@ def test_poses_of_pushes_matter(
 @pytest.mark.parametrize(
     ("what", "scene", "body"),
     [
-        ("linear_damping", "set", 1), ("angular_damping", "box", 1), ("joint_damping", "set", 1),
-        ("velocity_limit", "set", 1), ("lower", "set", 1),
+        ("linear_damping", "set", 1),
+        ("angular_damping", "box", 1),
+        ("joint_damping", "set", 1),
+        ("velocity_limit", "set", 1),
+        ("lower", "set", 1),
     ],
-)  # fmt: skip
+)
 def test_what_calls_set_matters(
-    what: str, scene: str, body: int, seen: Callable[[str], Seen],
+    what: str,
+    scene: str,
+    body: int,
+    seen: Callable[[str], Seen],
     monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+) -> None:
     """With another number in the law than the engine has, steps are unexplained."""
     other = {"linear_damping": 0.3, "angular_damping": 0.3, "velocity_limit": 100.0}
     make = Epochs._make
@@ -525,10 +532,14 @@ def test_what_calls_set_matters(
         epoch = make(self, *key)
         law: BulletTree = epoch.law
         nothing = law.lower * 0
-        given = {what: other[what]} if what in other else {
-            "joint_damping": {"joint_damping": nothing + 0.5},
-            "lower": {"lower": nothing, "upper": nothing - 1},
-        }[what]  # fmt: skip
+        given = (
+            {what: other[what]}
+            if what in other
+            else {
+                "joint_damping": {"joint_damping": nothing + 0.5},
+                "lower": {"lower": nothing, "upper": nothing - 1},
+            }[what]
+        )
         return replace(epoch, law=replace(law, **given))
 
     monkeypatch.setattr(Epochs, "_make", altered)
@@ -540,8 +551,11 @@ def test_pd_control_outlives_the_body(
     seen: Callable[[str], Seen], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """PyBullet keeps it by the id, beyond `resetSimulation`; forgotten there, nothing closes."""
-    monkeypatch.setattr(commands.Commanded, "servos", lambda _, law, before: np.zeros(
-        (len(before), law.tree.joint_rates)))  # fmt: skip
+    monkeypatch.setattr(
+        commands.Commanded,
+        "servos",
+        lambda _, law, before: np.zeros((len(before), law.tree.joint_rates)),
+    )
     totals = explanation(seen(AGAIN)).totals[0]
     assert totals.unexplained["remainder"].samples >= 100
 

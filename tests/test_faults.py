@@ -334,8 +334,12 @@ def test_a_folder_that_is_read_only_gets_one_line_and_nothing_new(
         else:
             disk.chmod(0o555)
             stack.callback(disk.chmod, 0o755)
-        for arguments in (TINY, ("analyze", "run.rrd"), ("render", "run.rrd"),
-                          ("check", "run.rrd", "--against", "golden.rrd", "--update")):  # fmt: skip
+        for arguments in (
+            TINY,
+            ("analyze", "run.rrd"),
+            ("render", "run.rrd"),
+            ("check", "run.rrd", "--against", "golden.rrd", "--update"),
+        ):
             code, *output = outcome(arguments, disk)
             assert code == 1
             assert_one_line(*output, "cannot be written")
@@ -560,12 +564,15 @@ WRITERS: dict[str, Callable[[Path, Path, bool], object]] = {
     "a.webp": lambda run, out, force: render(run, out=out, force=force),
     "p.svg": lambda run, out, force: render(run, plot=out, force=force),
     "s.png": lambda run, out, force: sweep(
-        plan_of({"timestep_s": "1/240,1/480"}), run.with_name("s"), record=False, plot=out,
+        plan_of({"timestep_s": "1/240,1/480"}),
+        run.with_name("s"),
+        record=False,
+        plot=out,
         force=force,
     ),
     "script.rrd": lambda run, out, force: record_one_step(run.parent, out, force=force),
     "golden.rrd": lambda run, out, _: check(run, out, update=True),
-}  # fmt: skip
+}
 """How each file is written from a recording `run.rrd` with frames, by the file's name."""
 
 
@@ -617,9 +624,12 @@ def test_with_force_a_stopped_run_leaves_one_part_however_often(tmp_path: Path) 
     for _ in range(3):
         with pytest.raises(KeyboardInterrupt):
             simulate(
-                Scenario(duration_s=0.1), tmp_path / "run.rrd", camera=None, force=True,
+                Scenario(duration_s=0.1),
+                tmp_path / "run.rrd",
+                camera=None,
+                force=True,
                 progress=stop,
-            )  # fmt: skip
+            )
     assert [file.name for file in tmp_path.iterdir()] == ["run.rrd.part"]
 
 
@@ -816,8 +826,19 @@ def test_a_sweep_that_is_killed_repeatedly_resumes_from_its_own_files(
 ) -> None:
     """It then finds complete parts, recordings of incomplete ones, and unfinished files."""
     plan = {"samples": 40, "seed": 1, "vary": ["height=uniform:1:2"]}  # in parts of 2
-    words = ("sweep", "--out", "s", "--samples", "40", "--seed", "1", "--vary",
-             "height=uniform:1:2", "--jobs", "2")  # fmt: skip
+    words = (
+        "sweep",
+        "--out",
+        "s",
+        "--samples",
+        "40",
+        "--seed",
+        "1",
+        "--vary",
+        "height=uniform:1:2",
+        "--jobs",
+        "2",
+    )
     for number, least in enumerate((1, 20, 39)):
         process = start(words, tmp_path)
         while process.poll() is None and len(list(tmp_path.glob("s/recordings/*.rrd"))) < least:
@@ -1005,18 +1026,34 @@ def test_a_signal_that_rerun_loses_stops_a_sweep(
 
     The run is not filed as one that fails: the same command again completes the sweep.
     """
-    sweep_two = ("sweep", "--height", "1,2", "--duration", "0.1", "--at", "0.1", "--jobs", "1",
-                 "--out", "s")  # fmt: skip
+    sweep_two = (
+        "sweep",
+        "--height",
+        "1,2",
+        "--duration",
+        "0.1",
+        "--at",
+        "0.1",
+        "--jobs",
+        "1",
+        "--out",
+        "s",
+    )
     done = subprocess.run(
         [sys.executable, "-c", LOSING, how, lost, *sweep_two],
-        cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        cwd=tmp_path,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert (done.returncode, done.stdout) == (code, "")
     assert "0 of 2 runs done in s; run the same command again to resume" in done.stderr
     assert outcome(sweep_two, tmp_path)[0] == 0
     assert sorted(file.name for file in (tmp_path / "s" / "recordings").iterdir()) == [
-        "run-0.rrd", "run-1.rrd",
-    ]  # fmt: skip
+        "run-0.rrd",
+        "run-1.rrd",
+    ]
 
 
 def test_a_ctrl_c_that_rerun_loses_stops_a_script_that_sweeps(
@@ -1121,8 +1158,12 @@ def test_a_closed_or_full_standard_output_or_error_does_not_change_the_exit_code
 def test_a_standard_output_that_gets_too_large_is_named(short: Path) -> None:
     done = subprocess.run(
         ["bash", "-c", f'ulimit -f 0; "{sys.executable}" -m drop_physics sweep --help >out.txt'],
-        cwd=short, env=environment(), capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        cwd=short,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 1
     assert_one_line("", done.stderr, "standard output cannot be written: the file is too large")
 

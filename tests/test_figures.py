@@ -241,9 +241,13 @@ def texts(axes: Axes) -> list[str]:
     return [text.get_text() for text in axes.texts]
 
 
-STORY = Story("A & <b> $x$", ["what it means"], [
-    Panel("height", "m", [Curve("box", np.arange(3.0), np.array([0.0, 1.0, 4.0]), "#0072b2")]),
-])  # fmt: skip
+STORY = Story(
+    "A & <b> $x$",
+    ["what it means"],
+    [
+        Panel("height", "m", [Curve("box", np.arange(3.0), np.array([0.0, 1.0, 4.0]), "#0072b2")]),
+    ],
+)
 
 
 @pytest.mark.parametrize("format", ["png", "svg"])
@@ -275,9 +279,15 @@ def test_the_page_is_light_or_dark(dark: bool, page: tuple[int, int, int]) -> No
         assert image.convert("RGB").getpixel((0, 0)) == page
 
 
-@pytest.mark.parametrize(("largest_m", "shown", "factor"), [
-    (2e-9, "nm", 1e9), (5e-3, "mm", 1e3), (0.5, "m", 1.0), (2e4, "km", 1e-3),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("largest_m", "shown", "factor"),
+    [
+        (2e-9, "nm", 1e9),
+        (5e-3, "mm", 1e3),
+        (0.5, "m", 1.0),
+        (2e4, "km", 1e-3),
+    ],
+)
 def test_lengths_are_in_the_unit_that_reads_best(
     largest_m: float, shown: str, factor: float
 ) -> None:
@@ -290,10 +300,15 @@ def test_lengths_are_in_the_unit_that_reads_best(
 def test_areas_add_up_to_the_curve_over_them_and_are_inside_the_panel() -> None:
     up, down, both = np.array([1.0, 2.0]), np.array([-3.0, -5.0]), np.array([4.0, -1.0])
     times_s = np.arange(2.0)
-    curves = [Curve(name, times_s, values, colour) for name, values, colour in (
-        ("total", up + down + both, ""), ("up", up, "#d55e00"), ("down", down, "#009e73"),
-        ("both", both, "#cc79a7"),
-    )]  # fmt: skip
+    curves = [
+        Curve(name, times_s, values, colour)
+        for name, values, colour in (
+            ("total", up + down + both, ""),
+            ("up", up, "#d55e00"),
+            ("down", down, "#009e73"),
+            ("both", both, "#cc79a7"),
+        )
+    ]
     story = Story("t", [], [Panel("error", "J", curves, zero=True, stacked=True)])
     (axes,) = build_story(story, LIGHT).axes
     reach = np.array([area.get_datalim(axes.transData).intervaly for area in axes.collections])
@@ -305,9 +320,17 @@ def test_areas_add_up_to_the_curve_over_them_and_are_inside_the_panel() -> None:
 
 @pytest.mark.parametrize(
     ("largest", "unit"),
-    [(0.0, "m"), (0.0099, "mm"), (0.01, "m"), (9999.0, "m"), (1e4, "km"), (1e-9, "nm"),
-     (1e-12, "nm"), (float("inf"), "m")],
-)  # fmt: skip
+    [
+        (0.0, "m"),
+        (0.0099, "mm"),
+        (0.01, "m"),
+        (9999.0, "m"),
+        (1e4, "km"),
+        (1e-9, "nm"),
+        (1e-12, "nm"),
+        (float("inf"), "m"),
+    ],
+)
 def test_the_usual_unit_is_kept_from_a_hundredth_to_9999_of_it(largest: float, unit: str) -> None:
     assert style.unit_for(largest, style.METRES, usual="m").name == unit
 
@@ -332,12 +355,16 @@ def test_the_colours_are_those_that_readers_have_learnt() -> None:
         "rounding": "#e69f00",  # orange
     }
     assert (colours.SIMULATED, colours.DAMPED_FALL, colours.FREE_FALL) == (
-        "#0072b2", "#56b4e9", "#8a8f98",
-    )  # fmt: skip
+        "#0072b2",
+        "#56b4e9",
+        "#8a8f98",
+    )
     # Vermilion for what moves, purple for what turns, sky blue for height.
     assert (colours.KINETIC, colours.ROTATION, colours.POTENTIAL) == (
-        "#d55e00", "#cc79a7", "#56b4e9",
-    )  # fmt: skip
+        "#d55e00",
+        "#cc79a7",
+        "#56b4e9",
+    )
 
 
 @pytest.mark.parametrize(

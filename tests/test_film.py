@@ -306,8 +306,10 @@ def test_the_poses_of_a_drop_are_drawn_near_where_a_camera_is_named(
         assert np.ptp(blue, axis=0).min() > 40
     assert len(np.unique(shown[0][300, :, 0])) > 1
     # It stays where the camera looks until 0.25 s, and lands at 0.31 s.
-    rows = [np.argwhere(each[..., 2].astype(int) - each[..., 0] > 60)[:, 0].mean()
-            for each in shown[:11]]  # fmt: skip
+    rows = [
+        np.argwhere(each[..., 2].astype(int) - each[..., 0] > 60)[:, 0].mean()
+        for each in shown[:11]
+    ]
     assert np.ptp(rows) < 20
     done = drop("render", "run.rrd", "--body", "box", "--force")
     assert (done.returncode, "a drop has only one body" in done.stderr) == (2, True)

@@ -87,9 +87,11 @@ def test_an_altered_state_does_not_follow_the_law(
 ) -> None:
     recording = recorded()
     altered = recording.states.with_columns(
-        pl.when(pl.col("step") == step).then(pl.col(column) + by).otherwise(pl.col(column))
+        pl.when(pl.col("step") == step)
+        .then(pl.col(column) + by)
+        .otherwise(pl.col(column))
         .alias(column)
-    )  # fmt: skip
+    )
     analysis = judge(recording, altered)
     (message,) = [said(finding) for finding in analysis.findings if finding.code == "law-mismatch"]
     assert f"sample {step} " in message

@@ -100,8 +100,13 @@ IN_A_LINK = (
     *(
         f'<contact><{name} value="{{}}"/></contact>'
         for name in (
-            "inertia_scaling", "lateral_friction", "rolling_friction", "spinning_friction",
-            "restitution", "stiffness", "damping",
+            "inertia_scaling",
+            "lateral_friction",
+            "rolling_friction",
+            "spinning_friction",
+            "restitution",
+            "stiffness",
+            "damping",
         )
     ),
     '<collision group="{}"><geometry><box size="1 1 1"/></geometry></collision>',
@@ -113,7 +118,7 @@ IN_A_LINK = (
     "</material></visual>",
     '<visual><geometry><box size="1 1 1"/></geometry><material name="m"><specular rgb="1 1 {}"/>'
     "</material></visual>",
-)  # fmt: skip
+)
 IN_A_JOINT = (
     '<axis xyz="0 {} 1"/>',
     *(f'<dynamics {name}="{{}}"/>' for name in ("damping", "friction")),
@@ -174,9 +179,11 @@ def test_the_limits_of_joints_are_those_of_pybullet(
     """At the limits PyBullet reads correctly; beyond them nothing, or a wrong velocity."""
     monkeypatch.setattr(probe, "problem_of", lambda _: ("", []))
     for kind, most in (
-        ("fixed", MOST_JOINTS), ("revolute", MOST_POSITIONS), ("spherical", MOST_POSITIONS // 4),
+        ("fixed", MOST_JOINTS),
+        ("revolute", MOST_POSITIONS),
+        ("spherical", MOST_POSITIONS // 4),
         ("planar", MOST_POSITIONS // 3),
-    ):  # fmt: skip
+    ):
         for star in (True, False):
             path = written(tmp_path, linked(most, kind, star=star))
             check_urdf(path)
@@ -269,10 +276,16 @@ def test_nearly_every_body_of_pybullet_data_passes_the_checks_for_own_files() ->
             failed.add(path.name)
     assert len(bodies) > 80
     assert failed == {
-        "bike.urdf", "biped2d_pybullet.urdf", "diff_ring.urdf", "husky.urdf",
-        "laikago_toes.urdf", "laikago_toes_limits.urdf",
-        "laikago_toes_zup.urdf", "laikago_toes_zup_lores.urdf", "humanoid.urdf",
-    }  # fmt: skip
+        "bike.urdf",
+        "biped2d_pybullet.urdf",
+        "diff_ring.urdf",
+        "husky.urdf",
+        "laikago_toes.urdf",
+        "laikago_toes_limits.urdf",
+        "laikago_toes_zup.urdf",
+        "laikago_toes_zup_lores.urdf",
+        "humanoid.urdf",
+    }
 
 
 # -- what is tried --------------------------------------------------------------------------------

@@ -86,20 +86,25 @@ def test_a_point_out_of_reach(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "scene",
-    some([
-        # Asked again from where it got to.
-        reach(KUKA, 6, [0.5, 0.2, 0.5], times=20, steps=40),
-        # Too weak: the joints are not on their targets.
-        reach(KUKA, 6, [0.5, 0.2, 0.5], more=MANY).replace("force=1000", "force=5"),
-        reach(KUKA, 6, [0.5, 0.2, 0.5]).replace("force=1000", "force=5"),
-        # The answer is not sent, or not as it is.
-        reach(KUKA, 6, [0.5, 0.2, 0.5]).replace("POSITION_CONTROL, q,", "POSITION_CONTROL, 0,"),
-        reach(KUKA, 6, [0.5, 0.2, 0.5]).replace("POSITION_CONTROL, q,",
-            "POSITION_CONTROL, 0.5 * q,"),
-        # Something else is sent later.
-        reach(KUKA, 6, [0.5, 0.2, 0.5], steps=2)
-        + "for j in joints:\n    p.setJointMotorControl2(k, j, p.POSITION_CONTROL, 0)\nsteps(240)",
-    ], 2),
-)  # fmt: skip
+    some(
+        [
+            # Asked again from where it got to.
+            reach(KUKA, 6, [0.5, 0.2, 0.5], times=20, steps=40),
+            # Too weak: the joints are not on their targets.
+            reach(KUKA, 6, [0.5, 0.2, 0.5], more=MANY).replace("force=1000", "force=5"),
+            reach(KUKA, 6, [0.5, 0.2, 0.5]).replace("force=1000", "force=5"),
+            # The answer is not sent, or not as it is.
+            reach(KUKA, 6, [0.5, 0.2, 0.5]).replace("POSITION_CONTROL, q,", "POSITION_CONTROL, 0,"),
+            reach(KUKA, 6, [0.5, 0.2, 0.5]).replace(
+                "POSITION_CONTROL, q,", "POSITION_CONTROL, 0.5 * q,"
+            ),
+            # Something else is sent later.
+            reach(KUKA, 6, [0.5, 0.2, 0.5], steps=2)
+            + "for j in joints:\n    p.setJointMotorControl2(k, j, p.POSITION_CONTROL, 0)\n"
+            + "steps(240)",
+        ],
+        2,
+    ),
+)
 def test_answers_that_are_not_to_blame(scene: str, tmp_path: Path) -> None:
     assert not said(scene, tmp_path)

@@ -209,9 +209,13 @@ def test_lines_end_between_phrases() -> None:
     text = "モーターの力が 720 ステップ中 72 ステップで「上限」の 30 N m に達しています。"
     text += "p.setGravity(0, 0) を呼ぶ"
     assert wrapped(text, 24, indent=" ") == [
-        "モーターの力が", " 720 ステップ中", " 72 ステップで「上限」の", " 30 N m に達しています。",
-        " p.setGravity(0, 0) を", " 呼ぶ",
-    ]  # fmt: skip
+        "モーターの力が",
+        " 720 ステップ中",
+        " 72 ステップで「上限」の",
+        " 30 N m に達しています。",
+        " p.setGravity(0, 0) を",
+        " 呼ぶ",
+    ]
     assert wrapped("床にめり込みます", 12) == ["床にめり込みます"], "めり込み is one word"
     assert wrapped("ends at 30 N m, not 31", 13) == ["ends at 30 N", "m, not 31"]
 

@@ -259,9 +259,12 @@ def test_pieces_say_the_same(steps: int, tmp_path: Path) -> None:
 
     def of(number: int) -> list[Finding]:
         answers = Scene(
-            seen=seen, origin=ORIGIN, times={0: Times(seen, 0)}, joints=JointTable(seen),
+            seen=seen,
+            origin=ORIGIN,
+            times={0: Times(seen, 0)},
+            joints=JointTable(seen),
             touches=TouchTable(seen),
-        )  # fmt: skip
+        )
         answer = OffTarget(answers)
         for explained in Explanation(seen).pieces(number):
             answers.see(explained)
@@ -327,21 +330,27 @@ def test_a_motor_that_nobody_thought_of(name: str, tmp_path: Path) -> None:
 
 
 QUIET = {
-    "gravity compensation": KUKA + HOLD + """
+    "gravity compensation": KUKA
+    + HOLD
+    + """
 for _ in range(240):
     q = [p.getJointState(k, j)[0] for j in range(7)]
     efforts = p.calculateInverseDynamics(k, q, [0.0] * 7, [0.0] * 7)
     p.setJointMotorControlArray(k, range(7), p.TORQUE_CONTROL, forces=efforts)
     p.stepSimulation()
 """,
-    "told to hold": KUKA + HOLD + """
+    "told to hold": KUKA
+    + HOLD
+    + """
 for i in range(300):
     go(300)
     if i > 100:
         p.applyExternalForce(k, 6, [0, 0, -50], [0, 0, 0], p.LINK_FRAME)
     p.stepSimulation()
 """,
-    "a motor and a torque": KUKA + HOLD + """
+    "a motor and a torque": KUKA
+    + HOLD
+    + """
 for i in range(300):
     go(300)
     p.setJointMotorControl2(k, 1, p.TORQUE_CONTROL, force=-15)
@@ -350,7 +359,7 @@ for i in range(300):
     "friction": BARE + "p.setJointMotorControl2(k, 1, p.VELOCITY_CONTROL, force=0.1)\n" + TORQUE,
     "nothing to move it": BARE + "steps(240)\n",
     "r2d2 stands": DOWN + FLOOR + 'p.loadURDF("r2d2.urdf", [0, 0, 0.5])\nsteps(240)\n',
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", some(QUIET, 2))
@@ -383,9 +392,9 @@ def test_substeps_of_motors_with_force_to_spare_are_not_told(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("force", "timestep", "limit"), some([(100, "1 / 60", "25"), (30, "1 / 1000", "125"),
-                                     (60, "1 / 120", "30")], 1),
-)  # fmt: skip
+    ("force", "timestep", "limit"),
+    some([(100, "1 / 60", "25"), (30, "1 / 1000", "125"), (60, "1 / 120", "30")], 1),
+)
 def test_a_timestep_set_after_a_motor(
     force: float, timestep: str, limit: str, tmp_path: Path
 ) -> None:
@@ -468,8 +477,10 @@ HOMING = "for j in range(7):\n    p.setJointMotorControl2(k, j, p.POSITION_CONTR
 def test_a_robot_beyond_the_limits_of_its_file(scene: str, tmp_path: Path) -> None:
     (found,) = said("beyond-urdf", scene, tmp_path)
     names = run(scene)
-    limits = {names["p"].getJointInfo(0, j)[1].decode(): names["p"].getJointInfo(0, j)[10:12]
-        for j in range(7)}  # fmt: skip
+    limits = {
+        names["p"].getJointInfo(0, j)[1].decode(): names["p"].getJointInfo(0, j)[10:12]
+        for j in range(7)
+    }
     names["p"].disconnect()
     assert found.level == "model"
     effort, velocity = limits[found.joint or ""]

@@ -59,15 +59,21 @@ def back(q):
     ("then", "level"),
     [
         ("to(0.5)\nsteps(120)\nfor q in (0.2, 0.7):\n    back(q)\n    steps(240)", "note"),
-        ("to(0.5)\nsteps(120)\ns = p.saveState()\nback(0.1)\nsteps(60)\np.restoreState(s)\n"
-         "back(0.3)\nsteps(60)", "note"),
+        (
+            "to(0.5)\nsteps(120)\ns = p.saveState()\nback(0.1)\nsteps(60)\np.restoreState(s)\n"
+            "back(0.3)\nsteps(60)",
+            "note",
+        ),
         # Pushed back to where it was, but for 5 mrad of noise.
         ("to(0.5)\nsteps(120)\nback(0.005)\nsteps(120)", "note"),
         # The last of several targets is of the episode before.
-        ("for e in range(2):\n    back(0.1)\n    steps(10)\n"
-         "    for i in range(9):\n        to(0.1 * i)\n        steps(9)", "asked"),
+        (
+            "for e in range(2):\n    back(0.1)\n    steps(10)\n"
+            "    for i in range(9):\n        to(0.1 * i)\n        steps(9)",
+            "asked",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_target_given_once_is_meant(then: str, level: str, tmp_path: Path) -> None:
     (found,) = said("reset-leaves", REPEATED + then, tmp_path)
     assert found.level == level

@@ -54,8 +54,10 @@ def holds(scene: str, body: int = 0) -> dict[str, float]:
         moving = [j for j in range(p.getNumJoints(body)) if p.getJointInfo(body, j)[2] in (0, 1)]
         q = [p.getJointState(body, j)[0] for j in moving]
         efforts = p.calculateInverseDynamics(body, q, [0.0] * len(q), [0.0] * len(q))
-        return {p.getJointInfo(body, j)[1].decode(): effort
-            for j, effort in zip(moving, efforts, strict=True)}  # fmt: skip
+        return {
+            p.getJointInfo(body, j)[1].decode(): effort
+            for j, effort in zip(moving, efforts, strict=True)
+        }
     finally:
         p.disconnect()
 
@@ -191,8 +193,14 @@ p.setJointMotorControl2(k, 6, p.TORQUE_CONTROL, force=0.1)
 """
     found = [*rows(KUKA + calls + "steps(30)\n", tmp_path / "a.rrd").values()]
     assert [row.control for row in found] == [
-        "default", "velocity", "off", "pd", "position", "position", "torque",
-    ]  # fmt: skip
+        "default",
+        "velocity",
+        "off",
+        "pd",
+        "position",
+        "position",
+        "torque",
+    ]
     assert [row.target for row in found] == [None, 0.5, None, 0.2, 0.1, 0.2, None]
     limits = [row.force_limit for row in found]
     assert limits == pytest.approx([240, 50, 0, 7, 30, 20, 0])
@@ -245,5 +253,6 @@ def test_pieces_come_to_the_same(scene: str, tmp_path: Path) -> None:
     for name, row in whole.items():
         for field, value in vars(row).items():
             other = getattr(parts[name], field)
-            assert other == (pytest.approx(value, rel=1e-9, abs=1e-9)
-                if isinstance(value, float) else value)  # fmt: skip
+            assert other == (
+                pytest.approx(value, rel=1e-9, abs=1e-9) if isinstance(value, float) else value
+            )

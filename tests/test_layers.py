@@ -109,9 +109,12 @@ def test_libraries_stay_in_their_rooms() -> None:
 
 def test_the_judge_knows_neither_engine_nor_recorder() -> None:
     unknown = (
-        "pybullet", "rerun", "drop_physics.recording", "drop_physics.engines.bullet.world",
+        "pybullet",
+        "rerun",
+        "drop_physics.recording",
+        "drop_physics.engines.bullet.world",
         "drop_physics.engines.bullet.engine",
-    )  # fmt: skip
+    )
     for name in (name for name in FILES if name.startswith(JUDGE)):
         assert not any(module.startswith(unknown) for module in imports_of(FILES[name])), name
 
@@ -134,9 +137,11 @@ def test_every_public_name_exists_and_is_known_to_type_checkers() -> None:
     tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
     (typed,) = [node for node in tree.body if isinstance(node, ast.If)]
     declared = [
-        alias.asname for node in typed.body if isinstance(node, ast.ImportFrom)
+        alias.asname
+        for node in typed.body
+        if isinstance(node, ast.ImportFrom)
         for alias in node.names
-    ]  # fmt: skip
+    ]
     assert sorted(declared) == sorted(drop_physics.__all__)
     for name in drop_physics.__all__:
         assert getattr(drop_physics, name).__name__ == name

@@ -80,10 +80,13 @@ def test_what_is_recorded_is_what_mujoco_does(recorded: Recorder, integrator: st
     recording = recorded(engine="mujoco", integrator=integrator, **BLOCK, **thrown)
     engine = recording.engine
     bare = mujoco_drop.drive(
-        steps=240, integrator=MUJOCO[integrator], mass_kg=engine.mass_kg,
-        inertia_kg_m2=engine.inertia_kg_m2, edges_m=engine.shape_dimensions_m,  # type: ignore[arg-type]
+        steps=240,
+        integrator=MUJOCO[integrator],
+        mass_kg=engine.mass_kg,
+        inertia_kg_m2=engine.inertia_kg_m2,
+        edges_m=engine.shape_dimensions_m,  # type: ignore[arg-type]
         **thrown,  # type: ignore[arg-type]
-    )  # fmt: skip
+    )
     assert (recording.contacts["step"].n_unique() or 0) > 5
     assert np.array_equal(recording.states.select(STATE).to_numpy(), bare[:, :10])
 
@@ -195,9 +198,12 @@ def test_what_the_solver_leaves_is_said(recorded: Recorder) -> None:
     assert analysis.segments["unexplained"]
     assert "--solver-residual 0" in (analysis.explained.why or "")
     assert "law-mismatch" not in {finding.code for finding in analysis.findings}
-    assert judge(
-        recorded(engine="mujoco", timestep_s=1 / 960, solver_residual=0.0)
-    ).segments["unexplained"] == 0  # fmt: skip
+    assert (
+        judge(recorded(engine="mujoco", timestep_s=1 / 960, solver_residual=0.0)).segments[
+            "unexplained"
+        ]
+        == 0
+    )
 
 
 def test_runge_kutta_claims_nothing_of_contact(recorded: Recorder) -> None:
@@ -231,11 +237,15 @@ def test_no_time_constant_is_below_two_timesteps(recorded: Recorder, timestep_s:
     analysis = judge(recorded(engine="mujoco", duration_s=2.0, **values))
     rows = [
         mujoco_drop.drive(
-            steps=round(2 / timestep_s), timestep_s=timestep_s, mass_kg=1.0,
-            inertia_kg_m2=analysis.engine.inertia_kg_m2, edges_m=(1.0, 1.0, 1.0), solref=solref,
+            steps=round(2 / timestep_s),
+            timestep_s=timestep_s,
+            mass_kg=1.0,
+            inertia_kg_m2=analysis.engine.inertia_kg_m2,
+            edges_m=(1.0, 1.0, 1.0),
+            solref=solref,
         )
         for solref in (0.02, 0.001)
-    ]  # fmt: skip
+    ]
     assert rows[0][-1, 2] == pytest.approx(rows[1][-1, 2], abs=1e-9)
     assert analysis.rest is not None
     assert analysis.rest.sinks_m == pytest.approx(0.5 - rows[0][-1, 2], abs=1e-9)
@@ -322,9 +332,15 @@ def test_angular_momentum_drifts_as_measured() -> None:
     drifts = {}
     for integrator in ("Euler", "implicit", "RK4"):
         rows = mujoco_drop.drive(
-            steps=10_000, timestep_s=1e-3, gravity_m_s2=0.0, integrator=integrator, mass_kg=1.0,
-            inertia_kg_m2=tuple(inertia.tolist()), spin_rad_s=(0.1, 5.0, 0.1), height_m=50.0,
-        )  # fmt: skip
+            steps=10_000,
+            timestep_s=1e-3,
+            gravity_m_s2=0.0,
+            integrator=integrator,
+            mass_kg=1.0,
+            inertia_kg_m2=tuple(inertia.tolist()),
+            spin_rad_s=(0.1, 5.0, 0.1),
+            height_m=50.0,
+        )
         momentum = rotate(rows[:, 3:7], rows[:, 10:] * inertia)
         drift = Drift()
         drift.add(momentum)

@@ -24,8 +24,10 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("wheel")
     subprocess.run(
         [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)],
-        cwd=ROOT, check=True, capture_output=True,
-    )  # fmt: skip
+        cwd=ROOT,
+        check=True,
+        capture_output=True,
+    )
     (path,) = folder.glob("*.whl")
     return path
 
@@ -67,9 +69,13 @@ def call(environment: Path, tmp_path: Path) -> Call:
     def run(folder: Path, program: str, *arguments: str) -> str:
         done = subprocess.run(
             [environment / program, *arguments],
-            cwd=folder, capture_output=True, text=True, check=False, timeout=120,
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=120,
             env={"HOME": str(tmp_path), "PATH": f"{environment}:{os.environ['PATH']}"},
-        )  # fmt: skip
+        )
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout
 

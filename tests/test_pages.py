@@ -66,8 +66,9 @@ def test_the_pictures_of_the_readme_are_what_its_commands_draw() -> None:
         first, *others = pictures(text.replace("docs/images/", "images/"))
         assert first == "images/film-dark.gif"  # of a light and a dark one, which a browser takes
         assert {Path(one).name for one in (first, *others)} == {
-            readme.VIEWER.name, *(path.name for path in made)
-        }  # fmt: skip
+            readme.VIEWER.name,
+            *(path.name for path in made),
+        }
         assert all(command in text for command in readme.FILM)
 
 
@@ -236,5 +237,7 @@ def test_what_a_program_prints_is_put_where_it_is_quoted(tmp_path: Path) -> None
 def test_lines_that_belong_together_are_one_command() -> None:
     loop = "for one in 1 2; do\n  echo $one\ndone"
     assert pages.commands(f"{loop}\necho a \\\n    b\n\ntrue # c\n") == [
-        loop, "echo a \\\n    b", "true # c",
-    ]  # fmt: skip
+        loop,
+        "echo a \\\n    b",
+        "true # c",
+    ]

@@ -25,9 +25,14 @@ def found(request: pytest.FixtureRequest) -> list[Error]:
 def test_the_exact_motion_solves_its_equation() -> None:
     times = np.linspace(0, 10, 400)
     solved = solve_ivp(
-        lambda _, y: (y[1], G * math.cos(y[0])), (0, 10), (0.0, 0.0), "DOP853", t_eval=times,
-        rtol=1e-12, atol=1e-13,
-    )  # fmt: skip
+        lambda _, y: (y[1], G * math.cos(y[0])),
+        (0, 10),
+        (0.0, 0.0),
+        "DOP853",
+        t_eval=times,
+        rtol=1e-12,
+        atol=1e-13,
+    )
     assert pendulum.exact(times) == pytest.approx(solved.y[0], abs=1e-10)
 
 

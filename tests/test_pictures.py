@@ -190,9 +190,10 @@ def test_a_recording_holds_where_a_following_camera_stood(tmp_path: Path) -> Non
     recording = read(path)
     assert recording.camera is not None
     batches = [
-        chunk.batch for chunk in rrd.chunks(path)
+        chunk.batch
+        for chunk in rrd.chunks(path)
         if chunk.entity == schema.CAMERA and "Transform3D:mat3x3" in chunk.batch.schema.names
-    ]  # fmt: skip
+    ]
     (batch,) = batches
     assert batch.column(schema.STEP_TIMELINE).to_pylist() == list(range(0, 61, 6))
     places = np.array(batch.column("Transform3D:translation").flatten().flatten())

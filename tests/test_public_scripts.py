@@ -35,9 +35,16 @@ def test_a_public_script_ends_the_same_read_and_unread_and_twice(
         monkeypatch.setenv("WITNESS", str(told))
         monkeypatch.setenv("WITNESS_BLIND", blind)
         recorded = record_script(
-            f"pybullet_examples.{name}", is_module=True, out="out.rrd", steps=40, seed=0,
-            twice=blind == "0", python=python, force=True, stdout=null,
-        )  # fmt: skip
+            f"pybullet_examples.{name}",
+            is_module=True,
+            out="out.rrd",
+            steps=40,
+            seed=0,
+            twice=blind == "0",
+            python=python,
+            force=True,
+            stdout=null,
+        )
         assert recorded.ended == "steps", recorded.error
         ends.append(told.read_text())
     os.close(null)

@@ -76,13 +76,19 @@ def test_the_readmes_script_runs_twice(tmp_path: Path) -> None:
     )
     assert script == japanese
     done = subprocess.run(
-        [sys.executable, "-c", script[-1] * 2], cwd=tmp_path, capture_output=True, text=True,
+        [sys.executable, "-c", script[-1] * 2],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
         check=False,
-    )  # fmt: skip
+    )
     assert (done.returncode, done.stderr) == (0, "")
     assert {one.name for one in tmp_path.iterdir()} == {
-        "fine.rrd", "fine.analysis.rrd", "fine.gif", "fine.png",
-    }  # fmt: skip
+        "fine.rrd",
+        "fine.analysis.rrd",
+        "fine.gif",
+        "fine.png",
+    }
 
 
 # -- how results print ----------------------------------------------------------------------------
@@ -197,19 +203,22 @@ def test_a_plan_takes_values_as_well_as_texts() -> None:
     given = {"timestep_s": [1 / 240, 1 / 480], "velocity_m_s": (0, 0, 1), "stepped": [True, False]}
     plan = plan_of(given)
     assert plan.lists == (
-        ("timestep_s", (1 / 240, 1 / 480)), ("velocity_m_s", ((0.0, 0.0, 1.0),)),
+        ("timestep_s", (1 / 240, 1 / 480)),
+        ("velocity_m_s", ((0.0, 0.0, 1.0),)),
         ("stepped", (True, False)),
-    )  # fmt: skip
+    )
     assert plan_of({"timestep_s": "1/240,1/480"}) == plan_of({"timestep_s": [1 / 240, 1 / 480]})
 
 
 @pytest.mark.parametrize(
     ("given", "said"),
-    [({"timestep": [1]}, "got 'timestep'; they are: height_m, timestep_s"),
-     ({"timestep_s": [0]}, "timestep_s must be at least"),
-     ({"timestep_s": ["fast"]}, "timestep_s must be a number, got 'fast'"),
-     ({"height_m": [1, 1.0]}, "height_m must list each value once")],
-)  # fmt: skip
+    [
+        ({"timestep": [1]}, "got 'timestep'; they are: height_m, timestep_s"),
+        ({"timestep_s": [0]}, "timestep_s must be at least"),
+        ({"timestep_s": ["fast"]}, "timestep_s must be a number, got 'fast'"),
+        ({"height_m": [1, 1.0]}, "height_m must list each value once"),
+    ],
+)
 def test_a_plan_that_cannot_be_says_why(given: dict[str, object], said: str) -> None:
     with pytest.raises(DropError, match=re.escape(said)):
         plan_of(given)

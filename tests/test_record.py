@@ -60,9 +60,12 @@ class Bench:
     def bare(self, name: str, *arguments: str) -> subprocess.CompletedProcess[str]:
         """Run a script without drop."""
         return subprocess.run(
-            [sys.executable, name, *arguments], cwd=self.folder, capture_output=True, text=True,
+            [sys.executable, name, *arguments],
+            cwd=self.folder,
+            capture_output=True,
+            text=True,
             check=False,
-        )  # fmt: skip
+        )
 
     def drop(self, *arguments: str) -> subprocess.CompletedProcess[str]:
         """Run the command in this process; the script has one of its own."""
@@ -324,8 +327,11 @@ def test_calls_are_told_in_order_with_file_and_line(bench: Bench) -> None:
         assert call.function in source[call.line - 1]
     assert [call.at.call for call in calls] == list(range(1, len(calls) + 1))
     assert [call.function for call in calls][:4] == [
-        "setGravity", "loadURDF", "resetBasePositionAndOrientation", "resetBaseVelocity",
-    ]  # fmt: skip
+        "setGravity",
+        "loadURDF",
+        "resetBasePositionAndOrientation",
+        "resetBaseVelocity",
+    ]
     assert calls[2].arguments == "0, [0, 0, 10], [0, 0, 0, 1]"
     assert calls[2].at.step == 10
 
@@ -868,9 +874,11 @@ def test_a_call_that_fails_is_said_with_what_is_behind_it(bench: Bench) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["import json\ndef f():\n    json.loads('{')  # here\nf()\n",
-     "p.getJointState(0, 99)  # here\n"],
-)  # fmt: skip
+    [
+        "import json\ndef f():\n    json.loads('{')  # here\nf()\n",
+        "p.getJointState(0, 99)  # here\n",
+    ],
+)
 def test_the_line_of_the_scripts_own_that_fails_is_cited(bench: Bench, text: str) -> None:
     script = bench.script(STEPS + text)
     bench.record(script)
@@ -916,9 +924,12 @@ def test_ctrl_c_ends_it_with_a_whole_recording(bench: Bench, to_the_group: bool)
         "    sum(range(10_000))"  # at 60,000 steps/s it has more to check than it proves
     )
     process = subprocess.Popen(
-        [*COMMAND, "record", "--duration", "1e9", "--json", script], cwd=bench.folder,
-        stdout=subprocess.PIPE, text=True, start_new_session=True,
-    )  # fmt: skip
+        [*COMMAND, "record", "--duration", "1e9", "--json", script],
+        cwd=bench.folder,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
     wait_for(bench.folder.joinpath("there").exists, "the script did not come so far")
     if to_the_group:
         os.killpg(process.pid, signal.SIGINT)
@@ -1002,9 +1013,12 @@ def test_a_limit_on_the_size_of_files_is_one_line(bench: Bench) -> None:
     block = "from drop_physics import record; record('block.rrd').__enter__()"
     for run, *arguments in ((main, "record", "script.py"), (block,)):
         done = subprocess.run(
-            [sys.executable, "-P", "-c", limit + run, *arguments], cwd=bench.folder,
-            capture_output=True, text=True, check=False,
-        )  # fmt: skip
+            [sys.executable, "-P", "-c", limit + run, *arguments],
+            cwd=bench.folder,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         assert done.returncode == 1
         said = done.stderr.strip().splitlines()[-1]
         assert "a temporary file of 1.0 MB, which the script's process writes to," in said
@@ -1031,8 +1045,18 @@ def test_standard_output_is_the_scripts_alone(bench: Bench) -> None:
     other = bench.drop("record", "--json", script)
     said = json.loads(other.stdout)
     assert said["recording"] == "recordings/script-2.rrd"
-    assert list(said) == ["recording", "recording_id", "script", "ended", "error", "samples",
-        "bodies", "frames", "bytes", "wall_s"]  # fmt: skip
+    assert list(said) == [
+        "recording",
+        "recording_id",
+        "script",
+        "ended",
+        "error",
+        "samples",
+        "bodies",
+        "frames",
+        "bytes",
+        "wall_s",
+    ]
     assert bare.stdout.splitlines()[0] in other.stderr
 
 
@@ -1046,9 +1070,12 @@ def test_a_module_runs_as_python_m_runs_it(bench: Bench) -> None:
         "print(__name__, __package__, __file__, sys.argv, other.X, sys.path[0])"
     )
     bare = subprocess.run(
-        [sys.executable, "-m", "mine.run", "-x"], cwd=bench.folder, capture_output=True, text=True,
+        [sys.executable, "-m", "mine.run", "-x"],
+        cwd=bench.folder,
+        capture_output=True,
+        text=True,
         check=True,
-    )  # fmt: skip
+    )
     mine = bench.drop("record", "-m", "mine.run", "-x")
     assert mine.stdout == bare.stdout
     assert bench.folder.joinpath("recordings/mine.run.rrd").is_file()
@@ -1208,8 +1235,16 @@ def test_a_block_of_python_is_recorded_and_nothing_outside_of_it(bench: Bench) -
     assert said == ["finished 12", "finished 2"]
     plain = BLOCK.replace("{more}", "").replace("from drop_physics import record", "")
     lines = [one for one in plain.splitlines() if "record" not in one]
-    same = bench.bare(bench.script("\n".join(one.removeprefix("    ") if "range" not in one
-        and "        " not in one else one.replace("    ", "", 1) for one in lines)))  # fmt: skip
+    same = bench.bare(
+        bench.script(
+            "\n".join(
+                one.removeprefix("    ")
+                if "range" not in one and "        " not in one
+                else one.replace("    ", "", 1)
+                for one in lines
+            )
+        )
+    )
     assert [one for one in done.stdout.splitlines() if one.startswith("0 ")] == [
         one for one in same.stdout.splitlines() if one.startswith("0 ")
     ], same.stderr
@@ -1330,12 +1365,21 @@ else:
 def test_a_forked_child_of_a_block_ends_as_it_would(bench: Bench) -> None:
     """And its parent's recording goes on without it."""
     done = subprocess.run(
-        [sys.executable, bench.script(FORKS)], cwd=bench.folder, capture_output=True, text=True,
-        check=False, timeout=60,
-    )  # fmt: skip
+        [sys.executable, bench.script(FORKS)],
+        cwd=bench.folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
     assert [one for one in done.stdout.splitlines() if not one.startswith(BANNER)] == [
-        "exits 3", "ends 4", "raises 1", "after None", "leaves 0", "finished 3",
-    ], done.stderr  # fmt: skip
+        "exits 3",
+        "ends 4",
+        "raises 1",
+        "after None",
+        "leaves 0",
+        "finished 3",
+    ], done.stderr
     assert done.stderr.count("ZeroDivisionError") == 1
     assert len(states(bench.out)) == 3
 
@@ -1426,8 +1470,9 @@ def test_what_a_library_draws_while_it_is_imported_is_its_own(
     bench.script(
         "import random, numpy as np\n\ndef draw():\n    random.random()\n"
         "    np.random.rand()\n    np.random.default_rng().random()\n\n"
-        "exec('draw()')\n", f"{folder}/drawing.py",
-    )  # fmt: skip
+        "exec('draw()')\n",
+        f"{folder}/drawing.py",
+    )
     script = bench.script(
         f"{scripts.HEAD}\nimport random, sys\nsys.path.insert(0, '{folder}')\n{line}\n"
         "p.stepSimulation()\n"
@@ -1653,9 +1698,12 @@ def test_a_script_that_is_interrupted_is_run_again_up_to_there(bench: Bench) -> 
         STEPS + "open('there', 'a').write('x')\nwhile True:\n    p.getNumBodies()"
     )
     process = subprocess.Popen(
-        [*COMMAND, "record", "--twice", "--json", script], cwd=bench.folder,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        [*COMMAND, "record", "--twice", "--json", script],
+        cwd=bench.folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     wait_for(bench.folder.joinpath("there").exists, "the script did not come so far")
     process.send_signal(signal.SIGINT)
     printed, said = process.communicate(timeout=30)
@@ -1669,9 +1717,12 @@ def test_a_script_that_is_interrupted_is_run_again_up_to_there(bench: Bench) -> 
 def test_a_script_that_is_interrupted_before_its_first_step_is_not_run_again(bench: Bench) -> None:
     script = bench.script("open('there', 'a').write('x')\nwhile True:\n    pass")
     process = subprocess.Popen(
-        [*COMMAND, "record", "--twice", "--json", script], cwd=bench.folder,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        [*COMMAND, "record", "--twice", "--json", script],
+        cwd=bench.folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     wait_for(bench.folder.joinpath("there").exists, "the script did not come so far")
     process.send_signal(signal.SIGINT)
     printed, said = process.communicate(timeout=30)
@@ -1759,9 +1810,12 @@ def test_a_second_run_that_is_interrupted_tells_no_difference(bench: Bench) -> N
         "while os.path.getsize('there') > 1:\n    p.getNumBodies()"
     )
     process = subprocess.Popen(
-        [*COMMAND, "record", "--twice", "--json", script], cwd=bench.folder,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        [*COMMAND, "record", "--twice", "--json", script],
+        cwd=bench.folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     there = bench.folder / "there"
     wait_for(lambda: there.exists() and there.stat().st_size > 1, "it was not run again")
     process.send_signal(signal.SIGINT)

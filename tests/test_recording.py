@@ -35,8 +35,7 @@ def test_state_is_float64_on_an_integer_step(standard: Run) -> None:
     rows = table(standard.simulation.recording, "state")
     assert rows.schema["sim_step"] == pl.Int64
     assert rows["sim_step"].to_list() == list(range(241))
-    widths = {"body": 1, "position_m": 3, "orientation": 4, "velocity_m_s": 3,
-              "spin_rad_s": 3}  # fmt: skip
+    widths = {"body": 1, "position_m": 3, "orientation": 4, "velocity_m_s": 3, "spin_rad_s": 3}
     for component, width in widths.items():
         whole = component == "body"
         assert rows.schema[component] == pl.List(pl.Int64 if whole else pl.Float64)
@@ -130,8 +129,12 @@ def test_frames_are_png_every_six_steps_seen_through_a_pinhole(standard: Run) ->
     assert images["sim_step"].to_list() == list(range(0, 241, 6))
     assert set(images["EncodedImage:media_type"].explode()) == {"image/png"}
     static = [c for c in chunks_of(standard.simulation.recording) if c.is_static]
-    camera = {name for c in static if c.entity_path == f"/{schema.CAMERA}"
-              for name in c.to_record_batch().schema.names}  # fmt: skip
+    camera = {
+        name
+        for c in static
+        if c.entity_path == f"/{schema.CAMERA}"
+        for name in c.to_record_batch().schema.names
+    }
     assert {"Pinhole:image_from_camera", "Pinhole:resolution", "Transform3D:translation"} <= camera
 
 

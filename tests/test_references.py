@@ -74,7 +74,8 @@ def test_a_schema_is_one(command: str) -> None:
         *(
             [f"simulate --out new.rrd --no-camera {options}", "analyze new.rrd --at 0.1"]
             for options in (
-                "--no-step", "--no-floor --velocity 1,0,3 --spin 0,5,0",
+                "--no-step",
+                "--no-floor --velocity 1,0,3 --spin 0,5,0",
                 "--restitution 0.8 --duration 2 --coordinates maximal",
             )
         ),
@@ -89,7 +90,7 @@ def test_a_schema_is_one(command: str) -> None:
         ["sweep --out c --samples 40 --vary height=uniform:1:2 --no-record --until-ci 1"],
     ],
     ids=lambda commands: commands[-1].partition(" --out")[0][:60],
-)  # fmt: skip
+)
 def test_what_is_printed_is_what_the_schema_says(printed: Any, commands: list[str]) -> None:
     for command in commands:
         schema = schema_of(command.partition(" ")[0])
@@ -199,8 +200,13 @@ def test_a_schema_misses_a_key_that_stays_and_lets_a_new_one_pass(printed: Any) 
     analysis = printed("analyze run.rrd")
     validator = Draft202012Validator(schema_of("analyze"))
     validator.validate(analysis | {"more": 1})
-    for path in (["at"], ["at", 0, "terms_m", "damping"], ["impact", "penetration_m"],
-                 ["scenario", "timestep_s"], ["findings", 0, "code"]):  # fmt: skip
+    for path in (
+        ["at"],
+        ["at", 0, "terms_m", "damping"],
+        ["impact", "penetration_m"],
+        ["scenario", "timestep_s"],
+        ["findings", 0, "code"],
+    ):
         broken = copy.deepcopy(analysis)
         inner: Any = broken
         for step in path[:-1]:

@@ -73,21 +73,25 @@ def scene_of(seed: int, out: Path) -> str:
         load = f"p.loadURDF({file!r}, {where})"
     ways = ("position", "velocity", "torque")
     commands = [
-        [(rng.random(), rng.choice(ways), rng.uniform(-1, 1), rng.uniform(1, 80))
-         for _ in range(rng.choice((0, 1, 2, 4)))]
+        [
+            (rng.random(), rng.choice(ways), rng.uniform(-1, 1), rng.uniform(1, 80))
+            for _ in range(rng.choice((0, 1, 2, 4)))
+        ]
         for _ in range(120)
-    ]  # fmt: skip
+    ]
     return SCENE.format(gravity=rng.uniform(-10, -1), load=load, commands=commands, out=str(out))
 
 
 def energies_of(parts: NDArray[np.float64], bodies: NDArray[np.float64], gravity: float) -> Any:
     """Return Σ m v²/2 + ω·Iω/2 - m g z of samples [J]; the parts of each have shape (links, 13)."""
     x, y, z, w = np.moveaxis(parts[..., 3:7], -1, 0)
-    axes = np.stack([  # the columns of the rotation matrix
-        [1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)],
-        [2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)],
-        [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
+    axes = np.stack(
+        [  # the columns of the rotation matrix
+            [1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)],
+            [2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)],
+            [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
     own = np.einsum("cast,sta->stc", axes, parts[..., 10:13])
     mass, inertia = bodies[:, 0], bodies[:, 1:]
     moving = mass * (parts[..., 7:10] ** 2).sum(axis=-1) + (inertia * own**2).sum(axis=-1)

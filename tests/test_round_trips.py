@@ -80,11 +80,19 @@ def numbers(analysis: Analysis) -> str:
 
 @pytest.mark.parametrize(
     "trip",
-    some([
-        merged, merged_with_its_layer, optimized, chopped, migrated, split_and_put_together,
-        backwards,
-    ], 2),
-)  # fmt: skip
+    some(
+        [
+            merged,
+            merged_with_its_layer,
+            optimized,
+            chopped,
+            migrated,
+            split_and_put_together,
+            backwards,
+        ],
+        2,
+    ),
+)
 def test_a_round_trip_changes_no_number(
     tmp_path: Path, standard: Run, trip: Callable[[Path, Path], Path]
 ) -> None:

@@ -85,8 +85,9 @@ def test_limits_are_kept_and_choices_are_all_taken() -> None:
     assert set(draws("gravity=choice:earth:moon:-3")) == {-9.81, -1.62, -3.0}
     assert set(draws("timestep=choice:1/240:1/480")) == {1 / 240, 1 / 480}
     assert set(draws("body=choice:cube_small.urdf:sphere_small.urdf")) == {
-        "cube_small.urdf", "sphere_small.urdf",
-    }  # fmt: skip
+        "cube_small.urdf",
+        "sphere_small.urdf",
+    }
 
 
 def test_one_component_of_a_vector_can_be_drawn() -> None:
@@ -161,8 +162,11 @@ def test_a_run_is_replayed_in_its_orientation() -> None:
 def test_lists_are_multiplied_in_the_order_of_the_options_the_last_fastest() -> None:
     plan = plan_of({"linear_damping": "default,0", "timestep_s": "1/240,1/480", "floor": False})
     assert [(v["timestep_s"], v["linear_damping"]) for v in map(plan.values, range(4))] == [
-        (1 / 240, None), (1 / 240, 0.0), (1 / 480, None), (1 / 480, 0.0),
-    ]  # fmt: skip
+        (1 / 240, None),
+        (1 / 240, 0.0),
+        (1 / 480, None),
+        (1 / 480, 0.0),
+    ]
     assert all(plan.values(run)["floor"] is False for run in range(4))
     assert plan.axes == ("timestep_s", "linear_damping")
 
@@ -204,8 +208,9 @@ def test_shards_hold_every_run_once() -> None:
 def test_the_replay_command_reads_back_as_the_same_scenario() -> None:
     plan = plan_of(
         {"floor": False, "linear_damping": "default", "body": "my own body.urdf"},
-        samples=1, vary=["gravity=normal:-9:1", "spin_x=normal:-1e-9:1e-12"],
-    )  # fmt: skip
+        samples=1,
+        vary=["gravity=normal:-9:1", "spin_x=normal:-1e-9:1e-12"],
+    )
     values = plan.values(0)
     words = shlex.split(replay_command(values, out="x.rrd"))
     assert words[:5] == ["drop", "simulate", "--out", "x.rrd", "--no-camera"]

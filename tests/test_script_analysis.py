@@ -733,9 +733,12 @@ def test_contact_of_several_substeps_is_unexplained(analyzed: Analyzed) -> None:
 
 
 def test_a_push_in_several_substeps_is_called_that(analyzed: Analyzed) -> None:
-    scene = GRAVITY + IN_AIR + "p.setPhysicsEngineParameter(numSubSteps=4)\n" + (
-        "steps(5)\np.applyExternalTorque(b, -1, [1e-3, 0, 0], p.WORLD_FRAME)\nsteps(5)"
-    )  # fmt: skip
+    scene = (
+        GRAVITY
+        + IN_AIR
+        + "p.setPhysicsEngineParameter(numSubSteps=4)\n"
+        + ("steps(5)\np.applyExternalTorque(b, -1, [1e-3, 0, 0], p.WORLD_FRAME)\nsteps(5)")
+    )
     _, analysis = analyzed(scene.replace("{maximal}", "False"))
     (held,) = body_of(analysis, 0).unexplained
     assert (held.samples, held.first_step) == (1, 6)
@@ -818,12 +821,14 @@ b = p.loadURDF("cube_small.urdf", [0, 0, 0.1], p.getQuaternionFromEuler([0.3, 0.
 
 
 REASONS = {
-    "continuous collision detection": FLOOR + ABOVE
+    "continuous collision detection": FLOOR
+    + ABOVE
     + "p.changeDynamics(b, -1, ccdSweptSphereRadius=0.02)\np.resetBaseVelocity(b, [0, 0, -40])\n"
     "steps(5)",
-    "turned it or changed its mass": FLOOR + CUBE.format(0.03)
+    "turned it or changed its mass": FLOOR
+    + CUBE.format(0.03)
     + "steps(30)\np.changeDynamics(b, -1, mass=3)\nsteps(30)",
-}  # fmt: skip
+}
 """Why a sample of a btRigidBody is unexplained, and what does it."""
 
 
@@ -836,9 +841,12 @@ def test_what_is_known_to_be_unknown_is_no_mismatch(analyzed: Analyzed, reason: 
 
 
 SPLIT = {
-    "": 0.04, "splitImpulsePenetrationThreshold=-0.02": 0.04,
-    "splitImpulsePenetrationThreshold=0": 0.0, "contactSlop=0.015": 0.055, "useSplitImpulse=0": 1.0,
-}  # fmt: skip
+    "": 0.04,
+    "splitImpulsePenetrationThreshold=-0.02": 0.04,
+    "splitImpulsePenetrationThreshold=0": 0.0,
+    "contactSlop=0.015": 0.055,
+    "useSplitImpulse=0": 1.0,
+}
 """What the engine is told, and from which depth on it splits impulses [m], but for a usual slop."""
 
 
@@ -1274,10 +1282,13 @@ shutil.rmtree(folder)
 
 def test_one_body_is_told_of_by_name_or_number(article: Path, drop: Drop) -> None:
     told = [
-        json.loads(drop("analyze", article / "article.rrd", "--out", f"{n}.rrd", "--json",
-                        "--body", which).stdout)
+        json.loads(
+            drop(
+                "analyze", article / "article.rrd", "--out", f"{n}.rrd", "--json", "--body", which
+            ).stdout
+        )
         for n, which in enumerate(("1", "1_cube_small", "cube_small.urdf"))
-    ]  # fmt: skip
+    ]
     for one in told:
         assert [body["id"] for body in one["bodies"]] == [1]
         assert one["bodies"] == told[0]["bodies"]

@@ -238,9 +238,12 @@ def test_recorded_forces_are_balanced(coordinates: Any, tmp_path: Path) -> None:
             p.applyExternalTorque(body, -1, torques_n_m[step], p.WORLD_FRAME, client)
 
     watched = thrown(
-        tmp_path, samples=samples, coordinates=coordinates, spin_rad_s=(3.0, 1.0, 2.0),
+        tmp_path,
+        samples=samples,
+        coordinates=coordinates,
+        spin_rad_s=(3.0, 1.0, 2.0),
         before_step=push,
-    )  # fmt: skip
+    )
     segments = segments_in(
         watched,
         pushes=Pushes(

@@ -35,10 +35,19 @@ def untried(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_engine_reports_what_was_set(recorded: Recorder) -> None:
     recording = recorded(
-        height_m=2.0, timestep_s=1 / 480, duration_s=0.1, gravity_m_s2=-1.62, mass_kg=0.25,
-        velocity_m_s=(0.5, -0.25, 3.0), spin_rad_s=(1.0, 2.0, 3.0), restitution=0.7,
-        solver_iterations=33, friction=0.3, substeps=4, orientation=(0.0, 0.0, 90.0),
-    )  # fmt: skip
+        height_m=2.0,
+        timestep_s=1 / 480,
+        duration_s=0.1,
+        gravity_m_s2=-1.62,
+        mass_kg=0.25,
+        velocity_m_s=(0.5, -0.25, 3.0),
+        spin_rad_s=(1.0, 2.0, 3.0),
+        restitution=0.7,
+        solver_iterations=33,
+        friction=0.3,
+        substeps=4,
+        orientation=(0.0, 0.0, 90.0),
+    )
     engine, first = recording.engine, recording.states.row(0, named=True)
     assert engine.timestep_s == 1 / 480
     assert engine.gravity_m_s2 == (0.0, 0.0, -1.62)
@@ -316,8 +325,11 @@ def test_a_urdf_that_bullet_cannot_load_is_an_error_of_the_scenario(
     assert not (tmp_path / "run.rrd").exists()
 
 
-STATE = [(call, place) for call in ("getBasePositionAndOrientation", "getBaseVelocity")
-         for place in (0, 1)]  # fmt: skip
+STATE = [
+    (call, place)
+    for call in ("getBasePositionAndOrientation", "getBaseVelocity")
+    for place in (0, 1)
+]
 
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, 1.01e60])
@@ -425,20 +437,32 @@ def test_the_forces_of_all_contact_points_are_what_moves_the_body(
 ) -> None:
     """Its momentum changes by dt times normal and friction forces, in their recorded directions."""
     recording = recorded(
-        coordinates=coordinates, velocity_m_s=(2.0, 0.5, 0.0), friction=0.5, duration_s=1.5,
-        linear_damping=0.0, angular_damping=0.0,
-    )  # fmt: skip
+        coordinates=coordinates,
+        velocity_m_s=(2.0, 0.5, 0.0),
+        friction=0.5,
+        duration_s=1.5,
+        linear_damping=0.0,
+        angular_damping=0.0,
+    )
     on_a = [
-        sum(pl.col(force) * pl.col(along) for force, along in (
-            ("normal_force_n", f"n{axis}"), ("friction_1_n", f"f1{axis}"),
-            ("friction_2_n", f"f2{axis}"),
-        ))
+        sum(
+            pl.col(force) * pl.col(along)
+            for force, along in (
+                ("normal_force_n", f"n{axis}"),
+                ("friction_1_n", f"f1{axis}"),
+                ("friction_2_n", f"f2{axis}"),
+            )
+        )
         for axis in "xyz"
-    ]  # fmt: skip
+    ]
     sign = pl.when(pl.col("body_a") == BODY).then(1).otherwise(-1)
-    forces = recording.contacts.select(
-        "step", *((force * sign).alias(axis) for force, axis in zip(on_a, "xyz", strict=True))
-    ).group_by("step", maintain_order=True).sum()  # fmt: skip
+    forces = (
+        recording.contacts.select(
+            "step", *((force * sign).alias(axis) for force, axis in zip(on_a, "xyz", strict=True))
+        )
+        .group_by("step", maintain_order=True)
+        .sum()
+    )
     force_n = np.zeros((len(recording.states), 3))
     force_n[forces["step"]] = forces.select(*"xyz").to_numpy()
     velocity_m_s = recording.states.select("vx_m_s", "vy_m_s", "vz_m_s").to_numpy()

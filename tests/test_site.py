@@ -35,9 +35,13 @@ def build(clone: Path, site: Path) -> subprocess.CompletedProcess[str]:
     (typed,) = re.findall(r"^sphinx-build (.*) build/site$", page, re.MULTILINE)
     arguments = [sys.executable, "-P", "-m", "sphinx", *shlex.split(typed), site]
     return subprocess.run(
-        arguments, cwd=clone, env=os.environ | {"LC_ALL": "C.UTF-8"}, capture_output=True,
-        text=True, check=False,
-    )  # fmt: skip
+        arguments,
+        cwd=clone,
+        env=os.environ | {"LC_ALL": "C.UTF-8"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
 
 
 @pytest.fixture(scope="module")

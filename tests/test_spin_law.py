@@ -38,18 +38,27 @@ def test_the_spin_is_pybullets(coordinates: Any, damping: float | None, inertia:
         (still, (300.0, 1.0, 0.0)),
     ):
         seen = drive(
-            samples=STEPS + 1, floor=False, velocity_m_s=velocity, spin_rad_s=spin,
-            coordinates=coordinates, dynamics={
-                "linearDamping": coefficient, "angularDamping": coefficient,
+            samples=STEPS + 1,
+            floor=False,
+            velocity_m_s=velocity,
+            spin_rad_s=spin,
+            coordinates=coordinates,
+            dynamics={
+                "linearDamping": coefficient,
+                "angularDamping": coefficient,
                 # Told an inertia alone, a btRigidBody takes as its mass what lies in the command's
                 # memory: letters of the path of the URDF (PhysicsServerCommandProcessor.cpp 11106).
-                "localInertiaDiagonal": inertia, "mass": 0.1,
+                "localInertiaDiagonal": inertia,
+                "mass": 0.1,
             },
-        )  # fmt: skip
+        )
         law = law_of(
-            mass_kg=seen.mass_kg, inertia_kg_m2=inertia, linear_damping=coefficient,
-            angular_damping=coefficient, coordinates=coordinates,
-        )  # fmt: skip
+            mass_kg=seen.mass_kg,
+            inertia_kg_m2=inertia,
+            linear_damping=coefficient,
+            angular_damping=coefficient,
+            coordinates=coordinates,
+        )
         found = tumbling(law, STEPS, spin_rad_s=spin, velocity_m_s=velocity)
         for name in ("position_m", "velocity_m_s", "spin_rad_s"):
             expected, engine = getattr(found, name), getattr(seen, name)
@@ -112,12 +121,19 @@ def driven(scenario: Scenario, inertia_kg_m2: Any) -> Any:
     if scenario.mass_kg is not None:  # the URDF's inertia, scaled: a box of 1 kg, m (b² + c²)/12
         dynamics["localInertiaDiagonal"] = inertia_kg_m2
     return drive(
-        body=scenario.body, samples=STEPS_OF_ANY + 1, floor=False, dynamics=dynamics,
-        engine={"numSubSteps": scenario.substeps or 0}, timestep_s=scenario.timestep_s,
-        height_m=scenario.height_m, velocity_m_s=scenario.velocity_m_s,
-        spin_rad_s=scenario.spin_rad_s, orientation_xyzw=scenario.orientation_xyzw,
-        gravity_m_s2=scenario.gravity_m_s2, coordinates=scenario.coordinates,
-    )  # fmt: skip
+        body=scenario.body,
+        samples=STEPS_OF_ANY + 1,
+        floor=False,
+        dynamics=dynamics,
+        engine={"numSubSteps": scenario.substeps or 0},
+        timestep_s=scenario.timestep_s,
+        height_m=scenario.height_m,
+        velocity_m_s=scenario.velocity_m_s,
+        spin_rad_s=scenario.spin_rad_s,
+        orientation_xyzw=scenario.orientation_xyzw,
+        gravity_m_s2=scenario.gravity_m_s2,
+        coordinates=scenario.coordinates,
+    )
 
 
 def law_for_world(scenario: Scenario) -> BulletLaw:
@@ -127,10 +143,13 @@ def law_for_world(scenario: Scenario) -> BulletLaw:
 
 def flight_of(scenario: Scenario, law: BulletLaw) -> Motion:
     return tumbling(
-        law, STEPS_OF_ANY, spin_rad_s=scenario.spin_rad_s,
-        velocity_m_s=scenario.velocity_m_s, height_m=scenario.height_m,
+        law,
+        STEPS_OF_ANY,
+        spin_rad_s=scenario.spin_rad_s,
+        velocity_m_s=scenario.velocity_m_s,
+        height_m=scenario.height_m,
         orientation=scenario.orientation_xyzw,
-    )  # fmt: skip
+    )
 
 
 @pytest.fixture(scope="module")

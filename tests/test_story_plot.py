@@ -84,10 +84,13 @@ def test_a_drop_shows_its_fall_beside_theory_and_its_error_by_terms(standard: Ru
     assert sum(terms) == pytest.approx(total, abs=1e-12)
 
 
-@pytest.mark.parametrize(("scenario", "title", "panels"), [
-    (Scenario(stepped=False), "cube_small.urdf dropped from 1 m", 1),
-    (Scenario(velocity_m_s=(1.0, 0.0, 0.0)), "cube_small.urdf thrown from 1 m", 2),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("scenario", "title", "panels"),
+    [
+        (Scenario(stepped=False), "cube_small.urdf dropped from 1 m", 1),
+        (Scenario(velocity_m_s=(1.0, 0.0, 0.0)), "cube_small.urdf thrown from 1 m", 2),
+    ],
+)
 def test_a_title_says_whether_it_was_thrown_and_no_theory_falls_beside_what_hangs(
     scenario: Scenario, title: str, panels: int, tmp_path: Path
 ) -> None:
@@ -202,8 +205,9 @@ def test_the_viewer_shows_few_joints_and_no_joint_for_what_its_file_lacks(tmp_pa
     positions, motors, *_ = panels
     assert (positions.unit, motors.unit) == ("rad", "N m")
     assert [panel.title.split(",")[0] for panel in (positions, motors)] == [
-        "Joint positions", "Motors",
-    ]  # fmt: skip
+        "Joint positions",
+        "Motors",
+    ]
     assert positions.curves[0].name == analysis.findings[0].joint
     assert (motors.curves[1].name, motors.curves[1].look) == (motors.curves[0].name, "dashed")
     assert set(np.abs(motors.curves[1].values)) == {20.0}

@@ -62,10 +62,25 @@ def test_the_articles_table_in_one_command(drop: Drop, tmp_path: Path) -> None:
     done = drop("sweep", *ARTICLE, "--out", "s", "--plot", "errors.svg")
     assert (done.returncode, done.stderr) == (0, "")
     for figure in (
-        "-1.8203", "+1.2451", "+2.7777", "-6.1313", "-3.0656", "-1.5328", "+4.3102", "+0.0007",
-        "0.55", "-1.16", "meaningless", "1.000", "0.562860 m", "0.3412%", "0.2730%", "1/341 s",
-        "refining hurts", "+4.31 mm",
-    ):  # fmt: skip
+        "-1.8203",
+        "+1.2451",
+        "+2.7777",
+        "-6.1313",
+        "-3.0656",
+        "-1.5328",
+        "+4.3102",
+        "+0.0007",
+        "0.55",
+        "-1.16",
+        "meaningless",
+        "1.000",
+        "0.562860 m",
+        "0.3412%",
+        "0.2730%",
+        "1/341 s",
+        "refining hurts",
+        "+4.31 mm",
+    ):
         assert figure in done.stdout
     assert max(map(len, done.stdout.splitlines())) <= 100
     assert "\x1b" not in done.stdout
@@ -171,8 +186,12 @@ def test_a_row_has_the_numbers_of_drop_analyze(tmp_path: Path) -> None:
         (moment,) = analyze(path, at_s=[0.3]).at
         terms = moment.terms_m
         assert [row[name] for name in ("step", "time_s", "phase", "simulated_m", "error_m")] == [
-            moment.step, moment.time_s, moment.phase, moment.simulated_m, moment.error_m,
-        ], kind  # fmt: skip
+            moment.step,
+            moment.time_s,
+            moment.phase,
+            moment.simulated_m,
+            moment.error_m,
+        ], kind
         assert [row[term] for term in TERMS[1:]] == (
             [None] * 4
             if terms is None
@@ -184,9 +203,10 @@ def test_a_row_has_the_numbers_of_drop_analyze(tmp_path: Path) -> None:
 def test_a_row_can_be_replayed_alone_to_the_last_bit(tmp_path: Path, drop: Drop) -> None:
     plan = plan_of(
         {"linear_damping": "0.01,default"},
-        samples=2, seed=7,
+        samples=2,
+        seed=7,
         vary=["height=uniform:0.6:2", "spin_y=normal:0:3", "gravity=normal:-9:1"],
-    )  # fmt: skip
+    )
     swept = sweep(plan, tmp_path / "s")
     row = rows_of(swept)[3]
     words = shlex.split(str(row["command"]))
@@ -289,9 +309,12 @@ def reference(tmp_path_factory: pytest.TempPathFactory) -> pl.DataFrame:
 def test_processes_give_the_same_bits(tmp_path: Path, reference: pl.DataFrame) -> None:
     reports: list[tuple[int, int, int]] = []
     swept = sweep(
-        plan_of({}, **HEIGHTS), tmp_path, record=False, jobs=2,
+        plan_of({}, **HEIGHTS),
+        tmp_path,
+        record=False,
+        jobs=2,
         progress=lambda *report: reports.append(report),
-    )  # fmt: skip
+    )
     assert swept.table().equals(reference)
     parts = pl.scan_parquet(tmp_path / "parts" / "*.parquet").select(reference.columns)
     assert parts.collect().sort("run").equals(reference)
@@ -309,9 +332,13 @@ def test_ray_gives_the_same_bits(tmp_path: Path, reference: pl.DataFrame) -> Non
     import ray
 
     ray.init(
-        "local", num_cpus=2, _node_ip_address="127.0.0.1", include_dashboard=False,
-        log_to_driver=False, logging_level="ERROR",
-    )  # fmt: skip
+        "local",
+        num_cpus=2,
+        _node_ip_address="127.0.0.1",
+        include_dashboard=False,
+        log_to_driver=False,
+        logging_level="ERROR",
+    )
     try:
         swept = sweep(plan_of({}, **HEIGHTS), tmp_path, record=False, ray="auto")
         assert ray.is_initialized()
@@ -423,9 +450,18 @@ def test_open_files_are_enough_or_one_line(drop_process: Drop) -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (64, 64))
 
     done = drop_process(
-        "sweep", "--out", "s", "--samples", "8", "--vary", "height=uniform:1:2", "--no-record",
-        "--jobs", "2", preexec_fn=limited,
-    )  # fmt: skip
+        "sweep",
+        "--out",
+        "s",
+        "--samples",
+        "8",
+        "--vary",
+        "height=uniform:1:2",
+        "--no-record",
+        "--jobs",
+        "2",
+        preexec_fn=limited,
+    )
     if done.returncode == 0:
         assert done.stderr == ""
         return
@@ -1070,11 +1106,27 @@ def test_a_plot_of_many_panels_is_no_wider(count: int) -> None:
 def long_sweep(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     """Return a sweep by two processes that takes minutes."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "drop_physics", "sweep", "--out", "s", "--samples", "20000",
-         "--jobs", "2", "--vary", "height=uniform:1:2", "--no-record"],  # in parts of 313
-        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        [
+            sys.executable,
+            "-m",
+            "drop_physics",
+            "sweep",
+            "--out",
+            "s",
+            "--samples",
+            "20000",
+            "--jobs",
+            "2",
+            "--vary",
+            "height=uniform:1:2",
+            "--no-record",
+        ],  # in parts of 313
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
         env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])},
-    )  # fmt: skip
+    )
     deadline = time.monotonic() + 120
     while len(list(tmp_path.glob("s/parts/*.parquet"))) < 2:
         assert process.poll() is None

@@ -82,14 +82,19 @@ def terminal(tmp_path: Path) -> Terminal:
     def call(*arguments: object, columns: int = 80, **more: str) -> Seen:
         ours, theirs = pty.openpty()
         fcntl.ioctl(ours, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
-        inherited = {name: text for name, text in environment().items()
-                     if name not in ("COLUMNS", "NO_COLOR", "FORCE_COLOR")}  # fmt: skip
+        inherited = {
+            name: text
+            for name, text in environment().items()
+            if name not in ("COLUMNS", "NO_COLOR", "FORCE_COLOR")
+        }
         with ThreadPoolExecutor(1) as reader:
             received = reader.submit(_all_of, ours)
             code = run_here(
-                arguments, tmp_path, streams=(theirs, theirs, theirs),
+                arguments,
+                tmp_path,
+                streams=(theirs, theirs, theirs),
                 environment=inherited | {"TERM": "xterm-256color"} | more,
-            )  # fmt: skip
+            )
             os.close(theirs)
             raw = received.result()
         os.close(ours)
@@ -116,16 +121,28 @@ CHANCE = "--samples 5 --vary velocity_z=normal:0:0.1 --no-record"
 
 @pytest.mark.parametrize(
     "command",
-    some([
-        "", "--help", *(f"{name} --help" for name in (*EXAMPLES,)[:4]),
-        "run", "simulate --out new.rrd --no-camera --gravity 9.81",
-        "analyze run.rrd --at 0.1 --at 0.9", "render run.rrd", "check run.rrd --against run.rrd",
-        "check bounce.rrd --against run.rrd",
-        f"sweep --out s --spin 0,0,0;1,2,3 --body cube_small.urdf,sphere_small.urdf {STUDY}",
-        "foo", "simulate", "simulate --out new.rrd --timestep 1/0", "render no.rrd",
-        "sweep --out s --samples 3 --vary zzz=uniform:1:2", "check run.rrd --against no.rrd",
-    ], 6),
-)  # fmt: skip
+    some(
+        [
+            "",
+            "--help",
+            *(f"{name} --help" for name in (*EXAMPLES,)[:4]),
+            "run",
+            "simulate --out new.rrd --no-camera --gravity 9.81",
+            "analyze run.rrd --at 0.1 --at 0.9",
+            "render run.rrd",
+            "check run.rrd --against run.rrd",
+            "check bounce.rrd --against run.rrd",
+            f"sweep --out s --spin 0,0,0;1,2,3 --body cube_small.urdf,sphere_small.urdf {STUDY}",
+            "foo",
+            "simulate",
+            "simulate --out new.rrd --timestep 1/0",
+            "render no.rrd",
+            "sweep --out s --samples 3 --vary zzz=uniform:1:2",
+            "check run.rrd --against no.rrd",
+        ],
+        6,
+    ),
+)
 def test_no_line_is_wider_than_a_terminal_of_80_columns(
     terminal: Terminal, drop: Drop, tmp_path: Path, standard: Run, command: str
 ) -> None:
@@ -162,10 +179,17 @@ def test_lines_are_as_wide_as_the_terminal_between_50_and_100_columns(
         drop_process("record", "-o", f"script-{boxes}.rrd", "script.py")
     widest = 0
     for command in (
-        "--help", "simulate -h", "analyze run.rrd", "info run.rrd", "info script-3.rrd",
-        "analyze script-1.rrd", "analyze script-3.rrd", "analyze no-recording-of-this-name.rrd",
-        f"sweep -o s{columns} --timestep 1/240,1/480,1/960 --no-record", "render run.rrd",
-    ):  # fmt: skip
+        "--help",
+        "simulate -h",
+        "analyze run.rrd",
+        "info run.rrd",
+        "info script-3.rrd",
+        "analyze script-1.rrd",
+        "analyze script-3.rrd",
+        "analyze no-recording-of-this-name.rrd",
+        f"sweep -o s{columns} --timestep 1/240,1/480,1/960 --no-record",
+        "render run.rrd",
+    ):
         seen = terminal(*command.split(), columns=columns)
         told = [line.rstrip() for line in seen.lines if "━" not in line]
         assert [line for line in told if len(line) > min(max(columns, 50), 100)] == [], command
@@ -237,8 +261,9 @@ def test_what_a_terminal_would_obey_is_shown_and_not_sent(
     output.print_lines(*output.titled("title", HOSTILE, column=8))
     output.print_lines(*output.made("file", Path(HOSTILE), column=8))
     assert [one.count(SHOWN) for one in STYLE.sub("", capsys.readouterr().out).splitlines()] == [
-        1, 1,
-    ]  # fmt: skip
+        1,
+        1,
+    ]
     output.note(HOSTILE)
     assert capsys.readouterr().err == f"drop: {SHOWN}\n"
     output.print_json({"name": f"Δ\xa0{HOSTILE}\n\ud800\U000e0001"})
@@ -316,10 +341,20 @@ def test_a_rate_is_a_number_above_one_where_it_can(per_second: float | None, sai
 
 RUN, GOLDEN = Path("run.rrd"), Path("golden.rrd")
 SAME = Comparison(
-    of_drop=True, differences=[], first=None, call_before=None, other_call=None, largest=[],
-    largest_difference_m=0.0, part_at=None, not_compared=[], script=[], versions=[], unseeded=[],
+    of_drop=True,
+    differences=[],
+    first=None,
+    call_before=None,
+    other_call=None,
+    largest=[],
+    largest_difference_m=0.0,
+    part_at=None,
+    not_compared=[],
+    script=[],
+    versions=[],
+    unseeded=[],
     real_time=False,
-)  # fmt: skip
+)
 
 
 def lines_of(capsys: pytest.CaptureFixture[str]) -> list[str]:
@@ -332,19 +367,32 @@ def test_printed_check_of_the_same_physics(capsys: pytest.CaptureFixture[str]) -
     check = Check(RUN, GOLDEN, 0.0, replace(SAME, versions=[version]), Frames(41, 0, None, None))
     assert show_check(check, as_json=False) == 0
     assert lines_of(capsys) == [
-        "same run.rrd and golden.rrd", "positions identical", "frames 41 compared, identical",
+        "same run.rrd and golden.rrd",
+        "positions identical",
+        "frames 41 compared, identical",
         "version numpy 2.4, golden 2.3",
-    ]  # fmt: skip
+    ]
     assert show_check(check, as_json=True) == 0
     assert json.loads(capsys.readouterr().out) == {
-        "same": True, "largest_difference_m": 0.0, "first_difference": None, "call_before": None,
-        "other_call": None, "differences": [], "largest": [], "not_compared": [], "script": [],
-        "unseeded": [], "real_time": False, "engines": None, "tolerance_m": 0.0,
-        "recording": "run.rrd", "golden": "golden.rrd",
+        "same": True,
+        "largest_difference_m": 0.0,
+        "first_difference": None,
+        "call_before": None,
+        "other_call": None,
+        "differences": [],
+        "largest": [],
+        "not_compared": [],
+        "script": [],
+        "unseeded": [],
+        "real_time": False,
+        "engines": None,
+        "tolerance_m": 0.0,
+        "recording": "run.rrd",
+        "golden": "golden.rrd",
         "versions": [{"name": "numpy_version", "value": "2.4", "golden": "2.3"}],
         "frames": {"compared": 41, "differing": 0, "first_step": None, "why": None},
         "updated": False,
-    }  # fmt: skip
+    }
 
 
 def test_printed_check_of_other_samples_says_where_and_by_how_much(
@@ -367,22 +415,39 @@ def test_printed_check_of_other_samples_says_where_and_by_how_much(
     told = json.loads(capsys.readouterr().out)
     assert (told["same"], told["tolerance_m"], told["engines"]) == (False, 2e-6, "they part")
     assert told["first_difference"] == {
-        "step": 50, "body": "box", "link": -1, "column": "vz_m_s", "value": -2.0, "golden": None,
-        "time_s": 0.25, "part": None, "difference": None,
-    }  # fmt: skip
+        "step": 50,
+        "body": "box",
+        "link": -1,
+        "column": "vz_m_s",
+        "value": -2.0,
+        "golden": None,
+        "time_s": 0.25,
+        "part": None,
+        "difference": None,
+    }
     assert told["largest"] == [
-        {"body": "box", "link": -1, "quantity": "position", "difference": 3.21e-7, "step": 70,
-         "unit": "m", "part": None},
-    ]  # fmt: skip
+        {
+            "body": "box",
+            "link": -1,
+            "quantity": "position",
+            "difference": 3.21e-7,
+            "step": 70,
+            "unit": "m",
+            "part": None,
+        },
+    ]
     assert show_check(replace(check, updated=True), as_json=False) == 0
     assert lines_of(capsys)[-1] == "golden golden.rrd is now run.rrd"
 
 
 @pytest.mark.parametrize(
     ("tolerance_m", "said"),
-    [(0.0, "nothing in the air, 1e-09 m in contact"), (1e-12, "1e-12 m in the air, 1e-09 m in"),
-     (1e-6, "allowed: 1e-06 m")],
-)  # fmt: skip
+    [
+        (0.0, "nothing in the air, 1e-09 m in contact"),
+        (1e-12, "1e-12 m in the air, 1e-09 m in"),
+        (1e-6, "allowed: 1e-06 m"),
+    ],
+)
 def test_printed_check_says_what_is_allowed(
     capsys: pytest.CaptureFixture[str], tolerance_m: float, said: str
 ) -> None:
@@ -395,17 +460,22 @@ def test_printed_check_says_what_is_allowed(
 
 def test_printed_check_names_settings_by_their_options(capsys: pytest.CaptureFixture[str]) -> None:
     values: list[tuple[str, Any, Any]] = [
-        ("timestep_s", 1 / 480, 1 / 240), ("floor", False, True), ("gravity_set", True, False),
-        ("mass_kg", None, 0.2), ("solver_iterations_of_engine", 40, 50),
-    ]  # fmt: skip
+        ("timestep_s", 1 / 480, 1 / 240),
+        ("floor", False, True),
+        ("gravity_set", True, False),
+        ("mass_kg", None, 0.2),
+        ("solver_iterations_of_engine", 40, 50),
+    ]
     settings = [Difference(None, None, None, *each) for each in values]
     comparison = replace(SAME, differences=settings, largest_difference_m=None)
     assert show_check(Check(RUN, GOLDEN, 0.0, comparison, None), as_json=False) == DIFFERS
     assert lines_of(capsys)[1:] == [
-        "setting --timestep 1/480, golden 1/240", "setting --no-floor given, golden not given",
-        "setting --no-gravity not given, golden given", "setting --mass default, golden 0.2",
+        "setting --timestep 1/480, golden 1/240",
+        "setting --no-floor given, golden not given",
+        "setting --no-gravity not given, golden given",
+        "setting --mass default, golden 0.2",
         "engine solver_iterations_of_engine 40, golden 50",
-    ]  # fmt: skip
+    ]
 
 
 def test_printed_check_without_frames_says_why(capsys: pytest.CaptureFixture[str]) -> None:
@@ -419,28 +489,51 @@ def test_printed_check_without_frames_says_why(capsys: pytest.CaptureFixture[str
 
 FACTORS = (1.0, 0.5, 0.25, 0.125, 0.0625)
 RUNS = tuple(  # as those of a fall that damping moves by +4.31 mm and a step of 1/240 s by −6.13
-    StudiedRun(factor / 240, 0.55855 + 0.00431 - 0.00613 * factor, 0.00431 - 0.00613 * factor,
-                -0.00613 * factor, 0.00431, 0.0, 0.0)
+    StudiedRun(
+        factor / 240,
+        0.55855 + 0.00431 - 0.00613 * factor,
+        0.00431 - 0.00613 * factor,
+        -0.00613 * factor,
+        0.00431,
+        0.0,
+        0.0,
+    )
     for factor in FACTORS
-)  # fmt: skip
+)
 
 
 def swept(tmp_path: Path, **change: Any) -> Sweep:
     """Return a sweep of four timesteps, of which the third run failed."""
     rows = [
-        {"run": number, "timestep_s": run.timestep_s, "linear_damping": None,
-         "error_m": run.error_m, "timestep_m": run.timestep_m, "damping_m": run.damping_m,
-         "interaction_m": 7e-7, "rounding_m": -2.8e-16, "error": None}
+        {
+            "run": number,
+            "timestep_s": run.timestep_s,
+            "linear_damping": None,
+            "error_m": run.error_m,
+            "timestep_m": run.timestep_m,
+            "damping_m": run.damping_m,
+            "interaction_m": 7e-7,
+            "rounding_m": -2.8e-16,
+            "error": None,
+        }
         for number, run in enumerate(RUNS[:4])
-    ]  # fmt: skip
+    ]
     rows[2] |= {"error": "the engine fell over"} | dict.fromkeys(TERMS)
     path = tmp_path / "results.parquet"
     pl.DataFrame(rows).write_parquet(path)
     plain: dict[str, Any] = {
-        "plan": plan_of({"timestep_s": "1/240,1/480,1/960,1/1920"}), "at_s": 0.3, "runs": 4,
-        "failed": 1, "computed": 3, "results": path, "plot": None, "studies": [],
-        "statistics": [], "engine_runs": [], "narrow_enough": None,
-    }  # fmt: skip
+        "plan": plan_of({"timestep_s": "1/240,1/480,1/960,1/1920"}),
+        "at_s": 0.3,
+        "runs": 4,
+        "failed": 1,
+        "computed": 3,
+        "results": path,
+        "plot": None,
+        "studies": [],
+        "statistics": [],
+        "engine_runs": [],
+        "narrow_enough": None,
+    }
     return Sweep(**plain | change)
 
 
@@ -528,9 +621,10 @@ def test_printed_study_without_damping_explains_no_limit(
     said = lines_of(capsys)
     told = said[said.index("height 1") :]
     assert told[2:5] == [
-        "against free fall 1.000", "against damped fall 1.000",
+        "against free fall 1.000",
+        "against damped fall 1.000",
         "Richardson needs three timesteps whose heights converge",
-    ]  # fmt: skip
+    ]
     for word in ("*", "cancel", "hurts", "left out", "index"):
         assert word not in " ".join(told)
     show_sweep(swept(tmp_path, studies=[group]), as_json=True)
@@ -556,8 +650,10 @@ def test_printed_study_with_damping_that_does_not_show_is_one_without(
     told = " ".join(lines_of(capsys))
     assert "does not go to 0 but to +4.0e-04 mm" in told
     # Where nothing but rounding is left, it is not the damping that makes it grow.
-    noise = [replace(run, error_m=(-2.0) ** n * 1e-15, timestep_m=0.0, damping_m=0.0)
-             for n, run in enumerate(RUNS)]  # fmt: skip
+    noise = [
+        replace(run, error_m=(-2.0) ** n * 1e-15, timestep_m=0.0, damping_m=0.0)
+        for n, run in enumerate(RUNS)
+    ]
     assert study_of(noise).refining_hurts
     show_sweep(swept(tmp_path, studies=[Group({}, "", study_of(noise))]), as_json=False)
     assert "hurts" not in " ".join(lines_of(capsys))
@@ -621,11 +717,17 @@ def test_printed_json_of_a_sweep_is_what_it_found(
     show_sweep(made, as_json=True)
     told = json.loads(capsys.readouterr().out)
     assert told == {
-        "runs": 4, "failed": 1, "at_s": 0.3, "plot": "errors.svg", "narrow_enough": True,
+        "runs": 4,
+        "failed": 1,
+        "at_s": 0.3,
+        "plot": "errors.svg",
+        "narrow_enough": True,
         "engines": [],
-        "results": str(made.results), "convergence": [], "table": made.table().to_dicts(),
+        "results": str(made.results),
+        "convergence": [],
+        "table": made.table().to_dicts(),
         "statistics": [{"height_m": 2.0, "summaries": [asdict(total)]}],
-    }  # fmt: skip
+    }
 
 
 @pytest.mark.parametrize(
@@ -638,21 +740,32 @@ def test_printed_timesteps_that_no_one_chose_are_rounded(timestep_s: float, said
 
 @pytest.mark.parametrize(
     ("value_m", "said"),
-    [(0.00431, "+4.3100 mm"), (-6.13125e-3, "-6.1313 mm"), (6.8e-7, "+0.0007 mm"),
-     (5.1e-8, "+0.0001 mm"), (4.9e-8, "+4.9e-05 mm"), (-2.8e-16, "-2.8e-13 mm"),
-     (0.0, "+0.0000 mm"), (-0.0, "+0.0000 mm"), (-4905.0, "-4.905e6 mm")],
-)  # fmt: skip
+    [
+        (0.00431, "+4.3100 mm"),
+        (-6.13125e-3, "-6.1313 mm"),
+        (6.8e-7, "+0.0007 mm"),
+        (5.1e-8, "+0.0001 mm"),
+        (4.9e-8, "+4.9e-05 mm"),
+        (-2.8e-16, "-2.8e-13 mm"),
+        (0.0, "+0.0000 mm"),
+        (-0.0, "+0.0000 mm"),
+        (-4905.0, "-4.905e6 mm"),
+    ],
+)
 def test_printed_millimetres_are_signed_and_never_a_false_zero(value_m: float, said: str) -> None:
     assert millimetres(value_m) == f"{said:>13}"
 
 
 @pytest.mark.parametrize(
     ("frames", "fps", "speed", "facts"),
-    [(41, 20.0, 0.5, "41 frames, 2.05 s, 2 times slower"),
-     (41, 40.0, 1.0, "41 frames, 1.02 s, in real time"),
-     (30, 10.0, 3.0, "30 frames, 3.00 s, 3 times faster"), (2, 20.0, None, "2 frames, 0.10 s"),
-     (1, 20.0, None, "1 frame, 0.05 s")],
-)  # fmt: skip
+    [
+        (41, 20.0, 0.5, "41 frames, 2.05 s, 2 times slower"),
+        (41, 40.0, 1.0, "41 frames, 1.02 s, in real time"),
+        (30, 10.0, 3.0, "30 frames, 3.00 s, 3 times faster"),
+        (2, 20.0, None, "2 frames, 0.10 s"),
+        (1, 20.0, None, "1 frame, 0.05 s"),
+    ],
+)
 def test_printed_rendering_says_how_it_plays(
     capsys: pytest.CaptureFixture[str], frames: int, fps: float, speed: float | None, facts: str
 ) -> None:
@@ -662,8 +775,11 @@ def test_printed_rendering_says_how_it_plays(
     show_rendering(made, Path("fall.rrd.part"), as_json=True)
     out, err = capsys.readouterr()
     assert json.loads(out) == {
-        "gif": "fall.webp", "frames": frames, "fps": fps, "plot": "fall.png",
-    }  # fmt: skip
+        "gif": "fall.webp",
+        "frames": frames,
+        "fps": fps,
+        "plot": "fall.png",
+    }
     assert "fall.rrd.part was never finished" in err
 
 
@@ -673,17 +789,30 @@ def test_printed_simulation_says_what_was_recorded(capsys: pytest.CaptureFixture
     assert lines_of(capsys) == ["recording run.rrd 12,001 samples, 41 frames, 346 kB, 1.3 s"]
     show_simulation(made, as_json=True)
     assert json.loads(capsys.readouterr().out) == {
-        "recording": "run.rrd", "recording_id": "an id", "samples": 12_001, "frames": 41,
-        "bytes": 345_678, "wall_s": 1.26,
-    }  # fmt: skip
+        "recording": "run.rrd",
+        "recording_id": "an id",
+        "samples": 12_001,
+        "frames": 41,
+        "bytes": 345_678,
+        "wall_s": 1.26,
+    }
 
 
 @pytest.mark.parametrize(
     ("value", "places", "said"),
-    [(0.025, 4, "0.0250"), (-4.905, 4, "-4.9050"), (999_999.0, 1, "999999.0"),
-     (1e6, 4, "1e6"), (-9.81e9, 4, "-9.81e9"), (123_456_789.0, 1, "123.457e6"),
-     (999_999_999.0, 4, "1e9"), (1e60, 2, "1e60"), (math.inf, 2, "inf"), (-math.inf, 1, "-inf")],
-)  # fmt: skip
+    [
+        (0.025, 4, "0.0250"),
+        (-4.905, 4, "-4.9050"),
+        (999_999.0, 1, "999999.0"),
+        (1e6, 4, "1e6"),
+        (-9.81e9, 4, "-9.81e9"),
+        (123_456_789.0, 1, "123.457e6"),
+        (999_999_999.0, 4, "1e9"),
+        (1e60, 2, "1e60"),
+        (math.inf, 2, "inf"),
+        (-math.inf, 1, "-inf"),
+    ],
+)
 def test_printed_large_numbers_are_in_powers_of_a_thousand(
     value: float, places: int, said: str
 ) -> None:
@@ -692,8 +821,11 @@ def test_printed_large_numbers_are_in_powers_of_a_thousand(
 
 def test_printed_small_numbers_among_large_ones_are_so_too() -> None:
     assert [engineering(one, "+") for one in (0.0, 0.25, -1234.5, 9.81e9)] == [
-        "+0", "+250e-3", "-1.2345e3", "+9.81e9",
-    ]  # fmt: skip
+        "+0",
+        "+250e-3",
+        "-1.2345e3",
+        "+9.81e9",
+    ]
 
 
 def test_printed_story_of_a_heavy_body_has_no_digits_that_mean_nothing(
@@ -790,9 +922,11 @@ def test_a_shell_reads_the_words_of_a_printed_command_as_they_were() -> None:
     assert len(wrapped) > 1
     for text in (lines, "\n".join(wrapped)):
         done = subprocess.run(
-            ["bash", "-c", text], stdout=subprocess.PIPE, check=True,
+            ["bash", "-c", text],
+            stdout=subprocess.PIPE,
+            check=True,
             env={**os.environ, "LC_ALL": "C.UTF-8"},
-        )  # fmt: skip
+        )
         assert list(map(os.fsdecode, done.stdout.split(b"\0")[:-1])) == [*ODD_WORDS, "./-a/b", "b"]
     assert command.isprintable()
 
@@ -855,8 +989,15 @@ def test_info_says_what_the_recording_of_a_script_is(drop_process: Drop, tmp_pat
     assert told["bodies"] == "0_plane, held still; 1_cube_small, 0.1 kg; 2_cube_small, 0.1 kg"
     assert told["samples"].startswith("61 in 0.25 s, ")
     assert shlex.split(told["again"]) == [
-        "drop", "record", "--steps", "60", "--seed", "1", "script.py", "--its own",
-    ]  # fmt: skip
+        "drop",
+        "record",
+        "--steps",
+        "60",
+        "--seed",
+        "1",
+        "script.py",
+        "--its own",
+    ]
     (tmp_path / "s.rrd").rename(tmp_path / "s.rrd.part")
     assert json.loads(drop_process("info", "s.rrd.part", "--json").stdout)["complete"]
 
@@ -1034,10 +1175,13 @@ def completed(shell: str, line: str, action: str = "get-args") -> tuple[list[str
     """Return what a shell is answered, and the exit code."""
     words = line.split(" ")
     done = drop_here(
-        folder=ROOT, _DROP_COMPLETE=f"complete_{shell}", COMP_WORDS=line,
-        COMP_CWORD=str(len(words) - 1), _TYPER_COMPLETE_ARGS=line,
+        folder=ROOT,
+        _DROP_COMPLETE=f"complete_{shell}",
+        COMP_WORDS=line,
+        COMP_CWORD=str(len(words) - 1),
+        _TYPER_COMPLETE_ARGS=line,
         _TYPER_COMPLETE_FISH_ACTION=action,
-    )  # fmt: skip
+    )
     assert done.stderr == ""
     return done.stdout.splitlines(), done.returncode
 

@@ -83,28 +83,34 @@ def test_damping_that_takes_the_torque(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "scene",
-    some([
-        # Its weight is held, and nothing moves.
-        ARM.format(file=KUKA, more="pass") + DOWN
-        + "for i in range(60):\n    p.setJointMotorControlArray(k, joints, p.TORQUE_CONTROL, "
-        "forces=p.calculateInverseDynamics(k, [s[0] for s in p.getJointStates(k, joints)], "
-        "[0] * 7, [0] * 7))\n    steps(1)",
-        # A motor moves it, no torque.
-        ARM.format(file=KUKA, more="p.setJointMotorControl2(k, j, p.POSITION_CONTROL, 1)")
-        + "steps(120)",
-        # Its motor is what holds it.
-        ARM.format(file=KUKA, more="p.setJointMotorControl2(k, j, p.VELOCITY_CONTROL, force=99)")
-        + CONSTANT.format(joint=6, torque=0.1),
-        # The script asked for it.
-        ARM.format(file=KUKA, more="p.changeDynamics(k, j, jointDamping=1)")
-        + CONSTANT.format(joint=6, torque=0.1),
-        # Short enough that it takes little, though there is some.
-        ARM.format(file=KUKA, more="pass")
-        + CONSTANT.format(joint=0, torque=50).replace("120", "5"),
-        # No joint is damped in this file.
-        ARM.format(file="cartpole.urdf", more="pass") + CONSTANT.format(joint=0, torque=3),
-    ], 2),
-)  # fmt: skip
+    some(
+        [
+            # Its weight is held, and nothing moves.
+            ARM.format(file=KUKA, more="pass")
+            + DOWN
+            + "for i in range(60):\n    p.setJointMotorControlArray(k, joints, p.TORQUE_CONTROL, "
+            "forces=p.calculateInverseDynamics(k, [s[0] for s in p.getJointStates(k, joints)], "
+            "[0] * 7, [0] * 7))\n    steps(1)",
+            # A motor moves it, no torque.
+            ARM.format(file=KUKA, more="p.setJointMotorControl2(k, j, p.POSITION_CONTROL, 1)")
+            + "steps(120)",
+            # Its motor is what holds it.
+            ARM.format(
+                file=KUKA, more="p.setJointMotorControl2(k, j, p.VELOCITY_CONTROL, force=99)"
+            )
+            + CONSTANT.format(joint=6, torque=0.1),
+            # The script asked for it.
+            ARM.format(file=KUKA, more="p.changeDynamics(k, j, jointDamping=1)")
+            + CONSTANT.format(joint=6, torque=0.1),
+            # Short enough that it takes little, though there is some.
+            ARM.format(file=KUKA, more="pass")
+            + CONSTANT.format(joint=0, torque=50).replace("120", "5"),
+            # No joint is damped in this file.
+            ARM.format(file="cartpole.urdf", more="pass") + CONSTANT.format(joint=0, torque=3),
+        ],
+        2,
+    ),
+)
 def test_damping_that_decides_nothing(scene: str, tmp_path: Path) -> None:
     assert not said("joint-damping", scene, tmp_path)
 
@@ -146,19 +152,25 @@ TOLD = "p.setJointMotorControl2(k, 1, p.POSITION_CONTROL, {target})"
     ("scene", "back", "each", "after", "why"),
     [
         (STACK, CUBES_BACK, "pass", "pass", "contacts start from"),
-        (SLIDER, SLIDER_BACK, "pass", "p.changeDynamics(c, -1, lateralFriction=0.1)",
-         "p.changeDynamics(c"),
+        (
+            SLIDER,
+            SLIDER_BACK,
+            "pass",
+            "p.changeDynamics(c, -1, lateralFriction=0.1)",
+            "p.changeDynamics(c",
+        ),
         (SLIDER, SLIDER_BACK, "pass", "p.setGravity(0, 0, -5)", "p.setGravity(0, 0, -5)"),
         (SWINGS, SWINGS_BACK, "pass", TOLD.format(target=0.5), "p.setJointMotorControl2(k, 1"),
     ],
-)  # fmt: skip
+)
 def test_episodes_begun_by_hand_that_differ(
     scene: str, back: str, each: str, after: str, why: str, tmp_path: Path
 ) -> None:
     (found,) = said(
         "restore-differs",
-        EPISODES.format(scene=scene, back=back, each=each, after=after), tmp_path,
-    )  # fmt: skip
+        EPISODES.format(scene=scene, back=back, each=each, after=after),
+        tmp_path,
+    )
     assert why.split("(")[0] in found.message
     assert "p.reset" in found.message
     assert found.effect is not None
@@ -176,17 +188,22 @@ def test_episodes_begun_by_hand_that_differ(
         # Each episode asks for something else.
         (SWINGS, SWINGS_BACK, TOLD.format(target="0.01 * i * episode"), "pass"),
         # One body is held by resets, the others move.
-        (STACK, "pass", "p.resetBasePositionAndOrientation(cubes[0], [0, 0, 0.025], [0, 0, 0, 1])",
-         "pass"),
+        (
+            STACK,
+            "pass",
+            "p.resetBasePositionAndOrientation(cubes[0], [0, 0, 0.025], [0, 0, 0, 1])",
+            "pass",
+        ),
     ],
-)  # fmt: skip
+)
 def test_episodes_begun_by_hand_that_are_the_same(
     scene: str, back: str, each: str, after: str, tmp_path: Path
 ) -> None:
     assert not said(
         "restore-differs",
-        EPISODES.format(scene=scene, back=back, each=each, after=after), tmp_path,
-    )  # fmt: skip
+        EPISODES.format(scene=scene, back=back, each=each, after=after),
+        tmp_path,
+    )
 
 
 ANEW = """

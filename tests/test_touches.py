@@ -132,8 +132,18 @@ def test_pieces_come_to_the_same(scene: str, tmp_path: Path) -> None:
     for key, one in whole.items():
         other = pieces[key]
         assert other.steps == one.steps
-        for name in ("friction", "used", "available_n", "needed_n", "friction_needed", "slid_m",
-            "deepest_m", "impulse_n_s", "energy_j", "energy_of_pair_j"):  # fmt: skip
+        for name in (
+            "friction",
+            "used",
+            "available_n",
+            "needed_n",
+            "friction_needed",
+            "slid_m",
+            "deepest_m",
+            "impulse_n_s",
+            "energy_j",
+            "energy_of_pair_j",
+        ):
             value = getattr(one, name)
             expected = None if value is None else pytest.approx(value, rel=1e-9, abs=1e-12)
             assert getattr(other, name) == expected

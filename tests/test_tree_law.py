@@ -62,9 +62,11 @@ MORE = (
     "xarm/xarm6_robot_white.urdf", "xarm/xarm6_with_gripper.urdf",
 )  # fmt: skip
 UNLOADED = (
-    "gripper/wsg50_one_motor_gripper_free_base.sdf", "kuka_iiwa/kuka_world.sdf",
-    "kuka_iiwa/model2.sdf", "kuka_iiwa/model_for_sdf.urdf",
-)  # fmt: skip
+    "gripper/wsg50_one_motor_gripper_free_base.sdf",
+    "kuka_iiwa/kuka_world.sdf",
+    "kuka_iiwa/model2.sdf",
+    "kuka_iiwa/model_for_sdf.urdf",
+)
 """Robots of pybullet_data that PyBullet itself does not load: the first ends the process."""
 MODES = ("default", "off", "position", "velocity", "torque", "pd")
 DRIVEN = [
@@ -97,9 +99,12 @@ def quiet(
     """Return steps in which only gravity acts."""
     efforts = np.zeros((steps, joint_rates))
     return Reported(
-        timestep_s=np.full(steps, timestep_s), gravity_m_s2=np.tile(gravity_m_s2, (steps, 1)),
-        motors=efforts, commanded=efforts, pd=efforts,
-    )  # fmt: skip
+        timestep_s=np.full(steps, timestep_s),
+        gravity_m_s2=np.tile(gravity_m_s2, (steps, 1)),
+        motors=efforts,
+        commanded=efforts,
+        pd=efforts,
+    )
 
 
 def closes(found: Sum) -> None:
@@ -144,9 +149,14 @@ def driven(watched: Watched, mode: str) -> Act:
         for joint in spherical if mode == "position" else ():
             towards = p.getQuaternionFromEuler([0.3 * math.sin(0.1 * step), 0.2, 0])
             p.setJointMotorControlMultiDof(
-                body, joint, p.POSITION_CONTROL, targetPosition=towards, positionGain=0.2,
-                velocityGain=1, force=[200, 200, 200],
-            )  # fmt: skip
+                body,
+                joint,
+                p.POSITION_CONTROL,
+                targetPosition=towards,
+                positionGain=0.2,
+                velocityGain=1,
+                force=[200, 200, 200],
+            )
 
     return act
 
@@ -207,9 +217,13 @@ PENDULUM = Tree(
 def undamped(tree: Tree) -> BulletTree:
     nothing = np.zeros(tree.joint_rates)
     return BulletTree(
-        tree=tree, joint_damping=nothing, lower=nothing, upper=nothing - 1, linear_damping=0.0,
+        tree=tree,
+        joint_damping=nothing,
+        lower=nothing,
+        upper=nothing - 1,
+        linear_damping=0.0,
         angular_damping=0.0,
-    )  # fmt: skip
+    )
 
 
 def states_of(q: list[float], u: list[float]) -> States:
@@ -416,9 +430,16 @@ def held(kind: int, arm: Watched, link: int, steps: int) -> list[tuple[Watched, 
     turned = p.getQuaternionFromEuler([0.3, 0.2, 0.1])
     pivots, said = ([0.01, 0.02, 0.08], [0.01, 0, 0.03]), []
     constraint = p.createConstraint(
-        arm.body, link, cube, -1, kind, [0, 0, 0], *pivots, turned,
+        arm.body,
+        link,
+        cube,
+        -1,
+        kind,
+        [0, 0, 0],
+        *pivots,
+        turned,
         p.getQuaternionFromEuler([0.1, 0, 0]),
-    )  # fmt: skip
+    )
     bodies = arm, Watched(cube, described(cube))
     for _ in range(steps):
         for joint in joints_of(arm.body, p.JOINT_REVOLUTE, p.JOINT_PRISMATIC):
@@ -427,11 +448,20 @@ def held(kind: int, arm: Watched, link: int, steps: int) -> list[tuple[Watched, 
         said.append(p.getConstraintState(constraint))
     axes = bullet_reports.frame_axes(arm.kinematics(), link, turned)[:-1]
     return [
-        (one, bullet_reports.constraint_forces(
-            one.kinematics(), kind="fixed" if kind == p.JOINT_FIXED else "point2point",
-            as_parent=one is arm, link=at, pivot_m=pivot, axes=axes, reported=np.array(said),
-        )) for one, at, pivot in zip(bodies, (link, -1), pivots, strict=True)
-    ]  # fmt: skip
+        (
+            one,
+            bullet_reports.constraint_forces(
+                one.kinematics(),
+                kind="fixed" if kind == p.JOINT_FIXED else "point2point",
+                as_parent=one is arm,
+                link=at,
+                pivot_m=pivot,
+                axes=axes,
+                reported=np.array(said),
+            ),
+        )
+        for one, at, pivot in zip(bodies, (link, -1), pivots, strict=True)
+    ]
 
 
 @pytest.mark.parametrize("kind", [p.JOINT_FIXED, p.JOINT_POINT2POINT])
@@ -452,9 +482,14 @@ def test_a_constraint_to_the_world_closes() -> None:
             run([watched], 1)
             said.append(p.getConstraintState(constraint))
         forces = bullet_reports.constraint_forces(
-            watched.kinematics(), kind="point2point", as_parent=True, link=2, pivot_m=[0, 0, 0.1],
-            axes=np.zeros((60, 3, 3)), reported=np.array(said),
-        )  # fmt: skip
+            watched.kinematics(),
+            kind="point2point",
+            as_parent=True,
+            link=2,
+            pivot_m=[0, 0, 0.1],
+            axes=np.zeros((60, 3, 3)),
+            reported=np.array(said),
+        )
         closes(watched.sum(constraints=forces))
 
 
@@ -470,8 +505,10 @@ def test_a_gear_closes() -> None:
             run([watched], 1)
             said.append(p.getConstraintState(gear)[0])
         given: dict[str, Any] = {
-            "ratio": -1.5, "reported": np.array(said), "timestep_s": np.full(60, 1 / 240)
-        }  # fmt: skip
+            "ratio": -1.5,
+            "reported": np.array(said),
+            "timestep_s": np.full(60, 1 / 240),
+        }
         geared = sum(
             bullet_reports.gear_impulses(watched.law.tree, as_parent=parent, link=link, **given)
             for parent, link in ((True, 9), (False, 11))
@@ -697,9 +734,12 @@ def test_without_the_bias_the_sum_does_not_close(
 
 @pytest.mark.parametrize(
     ("name", "file", "mode"),
-    [("stops", "r2d2.urdf", "velocity"), ("clamp", "kuka_iiwa/model.urdf", "torque"),
-     ("rolling", "pr2_gripper.urdf", "default")],
-)  # fmt: skip
+    [
+        ("stops", "r2d2.urdf", "velocity"),
+        ("clamp", "kuka_iiwa/model.urdf", "torque"),
+        ("rolling", "pr2_gripper.urdf", "default"),
+    ],
+)
 def test_without_what_is_not_reported_the_sum_does_not_close(
     name: str, file: str, mode: str
 ) -> None:
@@ -744,17 +784,24 @@ def test_energy_and_momentum_by_cause_close_over_hundreds_of_steps(file: str) ->
 def test_a_free_body_is_a_tree_without_joints() -> None:
     """Its sum closes over the steps of today's law, in another order of operations."""
     law = BulletLaw(
-        timestep_s=DT, gravity_m_s2=(0.3, 0.1, -G), mass_kg=1.7, inertia_kg_m2=(0.1, 0.2, 0.25),
-        linear_damping=0.04, angular_damping=0.07, coordinates="reduced",
-    )  # fmt: skip
+        timestep_s=DT,
+        gravity_m_s2=(0.3, 0.1, -G),
+        mass_kg=1.7,
+        inertia_kg_m2=(0.1, 0.2, 0.25),
+        linear_damping=0.04,
+        angular_damping=0.07,
+        coordinates="reduced",
+    )
     tree = Tree(fixed=False, masses_kg=np.array([1.7]), inertias_kg_m2=np.array([[0.1, 0.2, 0.25]]))
     body = replace(undamped(tree), linear_damping=0.04, angular_damping=0.07)
     now = Motion(*(np.array([row]) for row in ((1, 2, 3), (0, 0, 0, 1), (4, 0, 5), (1, -5, 2))))
     path = [now]
     for _ in range(100):
         path.append(law.step(path[-1]))
-    columns = [np.concatenate([getattr(one, name) for one in path]) for name in
-               ("position_m", "orientation", "velocity_m_s", "spin_rad_s")]  # fmt: skip
+    columns = [
+        np.concatenate([getattr(one, name) for one in path])
+        for name in ("position_m", "orientation", "velocity_m_s", "spin_rad_s")
+    ]
     u = np.hstack((columns[3], columns[2]))
     states = States(columns[0], columns[1], np.empty((101, 0)), u)
     found = sum_of(body, states, quiet(100, 0, DT, (0.3, 0.1, -G)))

@@ -90,9 +90,13 @@ def test_other_variations_are_chosen_by_name(tmp_path: Path) -> None:
     vary = ["gravity=10,5", "mass=2", "contactERP=0.1", "numSolverIterations=200", "timestep/8"]
     apart = ends(trusted(tmp_path, scene, vary=vary))
     assert [*apart] == [
-        "gravity=10", "gravity=5", "mass=2", "contactERP=0.1", "numSolverIterations=200",
+        "gravity=10",
+        "gravity=5",
+        "mass=2",
+        "contactERP=0.1",
+        "numSolverIterations=200",
         "timestep/8",
-    ]  # fmt: skip
+    ]
     assert apart["gravity=5"]["m"] == pytest.approx(0.025, rel=0.1)
     assert apart["gravity=10"]["m"] == apart["contactERP=0.1"]["m"] == 0
     with pytest.raises(ScenarioError, match="timestep/2"):
@@ -105,11 +109,17 @@ def test_other_variations_are_chosen_by_name(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "lengths"),
     [
-        ("1mm", {"m": 1e-3}), ("0.01", {"m": 0.01}), ("2 µm,1 mrad", {"m": 2e-6, "rad": 1e-3}),
-        ("180deg", {"rad": math.pi}), ("1/2 m", {"m": 0.5}), ("1 parsec", None), ("-1mm", None),
-        ("1 m m", None), ("", None),
+        ("1mm", {"m": 1e-3}),
+        ("0.01", {"m": 0.01}),
+        ("2 µm,1 mrad", {"m": 2e-6, "rad": 1e-3}),
+        ("180deg", {"rad": math.pi}),
+        ("1/2 m", {"m": 0.5}),
+        ("1 parsec", None),
+        ("-1mm", None),
+        ("1 m m", None),
+        ("", None),
     ],
-)  # fmt: skip
+)
 def test_lengths_have_units(text: str, lengths: dict[str, float] | None) -> None:
     if lengths is None:
         with pytest.raises(ScenarioError, match="within must be a length"):
@@ -330,9 +340,14 @@ def test_distances_are_written_as_a_table_and_plotted(tmp_path: Path) -> None:
     plots = [tmp_path / f"{name}.svg" for name in ("light", "dark")]
     for plot in plots:
         found = trusted(
-            tmp_path, scene, vary=["gravity=9", "timestep/2"], plot=plot, dark="dark" in plot.name,
-            table=tmp_path / "t.csv", force=True,
-        )  # fmt: skip
+            tmp_path,
+            scene,
+            vary=["gravity=9", "timestep/2"],
+            plot=plot,
+            dark="dark" in plot.name,
+            table=tmp_path / "t.csv",
+            force=True,
+        )
     table = pl.read_csv(tmp_path / "t.csv")
     assert table["variation"].to_list() == ["gravity=9"] * 2 + ["timestep/2"] * 2
     assert table["end"].to_list() == [

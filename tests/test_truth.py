@@ -587,11 +587,21 @@ def _engine_rest_height(said: Said) -> None:
 
 
 @checks(
-    "engine.body_sha256", "engine.drop_version", "engine.machine", "engine.numpy_version",
-    "engine.pybullet_api", "engine.pybullet_build", "engine.pybullet_version",
-    "engine.pybullet_wheel", "engine.python_version", "engine.rerun_version", "engine.gl_renderer",
-    "recording", "layer", "partial",
-)  # fmt: skip
+    "engine.body_sha256",
+    "engine.drop_version",
+    "engine.machine",
+    "engine.numpy_version",
+    "engine.pybullet_api",
+    "engine.pybullet_build",
+    "engine.pybullet_version",
+    "engine.pybullet_wheel",
+    "engine.python_version",
+    "engine.rerun_version",
+    "engine.gl_renderer",
+    "recording",
+    "layer",
+    "partial",
+)
 def _not_of_the_drop(said: Said) -> None:
     """Of the file and the versions, which other tests hold; nothing that the oracle could know."""
     hold(said.value is not True, "a whole recording is said to be partial")

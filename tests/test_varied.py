@@ -155,9 +155,13 @@ time.sleep(0.1)
 look()
 """
 EVERYTHING = {
-    "finer": 4, "iterations": 3, "engine": {"solverResidualThreshold": 0.0, "numSubSteps": 2},
-    "gravity": 3.0, "friction": 0.25, "mass": 2.0,
-}  # fmt: skip
+    "finer": 4,
+    "iterations": 3,
+    "engine": {"solverResidualThreshold": 0.0, "numSubSteps": 2},
+    "gravity": 3.0,
+    "friction": 0.25,
+    "mass": 2.0,
+}
 
 
 def test_the_script_reads_what_it_has_set_and_its_own_clock(tmp_path: Path) -> None:

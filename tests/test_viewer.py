@@ -269,9 +269,11 @@ def test_view_finds_the_layers_and_names_them_last(
     assert shown.recordings == [here / "run.rrd", bare]
     assert shown.layers == [here / "run.analysis.rrd"]
     assert shown.viewer.command[:6] == [
-        str(binary()), *map(str, [here / "run.rrd", bare, here / "run.analysis.rrd"]),
-        "--bind", "127.0.0.1",
-    ]  # fmt: skip
+        str(binary()),
+        *map(str, [here / "run.rrd", bare, here / "run.analysis.rrd"]),
+        "--bind",
+        "127.0.0.1",
+    ]
 
 
 def test_a_layer_of_an_earlier_recording_is_not_shown(
@@ -311,15 +313,21 @@ def test_on_a_screen_that_is_not_there_the_viewers_failure_is_ours(
 def test_web_is_served_on_loopback_only_and_nobody_is_counted(here: Path) -> None:
     home = here / "home"
     environment = os.environ | {
-        "HOME": str(home), "XDG_CONFIG_HOME": str(home / ".config"),
-        "XDG_DATA_HOME": str(home / ".local"), "BROWSER": "true",
+        "HOME": str(home),
+        "XDG_CONFIG_HOME": str(home / ".config"),
+        "XDG_DATA_HOME": str(home / ".local"),
+        "BROWSER": "true",
         "PYTHONPATH": str(Path(__file__).parents[1]),
-    }  # fmt: skip
+    }
     environment.pop("CI", None)
     process = subprocess.Popen(
         [sys.executable, "-m", "drop_physics", "view", "run.rrd", "--web", "--json"],
-        cwd=here, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        cwd=here,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     try:
         assert process.stdout is not None
         answer = json.loads("".join(iter(process.stdout.readline, "}\n")) + "}")
@@ -402,9 +410,11 @@ def test_the_web_viewer_ends_with_a_command_that_is_ended(
     """Ctrl-C reaches the viewer too; a signal of another program only us."""
     process = subprocess.Popen(
         [sys.executable, "-m", "drop_physics", "view", "run.rrd", "--web", "--json"],
-        cwd=here, env=isolated(here / "home") | {"BROWSER": "true", "PYTHONPATH": str(ROOT)},
-        stdout=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        cwd=here,
+        env=isolated(here / "home") | {"BROWSER": "true", "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
     assert process.stdout is not None
     answer = json.loads("".join(iter(process.stdout.readline, "}\n")) + "}")
     ports = [int(answer[key].split(":")[2].split("?")[0].split("/")[0]) for key in KEYS]
@@ -439,8 +449,10 @@ def test_every_host_that_the_web_viewers_page_asks_is_in_the_documents(tmp_path:
 def test_a_name_is_no_option_and_no_address_for_the_viewer() -> None:
     files = [Path("-x.rrd"), Path("rerun+http:/here"), Path("/tmp/run.rrd")]
     assert program.viewer(files, web=True).command[1:4] == [
-        "./-x.rrd", "./rerun+http:/here", "/tmp/run.rrd",
-    ]  # fmt: skip
+        "./-x.rrd",
+        "./rerun+http:/here",
+        "/tmp/run.rrd",
+    ]
 
 
 KEYS = ("url", "page")
@@ -453,10 +465,16 @@ def listens(port: int) -> bool:
 
 def listening_on(port: int) -> set[str]:
     """Return the addresses of this machine that a port is open on."""
-    rows = [row.split() for name in ("tcp", "tcp6")
-            for row in Path(f"/proc/net/{name}").read_text().splitlines()[1:]]  # fmt: skip
-    found = {row[1].split(":")[0] for row in rows
-             if row[3] == "0A" and int(row[1].split(":")[1], 16) == port}  # fmt: skip
+    rows = [
+        row.split()
+        for name in ("tcp", "tcp6")
+        for row in Path(f"/proc/net/{name}").read_text().splitlines()[1:]
+    ]
+    found = {
+        row[1].split(":")[0]
+        for row in rows
+        if row[3] == "0A" and int(row[1].split(":")[1], 16) == port
+    }
     return {"127.0.0.1" if address == "0100007F" else address for address in found}
 
 
@@ -485,8 +503,10 @@ def receiver(tmp_path: Path) -> Iterator[Receiver]:
     port, saved = free_port(), tmp_path / "received.rrd"
     process = subprocess.Popen(
         [binary(), "--save", saved, "--bind", "127.0.0.1", "--port", str(port)],
-        env=isolated(tmp_path / "home"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
+        env=isolated(tmp_path / "home"),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
     try:
         wait_until(lambda: listens(port))
         yield Receiver(process, f"rerun+http://127.0.0.1:{port}/proxy", saved)
@@ -563,9 +583,13 @@ def test_a_viewer_that_goes_away_or_hangs_costs_the_recording_nothing(
     sent: list[int] = []
     path, long = tmp_path / "run.rrd", Scenario(duration_s=4.0)
     simulate(
-        long, path, camera=None,
-        viewer=view.connection(receiver.url), note=notes.append, progress=lose,
-    )  # fmt: skip
+        long,
+        path,
+        camera=None,
+        viewer=view.connection(receiver.url),
+        note=notes.append,
+        progress=lose,
+    )
     assert len(notes) == 1
     # Which of both depends on where in the fall it happens.
     assert re.search("viewer (does not respond|stopped responding)", notes[0])

@@ -70,7 +70,7 @@ held += [p.createConstraint(a, -1, -1, -1, p.JOINT_FIXED, [0, 0, 0], [0, 0, 0], 
     p.createConstraint(b, 1, b, 2, p.JOINT_GEAR, [1, 0, 0], [0, 0, 0], [0, 0, 0])]
 p.changeConstraint(held[1], gearRatio=-1, maxForce=10)
 """,
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("scene", SCENES)
@@ -297,8 +297,11 @@ p.stepSimulation()
     first, *puts = (event for event in events if isinstance(event, Put))
     assert (first.body.engine_id, first.counts) == (1, False)  # whose base no sample holds
     assert [(put.at.step, put.body.engine_id, put.at.call) for put in puts] == [
-        (1, 0, 5), (1, 1, 5), (2, 0, 6), (2, 0, 7)
-    ]  # fmt: skip
+        (1, 0, 5),
+        (1, 1, 5),
+        (2, 0, 6),
+        (2, 0, 7),
+    ]
     assert puts[0].base[7:10].tolist() == [1, 2, 3]
     assert puts[1].joints.position[0, 2] == 0.5
     assert puts[1].joints.velocity[0, 2] == 0.25
@@ -368,8 +371,11 @@ p.stepSimulation()
     assert (scaled.asked.scale, scaled.flags, scaled.can_sleep) == (2, 1 << 11, True)
     base, arm, hand = robot.asked.links
     assert (base.name, base.mass_kg, base.position_m, base.rpy_rad) == (
-        "base", 2, (0.1, 0, 0), (0, 0, 0.5)
-    )  # fmt: skip
+        "base",
+        2,
+        (0.1, 0, 0),
+        (0, 0, 0.5),
+    )
     assert base.inertia_kg_m2 == (1, 0.1, 0.2, 2, 0.3, 3)
     assert math.isnan(arm.mass_kg)
     assert (hand.inertia_kg_m2, arm.name) == ((), "arm")
@@ -383,8 +389,10 @@ p.stepSimulation()
     assert np.abs(corners).max() < 0.3
     assert not_well_formed.asked == Asked()
     assert [len(each.collisions[-1].hull_m) > 0 for each in (concave_body, hull, mesh)] == [
-        False, True, False
-    ]  # fmt: skip
+        False,
+        True,
+        False,
+    ]
     assert not any(body.before for body in bodies(events))
 
 
@@ -471,8 +479,10 @@ show(p)
     done, (block,) = blocks(tmp_path, text)
     assert done.stdout == bare(tmp_path, text.replace('with recorded("0")', "if True")).stdout
     assert [(body.name, body.before) for body in bodies(block.events)] == [
-        ("cube.urdf", True), ("cube_small.urdf", False), ("sphere_small.urdf", False)
-    ]  # fmt: skip
+        ("cube.urdf", True),
+        ("cube_small.urdf", False),
+        ("sphere_small.urdf", False),
+    ]
     samples = [event for event in block.events if isinstance(event, Samples)]
     assert [step for each in samples for step in each.steps] == list(range(21))
     held = [number for each in samples for number in each.constraints]
@@ -501,8 +511,9 @@ show(p)
         assert joined_steps(block.events) == list(range(steps))
         ((function, _, line),) = told(block.events)
         assert (function, plain.splitlines()[line - 2].strip()[:20]) == (
-            "applyExternalForce", "p.applyExternalForce"
-        )  # fmt: skip
+            "applyExternalForce",
+            "p.applyExternalForce",
+        )
 
 
 def test_threads_of_a_block_are_recorded_and_those_that_outlive_it_are_named(
@@ -544,8 +555,15 @@ def joined_steps(events: list[Event]) -> list[int]:
 def test_a_stream_that_ends_at_any_byte_is_understood_up_to_there() -> None:
     world = {"world": 0, "client": 0, "method": "DIRECT", "first_step": 0, "first_time_s": 0.0}
     layout = {"world": 0, "constraints": [], "bodies": []}
-    site = {"number": 0, "function": "f", "file": "", "line": 1, "form": "{}", "names": [""],
-        "whole": [False]}  # fmt: skip
+    site = {
+        "number": 0,
+        "function": "f",
+        "file": "",
+        "line": 1,
+        "form": "{}",
+        "names": [""],
+        "whole": [False],
+    }
     sent = pipe.MAGIC
     for what, note in (("world", world), ("layout", layout), ("site", site)):
         sent += pipe.frame(pipe.NOTE, pipe.encoded({"what": what, **note}))
@@ -582,5 +600,7 @@ p.setGravity(0, 0, 0)
     assert times.tolist() == [0, 0, 1 / 240, 1 / 240 + 0.5]
     settings = [event for event in events if isinstance(event, Settings)]
     assert [each.at for each in settings] == [
-        At(0, 0.0, 2), At(1, 1 / 240, 3), At(2, 1 / 240 + 0.5, 4)
-    ]  # fmt: skip
+        At(0, 0.0, 2),
+        At(1, 1 / 240, 3),
+        At(2, 1 / 240 + 0.5, 4),
+    ]

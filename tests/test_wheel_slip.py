@@ -92,8 +92,13 @@ LEVEL = {
     "driven": "wheels", "shape": "p.GEOM_SPHERE", "speed": -8, "each": "pass",
 }  # fmt: skip
 HUSKY_AS_IT_IS = {
-    "mu": 1, "before": "", "steps": 420, "left": 6, "right": 6, "each": "pass",
-}  # fmt: skip
+    "mu": 1,
+    "before": "",
+    "steps": 420,
+    "left": 6,
+    "right": 6,
+    "each": "pass",
+}
 WALL = (
     "p.createMultiBody(0, p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, 2, 1]), -1, "
     "[.8, 0, 1])"

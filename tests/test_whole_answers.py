@@ -69,14 +69,21 @@ LOOSE = AIR + KUKA + "for j in range(7): p.setJointMotorControl2(k, j, p.VELOCIT
 
 @pytest.mark.parametrize(
     ("scene", "cured", "term"),
-    some([
-        (AIR + KUKA + SINE.format(gain=0.1), AIR + KUKA + SINE.format(gain=1), "joint damping"),
-        (LOOSE + "\np.resetJointState(k, 6, 0, 0.5)\nsteps(99)",
-         LOOSE + "\np.changeDynamics(k, 6, jointDamping=0)\np.resetJointState(k, 6, 0, 0.5)\n"
-         "steps(99)", "joint damping"),
-        (A1.format(kd=5), A1.format(kd=0.2), "applied"),
-    ], 1),
-)  # fmt: skip
+    some(
+        [
+            (AIR + KUKA + SINE.format(gain=0.1), AIR + KUKA + SINE.format(gain=1), "joint damping"),
+            (
+                LOOSE + "\np.resetJointState(k, 6, 0, 0.5)\nsteps(99)",
+                LOOSE
+                + "\np.changeDynamics(k, 6, jointDamping=0)\np.resetJointState(k, 6, 0, 0.5)\n"
+                "steps(99)",
+                "joint damping",
+            ),
+            (A1.format(kd=5), A1.format(kd=0.2), "applied"),
+        ],
+        1,
+    ),
+)
 def test_what_rings_and_what_feeds_it(scene: str, cured: str, term: str, tmp_path: Path) -> None:
     found = one(scene, tmp_path, "unstable")
     assert f"the term {term} turns it around" in found.message
@@ -130,20 +137,24 @@ steps(30)
 
 @pytest.mark.parametrize(
     "scene",
-    some([
-        PENDULUM,
-        FAN.format(rate=90),
-        FAN.format(rate=150),
-        AIR + BULLET.format(speed=-400),
-        FLOOR + "p.loadURDF('cube_small.urdf', [0, 0, 0.3], [0.3, 0.2, 0.1, 0.9])\nsteps(400)",
-        ROBOTS.format(file="laikago/laikago_toes.urdf", z=0.5, turn="0, .5**.5, .5**.5, 0",
-            fixed=False),
-        ROBOTS.format(file="a1/a1.urdf", z=0.35, turn="0, 0, 0, 1", fixed=False),
-        ROBOTS.format(file="r2d2.urdf", z=0.5, turn="0, 0, 0, 1", fixed=False),
-        ROBOTS.format(file="franka_panda/panda.urdf", z=0, turn="0, 0, 0, 1", fixed=True),
-        ROBOTS.format(file="kuka_iiwa/model.urdf", z=0, turn="0, 0, 0, 1", fixed=True),
-    ], 3),
-)  # fmt: skip
+    some(
+        [
+            PENDULUM,
+            FAN.format(rate=90),
+            FAN.format(rate=150),
+            AIR + BULLET.format(speed=-400),
+            FLOOR + "p.loadURDF('cube_small.urdf', [0, 0, 0.3], [0.3, 0.2, 0.1, 0.9])\nsteps(400)",
+            ROBOTS.format(
+                file="laikago/laikago_toes.urdf", z=0.5, turn="0, .5**.5, .5**.5, 0", fixed=False
+            ),
+            ROBOTS.format(file="a1/a1.urdf", z=0.35, turn="0, 0, 0, 1", fixed=False),
+            ROBOTS.format(file="r2d2.urdf", z=0.5, turn="0, 0, 0, 1", fixed=False),
+            ROBOTS.format(file="franka_panda/panda.urdf", z=0, turn="0, 0, 0, 1", fixed=True),
+            ROBOTS.format(file="kuka_iiwa/model.urdf", z=0, turn="0, 0, 0, 1", fixed=True),
+        ],
+        3,
+    ),
+)
 def test_what_does_not_ring(scene: str, tmp_path: Path) -> None:
     assert not ask(scene, tmp_path, "unstable")
 
@@ -153,10 +164,13 @@ def test_what_does_not_ring(scene: str, tmp_path: Path) -> None:
     [
         (FAN.format(rate=150), FAN.format(rate=90), "N m s"),
         (AIR + BULLET.format(speed=-400), AIR + BULLET.format(speed=-50), "N s"),
-        (AIR + CUBE + "p.changeDynamics(c, -1, maxJointVelocity=0.5)\nsteps(60)",
-         AIR + CUBE + "p.changeDynamics(c, -1, maxJointVelocity=500)\nsteps(60)", "N s"),
+        (
+            AIR + CUBE + "p.changeDynamics(c, -1, maxJointVelocity=0.5)\nsteps(60)",
+            AIR + CUBE + "p.changeDynamics(c, -1, maxJointVelocity=500)\nsteps(60)",
+            "N s",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_the_clamp_takes(scene: str, slower: str, unit: str, tmp_path: Path) -> None:
     found = one(scene, tmp_path, "velocity-clamped")
     assert found.effect is not None
@@ -185,9 +199,15 @@ steps(60)
 
 @pytest.mark.parametrize(
     "more",
-    some(["p.removeBody(low)", "p.setGravity(3, 0, 9.81)",
-     "p.resetBasePositionAndOrientation(low, [5, 0, 0.2], [0, 0, 0, 1])"], 1),
-)  # fmt: skip
+    some(
+        [
+            "p.removeBody(low)",
+            "p.setGravity(3, 0, 9.81)",
+            "p.resetBasePositionAndOrientation(low, [5, 0, 0.2], [0, 0, 0, 1])",
+        ],
+        1,
+    ),
+)
 def test_a_body_that_sleeps_through_it(more: str, tmp_path: Path) -> None:
     flags = ", flags=p.URDF_ENABLE_SLEEPING"
     found = one(SLEEPER.format(flags=flags, more=more), tmp_path, "asleep")

@@ -113,9 +113,14 @@ def motors_off(body: int) -> None:
         p.setJointMotorControl2(body, joint, p.VELOCITY_CONTROL, force=0)
     for joint in joints_of(body, p.JOINT_SPHERICAL):
         p.setJointMotorControlMultiDof(
-            body, joint, p.POSITION_CONTROL, targetPosition=[0, 0, 0, 1], positionGain=0,
-            velocityGain=0, force=[0, 0, 0],
-        )  # fmt: skip
+            body,
+            joint,
+            p.POSITION_CONTROL,
+            targetPosition=[0, 0, 0, 1],
+            positionGain=0,
+            velocityGain=0,
+            force=[0, 0, 0],
+        )
 
 
 @dataclass
@@ -189,9 +194,14 @@ class Watched:
         return self.coefficients[body, link]
 
     def push(
-        self, link: int, force: Sequence[float], at: Sequence[float], frame: int, *,
+        self,
+        link: int,
+        force: Sequence[float],
+        at: Sequence[float],
+        frame: int,
+        *,
         torque: bool = False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Apply an external force, or a torque, and keep it."""
         if torque:
             p.applyExternalTorque(self.body, link, force, frame)
@@ -216,9 +226,15 @@ class Watched:
     ) -> None:
         """Command PD_CONTROL, and keep what decides what it gives in the next step."""
         p.setJointMotorControl2(
-            self.body, joint, p.PD_CONTROL, targetPosition=target,
-            targetVelocity=target_velocity, positionGain=kp, velocityGain=kd, force=limit,
-        )  # fmt: skip
+            self.body,
+            joint,
+            p.PD_CONTROL,
+            targetPosition=target,
+            targetVelocity=target_velocity,
+            positionGain=kp,
+            velocityGain=kd,
+            force=limit,
+        )
         state = p.getJointState(self.body, joint)[:2]
         self.pd.append((self.step, joint, kp, kd, target, target_velocity, limit, *state))
 
@@ -278,9 +294,16 @@ class Watched:
             np.array, zip(*self.contacts, strict=True)
         )
         return bullet_reports.contact_forces(
-            step=step, link=link, is_a=is_a, point_m=at, normal=normal, normal_force_n=force,
-            friction_n=friction, directions=directions, rolling=rolls,
-        )  # fmt: skip
+            step=step,
+            link=link,
+            is_a=is_a,
+            point_m=at,
+            normal=normal,
+            normal_force_n=force,
+            friction_n=friction,
+            directions=directions,
+            rolling=rolls,
+        )
 
     def _applied(self) -> Forces:
         if not self.pushed:
@@ -293,9 +316,15 @@ class Watched:
         for one in np.flatnonzero(torque & ~local):  # at the centre, so that it has no moment
             at[one] = kin.position_m(int(link[one]))[pose[one]]
         return bullet_reports.pushes(
-            kin, step=step, link=link, force_n=np.where(torque[:, None], 0.0, vector), point_m=at,
-            torque_n_m=np.where(torque[:, None], vector, 0.0), in_link_frame=local, pose=pose,
-        )  # fmt: skip
+            kin,
+            step=step,
+            link=link,
+            force_n=np.where(torque[:, None], 0.0, vector),
+            point_m=at,
+            torque_n_m=np.where(torque[:, None], vector, 0.0),
+            in_link_frame=local,
+            pose=pose,
+        )
 
     def sum(self, **more: Any) -> Sum:
         """Return the steps as a sum of impulses."""

@@ -84,10 +84,24 @@ class Viewer:
         self._log = Path(self._home.name, "viewer.log")
         with self._log.open("w") as log:
             self.process = subprocess.Popen(
-                [binary(), *files, "--headless", "--renderer", "vulkan", "--bind", "127.0.0.1",
-                 "--port", port, "--window-size", size, "--hide-welcome-screen"],
-                env=environment, stdout=log, stderr=subprocess.STDOUT,
-            )  # fmt: skip
+                [
+                    binary(),
+                    *files,
+                    "--headless",
+                    "--renderer",
+                    "vulkan",
+                    "--bind",
+                    "127.0.0.1",
+                    "--port",
+                    port,
+                    "--window-size",
+                    size,
+                    "--hide-welcome-screen",
+                ],
+                env=environment,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+            )
         self.client = self._connected()
         if files:
             self._wait_until_loaded()

@@ -111,9 +111,11 @@ def thrown(
         damping = {"linearDamping": linear_damping, "angularDamping": angular_damping}
         damping["rollingFriction"] = rolling_friction or None
         p.changeDynamics(
-            one, -1, physicsClientId=client,
+            one,
+            -1,
+            physicsClientId=client,
             **{name: value for name, value in damping.items() if value is not None},
-        )  # fmt: skip
+        )
         p.resetBasePositionAndOrientation(
             one, (0, 0, height_m), orientation, physicsClientId=client
         )
@@ -126,9 +128,17 @@ def thrown(
                 found = p.getContactPoints(physicsClientId=client)
                 points += [(step, point) for point in found]
             place = p.getBasePositionAndOrientation(one, physicsClientId=client)
-            rows.append((*place[0], *place[1], *(
-                each for part in p.getBaseVelocity(one, physicsClientId=client) for each in part
-            )))  # fmt: skip
+            rows.append(
+                (
+                    *place[0],
+                    *place[1],
+                    *(
+                        each
+                        for part in p.getBaseVelocity(one, physicsClientId=client)
+                        for each in part
+                    ),
+                )
+            )
         parts = np.split(np.array(rows), (3, 7, 10), axis=1)
         # A btRigidBody keeps inverses of mass and inertia, and reports those of them.
         twin = p.loadURDF(_urdf(folder, body), physicsClientId=client)

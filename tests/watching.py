@@ -18,9 +18,12 @@ from drop_physics.seen.events import Calls, Ending, Event, Site
 def bare(folder: Path, text: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run a script in a folder, unwatched."""
     return subprocess.run(
-        [sys.executable, _written(folder, text), *arguments], cwd=folder, capture_output=True,
-        text=True, check=False,
-    )  # fmt: skip
+        [sys.executable, _written(folder, text), *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
 
 
 def watched(

@@ -35,8 +35,9 @@ def _numbers(p: Any, client: int) -> list[float]:
         if p.getDynamicsInfo(body, -1, client)[10] == SOFT:
             continue
         for vector in (
-            *p.getBasePositionAndOrientation(body, client), *p.getBaseVelocity(body, client)
-        ):  # fmt: skip
+            *p.getBasePositionAndOrientation(body, client),
+            *p.getBaseVelocity(body, client),
+        ):
             values += vector
         for link in range(p.getNumJoints(body, client)):
             state = p.getLinkState(body, link, computeLinkVelocity=1, physicsClientId=client)

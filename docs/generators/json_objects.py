@@ -175,12 +175,34 @@ def _sentences(phrases: Mapping[str, str]) -> dict[str, str]:
 
 ANALYSIS = _object(
     DropAnalysis,
-    {"kind", "recording", "layer", "partial", "origin", "samples", "explained", "bodies",
-     "scenario", "engine", "at", "airborne", "impact", "rest", "conservation", "findings",
-     "segments", "flights"},
-    scenario=Scenario, engine=EngineReport, origin=None, table=None, by_body=None,
-    contact_j=None, curves=None,
-)  # fmt: skip
+    {
+        "kind",
+        "recording",
+        "layer",
+        "partial",
+        "origin",
+        "samples",
+        "explained",
+        "bodies",
+        "scenario",
+        "engine",
+        "at",
+        "airborne",
+        "impact",
+        "rest",
+        "conservation",
+        "findings",
+        "segments",
+        "flights",
+    },
+    scenario=Scenario,
+    engine=EngineReport,
+    origin=None,
+    table=None,
+    by_body=None,
+    contact_j=None,
+    curves=None,
+)
 ANALYSIS = ANALYSIS._replace(
     keys={"origin": (dict[str, Any], None), **ANALYSIS.keys},
     descriptions=_descriptions(script.Analysis)
@@ -189,36 +211,66 @@ ANALYSIS = ANALYSIS._replace(
 )
 SCRIPT_ANALYSIS = _object(
     script.Analysis,
-    {"kind", "recording", "layer", "partial", "origin", "engine", "samples", "explained", "bodies",
-     "findings"},
-    origin=dict[str, Any], engine=dict[str, Any], table=None, by_body=None, curves=None,
-)  # fmt: skip
+    {
+        "kind",
+        "recording",
+        "layer",
+        "partial",
+        "origin",
+        "engine",
+        "samples",
+        "explained",
+        "bodies",
+        "findings",
+    },
+    origin=dict[str, Any],
+    engine=dict[str, Any],
+    table=None,
+    by_body=None,
+    curves=None,
+)
 RENDERING = _object(Rendering, plot=Path | None, speed=None)
 ROW = Object(
-    {name: COLUMNS.get(kind, list[float]) | None
-     for name, kind in SWEEP_COLUMNS.items()},
+    {name: COLUMNS.get(kind, list[float]) | None for name, kind in SWEEP_COLUMNS.items()},
     {
-        **_descriptions(Scenario), **_sentences(TABLE_SAYS),
-        "run": "Number of the run, from 0.", "sample": "Number of the sample, with `--samples`.",
-        "error": "Why a run failed.", "command": "Repeats this run.",
-        "recording": "The run's recording, in the folder.", "end_m": "Height in the last sample.",
+        **_descriptions(Scenario),
+        **_sentences(TABLE_SAYS),
+        "run": "Number of the run, from 0.",
+        "sample": "Number of the sample, with `--samples`.",
+        "error": "Why a run failed.",
+        "command": "Repeats this run.",
+        "recording": "The run's recording, in the folder.",
+        "end_m": "Height in the last sample.",
     },
     frozenset({*Scenario.options(), *TERMS}),
-)  # fmt: skip
-PLACE = _object(Difference, {"step", "column"}, value=float | str | None, golden=float | str | None,
-                difference=float | None)  # fmt: skip
+)
+PLACE = _object(
+    Difference,
+    {"step", "column"},
+    value=float | str | None,
+    golden=float | str | None,
+    difference=float | None,
+)
 INPUT = _object(Difference, set(), column=None)
 INPUT = INPUT._replace(
     keys={"name": str, **INPUT.keys, "value": Any, "golden": Any},
-    descriptions=PLACE.descriptions | {
+    descriptions=PLACE.descriptions
+    | {
         "name": "A column, as of `first_difference`. Of a drop's settings its name in the "
         "recording, without the other keys; `engine.` comes first where only the engine's differs.",
     },
-)  # fmt: skip
+)
 CALL = _object(
-    Call, set(), site=None, numbers=None, result=None, function=str, arguments=str, file=str,
+    Call,
+    set(),
+    site=None,
+    numbers=None,
+    result=None,
+    function=str,
+    arguments=str,
+    file=str,
     line=int,
-)  # fmt: skip
+)
 OTHER_CALL = Object({"value": (CALL, None), "golden": (CALL, None)}, _descriptions(OtherCall))
 CHECK = _object(
     Check,
@@ -238,12 +290,21 @@ CHECK = _object(
     real_time=bool,
 )
 CHECK = CHECK._replace(
-    keys={**CHECK.keys, "first_difference": (PLACE, None), "differences": [INPUT],
-          "call_before": (CALL, None), "other_call": (OTHER_CALL, None)},
-    descriptions=CHECK.descriptions | _descriptions(Comparison)
-    | {"first_difference": "The first difference at a step: of an input, a sample, or a picture; "
-       "null where there is none.", "same": CHECK.descriptions["same"]},
-)  # fmt: skip
+    keys={
+        **CHECK.keys,
+        "first_difference": (PLACE, None),
+        "differences": [INPUT],
+        "call_before": (CALL, None),
+        "other_call": (OTHER_CALL, None),
+    },
+    descriptions=CHECK.descriptions
+    | _descriptions(Comparison)
+    | {
+        "first_difference": "The first difference at a step: of an input, a sample, or a picture; "
+        "null where there is none.",
+        "same": CHECK.descriptions["same"],
+    },
+)
 SHARED = "A value of the scenario that these runs share and others do not."
 STUDY = Object(
     {"study": _object(Study, refining_hurts=bool)}, {"study": "The convergence study."}, more=SHARED
@@ -281,53 +342,88 @@ RECORD = Object(
     frozenset({"recording", "recording_id", "script", "ended", "samples", "bodies", "frames",
                "bytes", "wall_s"}),
 )  # fmt: skip
-DISTANCE = _object(apart.Distance, {"value", "unit", "body", "joint", "time_s"}, value=float | None,
-                   unit=Literal["m", "rad"])  # fmt: skip
+DISTANCE = _object(
+    apart.Distance,
+    {"value", "unit", "body", "joint", "time_s"},
+    value=float | None,
+    unit=Literal["m", "rad"],
+)
 VARIATION = Object(
-    {"name": str, "recording": Path,
-     "ended": Literal["finished", "steps", "duration", "idle", "disk", "failed"],
-     "error": str | None, "steps": int, "most": [DISTANCE], "end": [DISTANCE],
-     "from_s": float | None, "term": str | None},
-    {"name": "`timestep/2`, `iterations*4`, `residual 0`, `nudge`, `seed`, or NAME=V.",
-     "recording": "Its recording.", "ended": "How it ended, as of `drop record`.",
-     "error": "The error that the script failed with.",
-     "steps": "How many steps the script made: with timestep/K, each is K of the engine.",
-     "most": "The farthest from the script's own run at any time, for each unit.",
-     "end": "The farthest at the end.",
-     "from_s": "When first more than 1e-6 m or rad apart; null if never.",
-     "term": "The term of the sum that has done most of it by then: gravity, bias, damping, joint "
-     "damping, applied, motors, contacts, rolling, constraints, stops, clamp; integrator, where "
-     "it is how a step moves at its velocity; set, where calls put it elsewhere; null where "
-     "nothing is apart, it is not explained, or no single one."},
+    {
+        "name": str,
+        "recording": Path,
+        "ended": Literal["finished", "steps", "duration", "idle", "disk", "failed"],
+        "error": str | None,
+        "steps": int,
+        "most": [DISTANCE],
+        "end": [DISTANCE],
+        "from_s": float | None,
+        "term": str | None,
+    },
+    {
+        "name": "`timestep/2`, `iterations*4`, `residual 0`, `nudge`, `seed`, or NAME=V.",
+        "recording": "Its recording.",
+        "ended": "How it ended, as of `drop record`.",
+        "error": "The error that the script failed with.",
+        "steps": "How many steps the script made: with timestep/K, each is K of the engine.",
+        "most": "The farthest from the script's own run at any time, for each unit.",
+        "end": "The farthest at the end.",
+        "from_s": "When first more than 1e-6 m or rad apart; null if never.",
+        "term": "The term of the sum that has done most of it by then: gravity, bias, damping, "
+        "joint damping, applied, motors, contacts, rolling, constraints, stops, clamp; "
+        "integrator, where it is how a step moves at its velocity; set, where calls put it "
+        "elsewhere; null where "
+        "nothing is apart, it is not explained, or no single one.",
+    },
     frozenset({"name", "recording", "most", "end", "from_s", "term"}),
-)  # fmt: skip
+)
 STANDING = _object(
     standing.Standing, set(), end=float | None, most=float | None, moved=float | None
 )
 TRUST = Object(
-    {"script": str, "recording": Path, "variations": [VARIATION],
-     "standing": [STANDING], "growth": standing.Growth | None,
-     "converging": list[standing.Converging], "findings": list[answer.Finding]},
-    {"script": "The script, or the module.", "recording": "The recording of its own run.",
-     "variations": "The runs with variations.",
-     "standing": "What stands of each position that matters, the least first.",
-     "growth": "How the displacement of `nudge` grows; null where it does not, a hundredfold.",
-     "converging": "Each end position that depends on the timestep, the one that depends most "
-     "first; empty without three timesteps of one ratio.",
-     "findings": "The same as sentences."},
+    {
+        "script": str,
+        "recording": Path,
+        "variations": [VARIATION],
+        "standing": [STANDING],
+        "growth": standing.Growth | None,
+        "converging": list[standing.Converging],
+        "findings": list[answer.Finding],
+    },
+    {
+        "script": "The script, or the module.",
+        "recording": "The recording of its own run.",
+        "variations": "The runs with variations.",
+        "standing": "What stands of each position that matters, the least first.",
+        "growth": "How the displacement of `nudge` grows; null where it does not, a hundredfold.",
+        "converging": "Each end position that depends on the timestep, the one that depends most "
+        "first; empty without three timesteps of one ratio.",
+        "findings": "The same as sentences.",
+    },
     frozenset({"script", "recording", "variations", "findings"}),
-)  # fmt: skip
+)
 VIEW = Object(
-    {"recordings": list[Path], "layers": list[Path], "golden": Path | None,
-     "same": bool | None, "first_difference": int | None, "command": list[str], "url": str,
-     "page": str | None},
-    {"recordings": "The recordings shown.", "layers": "Their analyses, shown with them.",
-     "golden": "The recording it is compared with, with `--against`.",
-     "same": "Whether the two are the same physics; null without `--against`.",
-     "first_difference": "The first step at which anything differs; null if nothing does.",
-     "command": "The command that starts the viewer.", "url": "Where the viewer takes data.",
-     "page": "The address to open in a browser, with `--web`."},
-)  # fmt: skip
+    {
+        "recordings": list[Path],
+        "layers": list[Path],
+        "golden": Path | None,
+        "same": bool | None,
+        "first_difference": int | None,
+        "command": list[str],
+        "url": str,
+        "page": str | None,
+    },
+    {
+        "recordings": "The recordings shown.",
+        "layers": "Their analyses, shown with them.",
+        "golden": "The recording it is compared with, with `--against`.",
+        "same": "Whether the two are the same physics; null without `--against`.",
+        "first_difference": "The first step at which anything differs; null if nothing does.",
+        "command": "The command that starts the viewer.",
+        "url": "Where the viewer takes data.",
+        "page": "The address to open in a browser, with `--web`.",
+    },
+)
 COMMANDS: dict[str, Object] = {
     "simulate": _object(Simulation),
     "analyze": ANALYSIS,
@@ -357,10 +453,15 @@ def made() -> dict[str, str]:
     titles = {name: TITLES.get(name, f"drop {name}") for name in COMMANDS}
     schemas = {name: _schema(printed) for name, printed in COMMANDS.items()}
     files = {
-        f"schemas/{name}.json": _text({"$schema": "https://json-schema.org/draft/2020-12/schema",
-                                       "title": f"{titles[name]} --json", **schema})
+        f"schemas/{name}.json": _text(
+            {
+                "$schema": "https://json-schema.org/draft/2020-12/schema",
+                "title": f"{titles[name]} --json",
+                **schema,
+            }
+        )
         for name, schema in schemas.items()
-    }  # fmt: skip
+    }
     parts = [_HEAD]
     for name, schema in schemas.items():
         parts.append(f"## {titles[name]}\n\nSchema: [{name}.json](schemas/{name}.json)\n")

@@ -85,9 +85,12 @@ def error_of(rate_hz: int, damping: float) -> Error:
     worst = int(sizes.argmax())
     along = apart[worst] / sizes[worst]
     return Error(
-        rate_hz, damping, float(sizes[worst]), float(times[worst]),
+        rate_hz,
+        damping,
+        float(sizes[worst]),
+        float(times[worst]),
         {cause: float(term[worst] @ along) for cause, term in terms.items()},
-    )  # fmt: skip
+    )
 
 
 def place(angle: Float64) -> Float64:
@@ -111,8 +114,13 @@ def damped(times_s: Float64, damping: float) -> Float64:
         return exact(times_s)
     solved = solve_ivp(
         lambda _, y: (y[1], G * math.cos(y[0]) - damping * y[1] * (1 + abs(y[1]))),
-        (0, times_s[-1]), (0.0, 0.0), "DOP853", t_eval=times_s, rtol=1e-12, atol=1e-13,
-    )  # fmt: skip
+        (0, times_s[-1]),
+        (0.0, 0.0),
+        "DOP853",
+        t_eval=times_s,
+        rtol=1e-12,
+        atol=1e-13,
+    )
     return np.asarray(solved.y[0])
 
 

@@ -20,10 +20,17 @@ from drop_physics.report import EngineReport
 from generators.typed import run_python
 
 CHOSEN = Scenario(
-    linear_damping=0.04, angular_damping=0.04, mass_kg=0.1, restitution=0.5, contact_erp=0.08,
-    solver_residual=1e-7, solver_iterations=50, restitution_threshold_m_s=0.2, friction=0.5,
+    linear_damping=0.04,
+    angular_damping=0.04,
+    mass_kg=0.1,
+    restitution=0.5,
+    contact_erp=0.08,
+    solver_residual=1e-7,
+    solver_iterations=50,
+    restitution_threshold_m_s=0.2,
+    friction=0.5,
     substeps=1,
-)  # fmt: skip
+)
 UNITS = {
     "m_s2": "m/s²", "kg_m2": "kg m²", "m_s": "m/s", "rad_s": "rad/s", "m": "m", "s": "s", "n": "N",
     "j": "J", "kg": "kg", "px": "px", "deg": "°",

@@ -19,10 +19,19 @@ from generators.typed import ROOT
 MESSAGES = ROOT / "pipeline/drop_physics/locale/ja/LC_MESSAGES/drop.po"
 TEMPLATES = dict.fromkeys(
     (
-        "Message", "joined", "localized", "words", "DropError", "ScenarioError", "RecordingError",
-        "OutputError", "ViewerError", "StreamError", "WorkerDiedError",
+        "Message",
+        "joined",
+        "localized",
+        "words",
+        "DropError",
+        "ScenarioError",
+        "RecordingError",
+        "OutputError",
+        "ViewerError",
+        "StreamError",
+        "WorkerDiedError",
     )
-) | {"counted": (2,)}  # fmt: skip
+) | {"counted": (2,)}
 """What takes a template, and as which of its arguments; the first where none is named."""
 
 

@@ -113,10 +113,20 @@ def _in_bash(command: str, folder: Path) -> tuple[int, str]:
     done = subprocess.run(
         ["bash", "-euc", head + command],
         cwd=folder,
-        env={**os.environ, "PYTHON": sys.executable, "PYTHONPATH": str(ROOT), "COLUMNS": "80",
-             "ROOT": str(ROOT),
-             "SCRATCH": str(folder), "SLURM_JOB_NODELIST": "node"},
-        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        timeout=120, check=False,
-    )  # fmt: skip
+        env={
+            **os.environ,
+            "PYTHON": sys.executable,
+            "PYTHONPATH": str(ROOT),
+            "COLUMNS": "80",
+            "ROOT": str(ROOT),
+            "SCRATCH": str(folder),
+            "SLURM_JOB_NODELIST": "node",
+        },
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=120,
+        check=False,
+    )
     return done.returncode, done.stdout

@@ -119,19 +119,27 @@ def _slide() -> Figure:
     start = 60
     distance_m = float(motion.position_m[-1, 0] - motion.position_m[start, 0])
     return Figure(
-        "a box that slides at v = 2 m/s stops after", "v² / 2µg, µ = 0.3", 4 / (2 * 0.3 * G),
+        "a box that slides at v = 2 m/s stops after",
+        "v² / 2µg, µ = 0.3",
+        4 / (2 * 0.3 * G),
         distance_m,
-        "m", "timestep: v dt/2 less, since friction acts before the body moves", 2 / 240,
-    )  # fmt: skip
+        "m",
+        "timestep: v dt/2 less, since friction acts before the body moves",
+        2 / 240,
+    )
 
 
 def _apex() -> Figure:
     motion = _motion(_seen(THROWN), 0)
     return Figure(
-        "a body thrown up at v = 6 m/s rises", "v² / 2g", 36 / (2 * G),
-        float(motion.position_m[:, 2].max()), "m",
-        "timestep: v dt/2 less, since gravity acts before the body moves", 6 / 240 / 2 * 1.01,
-    )  # fmt: skip
+        "a body thrown up at v = 6 m/s rises",
+        "v² / 2g",
+        36 / (2 * G),
+        float(motion.position_m[:, 2].max()),
+        "m",
+        "timestep: v dt/2 less, since gravity acts before the body moves",
+        6 / 240 / 2 * 1.01,
+    )
 
 
 def _range() -> Figure:
@@ -140,10 +148,14 @@ def _range() -> Figure:
     row = round(time_s * 240)
     height_m = float(motion.position_m[row, 2])
     return Figure(
-        "and is after t = 0.5 s at", "v t − g t²/2", 6 * time_s - G * time_s**2 / 2,
-        height_m, "m",
-        "timestep: −g t dt/2, exactly", G * time_s / 480 * 1.000001,
-    )  # fmt: skip
+        "and is after t = 0.5 s at",
+        "v t − g t²/2",
+        6 * time_s - G * time_s**2 / 2,
+        height_m,
+        "m",
+        "timestep: −g t dt/2, exactly",
+        G * time_s / 480 * 1.000001,
+    )
 
 
 def _terminal() -> Figure:
@@ -151,9 +163,13 @@ def _terminal() -> Figure:
     k = float(np.float32(0.04))
     return Figure(
         "a body falls at last, damped by PyBullet's default k = 0.04, at",
-        "v (1 + v) k = g: v = √(1/4 + g/k) − 1/2", math.sqrt(0.25 + G / k) - 0.5,
-        -float(motion.velocity_m_s[-1, 2]), "m/s", "none: the step has the same fixed point", 1e-9,
-    )  # fmt: skip
+        "v (1 + v) k = g: v = √(1/4 + g/k) − 1/2",
+        math.sqrt(0.25 + G / k) - 0.5,
+        -float(motion.velocity_m_s[-1, 2]),
+        "m/s",
+        "none: the step has the same fixed point",
+        1e-9,
+    )
 
 
 def _roll() -> Figure:
@@ -162,9 +178,14 @@ def _roll() -> Figure:
     rate = 2 * float(motion.position_m[-1, 0]) / time_s**2
     theory = 5 / 7 * G * math.sin(slope)
     return Figure(
-        "a ball rolls down a slope of 0.1 rad with", "5/7 g sin θ", theory, rate, "m/s²",
-        "timestep: dt/t = 0.21 % more", theory * 0.0022,
-    )  # fmt: skip
+        "a ball rolls down a slope of 0.1 rad with",
+        "5/7 g sin θ",
+        theory,
+        rate,
+        "m/s²",
+        "timestep: dt/t = 0.21 % more",
+        theory * 0.0022,
+    )
 
 
 def _collision() -> list[Figure]:
@@ -174,16 +195,24 @@ def _collision() -> list[Figure]:
     energy_j = (np.sum(light**2, axis=1) + 3 * np.sum(heavy**2, axis=1)) / 2
     return [
         Figure(
-            "two balls collide: drift of their momentum", "Σ m v is conserved", 0.0,
-            _drift(momentum), "", "rounding", 1e-12,
+            "two balls collide: drift of their momentum",
+            "Σ m v is conserved",
+            0.0,
+            _drift(momentum),
+            "",
+            "rounding",
+            1e-12,
         ),
         Figure(
             "share of the energy that the heavier ball gets",
-            "restitution 1, no friction: 3/4 cos²θ", _struck(),
-            float(1.5 * np.sum(heavy[-1] ** 2) / energy_j[0]), "",
-            "where the balls meet in the step", 0.02,
+            "restitution 1, no friction: 3/4 cos²θ",
+            _struck(),
+            float(1.5 * np.sum(heavy[-1] ** 2) / energy_j[0]),
+            "",
+            "where the balls meet in the step",
+            0.02,
         ),
-    ]  # fmt: skip
+    ]
 
 
 def _struck() -> float:
@@ -210,10 +239,15 @@ def _spins() -> list[Figure]:
             figures += [
                 Figure(
                     f"{name} of a box that tumbles freely for 10 s, drift with 1/{rate} s, {kind}",
-                    "conserved", 0.0, _drift(values), "", "timestep", 0.06,
+                    "conserved",
+                    0.0,
+                    _drift(values),
+                    "",
+                    "timestep",
+                    0.06,
                 )
                 for name, values in drifts.items()
-            ]  # fmt: skip
+            ]
     return figures
 
 

@@ -74,9 +74,14 @@ def simulate(
         viewer = view.spawn if connect is None else view.connection(connect)
     with progress() as report:
         simulation = simulate(
-            scenario, out, camera=camera, force=force,
-            viewer=viewer, note=output.note, progress=report,
-        )  # fmt: skip
+            scenario,
+            out,
+            camera=camera,
+            force=force,
+            viewer=viewer,
+            note=output.note,
+            progress=report,
+        )
     show_simulation(simulation, as_json=json)
 
 
@@ -106,9 +111,14 @@ def analyze(
 
     with progress() as report:
         analysis = analyze(
-            run, at_s=times(at or []), body=body, out=out, table=table, force=force,
+            run,
+            at_s=times(at or []),
+            body=body,
+            out=out,
+            table=table,
+            force=force,
             progress=report,
-        )  # fmt: skip
+        )
     show_analysis(analysis, as_json=json, verbose=verbose)
 
 
@@ -143,9 +153,16 @@ def render(
     animation = Animation(fps=fps, speed=speed, caption=caption, with_plot=with_plot)
     with progress() as report:
         rendering = render(
-            run, out=out, animation=animation, plot=plot, dark=dark, view=view, body=body,
-            force=force, progress=report,
-        )  # fmt: skip
+            run,
+            out=out,
+            animation=animation,
+            plot=plot,
+            dark=dark,
+            view=view,
+            body=body,
+            force=force,
+            progress=report,
+        )
     show_rendering(rendering, run, as_json=json)
 
 
@@ -176,9 +193,15 @@ def run(
     animation = Animation(fps=fps, speed=speed, caption=caption, with_plot=with_plot)
     with progress() as report:
         result = run(
-            scenario, out_dir, camera=camera, at_s=times(at or []), animation=animation, dark=dark,
-            note=output.note, progress=report,
-        )  # fmt: skip
+            scenario,
+            out_dir,
+            camera=camera,
+            at_s=times(at or []),
+            animation=animation,
+            dark=dark,
+            note=output.note,
+            progress=report,
+        )
     show_run(result, as_json=json)
 
 
@@ -253,9 +276,19 @@ def sweep(
     plan = plan_of(lists, samples=samples, seed=seed, vary=vary or [])
     with sweep_progress() as report:
         result = sweep(
-            plan, out, at_s=times([at])[0], record=not no_record, camera=camera, jobs=jobs,
-            ray=ray, until_ci_m=until_ci, plot=plot, dark=dark, force=force, progress=report,
-        )  # fmt: skip
+            plan,
+            out,
+            at_s=times([at])[0],
+            record=not no_record,
+            camera=camera,
+            jobs=jobs,
+            ray=ray,
+            until_ci_m=until_ci,
+            plot=plot,
+            dark=dark,
+            force=force,
+            progress=report,
+        )
     raise typer.Exit(show_sweep(result, as_json=json))
 
 
@@ -296,11 +329,21 @@ def record(
     sys.stdout.flush()
     with script_progress() as (progress, note):
         recorded = record_script(
-            target, arguments, is_module=module, out=out, steps=steps, duration_s=duration,
-            seed=seed, twice=twice, python=python, keep_sleeping=keep_sleeping, force=force,
-            stdout=output.descriptor(sys.stderr if json else sys.stdout), note=note,
+            target,
+            arguments,
+            is_module=module,
+            out=out,
+            steps=steps,
+            duration_s=duration,
+            seed=seed,
+            twice=twice,
+            python=python,
+            keep_sleeping=keep_sleeping,
+            force=force,
+            stdout=output.descriptor(sys.stderr if json else sys.stdout),
+            note=note,
             progress=progress,
-        )  # fmt: skip
+        )
     raise typer.Exit(show_record(recorded, as_json=json))
 
 
@@ -347,11 +390,24 @@ def trust(
     note_ours(target, arguments, [name for one in context.command.params for name in one.opts])
     with sweep_progress() as report:
         result = trust(
-            target, arguments, out=out, vary=vary, is_module=module, steps=steps,
-            duration_s=duration, seed=seed, python=python, jobs=jobs, ray=ray, force=force,
-            stdout=output.descriptor(sys.stderr), table=table, plot=plot, dark=dark,
+            target,
+            arguments,
+            out=out,
+            vary=vary,
+            is_module=module,
+            steps=steps,
+            duration_s=duration,
+            seed=seed,
+            python=python,
+            jobs=jobs,
+            ray=ray,
+            force=force,
+            stdout=output.descriptor(sys.stderr),
+            table=table,
+            plot=plot,
+            dark=dark,
             progress=report,
-        )  # fmt: skip
+        )
     outputs = [each for each in (table, plot) if each is not None]
     raise typer.Exit(show_trust(result, as_json=json, within=lengths, outputs=outputs))
 

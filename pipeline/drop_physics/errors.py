@@ -111,5 +111,7 @@ def check_suffix(option: str, path: Path, suffixes: Iterable[str]) -> None:
     allowed = Message("{one} or {other}", one=", ".join(others), other=last) if others else last
     raise ScenarioError(
         "{option} must end in {allowed}, got {path!r}",
-        option=option, allowed=allowed, path=str(path),
-    )  # fmt: skip
+        option=option,
+        allowed=allowed,
+        path=str(path),
+    )

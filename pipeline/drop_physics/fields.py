@@ -123,8 +123,10 @@ class Option:
         except ScenarioError as error:
             raise ScenarioError(
                 "{option} takes {what}, got {value}",
-                option=self.name, what=error.in_options, value=shown(raw),
-            ) from None  # fmt: skip
+                option=self.name,
+                what=error.in_options,
+                value=shown(raw),
+            ) from None
 
     def written(self, value: object) -> str:
         """Write a value to be read; as a fraction only where the default is one, as 1/240."""
@@ -210,9 +212,9 @@ class Option:
     def _type_in_words(self) -> str:
         if self.choices or self.is_flag:
             return alternatives(self.choices or ("True", "False"))
-        one = {
-            float: Message("a number"), int: Message("a whole number"), str: Message("text")
-        }[self.kind.of]  # fmt: skip
+        one = {float: Message("a number"), int: Message("a whole number"), str: Message("text")}[
+            self.kind.of
+        ]
         times = (Message("{n} times {kind}", n=n, kind=one) for n in self.kind.lengths)
         return alternatives(times) if self.kind.lengths else one
 

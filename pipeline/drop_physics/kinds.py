@@ -87,8 +87,10 @@ def times(texts: Sequence[str]) -> list[float]:
     except ScenarioError as error:
         raise ScenarioError(
             "{option} takes {what}, got {value}",
-            option="--at", what=error.in_options, value=", ".join(map(repr, texts)),
-        ) from None  # fmt: skip
+            option="--at",
+            what=error.in_options,
+            value=", ".join(map(repr, texts)),
+        ) from None
 
 
 @dataclass(frozen=True, slots=True)

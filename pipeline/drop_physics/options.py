@@ -110,9 +110,13 @@ def _parameter(
         if len(metavar) > LONGEST:
             metavar = "NAME"
         valued = typer.Option(
-            option, help=f"{help} [default: {default}]", rich_help_panel=panel,
-            show_default=False, metavar=metavar, autocompletion=lambda: spec.choices,
-        )  # fmt: skip
+            option,
+            help=f"{help} [default: {default}]",
+            rich_help_panel=panel,
+            show_default=False,
+            metavar=metavar,
+            autocompletion=lambda: spec.choices,
+        )
         annotation, absent = Annotated[str | None, valued], None
     return inspect.Parameter(
         name, inspect.Parameter.KEYWORD_ONLY, default=absent, annotation=annotation

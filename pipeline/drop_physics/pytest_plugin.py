@@ -62,9 +62,10 @@ def golden_recording(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator
         first.replace(path)
         try:
             failure = (
-                NO_STEP if block.steps == before
+                NO_STEP
+                if block.steps == before
                 else _failure(path, golden, allowed_m, update=update)
-            )  # fmt: skip
+            )
         except DropError as error:
             failure = str(error)
         if failure:

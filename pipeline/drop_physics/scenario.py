@@ -33,8 +33,12 @@ Renderer = Literal["tiny", "egl"]
 View = Literal["standard", "close", "follow"]
 
 ENGINES: dict[Engine, str] = {
-    "bullet": "PyBullet", "mujoco": "MuJoCo", "dart": "DART", "drake": "Drake", "physx": "PhysX",
-}  # fmt: skip
+    "bullet": "PyBullet",
+    "mujoco": "MuJoCo",
+    "dart": "DART",
+    "drake": "Drake",
+    "physx": "PhysX",
+}
 """The engines' proper names."""
 INTEGRATORS: dict[Engine, tuple[Integrator, ...]] = {
     "mujoco": ("euler", "rk4", "implicit", "implicitfast"),
@@ -95,88 +99,176 @@ class Scenario(Optioned):
     """
 
     height_m: float = option(
-        "--height", "Centre of the body above the floor at release [m].", NUMBER,
-        default=1.0, low=-1e6, high=1e6,
-    )  # fmt: skip
+        "--height",
+        "Centre of the body above the floor at release [m].",
+        NUMBER,
+        default=1.0,
+        low=-1e6,
+        high=1e6,
+    )
     timestep_s: float = option(
-        "--timestep", "Timestep [s]: a number, or a fraction such as 1/480.", NUMBER,
-        default=1 / 240, shown="1/240", low=1e-9, high=10,
-    )  # fmt: skip
+        "--timestep",
+        "Timestep [s]: a number, or a fraction such as 1/480.",
+        NUMBER,
+        default=1 / 240,
+        shown="1/240",
+        low=1e-9,
+        high=10,
+    )
     duration_s: float = option(
-        "--duration", "Simulated time [s], a whole number of steps.", NUMBER,
-        default=1.0, low=0, high=1e9, above=True,
-    )  # fmt: skip
+        "--duration",
+        "Simulated time [s], a whole number of steps.",
+        NUMBER,
+        default=1.0,
+        low=0,
+        high=1e9,
+        above=True,
+    )
     gravity_m_s2: float = option(
-        "--gravity", "z component of gravity [m/s²], or earth, moon, mars, zero.", GRAVITY,
-        default=-9.81, low=-1e4, high=1e4,
-    )  # fmt: skip
+        "--gravity",
+        "z component of gravity [m/s²], or earth, moon, mars, zero.",
+        GRAVITY,
+        default=-9.81,
+        low=-1e4,
+        high=1e4,
+    )
     linear_damping: float | None = option(
-        "--linear-damping", "Bullet's coefficient of translational damping.", NUMBER,
-        default=None, shown="default", low=0, high=1,
-    )  # fmt: skip
+        "--linear-damping",
+        "Bullet's coefficient of translational damping.",
+        NUMBER,
+        default=None,
+        shown="default",
+        low=0,
+        high=1,
+    )
     angular_damping: float | None = option(
-        "--angular-damping", "Bullet's coefficient of rotational damping.", NUMBER,
-        default=None, shown="default", low=0, high=1,
-    )  # fmt: skip
+        "--angular-damping",
+        "Bullet's coefficient of rotational damping.",
+        NUMBER,
+        default=None,
+        shown="default",
+        low=0,
+        high=1,
+    )
     velocity_m_s: Vector = option(
-        "--velocity", "Initial velocity X,Y,Z [m/s], world axes.", VECTOR,
-        default=(0.0, 0.0, 0.0), shown="0,0,0", low=-1e4, high=1e4,
-    )  # fmt: skip
+        "--velocity",
+        "Initial velocity X,Y,Z [m/s], world axes.",
+        VECTOR,
+        default=(0.0, 0.0, 0.0),
+        shown="0,0,0",
+        low=-1e4,
+        high=1e4,
+    )
     spin_rad_s: Vector = option(
-        "--spin", "Initial angular velocity X,Y,Z [rad/s], world axes.", VECTOR,
-        default=(0.0, 0.0, 0.0), shown="0,0,0", low=-1e4, high=1e4,
-    )  # fmt: skip
+        "--spin",
+        "Initial angular velocity X,Y,Z [rad/s], world axes.",
+        VECTOR,
+        default=(0.0, 0.0, 0.0),
+        shown="0,0,0",
+        low=-1e4,
+        high=1e4,
+    )
     orientation: Vector | Quaternion = option(
-        "--orientation", "Orientation at release: roll, pitch, yaw [deg] or a quaternion.",
-        ORIENTATION, default=(0.0, 0.0, 0.0), shown="0,0,0", low=-360, high=360,
-    )  # fmt: skip
+        "--orientation",
+        "Orientation at release: roll, pitch, yaw [deg] or a quaternion.",
+        ORIENTATION,
+        default=(0.0, 0.0, 0.0),
+        shown="0,0,0",
+        low=-360,
+        high=360,
+    )
     body: str = option(
         "--body", "URDF of the body, from pybullet_data or a path.", default="cube_small.urdf"
     )
     mass_kg: float | None = option(
-        "--mass", "Mass of the body [kg].", NUMBER,
-        default=None, shown="default", low=1e-9, high=1e9, left_to="the URDF's",
-    )  # fmt: skip
+        "--mass",
+        "Mass of the body [kg].",
+        NUMBER,
+        default=None,
+        shown="default",
+        low=1e-9,
+        high=1e9,
+        left_to="the URDF's",
+    )
     restitution: float | None = option(
-        "--restitution", "Restitution of both body (all links) and floor.", NUMBER,
-        default=None, shown="default", low=0, high=1,
-    )  # fmt: skip
+        "--restitution",
+        "Restitution of both body (all links) and floor.",
+        NUMBER,
+        default=None,
+        shown="default",
+        low=0,
+        high=1,
+    )
     restitution_threshold_m_s: float | None = option(
-        "--restitution-threshold", "Speed of approach below which nothing bounces [m/s].", NUMBER,
-        default=None, shown="default", low=0, high=1e4,
-    )  # fmt: skip
+        "--restitution-threshold",
+        "Speed of approach below which nothing bounces [m/s].",
+        NUMBER,
+        default=None,
+        shown="default",
+        low=0,
+        high=1e4,
+    )
     friction: float | None = option(
-        "--friction", "Lateral friction of both body (all links) and floor.", NUMBER,
-        default=None, shown="default", low=0, high=10,
-    )  # fmt: skip
+        "--friction",
+        "Lateral friction of both body (all links) and floor.",
+        NUMBER,
+        default=None,
+        shown="default",
+        low=0,
+        high=10,
+    )
     contact_erp: float | None = option(
-        "--contact-erp", "Share of a penetration that contact corrects per step.", NUMBER,
-        default=None, shown="default", low=0, high=1,
-    )  # fmt: skip
+        "--contact-erp",
+        "Share of a penetration that contact corrects per step.",
+        NUMBER,
+        default=None,
+        shown="default",
+        low=0,
+        high=1,
+    )
     solver_residual: float | None = option(
-        "--solver-residual", "Residual at which the contact solver stops early.", NUMBER,
-        default=None, shown="default", low=0, high=1,
-    )  # fmt: skip
+        "--solver-residual",
+        "Residual at which the contact solver stops early.",
+        NUMBER,
+        default=None,
+        shown="default",
+        low=0,
+        high=1,
+    )
     solver_iterations: int | None = option(
-        "--solver-iterations", "Maximum iterations of the contact solver per step.", INTEGER,
-        default=None, shown="default", low=1, high=100_000,
-    )  # fmt: skip
+        "--solver-iterations",
+        "Maximum iterations of the contact solver per step.",
+        INTEGER,
+        default=None,
+        shown="default",
+        low=1,
+        high=100_000,
+    )
     substeps: int | None = option(
-        "--substeps", "Substeps that the engine takes per timestep.", INTEGER,
-        default=None, shown="default", low=1, high=1000,
-    )  # fmt: skip
+        "--substeps",
+        "Substeps that the engine takes per timestep.",
+        INTEGER,
+        default=None,
+        shown="default",
+        low=1,
+        high=1000,
+    )
     coordinates: Coordinates = option(
-        "--coordinates", "reduced (btMultiBody) or maximal (btRigidBody).",
-        default="reduced", choices=get_args(Coordinates),
-    )  # fmt: skip
+        "--coordinates",
+        "reduced (btMultiBody) or maximal (btRigidBody).",
+        default="reduced",
+        choices=get_args(Coordinates),
+    )
     engine: Engine = option(
         "--engine", "Engine that drops the body.", default="bullet", choices=get_args(Engine)
     )
     integrator: Integrator | None = option(
         "--integrator",
         "Of MuJoCo: euler, rk4, implicit, implicitfast; of Drake: discrete, continuous.",
-        default=None, shown="default", choices=get_args(Integrator),
-    )  # fmt: skip
+        default=None,
+        shown="default",
+        choices=get_args(Integrator),
+    )
     stepped: bool = option("--no-step", "Mistake 1: never call stepSimulation.", default=True)
     gravity_set: bool = option("--no-gravity", "Mistake 2: never call setGravity.", default=True)
     floor: bool = option("--no-floor", "Mistake 3: leave out the floor.", default=True)
@@ -229,18 +321,23 @@ class Scenario(Optioned):
                 others = all_of(ENGINES[each] for each in engines)
                 raise ScenarioError(
                     "{option} is an option of {engines}, not of {engine}; omit it",
-                    option=spec.name, engines=others, engine=name,
-                )  # fmt: skip
+                    option=spec.name,
+                    engines=others,
+                    engine=name,
+                )
         if self.integrator is not None and self.integrator not in integrators:
             if not integrators:
                 raise ScenarioError(
                     "--integrator must be omitted for {engine}, which has only one, got {given}",
-                    engine=name, given=self.integrator,
-                )  # fmt: skip
+                    engine=name,
+                    given=self.integrator,
+                )
             raise ScenarioError(
                 "--integrator of {engine} takes {integrators}, got {given}",
-                engine=name, integrators=", ".join(integrators), given=self.integrator,
-            )  # fmt: skip
+                engine=name,
+                integrators=", ".join(integrators),
+                given=self.integrator,
+            )
 
     def _check_substeps(self, substeps: int) -> None:
         taken = _substeps_taken(self.timestep_s, substeps)
@@ -323,20 +420,29 @@ class Camera(Optioned):
     """
 
     view: View = option(
-        "--camera", "standard, close (where the body lands) or follow (moves with the body).",
-        default="standard", choices=get_args(View),
-    )  # fmt: skip
+        "--camera",
+        "standard, close (where the body lands) or follow (moves with the body).",
+        default="standard",
+        choices=get_args(View),
+    )
     capture_every: int = option(
         "--capture-every", "Take a frame every N steps.", INTEGER, default=6, low=1, high=1e9
     )
     size_px: tuple[int, int] = option(
-        "--size", "Frame size WIDTHxHEIGHT [px].", SIZE,
-        default=(480, 360), shown="480x360", low=16, high=4096,
-    )  # fmt: skip
+        "--size",
+        "Frame size WIDTHxHEIGHT [px].",
+        SIZE,
+        default=(480, 360),
+        shown="480x360",
+        low=16,
+        high=4096,
+    )
     renderer: Renderer = option(
-        "--renderer", "tiny (software, the same everywhere) or egl (GPU or Mesa).",
-        default="tiny", choices=get_args(Renderer),
-    )  # fmt: skip
+        "--renderer",
+        "tiny (software, the same everywhere) or egl (GPU or Mesa).",
+        default="tiny",
+        choices=get_args(Renderer),
+    )
     target_m: Vector = (0.0, 0.0, 0.5)
     distance_m: float = 2.0
     yaw_deg: float = 45.0

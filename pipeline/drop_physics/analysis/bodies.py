@@ -71,8 +71,7 @@ class BodyStory:
             ]
         sampled = np.flatnonzero(chain.sampled)
         rows = sampled[np.searchsorted(chain.steps[sampled], judged.steps)]
-        return rows_of(judged, chain.base[rows, :3], errors_m, self._times,
-            detailed=detailed)  # fmt: skip
+        return rows_of(judged, chain.base[rows, :3], errors_m, self._times, detailed=detailed)
 
     def explained(self, totals: Totals | None) -> Explained:
         """Return how much of the body is explained."""
@@ -121,8 +120,9 @@ class BodyStory:
     def _there(self, last: int) -> int:
         """Return at how many samples of its simulation a body without own samples existed."""
         there = 0
-        mine = [each for each in self._scene.seen.appearances
-            if each.body.number == self._body.number]  # fmt: skip
+        mine = [
+            each for each in self._scene.seen.appearances if each.body.number == self._body.number
+        ]
         went = [each for each in mine if not each.there]
         for came in (each for each in mine if each.came):
             ends = [each.at.step for each in went if order(each.at) > order(came.at)]
@@ -133,13 +133,20 @@ class BodyStory:
 
     def _moves(self, last: int) -> int:
         """Return after how many steps calls moved it, once it was there."""
-        came = {order(each.at) for each in self._scene.seen.appearances
-            if each.came and each.body.number == self._body.number}  # fmt: skip
-        return len({
-            put.at.step for put in self._scene.seen.puts
-            if put.body.number == self._body.number and order(put.at) not in came
-            and put.at.step < last
-        })  # fmt: skip
+        came = {
+            order(each.at)
+            for each in self._scene.seen.appearances
+            if each.came and each.body.number == self._body.number
+        }
+        return len(
+            {
+                put.at.step
+                for put in self._scene.seen.puts
+                if put.body.number == self._body.number
+                and order(put.at) not in came
+                and put.at.step < last
+            }
+        )
 
 
 def _sum_of(steps: Steps, row: int, judged: Judged, time_s: float) -> StepSum:

@@ -275,8 +275,10 @@ def pairs_of(explained: Explained) -> Pairs:
 
 def _points(explained: Explained) -> Points:
     table, records = explained.piece.contacts, explained.records
-    bodies, links = (np.column_stack([table[f"{what}_{side}"].to_numpy() for side in "ab"])
-        for what in ("body", "link"))  # fmt: skip
+    bodies, links = (
+        np.column_stack([table[f"{what}_{side}"].to_numpy() for side in "ab"])
+        for what in ("body", "link")
+    )
     swapped = bodies[:, 0] > bodies[:, 1]
     # The points that the engine could name by their bodies, in the order of steps and pairs.
     low, high = bodies.min(axis=1, initial=1 << 30), bodies.max(axis=1, initial=-1)
@@ -346,14 +348,16 @@ class _Sides:
 
     def _take(self, steps: Steps, explained: Flags) -> None:
         used, rows = np.unique(steps.reported.contacts.step, return_inverse=True)
-        kin, then = (kinematics(steps.law.tree, each.at(used))
-            for each in (steps.before, steps.after))  # fmt: skip
+        kin, then = (
+            kinematics(steps.law.tree, each.at(used)) for each in (steps.before, steps.after)
+        )
         point, side = steps.sides.point, np.where(steps.sides.is_a, 0, 1)
         at_m = self.at_m[point, side]
         for here, states, out in (
-            (kin, steps.before, self.began_m_s), (kin, steps.after, self.ended_m_s),
+            (kin, steps.before, self.began_m_s),
+            (kin, steps.after, self.ended_m_s),
             (then, steps.after, self.carried_m_s),
-        ):  # fmt: skip
+        ):
             moved = motion(here, states.velocity[used])
             for link in np.unique(steps.sides.link).tolist():
                 its = np.flatnonzero(steps.sides.link == link)

@@ -52,8 +52,11 @@ class CurveTable:
     """Grows piece by piece; of long recordings every second, third … step is kept."""
 
     def __init__(self, seen: Seen, times: Mapping[int, Times]) -> None:
-        self._times = {number: times[body.client] for number, body in seen.bodies.items()
-            if body.client in times}  # fmt: skip
+        self._times = {
+            number: times[body.client]
+            for number, body in seen.bodies.items()
+            if body.client in times
+        }
         points = min(POINTS, NUMBERS // max(1, len(seen.bodies)))
         self._every = 1 + max(seen.samples.values(), default=0) // points
         self._parts: dict[tuple[str, int, int], list[Curves]] = {}

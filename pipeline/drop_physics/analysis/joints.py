@@ -152,9 +152,13 @@ class JointTable:
         """Return what holds a body after a step of the latest piece."""
         assert self._explained is not None
         return holding(
-            self._explained, self._seen.bodies, driven.steps, row,
-            number=driven.body.number, resting=bool(driven.all_resting[row]),
-        )  # fmt: skip
+            self._explained,
+            self._seen.bodies,
+            driven.steps,
+            row,
+            number=driven.body.number,
+            resting=bool(driven.all_resting[row]),
+        )
 
     def rows(self, body: int) -> Sequence[JointRow]:
         """Return the joints of a body, by its number."""
@@ -264,8 +268,11 @@ def _row_of(track: _Track, index: int, k: int, axis: int | None) -> JointRow:
     joint, now = track.body.joints[index], {n: float(v[k]) for n, v in track.numbers.items()}
     control = _control(track.body, now)
     position = control == "position" or control == "pd"
-    target = {"position": now["target"], "pd": now["pd_target"],
-        "velocity": now["target_velocity"]}.get(control, np.nan)  # fmt: skip
+    target = {
+        "position": now["target"],
+        "pd": now["pd_target"],
+        "velocity": now["target_velocity"],
+    }.get(control, np.nan)
     reached = now["rate"] if control == "velocity" else now["after"]
     return JointRow(
         name=joint.name,

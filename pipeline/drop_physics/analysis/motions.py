@@ -46,9 +46,8 @@ def motions(bases: pl.DataFrame, joints: Mapping[int, Joints]) -> dict[int, Moti
     """Return what was sampled of each body, by number."""
     tables = bases.partition_by("body", as_dict=True, maintain_order=True)
     found = {
-        number: Motion(table["step"].to_numpy(), table, None)
-        for (number,), table in tables.items()
-    }  # fmt: skip
+        number: Motion(table["step"].to_numpy(), table, None) for (number,), table in tables.items()
+    }
     for number, held in joints.items():
         base = found.get(number)
         if base is None:

@@ -96,9 +96,14 @@ class Holding:
 
 
 def holding(
-    explained: Explained, bodies: Mapping[int, Body], steps: Steps, row: int, *,
-    number: int, resting: bool,
-) -> Holding:  # fmt: skip
+    explained: Explained,
+    bodies: Mapping[int, Body],
+    steps: Steps,
+    row: int,
+    *,
+    number: int,
+    resting: bool,
+) -> Holding:
     """Return what holds a body after a step of it.
 
     Parameters
@@ -151,9 +156,13 @@ def holding(
 
 
 def _alone(
-    tree: Tree, loads: Iterable[Load], contacts: Mapping[int, Float64], constraints: Float64, *,
+    tree: Tree,
+    loads: Iterable[Load],
+    contacts: Mapping[int, Float64],
+    constraints: Float64,
+    *,
     resting: bool,
-) -> Flags:  # fmt: skip
+) -> Flags:
     """Return which rates alone carry what acts on them, shape (size,)."""
     sizes = [np.abs(each).max(initial=0.0) for each in (constraints, *contacts.values())]
     least = ACTS * max(float(max(sizes)), 1e-300)
@@ -194,8 +203,10 @@ def _loads(
     edges, fixed = _edges(explained, sample), False
     groups: dict[int, Load] = {}
     for (a, link_a), (b, link_b), kind in edges:
-        for (body, link), (other, other_link) in (((a, link_a), (b, link_b)),
-                                                  ((b, link_b), (a, link_a))):  # fmt: skip
+        for (body, link), (other, other_link) in (
+            ((a, link_a), (b, link_b)),
+            ((b, link_b), (a, link_a)),
+        ):
             held = not _moves(bodies, other, other_link)
             if body == number:
                 fixed |= held and kind is None and other != number

@@ -97,11 +97,18 @@ class Phases:
         ]
         self._done.append(
             BodyContact(
-                run.first_step, run.last_step, self._times.of(run.first_step),
-                self._times.of(run.last_step), triple(run.impulse_n_s), run.largest_force_n,
-                run.energy_j, run.most_given_j, run.most_given_step, by,
+                run.first_step,
+                run.last_step,
+                self._times.of(run.first_step),
+                self._times.of(run.last_step),
+                triple(run.impulse_n_s),
+                run.largest_force_n,
+                run.energy_j,
+                run.most_given_j,
+                run.most_given_step,
+                by,
             )
-        )  # fmt: skip
+        )
 
     def _label(self, number: int) -> str:
         return self._bodies[number].label if number in self._bodies else str(number)

@@ -29,9 +29,13 @@ SHOWN_PER_S = 60.0
 
 
 def rows_of(
-    judged: Judged, base_m: Float64, errors_m: Mapping[int, Float64], times: Times,
-    *, detailed: bool,
-) -> pl.DataFrame:  # fmt: skip
+    judged: Judged,
+    base_m: Float64,
+    errors_m: Mapping[int, Float64],
+    times: Times,
+    *,
+    detailed: bool,
+) -> pl.DataFrame:
     """Return a row for each sample of a body in a piece.
 
     `base_m`: where its base is, shape (n, 3); `errors_m`: how far off free fall it is, by row;
@@ -48,8 +52,9 @@ def rows_of(
             energy_j[rows] = steps.changes.after_j
             if rows[0] and not steps.put[0] and np.isnan(energy_j[rows[0] - 1]):
                 energy_j[rows[0] - 1] = steps.changes.begin_j
-        given = summed(steps.reported.contacts.step, steps.point_energy_j[:, None],
-            count=len(steps))  # fmt: skip
+        given = summed(
+            steps.reported.contacts.step, steps.point_energy_j[:, None], count=len(steps)
+        )
         contact_j[rows] = given[:, 0]
     named = {
         "step": judged.steps,
@@ -77,8 +82,11 @@ def details_of(judged: Judged) -> dict[str, Float64]:
     for steps in judged.stretches:
         rows, tree = np.searchsorted(judged.steps, steps.steps), steps.law.tree
         efforts = steps.reported.motors + steps.reported.pd + steps.reported.commanded
-        found = {f"{cause.replace(' ', '_')}_j": gave
-            for cause, gave in steps.changes.energy_j.items() if cause != "contacts"}  # fmt: skip
+        found = {
+            f"{cause.replace(' ', '_')}_j": gave
+            for cause, gave in steps.changes.energy_j.items()
+            if cause != "contacts"
+        }
         for joint, rate, at in zip(judged.body.joints, tree.rates, tree.coordinates, strict=True):
             if rate.stop - rate.start == 1:
                 slides = joint.kind == "prismatic"

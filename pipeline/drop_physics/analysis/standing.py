@@ -115,8 +115,11 @@ def converging(timesteps_s: Sequence[float], runs: Sequence[Apart | None]) -> li
         How far the runs with each are from the script's own; None for that itself.
     """
     found: list[tuple[float, Converging]] = []
-    held = [{(each.body, each.joint, each.unit): each for each in run.tracks}
-        for run in runs if run is not None]  # fmt: skip
+    held = [
+        {(each.body, each.joint, each.unit): each for each in run.tracks}
+        for run in runs
+        if run is not None
+    ]
     for key, track in held[0].items():
         if len({each[key].end_s for each in held if key in each}) != 1 or not all(
             key in each for each in held
@@ -200,12 +203,21 @@ def standing(runs: Mapping[str, Apart]) -> list[Standing]:
         end, worst = tracks[ends].end, tracks[most].most
         if max(moved, worst) < max(APART, MATTERS * largest[part[2]]):
             continue
-        found.append(Standing(
-            *part, moved, end, _digits(moved, end), ends if end else None,
-            worst, _digits(moved, worst), most if worst else None,
-        ))  # fmt: skip
-    return sorted(found, key=lambda each: (
-        99 if each.most_digits is None else each.most_digits, -each.most))  # fmt: skip
+        found.append(
+            Standing(
+                *part,
+                moved,
+                end,
+                _digits(moved, end),
+                ends if end else None,
+                worst,
+                _digits(moved, worst),
+                most if worst else None,
+            )
+        )
+    return sorted(
+        found, key=lambda each: (99 if each.most_digits is None else each.most_digits, -each.most)
+    )
 
 
 def _digits(moved: float, off: float) -> int | None:

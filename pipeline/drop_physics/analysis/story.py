@@ -72,8 +72,10 @@ class Story:
         self._seen, self._origin = seen, origin
         self._whole, self._also = whole, also
         self._rows: list[pl.DataFrame] = []
-        ends_s = [self.scene.times[body.client].of(seen.samples.get(body.client, 1) - 1)
-            for body in seen.bodies.values()]  # fmt: skip
+        ends_s = [
+            self.scene.times[body.client].of(seen.samples.get(body.client, 1) - 1)
+            for body in seen.bodies.values()
+        ]
         together_s = max(sum(abs(end_s) for end_s in ends_s), 1.0)
         few = sum(seen.samples.values()) * max(1, len(seen.bodies)) <= MOST_ROWS
         self._shown_per_s = np.inf if whole or few else min(SHOWN_PER_S, MOST_ROWS / together_s)

@@ -66,8 +66,9 @@ class Stood:
 
     def only(self, which: Int64) -> Stood:
         """Return some of them."""
-        return Stood(**{name: value if name == "k" else value[which]
-            for name, value in vars(self).items()})  # fmt: skip
+        return Stood(
+            **{name: value if name == "k" else value[which] for name, value in vars(self).items()}
+        )
 
 
 @dataclass(eq=False)
@@ -154,9 +155,13 @@ class Targets:
         found = replace(found, resting=self._settled(found, len(ends)))
         if np.isfinite(found.target[-1]):
             self._open[k] = _Open(
-                keys[:, -1].copy(), int(first[-1]), int(ends[-1]), float(start[-1]),
-                int(counts[-1]), bool(placed[-1]),
-            )  # fmt: skip
+                keys[:, -1].copy(),
+                int(first[-1]),
+                int(ends[-1]),
+                float(start[-1]),
+                int(counts[-1]),
+                bool(placed[-1]),
+            )
         kept = np.isfinite(found.target)
         kept[-1] = False
         going = found.only(np.array([len(found) - 1])) if np.isfinite(found.target[-1]) else None

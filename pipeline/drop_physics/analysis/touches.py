@@ -96,8 +96,9 @@ class TouchTable:
                 _count(total, pairs, rows, side)
                 low, high = total.coefficients
                 total.coefficients = (
-                    float(least[rows].min(initial=low)), float(greatest[rows].max(initial=high))
-                )  # fmt: skip
+                    float(least[rows].min(initial=low)),
+                    float(greatest[rows].max(initial=high)),
+                )
                 if number in explained.bodies and first != second:
                     _needs(total, pairs, rows, side, explained.bodies[number])
 

@@ -243,8 +243,11 @@ def sum_lines(body: BodyAnalysis, each: StepSum) -> list[str]:
     """Return a step as its sum: a row per term, a column per degree of freedom."""
     title = localized(
         "[bold]{body}[/] at {time:.4g} s, step {step}: {segment}",
-        body=escape(body.label), time=each.time_s, step=each.step, segment=SEGMENTS[each.segment],
-    )  # fmt: skip
+        body=escape(body.label),
+        time=each.time_s,
+        step=each.step,
+        segment=SEGMENTS[each.segment],
+    )
     if each.terms is None or each.remainder is None:
         return [title]
     base = (
@@ -258,9 +261,15 @@ def sum_lines(body: BodyAnalysis, each: StepSum) -> list[str]:
     lines = [title]
     for number, head in enumerate(heads):
         if number < len(each.remainder):
-            terms = [Message("{term} {distance}", term=CAUSES.get(name, name),
-                distance=f"{term[number]:+.3e}")
-                for name, term in rows.items() if term[number]]  # fmt: skip
+            terms = [
+                Message(
+                    "{term} {distance}",
+                    term=CAUSES.get(name, name),
+                    distance=f"{term[number]:+.3e}",
+                )
+                for name, term in rows.items()
+                if term[number]
+            ]
             lines += titled(
                 head, joined(", ", terms or ["0"]), column=min(28, max(map(columns_of, heads)) + 2)
             )

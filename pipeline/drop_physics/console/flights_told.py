@@ -44,11 +44,17 @@ def flight_lines(bodies: list[BodyAnalysis]) -> list[str]:
 
 def _terms(flight: BodyFlight) -> list[str]:
     """Return how far off free fall a flight is at some times, and why."""
-    words = Message("Flight from {start:.4f} s to {end:.4f} s, off free fall by",
-                    start=flight.start_s, end=flight.end_s)  # fmt: skip
+    words = Message(
+        "Flight from {start:.4f} s to {end:.4f} s, off free fall by",
+        start=flight.start_s,
+        end=flight.end_s,
+    )
     lines = ["", *_heading(words)]
-    moments = [(each.time_s, each.error_m, each.terms_m) for each in flight.at
-        if each.step != flight.last_step]  # fmt: skip
+    moments = [
+        (each.time_s, each.error_m, each.terms_m)
+        for each in flight.at
+        if each.step != flight.last_step
+    ]
     for time_s, error_m, terms_m in [*moments, (flight.end_s, flight.error_m, flight.terms_m)]:
         terms = {} if terms_m is None else asdict(terms_m)
         rows = {**terms, "total": error_m}
@@ -86,8 +92,12 @@ def contact_lines(bodies: list[BodyAnalysis]) -> list[str]:
         ("", pairs, False),
     ]
     more = len(contacts) - len(greatest)
-    return ["", *_heading(CONTACTS), *table(rows),
-            *_more(counted(more, "lighter contact") if more else None)]  # fmt: skip
+    return [
+        "",
+        *_heading(CONTACTS),
+        *table(rows),
+        *_more(counted(more, "lighter contact") if more else None),
+    ]
 
 
 def _heading(words: str) -> list[str]:
@@ -100,13 +110,17 @@ def _more(what: Message | None) -> list[str]:
 
 def _span(ends_s: list[tuple[float, float]]) -> list[Column]:
     heads = Message("from"), Message("to")
-    return [(f"{translated(head)} [s]", [f"{each:.4f}" for each in values], True)
-            for head, values in zip(heads, zip(*ends_s, strict=True), strict=True)]  # fmt: skip
+    return [
+        (f"{translated(head)} [s]", [f"{each:.4f}" for each in values], True)
+        for head, values in zip(heads, zip(*ends_s, strict=True), strict=True)
+    ]
 
 
 def _axes(errors_m: list[Vector]) -> list[Column]:
-    return [(f"{axis} [mm]", [_mm(m) for m in values], True)
-            for axis, values in zip("xyz", zip(*errors_m, strict=True), strict=True)]  # fmt: skip
+    return [
+        (f"{axis} [mm]", [_mm(m) for m in values], True)
+        for axis, values in zip("xyz", zip(*errors_m, strict=True), strict=True)
+    ]
 
 
 def _mm(value_m: float) -> str:

@@ -24,10 +24,13 @@ def momentum_lines(bodies: list[BodyAnalysis]) -> list[str]:
         assert body.momentum is not None
         rows = {
             translated(Message("at the start")): body.momentum.start_kg_m_s,
-            **{translated(CAUSES[name]): each
-               for name, each in body.momentum.by_cause_kg_m_s.items() if any(each)},
+            **{
+                translated(CAUSES[name]): each
+                for name, each in body.momentum.by_cause_kg_m_s.items()
+                if any(each)
+            },
             translated(Message("at the end")): body.momentum.end_kg_m_s,
-        }  # fmt: skip
+        }
         numbers = [
             (axis, [f"{value + 0.0:+.4g}" for value in values], True)
             for axis, values in zip("xyz", zip(*rows.values(), strict=True), strict=True)

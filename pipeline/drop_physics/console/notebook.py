@@ -21,8 +21,16 @@ PICTURES = {".gif": "gif", ".png": "png", ".webp": "webp", ".apng": "apng", ".sv
 """What a browser shows: file suffix -> media type."""
 PRE = '<pre style="line-height: normal; overflow-x: auto">{code}</pre>'
 GREY = (127, 127, 127)
-COLOURS = [GREY, (214, 69, 65), (39, 138, 72), (166, 112, 0), (47, 116, 208),
-           (164, 78, 186), (14, 132, 148), GREY]  # fmt: skip
+COLOURS = [
+    GREY,
+    (214, 69, 65),
+    (39, 138, 72),
+    (166, 112, 0),
+    (47, 116, 208),
+    (164, 78, 186),
+    (14, 132, 148),
+    GREY,
+]
 THEME = TerminalTheme(GREY, GREY, COLOURS, COLOURS)
 """Legible on light and on dark pages; what has no colour has the page's."""
 WIDEST = 1000
@@ -42,10 +50,16 @@ def html_of(result: Shown) -> str:
 
 def _printed(result: Shown) -> Console:
     console = Console(
-        file=io.StringIO(), record=True, width=WIDEST, highlight=False, emoji=False,
-        soft_wrap=True, color_system="standard", force_terminal=True,
+        file=io.StringIO(),
+        record=True,
+        width=WIDEST,
+        highlight=False,
+        emoji=False,
+        soft_wrap=True,
+        color_system="standard",
+        force_terminal=True,
         force_jupyter=False,  # it would show each line by itself, besides the whole
-    )  # fmt: skip
+    )
     for line in result.lines():
         console.print(harmless(line))
     return console

@@ -214,9 +214,13 @@ def print_lines(*lines: str, stream: TextIO | None = None) -> None:
 
     coloured = wants_colour(stream or sys.stdout)
     console = Console(
-        file=stream, highlight=False, emoji=False, soft_wrap=True, force_terminal=coloured,
+        file=stream,
+        highlight=False,
+        emoji=False,
+        soft_wrap=True,
+        force_terminal=coloured,
         color_system="auto" if coloured else None,
-    )  # fmt: skip
+    )
     for line in lines:
         console.print(harmless(line))
     console.file.flush()

@@ -70,9 +70,16 @@ def json_of(check: Check) -> dict[str, Any]:
         "same": check.same,
         "largest_difference_m": None,
         "first_difference": first and asdict(first) | {"difference": first.difference},
-        "call_before": None, "other_call": None, "differences": [], "largest": [],
-        "not_compared": [], "script": [], "versions": [], "unseeded": [], "real_time": False,
-    }  # fmt: skip
+        "call_before": None,
+        "other_call": None,
+        "differences": [],
+        "largest": [],
+        "not_compared": [],
+        "script": [],
+        "versions": [],
+        "unseeded": [],
+        "real_time": False,
+    }
     if compared is not None:
         found |= {name: getattr(compared, name) for name in found if hasattr(compared, name)}
         found["same"] = check.same
@@ -80,12 +87,17 @@ def json_of(check: Check) -> dict[str, Any]:
         found["call_before"] = _call_json(compared.call_before)
         other = compared.other_call
         found["other_call"] = other and {
-            "value": _call_json(other.value), "golden": _call_json(other.golden)
-        }  # fmt: skip
+            "value": _call_json(other.value),
+            "golden": _call_json(other.golden),
+        }
     found |= {
-        "engines": check.engines, "frames": check.frames, "tolerance_m": check.tolerance_m,
-        "recording": check.recording, "golden": check.golden, "updated": check.updated,
-    }  # fmt: skip
+        "engines": check.engines,
+        "frames": check.frames,
+        "tolerance_m": check.tolerance_m,
+        "recording": check.recording,
+        "golden": check.golden,
+        "updated": check.updated,
+    }
     return dict(jsonable(found))
 
 
@@ -122,8 +134,15 @@ def summary_of(check: Check) -> str:
         update = ("check", check.recording, "--against", check.golden, "--update")
         words = localized("If the change is intended: {command}", command="`{}`")
         meant = ["\n", words.format(shell_command("drop", *update)), "\n"]
-    return "".join([f"#### drop check: {translated(verdict)}\n\n", f"{translated(both)}\n\n",
-        *table, *meant, "\n"])  # fmt: skip
+    return "".join(
+        [
+            f"#### drop check: {translated(verdict)}\n\n",
+            f"{translated(both)}\n\n",
+            *table,
+            *meant,
+            "\n",
+        ]
+    )
 
 
 def _cell(words: str) -> str:
@@ -139,13 +158,20 @@ def _told(check: Check) -> Iterator[Pair]:
         same = Message("same") if check.same else Message("differs")
         yield (
             Message("undecided") if undecided else same,
-            Message("{recording} and {golden}", recording=str(check.recording),
-                golden=str(check.golden)),
-        )  # fmt: skip
+            Message(
+                "{recording} and {golden}", recording=str(check.recording), golden=str(check.golden)
+            ),
+        )
         yield from _compared(check, compared)
     if check.updated:
-        yield GOLDEN, Message("{golden} is now {recording}", golden=str(check.golden),
-            recording=str(check.recording))  # fmt: skip
+        yield (
+            GOLDEN,
+            Message(
+                "{golden} is now {recording}",
+                golden=str(check.golden),
+                recording=str(check.recording),
+            ),
+        )
 
 
 def _compared(check: Check, compared: Comparison) -> Iterator[Pair]:
@@ -169,8 +195,12 @@ def _compared(check: Check, compared: Comparison) -> Iterator[Pair]:
     yield from _distances(check, compared)
     # What a call sets is kept beside what the engine reports of it.
     told = {each.column for each in compared.differences}
-    more = [each for each in compared.differences if each not in (*settings, check.first)
-        and not (SET in each.column and each.column.replace(SET, "engine.") in told)]  # fmt: skip
+    more = [
+        each
+        for each in compared.differences
+        if each not in (*settings, check.first)
+        and not (SET in each.column and each.column.replace(SET, "engine.") in told)
+    ]
     for difference in more[:MOST]:
         yield Message("also"), _difference(difference)
     if len(more) > MOST:
@@ -202,14 +232,25 @@ def _distances(check: Check, compared: Comparison) -> Iterator[Pair]:
         ends = check.first is not None and check.first.column == "there"
         yield (Message("positions"), Message("identical, as far as both go") if ends else IDENTICAL)
     else:
-        yield Message("positions"), Message(
-            "up to {apart:.3g} m apart ({where}); allowed: {allowed}",
-            apart=most.difference, where=_where(most),
-            allowed=_allowed(check.tolerance_m, of_drop=compared.of_drop),
-        )  # fmt: skip
+        yield (
+            Message("positions"),
+            Message(
+                "up to {apart:.3g} m apart ({where}); allowed: {allowed}",
+                apart=most.difference,
+                where=_where(most),
+                allowed=_allowed(check.tolerance_m, of_drop=compared.of_drop),
+            ),
+        )
     if joint is not None:
-        yield Message("joints"), Message("up to {apart:.3g} {unit} apart ({where})",
-            apart=joint.difference, unit=joint.unit, where=_where(joint))  # fmt: skip
+        yield (
+            Message("joints"),
+            Message(
+                "up to {apart:.3g} {unit} apart ({where})",
+                apart=joint.difference,
+                unit=joint.unit,
+                where=_where(joint),
+            ),
+        )
 
 
 def _where(place: Largest | Difference) -> Message:

@@ -126,8 +126,10 @@ def _json(sweep: Sweep) -> dict[str, Any]:
 
 def _labels(sweep: Sweep, rows: Sequence[dict[str, Any]]) -> list[Column]:
     """Return a column for each field that differs between the runs."""
-    return [(name, [_cut(sweep.written(field, row[field])) for row in rows], False)
-            for field, name in sweep.axes]  # fmt: skip
+    return [
+        (name, [_cut(sweep.written(field, row[field])) for row in rows], False)
+        for field, name in sweep.axes
+    ]
 
 
 def _rows(sweep: Sweep) -> list[str]:
@@ -306,22 +308,31 @@ def _statistics(group: Group) -> list[str]:
         return _mm(value_m).removeprefix("+")
 
     halves = [one.interval and (one.interval[1] - one.interval[0]) / 2 for one in found]
-    lines += table([
-        ("", [translated(TERMS[COLUMNS[one.quantity]]) for one in found], False),
-        (Message("mean"), [_mm(one.mean) for one in found], True),
-        ("± 95 %", [*map(wide, halves)], True),
-        (Message("spread"), [wide(one.spread) for one in found], True),
-        *((head, [_mm(one.quantiles[head]) for one in found], True) for head in found[0].quantiles),
-    ])  # fmt: skip
+    lines += table(
+        [
+            ("", [translated(TERMS[COLUMNS[one.quantity]]) for one in found], False),
+            (Message("mean"), [_mm(one.mean) for one in found], True),
+            ("± 95 %", [*map(wide, halves)], True),
+            (Message("spread"), [wide(one.spread) for one in found], True),
+            *(
+                (head, [_mm(one.quantiles[head]) for one in found], True)
+                for head in found[0].quantiles
+            ),
+        ]
+    )
     over, count = samples, found[0].count
     if count != group.samples:
         over = Message("{count:,} of {samples}", count=count, samples=samples)
-    words = Message(
-        "over the {samples} in the air, in theory too; ± 95 % is that of the mean", samples=over
-    ) if group.in_the_air else Message(
-        "over {samples}; none was in the air, in theory too, so there is only the total",
-        samples=over,
-    )  # fmt: skip
+    words = (
+        Message(
+            "over the {samples} in the air, in theory too; ± 95 % is that of the mean", samples=over
+        )
+        if group.in_the_air
+        else Message(
+            "over {samples}; none was in the air, in theory too, so there is only the total",
+            samples=over,
+        )
+    )
     return [*lines, f"[dim]{translated(words)}[/]"]
 
 

@@ -43,10 +43,23 @@ APART = 3
 NONE = "–"
 LEAST = 1e-6
 """Of positions that are less apart [m], orientations are shown instead, if they are more [rad]."""
-VARIATIONS = ("", Message("ends apart"), "", Message("at worst"), "", Message("apart from"),
-              Message("first by"))  # fmt: skip
-STANDING = ("", Message("moves"), Message("its end stands to"), Message("but for"),
-            Message("at worst"), Message("but for"))  # fmt: skip
+VARIATIONS = (
+    "",
+    Message("ends apart"),
+    "",
+    Message("at worst"),
+    "",
+    Message("apart from"),
+    Message("first by"),
+)
+STANDING = (
+    "",
+    Message("moves"),
+    Message("its end stands to"),
+    Message("but for"),
+    Message("at worst"),
+    Message("but for"),
+)
 CONVERGENCE = ("converges", "does-not-converge", "no-order")
 
 
@@ -57,8 +70,9 @@ def show_trust(
     if as_json:
         print_json(json_of(trust))
     else:
-        print_lines(*trust_lines(trust), *(made(Message("written"), each, column=12)[0]
-            for each in outputs))  # fmt: skip
+        print_lines(
+            *trust_lines(trust), *(made(Message("written"), each, column=12)[0] for each in outputs)
+        )
     return 0 if trust.ends_within(within) else APART
 
 
@@ -67,24 +81,32 @@ def show_trust(
 
 def json_of(trust: Trust) -> dict[str, Any]:
     """Return what `--json` prints."""
-    return dict(jsonable({
-        "script": trust.script,
-        "recording": trust.recording,
-        "variations": [
+    return dict(
+        jsonable(
             {
-                "name": each.name, "recording": each.recording, "ended": each.made.ended,
-                "error": each.made.error or None, "steps": each.made.steps,
-                "most": [asdict(one) for one in each.apart.most],
-                "end": [asdict(one) for one in each.apart.end],
-                "from_s": each.apart.from_s, "term": each.term,
+                "script": trust.script,
+                "recording": trust.recording,
+                "variations": [
+                    {
+                        "name": each.name,
+                        "recording": each.recording,
+                        "ended": each.made.ended,
+                        "error": each.made.error or None,
+                        "steps": each.made.steps,
+                        "most": [asdict(one) for one in each.apart.most],
+                        "end": [asdict(one) for one in each.apart.end],
+                        "from_s": each.apart.from_s,
+                        "term": each.term,
+                    }
+                    for each in trust.variations
+                ],
+                "standing": [asdict(each) for each in trust.standing],
+                "growth": trust.growth and asdict(trust.growth),
+                "converging": [asdict(each) for each in trust.converging],
+                "findings": renamed(jsonable(trust.findings)),
             }
-            for each in trust.variations
-        ],
-        "standing": [asdict(each) for each in trust.standing],
-        "growth": trust.growth and asdict(trust.growth),
-        "converging": [asdict(each) for each in trust.converging],
-        "findings": renamed(jsonable(trust.findings)),
-    }))  # fmt: skip
+        )
+    )
 
 
 # -- as lines -------------------------------------------------------------------------------------
@@ -100,8 +122,10 @@ def trust_lines(trust: Trust) -> list[str]:
     if stands:
         lines += ["", *_table(STANDING, [_stands(each, part) for each in stands], without=(5, 4))]
         if len(trust.standing) > len(stands):
-            more = Message("and {more} more: --json",
-                more=counted(len(trust.standing) - len(stands), "position"))  # fmt: skip
+            more = Message(
+                "and {more} more: --json",
+                more=counted(len(trust.standing) - len(stands), "position"),
+            )
             lines.append(f"[dim]{escape(translated(more))}[/]")
     sentences = [*_sentences(trust)]
     if sentences:
@@ -119,13 +143,25 @@ def _verdict(trust: Trust) -> Message:
     stands = [each.name for each in trust.variations if each.apart.first is None]
     script, steps = trust.script, counted(trust.made.steps, "step")
     if not depends:
-        return Message("{script}, {steps}: stands; no variation ever comes 1 µm or 1 µrad apart",
-            script=script, steps=steps)  # fmt: skip
+        return Message(
+            "{script}, {steps}: stands; no variation ever comes 1 µm or 1 µrad apart",
+            script=script,
+            steps=steps,
+        )
     if not stands:
-        return Message("{script}, {steps}: depends on {depends}", script=script, steps=steps,
-            depends=joined(", ", depends))  # fmt: skip
-    return Message("{script}, {steps}: depends on {depends}; hardly on {stands}", script=script,
-        steps=steps, depends=joined(", ", depends), stands=joined(", ", stands))  # fmt: skip
+        return Message(
+            "{script}, {steps}: depends on {depends}",
+            script=script,
+            steps=steps,
+            depends=joined(", ", depends),
+        )
+    return Message(
+        "{script}, {steps}: depends on {depends}; hardly on {stands}",
+        script=script,
+        steps=steps,
+        depends=joined(", ", depends),
+        stands=joined(", ", stands),
+    )
 
 
 def _namer(trust: Trust) -> Part:
@@ -160,25 +196,30 @@ def _farthest(found: Sequence[Distance], part: Part) -> tuple[str, str]:
 
 def _stands(each: Standing, part: Part) -> list[str]:
     return [
-        part(each.body, each.joint, each.unit), readable(each.moved, each.unit),
-        _digits(each.end_digits, each.end, each.unit), each.end_by or "",
-        _digits(each.most_digits, each.most, each.unit), each.most_by or "",
-    ]  # fmt: skip
+        part(each.body, each.joint, each.unit),
+        readable(each.moved, each.unit),
+        _digits(each.end_digits, each.end, each.unit),
+        each.end_by or "",
+        _digits(each.most_digits, each.most, each.unit),
+        each.most_by or "",
+    ]
 
 
 def _digits(digits: int | None, off: float, unit: str) -> str:
     if digits is None:
         return translated(Message("all digits"))
-    return translated(Message("{digits}, ± {off}", digits=counted(digits, "digit"),
-        off=readable(off, unit)))  # fmt: skip
+    return translated(
+        Message("{digits}, ± {off}", digits=counted(digits, "digit"), off=readable(off, unit))
+    )
 
 
 def _table(
     heads: Sequence[str], rows: Sequence[Sequence[str]], *, without: Sequence[int]
 ) -> list[str]:
     """Return a table's lines, without some of its columns where the terminal has no room."""
-    columns: list[Column] = [(head, [row[at] for row in rows], False)
-        for at, head in enumerate(heads)]  # fmt: skip
+    columns: list[Column] = [
+        (head, [row[at] for row in rows], False) for at, head in enumerate(heads)
+    ]
     for number in without:
         widths = [max(map(columns_of, [translated(head), *cells])) for head, cells, _ in columns]
         if sum(widths) + 2 * len(widths) - 2 > width():
@@ -208,5 +249,8 @@ def _sentences(trust: Trust) -> Iterator[str]:
     others = len(trust.converging) - 1
     if others > 0:
         converge = sum(each.order is not None for each in trust.converging[1:])
-        yield Message("of {others} that depend on it less, {converge} converge",
-            others=counted(others, "position"), converge=converge)  # fmt: skip
+        yield Message(
+            "of {others} that depend on it less, {converge} converge",
+            others=counted(others, "position"),
+            converge=converge,
+        )

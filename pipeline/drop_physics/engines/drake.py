@@ -76,9 +76,12 @@ class DrakeSession:
         for number, shape in enumerate(body.shapes):
             pose = RigidTransform(RotationMatrix(matrix(shape.orientation)), shape.position_m)
             plant.RegisterCollisionGeometry(
-                self._body, pose, SHAPES[shape.kind](*shape.size_m), f"shape{number}",
+                self._body,
+                pose,
+                SHAPES[shape.kind](*shape.size_m),
+                f"shape{number}",
                 self._surface(shape),
-            )  # fmt: skip
+            )
         if scenario.floor:
             plant.RegisterCollisionGeometry(
                 plant.world_body(), RigidTransform(), HalfSpace(), "floor", self._surface(None)
@@ -132,9 +135,11 @@ class DrakeSession:
             pair = info.point_pair()
             sign = 1.0 if info.bodyB_index() == self._body.index() else -1.0
             yield force_of_point(
-                info.contact_point(), -sign * pair.nhat_BA_W, -pair.depth,
+                info.contact_point(),
+                -sign * pair.nhat_BA_W,
+                -pair.depth,
                 sign * info.contact_force(),
-            )  # fmt: skip
+            )
         for index in range(results.num_hydroelastic_contacts()):
             info = results.hydroelastic_contact_info(index)
             surface = info.contact_surface()

@@ -89,9 +89,16 @@ class MujocoSession:
             normal, first, second = point.frame.reshape(3, 3)
             sign = 1.0 if self._model.geom_bodyid[point.geom[1]] else -1.0
             yield (
-                *point.pos, *point.pos, *(sign * normal), point.dist, force[0],
-                force[1], *(sign * first), force[2], *(sign * second),
-            )  # fmt: skip
+                *point.pos,
+                *point.pos,
+                *(sign * normal),
+                point.dist,
+                force[0],
+                force[1],
+                *(sign * first),
+                force[2],
+                *(sign * second),
+            )
 
     def reported(self) -> dict[str, Any]:
         """Return the values that the model holds."""

@@ -35,8 +35,11 @@ SESSIONS: dict[Engine, str] = {
 }
 """The session class of each engine; imported on demand."""
 DISTRIBUTIONS: dict[Engine, str] = {
-    "mujoco": "mujoco", "dart": "dartpy", "drake": "drake", "physx": "sapien",
-}  # fmt: skip
+    "mujoco": "mujoco",
+    "dart": "dartpy",
+    "drake": "drake",
+    "physx": "sapien",
+}
 """The distribution that provides each engine."""
 SHAPES = ("box", "sphere", "cylinder", "capsule")
 """Those that every engine here supports."""
@@ -102,9 +105,11 @@ class OtherWorld:
         reported = self._session.reported()
         moments = reported["inertia_kg_m2"]
         return replace(
-            self._read, **(empty | reported),
-            link_masses_kg=(reported["mass_kg"],), link_inertias_kg_m2=moments,
-        )  # fmt: skip
+            self._read,
+            **(empty | reported),
+            link_masses_kg=(reported["mass_kg"],),
+            link_inertias_kg_m2=moments,
+        )
 
     def notes(self) -> Iterator[str]:
         """Yield what the engine does not take from the URDF, a sentence each.
@@ -122,8 +127,12 @@ class OtherWorld:
                 yield Message(
                     "{engine} has a {quantity} of {value:.4g} for this body, where PyBullet has "
                     "{bullets:.4g}; to have the same, set --{option}",
-                    engine=name, quantity=quantity, value=value, bullets=bullets, option=option,
-                )  # fmt: skip
+                    engine=name,
+                    quantity=quantity,
+                    value=value,
+                    bullets=bullets,
+                    option=option,
+                )
         for field, quantity in (
             ("rolling_friction", Message("rolling friction")),
             ("spinning_friction", Message("spinning friction")),
@@ -193,8 +202,14 @@ class OtherWorld:
                 with np.errstate(all="ignore"):  # non-finite numbers are rejected below
                     state = session.state()
                 states[row] = (
-                    sample, BODY, BASE, state[:3], state[3:7], state[7:10], state[10:],
-                )  # fmt: skip
+                    sample,
+                    BODY,
+                    BASE,
+                    state[:3],
+                    state[3:7],
+                    state[7:10],
+                    state[10:],
+                )
             chunk = Batch(states, np.frombuffer(contacts, CONTACT))
             check_numbers(states)
             check_numbers(chunk.contacts)

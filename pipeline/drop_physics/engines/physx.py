@@ -108,8 +108,10 @@ class PhysxSession:
     def reported(self) -> dict[str, Any]:
         """Return the values that the system holds."""
         body, material = self._body, self._material
-        surface = {"lateral_friction": float(material.dynamic_friction),
-                   "restitution": float(material.restitution)}  # fmt: skip
+        surface = {
+            "lateral_friction": float(material.dynamic_friction),
+            "restitution": float(material.restitution),
+        }
         floor = {f"floor_{name}": value for name, value in surface.items()}
         floor["combined_restitution"] = surface["restitution"]  # their mean
         return (

@@ -90,9 +90,15 @@ def _decoded(png: bytes, number: int) -> Image.Image:
             image = Image.open(io.BytesIO(png), formats=["PNG"])
         image.load()
     except (
-        OSError, SyntaxError, ValueError, IndexError, struct.error, zlib.error,
-        Image.DecompressionBombError, Image.DecompressionBombWarning,
-    ) as error:  # fmt: skip
+        OSError,
+        SyntaxError,
+        ValueError,
+        IndexError,
+        struct.error,
+        zlib.error,
+        Image.DecompressionBombError,
+        Image.DecompressionBombWarning,
+    ) as error:
         raise ValueError(f"every frame must be a PNG, got frame {number}: {error}") from None
     return image if image.mode == "RGB" else image.convert("RGB")
 

@@ -106,9 +106,13 @@ def build_figure(panels: Sequence[Panel], *, title: str, ink: Ink) -> Figure:
     grid = figure.subplots(rows, columns, sharey=True, squeeze=False)
     height_in = figure.get_figheight()
     figure.subplots_adjust(
-        0.95 / WIDTH_IN, 0.6 / height_in, 1 - 1.0 / WIDTH_IN, 1 - (HEAD_IN + 0.3) / height_in,
-        wspace=0.47, hspace=0.38,
-    )  # fmt: skip
+        0.95 / WIDTH_IN,
+        0.6 / height_in,
+        1 - 1.0 / WIDTH_IN,
+        1 - (HEAD_IN + 0.3) / height_in,
+        wspace=0.47,
+        hspace=0.38,
+    )
     figure.text(0.02, 1 - 0.17 / height_in, words(title), size=15, weight="bold", va="top")
     hidden = len(panels) - len(shown)
     subtitle = words(
@@ -164,9 +168,15 @@ def _draw(axes: Axes, panel: Panel, low: float, high: float, ink: Ink, *, most_t
         seen = np.where(millimetres >= low, millimetres, np.nan)
         is_total = name == "total"
         axes.plot(
-            steps, seen, "o" if is_total else "o-", color=colour, lw=1.5, ms=9 if is_total else 5,
-            label=name, zorder=2 if is_total else 3,
-        )  # fmt: skip
+            steps,
+            seen,
+            "o" if is_total else "o-",
+            color=colour,
+            lw=1.5,
+            ms=9 if is_total else 5,
+            label=name,
+            zorder=2 if is_total else 3,
+        )
         if is_total:
             between = np.geomspace(steps[0], steps[-1], 2000)
             axes.plot(between, _total_mm(panel, between), color=colour, lw=3, zorder=1.5)
@@ -176,9 +186,14 @@ def _draw(axes: Axes, panel: Panel, low: float, high: float, ink: Ink, *, most_t
         _mark_cancelling(axes, panel.cancelling_timestep_s, ink)
     if notes:
         axes.text(
-            0.03, 0.03, "\n".join(notes), transform=axes.transAxes, size=9, color=ink.faint,
+            0.03,
+            0.03,
+            "\n".join(notes),
+            transform=axes.transAxes,
+            size=9,
+            color=ink.faint,
             bbox=_clear(ink),
-        )  # fmt: skip
+        )
     axes.set_xlabel(words("timestep [s]"))
     axes.xaxis.set_major_locator(FixedLocator(list(steps[:: -(-len(steps) // most_ticks)])))
     axes.xaxis.set_minor_locator(NullLocator())
@@ -208,9 +223,15 @@ def _slopes(axes: Axes, steps: Float64, low: float, high: float, ink: Ink) -> No
     wide = np.array([steps[0] * 1.5, steps[-1] / 1.5])
     for decade in decades:
         axes.plot(
-            wide, 10.0**decade * wide / steps[0], color=ink.faint, lw=0.6, ls=(0, (4, 4)),
-            alpha=0.55, zorder=0.5, label="_slope",
-        )  # fmt: skip
+            wide,
+            10.0**decade * wide / steps[0],
+            color=ink.faint,
+            lw=0.6,
+            ls=(0, (4, 4)),
+            alpha=0.55,
+            zorder=0.5,
+            label="_slope",
+        )
 
 
 def _label_ends(axes: Axes, ends: list[tuple[float, str, str]]) -> None:
@@ -221,9 +242,14 @@ def _label_ends(axes: Axes, ends: list[tuple[float, str, str]]) -> None:
         place = max(math.log10(value), last + apart)
         last = place
         axes.annotate(
-            words(name), (1.02, (place - low) / (high - low)), xycoords="axes fraction",
-            color=colour, va="center", size=10, weight="bold" if name == "total" else "normal",
-        )  # fmt: skip
+            words(name),
+            (1.02, (place - low) / (high - low)),
+            xycoords="axes fraction",
+            color=colour,
+            va="center",
+            size=10,
+            weight="bold" if name == "total" else "normal",
+        )
 
 
 def _mark_cancelling(axes: Axes, timestep_s: float, ink: Ink) -> None:
@@ -234,9 +260,13 @@ def _mark_cancelling(axes: Axes, timestep_s: float, ink: Ink) -> None:
     axes.annotate(
         words("timestep and damping\ncancel at 1/{steps:.0f} s", steps=1 / timestep_s),
         (timestep_s, 0.42),
-        xycoords=axes.get_xaxis_transform(), xytext=(7, 0), textcoords="offset points", size=9,
-        color=ink.faint, bbox=_clear(ink),
-    )  # fmt: skip
+        xycoords=axes.get_xaxis_transform(),
+        xytext=(7, 0),
+        textcoords="offset points",
+        size=9,
+        color=ink.faint,
+        bbox=_clear(ink),
+    )
 
 
 def _clear(ink: Ink) -> dict[str, object]:

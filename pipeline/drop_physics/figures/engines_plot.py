@@ -70,9 +70,13 @@ def build_figure(curves: Sequence[Curve], *, ink: Ink) -> Figure:
     for curve in curves:
         whole.plot(curve.time_s, curve.height_m, color=curve.colour, lw=1.6, label=curve.label)
     figure.legend(
-        *whole.get_legend_handles_labels(), loc="upper left", bbox_to_anchor=(0.012, 0.9),
-        ncols=min(5, len(curves)), handlelength=1.4, columnspacing=1.6,
-    )  # fmt: skip
+        *whole.get_legend_handles_labels(),
+        loc="upper left",
+        bbox_to_anchor=(0.012, 0.9),
+        ncols=min(5, len(curves)),
+        handlelength=1.4,
+        columnspacing=1.6,
+    )
     whole.set_xlabel(words("time [{unit}]", unit="s"))
     whole.set_ylabel(words("height of the centre [{unit}]", unit="m"))
     _floor(floor, curves, ink)

@@ -60,14 +60,24 @@ def build_story(story: Story, ink: Ink) -> Figure:
     figure.text(0.02, at, "\n".join(lines), size=10, color=ink.faint, va="top", linespacing=1.3)
     if not story.panels:
         return figure
-    end_s = max((float(curve.times_s[-1]) for panel in story.panels for curve in panel.curves
-        if len(curve.times_s)), default=0.0)  # fmt: skip
+    end_s = max(
+        (
+            float(curve.times_s[-1])
+            for panel in story.panels
+            for curve in panel.curves
+            if len(curve.times_s)
+        ),
+        default=0.0,
+    )
     time = style.unit_for(end_s, style.SECONDS, usual="s")
     axes = figure.subplots(count, 1, sharex=True, squeeze=False, height_ratios=tall)[:, 0]
     figure.subplots_adjust(
-        LEFT, FOOT_IN / height_in, RIGHT, 1 - head_in / height_in,
+        LEFT,
+        FOOT_IN / height_in,
+        RIGHT,
+        1 - head_in / height_in,
         hspace=GAP_IN / (PANEL_IN * sum(tall) / count),
-    )  # fmt: skip
+    )
     axes[-1].set_xlim(0, end_s * time.per_si or 1)
     axes[-1].set_xlabel(style.words("time [{unit}]", unit=time.name))
     for number, (each, panel) in enumerate(zip(axes, story.panels, strict=True)):
@@ -115,9 +125,12 @@ def _draw(
     """Draw a panel; a line of a curve's name has `name` characters of a `size` [points]."""
     panel, mark = _readable(panel), f"{panel.mark}  " if panel.mark else ""
     axes.set_title(
-        f"{mark}{style.words(panel.title)} [{panel.unit}]", loc="left", size=11, pad=5,
+        f"{mark}{style.words(panel.title)} [{panel.unit}]",
+        loc="left",
+        size=11,
+        pad=5,
         color=ink.text,
-    )  # fmt: skip
+    )
     if panel.span_s is not None:
         first, last = (at * time.per_si for at in panel.span_s)
         axes.axvspan(first, last, color=ink.faint, alpha=0.13, lw=0)
@@ -128,13 +141,16 @@ def _draw(
     for order, curve in enumerate(panel.curves[:1] if panel.stacked else panel.curves):
         thin = len(curve.times_s) > 1
         axes.plot(
-            curve.times_s * time.per_si, curve.values,
+            curve.times_s * time.per_si,
+            curve.values,
             color=_colour(curve, ink),
             lw=WIDTHS[curve.look],
             linestyle=style.DASHED if curve.look == "dashed" else "-",
-            marker=None if thin else "o", markersize=4,
-            solid_capstyle="butt", zorder=2 + 0.01 * order,
-        )  # fmt: skip
+            marker=None if thin else "o",
+            markersize=4,
+            solid_capstyle="butt",
+            zorder=2 + 0.01 * order,
+        )
     if panel.log:
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter(lambda value, _: f"1e{math.log10(value):.0f}")
@@ -154,9 +170,15 @@ def _enlarge(axes: Axes, panel: Panel, detail: Detail, time: Unit, ink: Ink) -> 
     near = _readable(replace(panel, curves=shown, enlarged=None))
     for curve in near.curves:
         thin = curve.look == "line"
-        inner.plot(curve.times_s * time.per_si, curve.values, color=_colour(curve, ink),
-            lw=0.8 * WIDTHS[curve.look], marker="o" if thin else None, markersize=3,
-            solid_capstyle="butt")  # fmt: skip
+        inner.plot(
+            curve.times_s * time.per_si,
+            curve.values,
+            color=_colour(curve, ink),
+            lw=0.8 * WIDTHS[curve.look],
+            marker="o" if thin else None,
+            markersize=3,
+            solid_capstyle="butt",
+        )
     inner.set_title(
         f"{style.words(detail.title)} [{near.unit}]", loc="left", size=9, pad=3, color=ink.faint
     )
@@ -217,10 +239,18 @@ def _limit(axes: Axes, panel: Panel, ink: Ink) -> None:
         most = max(cut, key=abs)
         said = Message("peak of {peak:.3g} {unit} cut off", peak=most, unit=panel.unit)
         axes.annotate(
-            style.words(said), (1, 1), xycoords="axes fraction", xytext=(-2, -2),
-            textcoords="offset points", ha="right", va="top", size=9, color=ink.faint, zorder=4,
+            style.words(said),
+            (1, 1),
+            xycoords="axes fraction",
+            xytext=(-2, -2),
+            textcoords="offset points",
+            ha="right",
+            va="top",
+            size=9,
+            color=ink.faint,
+            zorder=4,
             bbox={"facecolor": ink.page, "edgecolor": "none", "alpha": 0.8, "pad": 1.0},
-        )  # fmt: skip
+        )
 
 
 def _name(axes: Axes, curves: Sequence[Curve], ink: Ink, width: int, size: float) -> None:
@@ -235,11 +265,17 @@ def _name(axes: Axes, curves: Sequence[Curve], ink: Ink, width: int, size: float
     ends.sort(key=lambda each: each[0])
     for place, (_, curve) in zip(_spread([end for end, _ in ends]), ends, strict=True):
         axes.annotate(
-            "\n".join(_wrapped([curve.name], width, 2 * NAME // width)), (1, place),
-            xycoords="axes fraction", xytext=(6, 0), textcoords="offset points", va="center",
-            size=size, color=_colour(curve, ink),
-            annotation_clip=False, linespacing=0.95,
-        )  # fmt: skip
+            "\n".join(_wrapped([curve.name], width, 2 * NAME // width)),
+            (1, place),
+            xycoords="axes fraction",
+            xytext=(6, 0),
+            textcoords="offset points",
+            va="center",
+            size=size,
+            color=_colour(curve, ink),
+            annotation_clip=False,
+            linespacing=0.95,
+        )
 
 
 def _spread(ends: Sequence[float]) -> Iterator[float]:

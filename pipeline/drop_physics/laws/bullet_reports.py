@@ -46,9 +46,13 @@ def contact_forces(
     force = normal * normal_force_n[:, None] + np.einsum("kd,kdi->ki", friction_n, directions)
     force = np.where(is_a[:, None], force, -force)
     return Forces(
-        step=step, link=link, force_n=force, point_m=point_m,
-        torque_n_m=np.zeros_like(force), rolling=rolling,
-    )  # fmt: skip
+        step=step,
+        link=link,
+        force_n=force,
+        point_m=point_m,
+        torque_n_m=np.zeros_like(force),
+        rolling=rolling,
+    )
 
 
 def pushes(
@@ -84,9 +88,13 @@ def pushes(
             vectors[turned] = in_world(kin, int(one), pose[turned], local[turned])
     moment = torque + cross(arm.T, force.T).T
     return Forces(
-        step=step, link=link, force_n=force, point_m=centre, torque_n_m=moment,
+        step=step,
+        link=link,
+        force_n=force,
+        point_m=centre,
+        torque_n_m=moment,
         rolling=np.zeros(len(step), np.bool_),
-    )  # fmt: skip
+    )
 
 
 def constraint_forces(
@@ -113,10 +121,13 @@ def constraint_forces(
     if kind == "fixed":
         torque = np.einsum("nij,nj->ni", axes, reported[:, 3:6])
     return Forces(
-        step=steps, link=np.full(len(steps), link), force_n=sign * reported[:, :3],
-        point_m=kin.point_m(link, pivot_m)[: len(steps)], torque_n_m=sign * torque,
+        step=steps,
+        link=np.full(len(steps), link),
+        force_n=sign * reported[:, :3],
+        point_m=kin.point_m(link, pivot_m)[: len(steps)],
+        torque_n_m=sign * torque,
         rolling=np.zeros(len(steps), np.bool_),
-    )  # fmt: skip
+    )
 
 
 def gear_impulses(

@@ -74,11 +74,13 @@ def _maximal(body: BulletBody, v: Float64, w: Float64, q: Float64) -> tuple[Floa
     determinant = dot(first, cross(second, third))
     regular = abs(determinant) > EPSILON
     scale = np.where(regular, 1.0 / np.where(regular, determinant, 1.0), determinant)
-    newton = scale * np.array((
-        dot(residual, cross(second, third)),
-        dot(first, cross(residual, third)),
-        dot(first, cross(second, residual)),
-    ))  # fmt: skip
+    newton = scale * np.array(
+        (
+            dot(residual, cross(second, third)),
+            dot(first, cross(residual, third)),
+            dot(first, cross(second, residual)),
+        )
+    )
     spun = _rotated(q, spin + newton * -1.0)
     return v + pull, w + (spun + w * -1.0)
 
@@ -131,12 +133,14 @@ def _inverted(a: Float64) -> Float64:
 
 
 def _product(a: Float64, b: Float64) -> Float64:
-    return np.array((
-        a[3] * b[0] + a[0] * b[3] + a[1] * b[2] - a[2] * b[1],
-        a[3] * b[1] + a[1] * b[3] + a[2] * b[0] - a[0] * b[2],
-        a[3] * b[2] + a[2] * b[3] + a[0] * b[1] - a[1] * b[0],
-        a[3] * b[3] - a[0] * b[0] - a[1] * b[1] - a[2] * b[2],
-    ))  # fmt: skip
+    return np.array(
+        (
+            a[3] * b[0] + a[0] * b[3] + a[1] * b[2] - a[2] * b[1],
+            a[3] * b[1] + a[1] * b[3] + a[2] * b[0] - a[0] * b[2],
+            a[3] * b[2] + a[2] * b[3] + a[0] * b[1] - a[1] * b[0],
+            a[3] * b[3] - a[0] * b[0] - a[1] * b[1] - a[2] * b[2],
+        )
+    )
 
 
 def _rotated(q: Float64, a: Float64) -> Float64:

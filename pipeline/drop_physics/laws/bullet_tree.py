@@ -151,15 +151,23 @@ def damping(body: BulletTree, kin: Kinematics, moved: Motion) -> Float64:
     -m v (k + k |v|) and -I ω (k' + k' |ω|) on each link (`btMultiBody.cpp` 754-758, 841-843).
     """
     tree, k, turning = kin.tree, body.linear_damping, body.angular_damping
-    forces = {
-        link: moved.velocities[link + 1]
-        * (-tree.masses_kg[link + 1] * k * (1.0 + length(moved.velocities[link + 1])))
-        for link in tree.moving
-    } if k else {}  # fmt: skip
-    torques = {
-        link: momentum * (-turning * (1.0 + length(moved.spins[link + 1])))
-        for link, momentum in angular_momenta(kin, moved).items()
-    } if turning else {}  # fmt: skip
+    forces = (
+        {
+            link: moved.velocities[link + 1]
+            * (-tree.masses_kg[link + 1] * k * (1.0 + length(moved.velocities[link + 1])))
+            for link in tree.moving
+        }
+        if k
+        else {}
+    )
+    torques = (
+        {
+            link: momentum * (-turning * (1.0 + length(moved.spins[link + 1])))
+            for link, momentum in angular_momenta(kin, moved).items()
+        }
+        if turning
+        else {}
+    )
     return generalised(kin, forces, torques)
 
 
@@ -195,8 +203,10 @@ def _unreported(body: BulletTree, states: States, reported: Reported) -> Unrepor
     pushes = np.zeros((len(states) - 1, tree.size), np.int64)
     for link, joint in enumerate(tree.joints):
         at, rate = tree.coordinates[link], tree.rates[link]
-        lower, upper = (limits[rate.start - tree.first_rate : rate.stop - tree.first_rate]
-                        for limits in (body.lower, body.upper))  # fmt: skip
+        lower, upper = (
+            limits[rate.start - tree.first_rate : rate.stop - tree.first_rate]
+            for limits in (body.lower, body.upper)
+        )
         if joint in ("revolute", "prismatic") and lower[0] <= upper[0]:
             q = states.joints[:-1, at.start]
             pushes[q <= lower[0], rate.start] |= Unreported.UP

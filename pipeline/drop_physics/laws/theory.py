@@ -355,9 +355,15 @@ def _oblique(fall: Fall, time: Float64) -> _Motion:
     sideways.terminal, sideways.direction = True, -1  # type: ignore[attr-defined]
     moments, back = np.unique(np.append(time, 0.0), return_inverse=True)
     solution = solve_ivp(
-        derivative, (0, moments[-1] or 1), np.zeros(6), "DOP853", moments, events=sideways,
-        rtol=1e-13, atol=1e-30,
-    )  # fmt: skip
+        derivative,
+        (0, moments[-1] or 1),
+        np.zeros(6),
+        "DOP853",
+        moments,
+        events=sideways,
+        rtol=1e-13,
+        atol=1e-30,
+    )
     change = k * solution.y.T
     free_m_s = free_fall_velocity(fall, moments)
     free_m = (np.array(fall.velocity_m_s) + free_m_s) / 2 * moments[:, None]

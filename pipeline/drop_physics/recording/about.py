@@ -95,9 +95,10 @@ def about_script(origin: Mapping[str, Any], recorder: Recorder, ending: Ending) 
         "samples": f"{recorder.samples:,}",
         "bodies": ", ".join(body.label for body in list(recorder.bodies.values())[:30]) or "none",
         "camera frames": f"{recorder.frames:,}",
-        "time": "virtual: sleeping passed at once" if ending.made_with.get("virtual_time")
+        "time": "virtual: sleeping passed at once"
+        if ending.made_with.get("virtual_time")
         else "the script's own",
-    }  # fmt: skip
+    }
     table = "\n".join(f"| {name} | {value} |" for name, value in rows.items())
     notes = "".join(f"\n- {note}" for note in ending.notes)
     return f"""# A script that uses PyBullet

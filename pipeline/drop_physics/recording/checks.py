@@ -23,9 +23,14 @@ from drop_physics.states import BASE, BODY, FLOOR
 SINGLE = 2.0**-22
 """Relative rounding of the values that an engine with float32 is given and reports."""
 BULLET_REPORTS = (
-    "solver_iterations", "lateral_friction", "rolling_friction", "spinning_friction", "restitution",
-    "collision_margin_m", "pybullet_api",
-)  # fmt: skip
+    "solver_iterations",
+    "lateral_friction",
+    "rolling_friction",
+    "spinning_friction",
+    "restitution",
+    "collision_margin_m",
+    "pybullet_api",
+)
 """What PyBullet reports in each of its recordings."""
 
 

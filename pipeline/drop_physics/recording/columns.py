@@ -131,9 +131,12 @@ def calls(chunk: Chunk, path: Path) -> Iterator[Calls]:
 
 
 _OF_CALLS = {
-    "client": pa.types.is_int64, "site": pa.types.is_int64, "after": pa.types.is_int64,
-    "result": pa.types.is_float64, "numbers": pa.types.is_float64,
-}  # fmt: skip
+    "client": pa.types.is_int64,
+    "site": pa.types.is_int64,
+    "after": pa.types.is_int64,
+    "result": pa.types.is_float64,
+    "numbers": pa.types.is_float64,
+}
 
 
 def images(chunk: Chunk, path: Path) -> Iterator[tuple[int, bytes]]:

@@ -251,8 +251,10 @@ class Drawing:
         if len(points) and not self._touching:
             yield pictures.contact_style(schema.CONTACT_POINTS)
         if len(points) or self._touching:
-            moves = np.array([each.number for each in self._bodies.values() if each.base_moves or
-                each.moving], np.int64)  # fmt: skip
+            moves = np.array(
+                [each.number for each in self._bodies.values() if each.base_moves or each.moving],
+                np.int64,
+            )
             on_a = np.isin(points["body_a"], moves)
             forces_n = points["normal_force_n"][:, None] * points["normal"]
             for name in ("friction_1", "friction_2"):
@@ -290,8 +292,11 @@ class Drawing:
         if heaviest is None or not masses_kg[heaviest]:
             return 1.0, 1.0
         boxes_m = np.reshape(self._bodies[heaviest].bounds_m, (-1, 6))
-        size_m = ARROW * float(np.linalg.norm(boxes_m[:, 3:].max(axis=0, initial=0.1) -
-            boxes_m[:, :3].min(axis=0, initial=-0.1)))  # fmt: skip
+        size_m = ARROW * float(
+            np.linalg.norm(
+                boxes_m[:, 3:].max(axis=0, initial=0.1) - boxes_m[:, :3].min(axis=0, initial=-0.1)
+            )
+        )
         return 2 * size_m, size_m / (masses_kg[heaviest] * gravity)
 
     # -- pictures and calls -----------------------------------------------------------------------

@@ -122,16 +122,21 @@ class Asked:
     def __init__(self, body: Body, at: At) -> None:
         self._entity, self._at = f"{schema.JOINTS}/{body.label}", at
         self._names = {
-            schema.TARGET: joint_names(body, "position"), schema.LIMIT: joint_names(body, "effort")
-        }  # fmt: skip
-        counts = [len(self._names[schema.TARGET if name == "position" else schema.LIMIT])
-                  for name in NAMES]  # fmt: skip
+            schema.TARGET: joint_names(body, "position"),
+            schema.LIMIT: joint_names(body, "effort"),
+        }
+        counts = [
+            len(self._names[schema.TARGET if name == "position" else schema.LIMIT])
+            for name in NAMES
+        ]
         self._columns = dict(zip(NAMES, places(counts), strict=True))
         self.places = [
-            {name: _moved(each[name != "position"], its.start)
-             for name, its in self._columns.items()}
+            {
+                name: _moved(each[name != "position"], its.start)
+                for name, its in self._columns.items()
+            }
             for each in zip(body.coordinates, body.rates, strict=True)
-        ]  # fmt: skip
+        ]
         """Of each joint, the columns of everything that is asked of it."""
         self._now = np.full(sum(counts), np.nan)
         self._named = False
@@ -162,8 +167,13 @@ class Asked:
         }
         for name, (which, values) in sets.items():
             if which.any():
-                yield Cells(asked.calls[which], asked.steps[which], asked.times_s[which],
-                            places[name], values[which])  # fmt: skip
+                yield Cells(
+                    asked.calls[which],
+                    asked.steps[which],
+                    asked.times_s[which],
+                    places[name],
+                    values[which],
+                )
 
     def chunks(self, cells: list[Cells]) -> Iterator[Chunk]:
         """Yield the rows that change."""

@@ -140,11 +140,13 @@ def _look(recording: Recording, entities: frozenset[str], shown: Shown) -> Look:
         eye_around(*reach_of(parts_of(recording.path, recording.seen))),
         entities,
         series=series_of(recording.seen.bodies.values()) | errors,
-        order={f"{schema.SEGMENTS}/{label}": at - len(shown.bodies)
-               for at, label in enumerate(shown.bodies)},
+        order={
+            f"{schema.SEGMENTS}/{label}": at - len(shown.bodies)
+            for at, label in enumerate(shown.bodies)
+        },
         panels=[title for title, _ in shown.panels],
         touched=shown.touched,
-    )  # fmt: skip
+    )
 
 
 # -- of a drop: the terms of its error, and its energies ------------------------------------------

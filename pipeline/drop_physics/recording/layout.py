@@ -87,8 +87,14 @@ def look_of_drop(height_m: float, camera: View | None, entities: Iterable[str] =
     far = max(1.0, height_m)
     position, target = NEAR_EYE if camera in ("close", "follow") else DROP_EYE
     eye = Eye(*(tuple(far * x for x in place) for place in (position, target)))  # type: ignore[arg-type]
-    shown = {schema.ABOUT, schema.TRAIL, schema.HEIGHT_SIMULATED, schema.HEIGHT_FREE_FALL,
-             schema.HEIGHT_DAMPED_FALL, *entities}  # fmt: skip
+    shown = {
+        schema.ABOUT,
+        schema.TRAIL,
+        schema.HEIGHT_SIMULATED,
+        schema.HEIGHT_FREE_FALL,
+        schema.HEIGHT_DAMPED_FALL,
+        *entities,
+    }
     shown |= set() if camera is None else {schema.IMAGE}
     return Look(eye, frozenset(shown), speed=SLOW_MOTION)
 
@@ -125,10 +131,11 @@ def layout(look: Look) -> rrb.Blueprint:
         whole = rrb.Horizontal(left, _rows([*map(_tabs, measured), _texts(look)]))
         return _framed(whole, look)
     panels = [
-        rrb.TimeSeriesView(origin=f"{schema.PANELS}/{number}", name=title,
-                           plot_legend=rrb.PlotLegend(RIGHT_TOP))
+        rrb.TimeSeriesView(
+            origin=f"{schema.PANELS}/{number}", name=title, plot_legend=rrb.PlotLegend(RIGHT_TOP)
+        )
         for number, title in enumerate(look.panels)
-    ]  # fmt: skip
+    ]
     of_drop = schema.HEIGHT_SIMULATED in look.entities
     # A fall begins at the upper left. Its error begins at zero and goes below, and of a drop,
     # where its terms are shown, up as well.
@@ -257,8 +264,9 @@ def _curves(
     of: tuple[str, ...] = ("",),
 ) -> Iterator[rrb.View]:
     """Yield a view of the curves below an entity, if there are any; `of` ends their names."""
-    shown = sorted(each for each in look.entities
-                   if each.startswith(f"{origin}/") and each.endswith(of))  # fmt: skip
+    shown = sorted(
+        each for each in look.entities if each.startswith(f"{origin}/") and each.endswith(of)
+    )
     if not shown:
         return
     first = _first_joints(look, shown) if origin == schema.JOINTS else {}

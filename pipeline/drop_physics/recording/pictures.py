@@ -134,8 +134,13 @@ def collision(entity: str, at: Times, link: str, seen: Collision) -> Iterator[Ch
     if seen.kind in ROUND_OR_BOX:
         see_through = [rr.components.FillMode.TransparentFillMajorWireframe]
         turned = {} if seen.kind == "sphere" else {"quaternions": [seen.orientation]}
-        drawn = _solid(seen, centers=[seen.position_m], colors=[COLLISION_COLOUR],
-            fill_mode=see_through, **turned)  # fmt: skip
+        drawn = _solid(
+            seen,
+            centers=[seen.position_m],
+            colors=[COLLISION_COLOUR],
+            fill_mode=see_through,
+            **turned,
+        )
     elif seen.kind == "mesh" and (hull := hull_of(seen)) is not None:
         corners_m, triangles, normals = hull
         drawn = rr.Mesh3D.columns(
@@ -197,9 +202,12 @@ def _mesh(file: str) -> tuple[bytes, str] | None:
     except OSError:
         return None
     kinds = {
-        ".obj": "model/obj", ".stl": "model/stl", ".dae": "model/vnd.collada+xml",
-        ".gltf": "model/gltf+json", ".glb": "model/gltf-binary",
-    }  # fmt: skip
+        ".obj": "model/obj",
+        ".stl": "model/stl",
+        ".dae": "model/vnd.collada+xml",
+        ".gltf": "model/gltf+json",
+        ".glb": "model/gltf-binary",
+    }
     return blob, kinds[suffix]
 
 

@@ -210,8 +210,16 @@ def _chunk(message: memoryview, position: int) -> Chunk | None:
         entity = _text(memoryview((batch.schema.metadata or {})[b"rerun:entity_path"]))
     except (DamagedError, MemoryError):
         raise
-    except (pa.ArrowException, ArithmeticError, LookupError, OSError, StopIteration,
-            struct.error, TypeError, ValueError) as error:  # fmt: skip
+    except (
+        pa.ArrowException,
+        ArithmeticError,
+        LookupError,
+        OSError,
+        StopIteration,
+        struct.error,
+        TypeError,
+        ValueError,
+    ) as error:
         # The error may quote the file.
         reason = "".join(filter(str.isprintable, str(error).partition("\n")[0]))[:120]
         what = Message(

@@ -145,10 +145,12 @@ class RecordedSamples:
         steps = np.concatenate([steps for steps, _ in read])
         # An id that is used again may be that of a constraint with other forces.
         widest = max(values.shape[1] for _, values in read)
-        values = np.concatenate([
-            np.pad(values, ((0, 0), (0, widest - values.shape[1])), constant_values=np.nan)
-            for _, values in read
-        ])  # fmt: skip
+        values = np.concatenate(
+            [
+                np.pad(values, ((0, 0), (0, widest - values.shape[1])), constant_values=np.nan)
+                for _, values in read
+            ]
+        )
         order = np.argsort(steps, kind="stable")
         order = order[(steps[order] >= first) & (steps[order] < end)]
         return steps[order], values[order]

@@ -77,8 +77,11 @@ def parts_of(path: Path, seen: Seen) -> list[Part]:
     RecordingError
         If the recording is damaged.
     """
-    links = {part_path(body, link): (body, link) for body in seen.bodies.values()
-        for link in range(-1, len(body.links) - 1)}  # fmt: skip
+    links = {
+        part_path(body, link): (body, link)
+        for body in seen.bodies.values()
+        for link in range(-1, len(body.links) - 1)
+    }
     poses: dict[str, list[tuple[Float64, Float32]]] = {}
     meshes: dict[str, bytes] = {}
     for chunk in chunks_of(path):
@@ -113,15 +116,21 @@ def reach_of(parts: Sequence[Part]) -> tuple[Float64, Float64]:
     """Return the corners of a box in which bodies move, without what flies off."""
     boxes = [(part, np.fmin.reduce(part.poses), np.fmax.reduce(part.poses)) for part in parts]
     moves = {part.number for part, low, high in boxes if (high - low > 1e-4).any()}
-    shown = [(part.radius_m, low[:3], high[:3]) for part, low, high in boxes
-        if part.radius_m < FARTHEST_M and np.isfinite(low[:3]).all()
-        and (part.number in moves or not moves)]  # fmt: skip
+    shown = [
+        (part.radius_m, low[:3], high[:3])
+        for part, low, high in boxes
+        if part.radius_m < FARTHEST_M
+        and np.isfinite(low[:3]).all()
+        and (part.number in moves or not moves)
+    ]
     if not shown:
         return np.zeros(3), np.zeros(3)
     radii_m, lows_m, highs_m = (np.array(each, np.float64) for each in zip(*shown, strict=True))
     middle_m = np.median(lows_m, axis=0)
-    lows_m, highs_m = (each.clip(middle_m - FARTHEST_M, middle_m + FARTHEST_M)
-        for each in (lows_m - radii_m[:, None], highs_m + radii_m[:, None]))  # fmt: skip
+    lows_m, highs_m = (
+        each.clip(middle_m - FARTHEST_M, middle_m + FARTHEST_M)
+        for each in (lows_m - radii_m[:, None], highs_m + radii_m[:, None])
+    )
     return lows_m.min(axis=0), highs_m.max(axis=0)
 
 
@@ -151,8 +160,9 @@ def _poses(chunk: Chunk, path: Path) -> Iterator[tuple[Float64, Float32]]:
     """Yield times and poses, where a chunk has any; nan where a number is not finite."""
     names = "Transform3D:translation", "Transform3D:quaternion"
     if all(chunk.batch.schema.get_field_index(name) >= 0 for name in names):
-        poses = np.hstack([_numbers(chunk, name, width, path)
-            for name, width in zip(names, (3, 4), strict=True)])  # fmt: skip
+        poses = np.hstack(
+            [_numbers(chunk, name, width, path) for name, width in zip(names, (3, 4), strict=True)]
+        )
         poses[~np.isfinite(poses).all(axis=1)] = np.nan
         yield columns.times_s(chunk), poses
 

@@ -110,12 +110,14 @@ def surfaces(told: Told) -> list[Surface]:
     """Return the surfaces of hollow meshes."""
     return [
         Surface(
-            at, values["body"], values["shape"],
+            at,
+            values["body"],
+            values["shape"],
             np.array(values["corners_m"], np.float64).reshape(-1, 3),
             np.array(values["triangles"], np.int64).reshape(-1, 3),
         )
         for at, values in told[schema.SURFACES]
-    ]  # fmt: skip
+    ]
 
 
 def dynamics(told: Told, bodies: Mapping[int, Body]) -> list[Dynamics]:

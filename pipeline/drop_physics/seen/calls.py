@@ -89,8 +89,9 @@ class Given:
 def text_of(site: Site, numbers: Sequence[float]) -> str:
     """Return the arguments of a call as the script might have written them."""
     texts = [
-        repr(int(number)) if whole and abs(number) <= MOST_WHOLE and number.is_integer()
+        repr(int(number))
+        if whole and abs(number) <= MOST_WHOLE and number.is_integer()
         else repr(number)
         for number, whole in zip(numbers, site.whole, strict=True)
-    ]  # fmt: skip
+    ]
     return site.form.format(*texts)

@@ -384,9 +384,18 @@ class Samples:
 
 
 Event = (
-    Appearance | Surface | Dynamics | Settings | Site | Calls | Raised | Solver | Put | Image
+    Appearance
+    | Surface
+    | Dynamics
+    | Settings
+    | Site
+    | Calls
+    | Raised
+    | Solver
+    | Put
+    | Image
     | Samples
-)  # fmt: skip
+)
 
 
 ENDED = {

@@ -198,9 +198,10 @@ def body_named(bodies: Iterable[Body], which: str) -> Body:
     """
     candidates = list(bodies)
     matches = [
-        body for body in candidates
+        body
+        for body in candidates
         if which in (str(body.number), body.label, body.name, PurePath(body.name).stem)
-    ]  # fmt: skip
+    ]
     if len(matches) == 1:
         return matches[0]
     shown = matches or candidates

@@ -55,8 +55,10 @@ class Log:
         """Return the calls after so many steps, and before so many."""
         log = Log((), self.sites)
         log._errors, log._came = self._errors, self._came
-        log._rows = [(_only(row, (row.steps >= first) & (row.steps < end), widths))
-            for row, widths in self._rows]  # fmt: skip
+        log._rows = [
+            (_only(row, (row.steps >= first) & (row.steps < end), widths))
+            for row, widths in self._rows
+        ]
         return log
 
     # -- calls ------------------------------------------------------------------------------------
@@ -93,10 +95,20 @@ class Log:
             ends = np.cumsum(widths)
             numbers = row.numbers.tolist() if len(which) else []
             for step, time_s, number, site, result, start, end in zip(
-                *(each[which].tolist() for each in (row.steps, row.times_s, row.calls, row.sites,
-                                                    row.results, ends - widths, ends)),
+                *(
+                    each[which].tolist()
+                    for each in (
+                        row.steps,
+                        row.times_s,
+                        row.calls,
+                        row.sites,
+                        row.results,
+                        ends - widths,
+                        ends,
+                    )
+                ),
                 strict=True,
-            ):  # fmt: skip
+            ):
                 at, given = At(step, time_s, number), tuple(numbers[start:end])
                 error = self._errors.get(number, "")
                 made.append(Call(at, row.client, self.sites[site], given, result, error))
@@ -136,8 +148,10 @@ class Log:
         if lives:
             # One that was removed before the next step was never listed.
             first = np.searchsorted(began, [made for made, _ in lives], side="left")
-            listed = [k if k < len(came) and (gone is None or began[k] < gone) else -1
-                for k, (_, gone) in zip(first.tolist(), lives, strict=True)]  # fmt: skip
+            listed = [
+                k if k < len(came) and (gone is None or began[k] < gone) else -1
+                for k, (_, gone) in zip(first.tolist(), lives, strict=True)
+            ]
             life = np.searchsorted([made for made, _ in lives], calls, side="left") - 1
             which = np.where(life >= 0, np.array(listed)[life], which)
         return came, which
@@ -190,6 +204,11 @@ def _only(row: Calls, which: NDArray[np.bool_], widths: Int64) -> tuple[Calls, I
         return row, widths
     numbers = row.numbers[np.repeat(which, widths)]
     return Calls(
-        row.client, row.steps[which], row.times_s[which], row.calls[which], row.sites[which],
-        numbers, row.results[which],
-    ), widths[which]  # fmt: skip
+        row.client,
+        row.steps[which],
+        row.times_s[which],
+        row.calls[which],
+        row.sites[which],
+        numbers,
+        row.results[which],
+    ), widths[which]

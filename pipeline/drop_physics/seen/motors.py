@@ -22,10 +22,13 @@ VELOCITY, TORQUE, POSITION, PD = 0, 1, 2, 3
 FORCE = 100000.0
 """PyBullet's default of a motor's limit [N m] or [N]."""
 ARGUMENTS = {
-    "targetPosition": "targetPositions", "targetVelocity": "targetVelocities", "force": "forces",
-    "positionGain": "positionGains", "velocityGain": "velocityGains",
+    "targetPosition": "targetPositions",
+    "targetVelocity": "targetVelocities",
+    "force": "forces",
+    "positionGain": "positionGains",
+    "velocityGain": "velocityGains",
     "maxVelocity": "maxVelocities",
-}  # fmt: skip
+}
 """Arguments of a call for one joint, and of one for several."""
 
 
@@ -48,9 +51,15 @@ class Command(NamedTuple):
         """Return some of them."""
         held = {name: values[which] for name, values in self.values.items()}
         return Command(
-            self.client, self.site, self.calls[which], self.steps[which], self.times_s[which],
-            self.bodies[which], self.joints[which], held,
-        )  # fmt: skip
+            self.client,
+            self.site,
+            self.calls[which],
+            self.steps[which],
+            self.times_s[which],
+            self.bodies[which],
+            self.joints[which],
+            held,
+        )
 
 
 def commands_of(seen: Calls, sites: Mapping[int, Site], widths: Int64) -> Iterator[Command]:
@@ -73,10 +82,15 @@ def commands_of(seen: Calls, sites: Mapping[int, Site], widths: Int64) -> Iterat
         for which, joint in enumerate(joints):
             values = {"controlMode": places["controlMode"], **of_joint(places, which, len(joints))}
             yield Command(
-                seen.client, site, seen.calls[its], seen.steps[its], seen.times_s[its],
-                numbers[:, body[0]].astype(np.int64), numbers[:, joint].astype(np.int64),
+                seen.client,
+                site,
+                seen.calls[its],
+                seen.steps[its],
+                seen.times_s[its],
+                numbers[:, body[0]].astype(np.int64),
+                numbers[:, joint].astype(np.int64),
                 {name: numbers[:, [*columns]] for name, columns in values.items()},
-            )  # fmt: skip
+            )
 
 
 def of_joint(values: Mapping[str, Sequence[T]], number: int, joints: int) -> dict[str, Sequence[T]]:

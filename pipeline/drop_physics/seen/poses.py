@@ -30,8 +30,10 @@ COLUMNS = {
 """The columns of each part of a state in a table."""
 MOTION_COLUMNS = [name for names in COLUMNS.values() for name in names]
 KINDS: Mapping[str, Kind] = {
-    "revolute": "revolute", "prismatic": "prismatic", "spherical": "spherical",
-}  # fmt: skip
+    "revolute": "revolute",
+    "prismatic": "prismatic",
+    "spherical": "spherical",
+}
 """Joints that kinematics covers; another is drawn as if it were fixed."""
 
 
@@ -101,17 +103,18 @@ def within(frames: Float64, poses: Float64) -> Float64:
     """Return poses in other frames: position and orientation each, shape (n, 7)."""
     backwards = frames[:, 3:] * [-1.0, -1.0, -1.0, 1.0]
     return np.hstack(
-        (rotate_inverse(frames[:, 3:], poses[:, :3] - frames[:, :3]),
-         products(backwards, poses[:, 3:]))
-    )  # fmt: skip
+        (
+            rotate_inverse(frames[:, 3:], poses[:, :3] - frames[:, :3]),
+            products(backwards, poses[:, 3:]),
+        )
+    )
 
 
 def placed(frames: Float64, poses: Float64) -> Float64:
     """Return poses in frames as poses in the world: the inverse of `within`."""
     return np.hstack(
-        (frames[:, :3] + rotate(frames[:, 3:], poses[:, :3]),
-         products(frames[:, 3:], poses[:, 3:]))
-    )  # fmt: skip
+        (frames[:, :3] + rotate(frames[:, 3:], poses[:, :3]), products(frames[:, 3:], poses[:, 3:]))
+    )
 
 
 def rows_of(number: int, steps: NDArray[np.int64], motions: Float64) -> Rows:

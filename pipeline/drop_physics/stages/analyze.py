@@ -86,10 +86,15 @@ def analyze(
     analysis = _analysis_of(read_back, at_s, whole=bool(tables))
     progress(ANALYZING, 2, _PARTS)
     write_layer(
-        layer, read_back, samples=analysis.table, events=events(analysis),
-        findings=findings_markdown(analysis), look=_shown(analysis, read_back.seen),
-        force=force, ours=out is None,
-    )  # fmt: skip
+        layer,
+        read_back,
+        samples=analysis.table,
+        events=events(analysis),
+        findings=findings_markdown(analysis),
+        look=_shown(analysis, read_back.seen),
+        force=force,
+        ours=out is None,
+    )
     for file in tables:
         write_table(file, analysis.table, force=force)
     progress(ANALYZING, _PARTS, _PARTS)
@@ -120,10 +125,20 @@ def _shown(analysis: Analysis, seen: Seen) -> LayerShown:
     widths = {"line": 2.0, "broad": 3.0, "wide": 4.0, "dashed": 1.0}
     panels, bodies = viewed(analysis, seen.bodies)
     lines = [
-        [Line(str(each.name), each.colour or colours.TOTAL_IN_VIEWER, widths[each.look], each.steps,
-              each.times_s, each.values) for each in panel.curves if len(each.steps)]
+        [
+            Line(
+                str(each.name),
+                each.colour or colours.TOTAL_IN_VIEWER,
+                widths[each.look],
+                each.steps,
+                each.times_s,
+                each.values,
+            )
+            for each in panel.curves
+            if len(each.steps)
+        ]
         for panel in panels
-    ]  # fmt: skip
+    ]
     titles = [f"{panel.title} [{panel.unit}]" for panel in panels]
     return LayerShown([*zip(titles, lines, strict=True)], bodies, _hulls(analysis))
 

@@ -153,8 +153,10 @@ def _no_golden(recording: Path, golden: Path) -> RecordingError:
     update = shell_command("drop", "check", recording, "--against", golden, "--update")
     return RecordingError(
         "there is no golden recording {golden}; to make {recording} the golden one: {command}",
-        golden=golden, recording=recording, command=update,
-    )  # fmt: skip
+        golden=golden,
+        recording=recording,
+        command=update,
+    )
 
 
 def _checked(run: Recording, golden: Recording, tolerance_m: float) -> Check:
@@ -175,8 +177,9 @@ def _checked(run: Recording, golden: Recording, tolerance_m: float) -> Check:
         pictures = replace(pictures, first_step=None)
     engines = None
     if [each.column for each in comparison.differences] == ["engine"]:
-        flights = [flight_of(*case_seen(each.scenario, each.engine, each.seen))
-            for each in (run, golden)]  # fmt: skip
+        flights = [
+            flight_of(*case_seen(each.scenario, each.engine, each.seen)) for each in (run, golden)
+        ]
         first = comparison.first
         engines = apart(*flights, parts_at=None if first is None else first.step)
     return Check(run.path, golden.path, tolerance_m, comparison, pictures, engines)
@@ -221,8 +224,9 @@ def _make_golden(run: Recording, golden: Path) -> None:
         if not whole or [s for s, _ in frames(part)] != [s for s, _ in frames(run.path)]:
             raise RecordingError(
                 "{golden} was not written: packing {path} changed it; run it again",
-                golden=golden, path=run.path,
-            )  # fmt: skip
+                golden=golden,
+                path=run.path,
+            )
 
 
 # -- pictures -------------------------------------------------------------------------------------

@@ -156,8 +156,9 @@ def poses_film(
     shown_s = np.array(times_s)[played.frames]
     poses = np.stack([part.at(shown_s) for part in parts], axis=1)
     size_px = (taken or STANDARD_CAMERA).size_px
-    cameras = [replace(camera, size_px=size_px)
-        for camera in _cameras(held.seen, parts, poses, view, body)]  # fmt: skip
+    cameras = [
+        replace(camera, size_px=size_px) for camera in _cameras(held.seen, parts, poses, view, body)
+    ]
     ink = DARK if dark else LIGHT
     page = tuple(bytes.fromhex(ink.page.removeprefix("#")))
     workers = hire(max(1, len(poses) // PER_WORKER))

@@ -36,23 +36,27 @@ def missing_file(arguments: str, target: str) -> Message | None:
     if name.is_file() or (data and (data / name).is_file() and not _complete(data / name)):
         found = name if name.is_file() or data is None else data / name
         lost = next(_lost_meshes(found), None)
-        words = Message("{name} is there, but {mesh}, which it names, is not", name=str(name),
-            mesh=lost)  # fmt: skip
+        words = Message(
+            "{name} is there, but {mesh}, which it names, is not", name=str(name), mesh=lost
+        )
         return None if lost is None else words
     if (beside / name).is_file():
         return Message(
             "{name} lies beside the script, and is looked for where it runs: give {path}",
-            name=str(name), path=str(beside / name),
-        )  # fmt: skip
+            name=str(name),
+            path=str(beside / name),
+        )
     if data and (data / name).is_file():
         return Message("{name} is in pybullet_data: call {search}", name=str(name), search=SEARCH)
     for folder in filter(None, (Path(), beside, data)):
         near = _near(folder / name)
         if near is not None:
-            return Message("There is no {name}, but {near}", name=str(name),
-                near=str(near.relative_to(folder)))  # fmt: skip
-    return Message("There is no {name} where the script runs, beside it or in pybullet_data",
-        name=str(name))  # fmt: skip
+            return Message(
+                "There is no {name}, but {near}", name=str(name), near=str(near.relative_to(folder))
+            )
+    return Message(
+        "There is no {name} where the script runs, beside it or in pybullet_data", name=str(name)
+    )
 
 
 def _complete(file: Path) -> bool:

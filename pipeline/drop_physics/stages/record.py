@@ -154,9 +154,14 @@ def record_script(
             _interrupts(process.interrupt),
         ):
             ended = written(
-                process, recorder, path, recording_id=recording_id, force=force, note=note,
+                process,
+                recorder,
+                path,
+                recording_id=recording_id,
+                force=force,
+                note=note,
                 full=lambda: process.stop("disk"),
-            )  # fmt: skip
+            )
     for sentence in _worth_knowing(process, recorder, ended, keep_sleeping=keep_sleeping):
         note(sentence)
     compared, again = False, None

@@ -107,9 +107,13 @@ def record(
         ) as recorder:
             os.close(reading)
             watch = block.watch = start.watch(
-                writing, os.dup(memory.fileno()), steps=steps, duration_s=duration_s,
-                keep_sleeping=keep_sleeping, seed=seed,
-            )  # fmt: skip
+                writing,
+                os.dup(memory.fileno()),
+                steps=steps,
+                duration_s=duration_s,
+                keep_sleeping=keep_sleeping,
+                seed=seed,
+            )
             how, error, site = "finished", "", ""
             try:
                 yield block
@@ -160,9 +164,13 @@ def _record(request: dict[str, Any]) -> dict[str, Any]:
     recorder = Recorder({schema.ORIGIN_PROPERTY: origin}, drawn=request["drawn"])
     listener = BlockListener(request["reading"], request["block"], process=request["process"])
     ended = written(
-        listener, recorder, path, recording_id=recording_id, force=request["force"],
+        listener,
+        recorder,
+        path,
+        recording_id=recording_id,
+        force=request["force"],
         full=lambda: listener.stop("disk"),
-    )  # fmt: skip
+    )
     recorded = recorded_of(recorder, ended, path, recording_id=recording_id, name=schema.BLOCK)
     wall_s = time.perf_counter() - began
     return asdict(recorded) | {"recording": str(path), "wall_s": wall_s}

@@ -101,36 +101,66 @@ def bodies_of(world: World | OtherWorld, engine: EngineReport) -> Iterator[Event
     joints = world.joints if isinstance(world, World) else ()
     rgb = bytes.fromhex(colours.ENGINES[scenario.engine].removeprefix("#"))
     shape = Shape(
-        BASE, "box", tuple((2 * world.half_size_m).tolist()), "", (0.0, 0.0, 0.0), UPRIGHT,
+        BASE,
+        "box",
+        tuple((2 * world.half_size_m).tolist()),
+        "",
+        (0.0, 0.0, 0.0),
+        UPRIGHT,
         (*(channel / 255 for channel in rgb), 1.0),
-    )  # fmt: skip
+    )
     links = (engine.body_name, *(joint.name for joint in joints))
     body = Body(
-        BODY, BODY_LABEL, Path(scenario.body).name, BODY, 0, links, joints,
-        tuple(range(BASE, len(joints))), soft=False, shapes=(shape,),
-    )  # fmt: skip
+        BODY,
+        BODY_LABEL,
+        Path(scenario.body).name,
+        BODY,
+        0,
+        links,
+        joints,
+        tuple(range(BASE, len(joints))),
+        soft=False,
+        shapes=(shape,),
+    )
     yield Settings(
-        at, 0,
+        at,
+        0,
         {
-            "fixedTimeStep": engine.timestep_s, "numSubSteps": engine.substeps,
-            **{f"gravityAcceleration{axis}": value
-               for axis, value in zip("XYZ", engine.gravity_m_s2, strict=True)},
+            "fixedTimeStep": engine.timestep_s,
+            "numSubSteps": engine.substeps,
+            **{
+                f"gravityAcceleration{axis}": value
+                for axis, value in zip("XYZ", engine.gravity_m_s2, strict=True)
+            },
         },
-    )  # fmt: skip
+    )
     yield Appearance(at, body, there=True, came=True)
     frames = world.inertial_frames if isinstance(world, World) else ORIGIN
     yield Dynamics(
-        at, body,
-        (world.dynamics() if isinstance(world, World) else {}) | {
+        at,
+        body,
+        (world.dynamics() if isinstance(world, World) else {})
+        | {
             "mass_kg": np.array(engine.link_masses_kg),
             "inertia_kg_m2": np.reshape(engine.link_inertias_kg_m2, (-1, 3)),
-            "inertial_position_m": frames[:, :3], "inertial_orientation": frames[:, 3:],
+            "inertial_position_m": frames[:, :3],
+            "inertial_orientation": frames[:, 3:],
         },
-    )  # fmt: skip
+    )
     if scenario.floor:
         plane = Shape(BASE, "plane", FLOOR_M, "", (0.0, 0.0, 0.0), UPRIGHT, (1.0, 1.0, 1.0, 1.0))
-        floor = Body(FLOOR, FLOOR_LABEL, "plane.urdf", FLOOR, 0, ("base",), (), (), soft=False,
-            shapes=(plane,))  # fmt: skip
+        floor = Body(
+            FLOOR,
+            FLOOR_LABEL,
+            "plane.urdf",
+            FLOOR,
+            0,
+            ("base",),
+            (),
+            (),
+            soft=False,
+            shapes=(plane,),
+        )
         yield Appearance(at, floor, there=True, came=True)
         if isinstance(world, World):
             yield Dynamics(at, floor, world.dynamics(FLOOR))

@@ -218,9 +218,15 @@ def _film(
         return None
     captioned = held.drop is not None and (animation.caption or animation.with_plot)
     return poses_film(
-        held, animation, most_fps, view=view or "standard", body=body, dark=dark,
-        clock=not captioned, hire=hire,
-    )  # fmt: skip
+        held,
+        animation,
+        most_fps,
+        view=view or "standard",
+        body=body,
+        dark=dark,
+        clock=not captioned,
+        hire=hire,
+    )
 
 
 def _captions(

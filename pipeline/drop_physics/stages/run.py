@@ -72,8 +72,12 @@ def run(
         # In the standard camera's frames, which golden recordings have, the body is a dot.
         near = camera is not None and camera.view == "standard"
         rendering = render(
-            path, animation=animation, dark=dark, view="standard" if near else None,
-            progress=progress, assistant=assistant,
-        )  # fmt: skip
+            path,
+            animation=animation,
+            dark=dark,
+            view="standard" if near else None,
+            progress=progress,
+            assistant=assistant,
+        )
     assert isinstance(analysis, DropAnalysis)  # of a drop
     return Run(simulation, analysis, rendering)

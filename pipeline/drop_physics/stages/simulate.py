@@ -115,9 +115,13 @@ def simulate(
         if url is not None:
             chunks = shown(chunks, url=url, recording_id=recording_id, look=look, note=note)
         writer.record(
-            path, chunks, recording_id=recording_id, blueprint=layout(look), force=force,
+            path,
+            chunks,
+            recording_id=recording_id,
+            blueprint=layout(look),
+            force=force,
             note=note,
-        )  # fmt: skip
+        )
     return Simulation(
         recording=path,
         recording_id=recording_id,

@@ -164,9 +164,15 @@ def sweep(
             from drop_physics.stages.sweep_plot import plot_sweep
 
             plot_sweep(
-                Path(plot), plan, studies, falls, at_s=at_s, at_samples=at_samples, dark=dark,
+                Path(plot),
+                plan,
+                studies,
+                falls,
+                at_s=at_s,
+                at_samples=at_samples,
+                dark=dark,
                 force=force,
-            )  # fmt: skip
+            )
     return Sweep(
         plan=plan,
         at_s=at_s,

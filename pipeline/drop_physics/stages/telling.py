@@ -31,8 +31,11 @@ FREE = 0.55, 0.3
 """From this share of the time on, a drop that stays below this share of its height leaves room."""
 NOTHING_MM = 1e-9
 """Errors of a drop below this are rounding, and have no panel."""
-NAMES = {"contacts": Message("contact"), "rolling": Message("rolling friction"),
-         "clamp": Message("velocity limit")}  # fmt: skip
+NAMES = {
+    "contacts": Message("contact"),
+    "rolling": Message("rolling friction"),
+    "clamp": Message("velocity limit"),
+}
 """Of causes that are said otherwise than they are named."""
 OF_FILES = ("no-inertial", "inertia-from-shape", "impossible-inertia", "inertia-without-mass")
 """Findings that no curve of a joint shows."""
@@ -79,9 +82,11 @@ def _verdict(analysis: Analysis) -> Iterator[str]:
             yield finding.advice
     yield Message(
         "{script}: {explained:,} of {of:,} samples explained, findings: {findings}",
-        script=script, explained=explained.samples, of=explained.of,
+        script=script,
+        explained=explained.samples,
+        of=explained.of,
         findings=len(analysis.findings),
-    )  # fmt: skip
+    )
 
 
 # -- of a drop ------------------------------------------------------------------------------------
@@ -94,24 +99,43 @@ def _story_of_drop(analysis: FallAnalysis) -> Story:
     covered = table["timestep_m"].is_not_null().to_numpy()
     curves = [Curve(Message("simulated"), times_s, simulated_m, colours.SIMULATED)]
     panels = [
-        Panel(Message("height of the centre"), "m", curves, zero=bool(simulated_m.min() >= 0),
-              enlarged=_impact(analysis, timestep_s))
-    ]  # fmt: skip
+        Panel(
+            Message("height of the centre"),
+            "m",
+            curves,
+            zero=bool(simulated_m.min() >= 0),
+            enlarged=_impact(analysis, timestep_s),
+        )
+    ]
     if covered.any():
-        free_m, damped_m = (np.where(covered, table[name].to_numpy(), np.nan)
-            for name in ("free_fall_m", "damped_fall_m"))  # fmt: skip
+        free_m, damped_m = (
+            np.where(covered, table[name].to_numpy(), np.nan)
+            for name in ("free_fall_m", "damped_fall_m")
+        )
         curves.insert(0, Curve(Message("free fall"), times_s, free_m, colours.FREE_FALL, "wide"))
         curves.insert(
             1, Curve(Message("damped fall"), times_s, damped_m, colours.DAMPED_FALL, "broad")
         )
-        errors_mm = {name: 1e3 * table[f"{name}_m"].fill_null(np.nan).to_numpy()
-            for name in colours.TERMS}  # fmt: skip
+        errors_mm = {
+            name: 1e3 * table[f"{name}_m"].fill_null(np.nan).to_numpy() for name in colours.TERMS
+        }
         total = Curve(Message("total"), times_s, np.sum([*errors_mm.values()], axis=0), "")
         if max(np.nanmax(np.abs(each)) for each in errors_mm.values()) > NOTHING_MM:
-            panels.append(Panel(Message("simulated − free fall"), "mm", [
-                total, *(Curve(Message(name), times_s, values, colours.TERMS[name])
-                for name, values in errors_mm.items())
-            ], zero=True, stacked=True))  # fmt: skip
+            panels.append(
+                Panel(
+                    Message("simulated − free fall"),
+                    "mm",
+                    [
+                        total,
+                        *(
+                            Curve(Message(name), times_s, values, colours.TERMS[name])
+                            for name, values in errors_mm.items()
+                        ),
+                    ],
+                    zero=True,
+                    stacked=True,
+                )
+            )
     return Story(_dropped(analysis), [*_said_of_drop(analysis, timestep_s)], panels)
 
 
@@ -142,8 +166,9 @@ def _said_of_drop(analysis: FallAnalysis, timestep_s: float) -> Iterator[Message
     shown |= {name: value for name, value in own.items() if value != standard[name]}
     for name in ("body", "height_m", "timestep_s", "duration_s"):  # shown elsewhere, or on the axis
         shown.pop(name, None)
-    yield Message("timestep {timestep} s, {settings}",
-                  timestep=fraction(timestep_s), settings=label_of(shown))  # fmt: skip
+    yield Message(
+        "timestep {timestep} s, {settings}", timestep=fraction(timestep_s), settings=label_of(shown)
+    )
     for moment in analysis.at[:1]:
         if moment.terms_m is not None:
             terms = [
@@ -151,8 +176,12 @@ def _said_of_drop(analysis: FallAnalysis, timestep_s: float) -> Iterator[Message
                 for name, value_m in asdict(moment.terms_m).items()
                 if abs(value_m) > 5e-7
             ]
-            yield Message("at {time:.4g} s {total:+.3f} mm: {terms}", time=moment.time_s,
-                          total=1e3 * moment.error_m, terms=joined(", ", terms))  # fmt: skip
+            yield Message(
+                "at {time:.4g} s {total:+.3f} mm: {terms}",
+                time=moment.time_s,
+                total=1e3 * moment.error_m,
+                terms=joined(", ", terms),
+            )
     ends = []
     if analysis.impact is not None and analysis.impact.time_simulated_s is not None:
         ends.append(Message("impact at {at:.4g} s", at=analysis.impact.time_simulated_s))
@@ -201,8 +230,10 @@ class _Told:
         self._bodies = {body.label: body for body in analysis.bodies}
         self._done: set[str] = set()
         found = [self._bodies[each.body] for each in analysis.findings if each.body in self._bodies]
-        moves = {body.label: sum(body.segments.values()) - body.segments["still"]
-            for body in analysis.bodies}  # fmt: skip
+        moves = {
+            body.label: sum(body.segments.values()) - body.segments["still"]
+            for body in analysis.bodies
+        }
         moving = sorted(analysis.bodies, key=lambda body: -moves[body.label])
         moving = [body for body in moving if moves[body.label]]
         self.about = [*{body.label: body for body in (*found, *moving)}.values()]
@@ -249,11 +280,21 @@ class _Told:
 
         At most `MOST_JOINTS` of all bodies.
         """
-        named = [(each.body, each.joint) for each in self._analysis.findings
-            if each.code not in OF_FILES]  # fmt: skip
-        found = [(named.index((body.label, row.name)) if (body.label, row.name) in named else
-            len(named), -abs(row.off or 0.0), body, place)
-            for body in self.about for place, row in enumerate(body.joints)]  # fmt: skip
+        named = [
+            (each.body, each.joint) for each in self._analysis.findings if each.code not in OF_FILES
+        ]
+        found = [
+            (
+                named.index((body.label, row.name))
+                if (body.label, row.name) in named
+                else len(named),
+                -abs(row.off or 0.0),
+                body,
+                place,
+            )
+            for body in self.about
+            for place, row in enumerate(body.joints)
+        ]
         shown = sorted(found, key=lambda each: each[:2])[:MOST_JOINTS]
         several = len({body.id for *_, body, _ in shown}) > 1
         lines: dict[str, list[Curve]] = {"position": [], "rate": [], "torque": []}
@@ -262,8 +303,9 @@ class _Told:
             curves, row = self._curves.joints(body.id), body.joints[place]
             if curves is None:
                 continue
-            its = Curves(curves.steps, {what: each[:, place]
-                for what, each in curves.columns.items()})  # fmt: skip
+            its = Curves(
+                curves.steps, {what: each[:, place] for what, each in curves.columns.items()}
+            )
             name = row.name if len(row.name) <= JOINT else f"{row.name[: JOINT - 1]}…"
             name = f"{body.id} {name}" if several else name
             what = "rate" if row.control == "velocity" else "position"
@@ -274,8 +316,11 @@ class _Told:
             for which, others in kinds.items():
                 lines[which].append(self._curve(body, its, which, name, colour))
                 # Under the same name, which the viewer lists once.
-                lines[which] += [self._curve(body, its, each, name, colour, dashed=True)
-                    for each in others if np.isfinite(its.columns[each]).any()]  # fmt: skip
+                lines[which] += [
+                    self._curve(body, its, each, name, colour, dashed=True)
+                    for each in others
+                    if np.isfinite(its.columns[each]).any()
+                ]
             length, force = ("m", "N") if row.kind == "prismatic" else ("rad", "N m")
             units[what][length if what == "position" else f"{length}/s"] = None
             units["torque"][force] = None
@@ -302,19 +347,28 @@ class _Told:
         title = Message("{joint}: position", joint=row.name)
         if what == "rate":
             title = Message("{joint}: rate", joint=row.name)
-        yield Panel(title, unit, [
-            self._curve(body, its, what, Message("reached"), colours.SIMULATED),
-            self._curve(body, its, asked, Message("target"), "", dashed=True),
-        ])  # fmt: skip
+        yield Panel(
+            title,
+            unit,
+            [
+                self._curve(body, its, what, Message("reached"), colours.SIMULATED),
+                self._curve(body, its, asked, Message("target"), "", dashed=True),
+            ],
+        )
         force = "N" if row.kind == "prismatic" else "N m"
-        limits = [self._curve(body, its, side, Message("limit"), colours.TIMESTEP, dashed=True)
-            for side in _limits(its)]  # fmt: skip
+        limits = [
+            self._curve(body, its, side, Message("limit"), colours.TIMESTEP, dashed=True)
+            for side in _limits(its)
+        ]
         title = Message("{joint}: torque of its motor", joint=row.name)
         window = _window(its.columns["torque"])
         if window > 1:
             times_s = self._curves.times_s(body.id, its.steps[[0, window]])
-            title = Message("{joint}: torque of its motor, mean over {span:.2g} s",
-                            joint=row.name, span=times_s[1] - times_s[0])  # fmt: skip
+            title = Message(
+                "{joint}: torque of its motor, mean over {span:.2g} s",
+                joint=row.name,
+                span=times_s[1] - times_s[0],
+            )
             padded = np.pad(its.columns["torque"], (window // 2, window - 1 - window // 2), "edge")
             its.columns["torque"] = np.convolve(padded, np.full(window, 1 / window), "valid")
         drawn = self._curve(body, its, "torque", Message("torque"), colours.ROUNDING)
@@ -325,10 +379,17 @@ class _Told:
         if its is None or len(its.steps) < 2:
             return
         title = Message("friction between {body} and {other}", body=body.label, other=other.label)
-        yield Panel(title, "N", [
-            self._curve(body, its, "available", Message("available"), colours.FREE_FALL, wide=True),
-            self._curve(body, its, "used", Message("used"), colours.INTERACTION),
-        ], zero=True)  # fmt: skip
+        yield Panel(
+            title,
+            "N",
+            [
+                self._curve(
+                    body, its, "available", Message("available"), colours.FREE_FALL, wide=True
+                ),
+                self._curve(body, its, "used", Message("used"), colours.INTERACTION),
+            ],
+            zero=True,
+        )
 
     def energy(self, body: BodyAnalysis) -> Iterator[Panel]:
         """Yield what changed a body's energy."""
@@ -342,10 +403,18 @@ class _Told:
             return
         title = Message("energy of {body} since the start, by cause", body=body.label)
         whole = self._curve(body, its, "whole", Message("together"), "")
-        yield Panel(title, "J", [whole, *(
-            self._curve(body, its, name, NAMES.get(name, name), colours.CAUSES[name])
-            for name in causes
-        )], zero=True)  # fmt: skip
+        yield Panel(
+            title,
+            "J",
+            [
+                whole,
+                *(
+                    self._curve(body, its, name, NAMES.get(name, name), colours.CAUSES[name])
+                    for name in causes
+                ),
+            ],
+            zero=True,
+        )
 
     def _heights(self, body: BodyAnalysis) -> Iterator[Panel]:
         rows = self._analysis.table.filter(pl.col("body") == body.id)
@@ -353,23 +422,38 @@ class _Told:
         steps = rows["step"].to_numpy()
         fall_m = z_m - rows["error_z_m"].fill_null(np.nan).to_numpy()
         title = Message("height of {body}", body=body.label)
-        yield Panel(title, "m", [
-            Curve(Message("free fall"), times_s, fall_m, colours.FREE_FALL, "wide", steps),
-            Curve(Message("simulated"), times_s, z_m, colours.SIMULATED, steps=steps),
-        ])  # fmt: skip
+        yield Panel(
+            title,
+            "m",
+            [
+                Curve(Message("free fall"), times_s, fall_m, colours.FREE_FALL, "wide", steps),
+                Curve(Message("simulated"), times_s, z_m, colours.SIMULATED, steps=steps),
+            ],
+        )
 
     def _curve(
-        self, body: BodyAnalysis, its: Curves, column: str, name: str, colour: str,
-        *, dashed: bool = False, wide: bool = False,
-    ) -> Curve:  # fmt: skip
+        self,
+        body: BodyAnalysis,
+        its: Curves,
+        column: str,
+        name: str,
+        colour: str,
+        *,
+        dashed: bool = False,
+        wide: bool = False,
+    ) -> Curve:
         steps, values = its.steps, its.columns[column]
         gaps = np.flatnonzero(np.diff(steps) > 1.5 * np.diff(steps).min(initial=len(steps))) + 1
         times_s = self._curves.times_s(body.id, steps)
         look: Look = "dashed" if dashed else "wide" if wide else "line"
         return Curve(
-            name, np.insert(times_s, gaps, times_s[gaps]), np.insert(values, gaps, np.nan), colour,
-            look, np.insert(steps, gaps, steps[gaps]),
-        )  # fmt: skip
+            name,
+            np.insert(times_s, gaps, times_s[gaps]),
+            np.insert(values, gaps, np.nan),
+            colour,
+            look,
+            np.insert(steps, gaps, steps[gaps]),
+        )
 
     def _span_s(self, finding: Finding, body: BodyAnalysis) -> tuple[float, float] | None:
         steps = finding.steps
@@ -411,8 +495,11 @@ def _stops(its: Curves, body: Body, row: JointRow) -> list[str]:
         np.nanmin(at, initial=np.inf) < low + room,
         np.nanmax(at, initial=-np.inf) > high - room,
     ]
-    return [name for name, is_near in zip(("lowest", "highest"), near, strict=True)
-        if is_near and low < high]  # fmt: skip
+    return [
+        name
+        for name, is_near in zip(("lowest", "highest"), near, strict=True)
+        if is_near and low < high
+    ]
 
 
 def _flies(body: BodyAnalysis) -> bool:

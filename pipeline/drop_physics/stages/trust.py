@@ -128,9 +128,15 @@ def trust(
 
         check_outputs(target, *outputs, is_module=is_module, force=force)
     program = Program(
-        target, tuple(map(str, arguments)), python or sys.executable, is_module, steps, duration_s,
-        seed=seed, begins_s=SEEDED_CLOCK_S,
-    )  # fmt: skip
+        target,
+        tuple(map(str, arguments)),
+        python or sys.executable,
+        is_module,
+        steps,
+        duration_s,
+        seed=seed,
+        begins_s=SEEDED_CLOCK_S,
+    )
     place = Path("recordings") / f"{Path(target).stem}-trust" if out is None else Path(out)
     folder = TrustFolder(place.resolve(), identity_of(program), force)
     with folder.claimed((BASE, *variations)):
@@ -179,8 +185,11 @@ def _trust(
             del varied[name]
     nudge = next((name for name in varied if "nudge" in variations[name]), None)
     grown = nudge and growth(varied[nudge].apart, variations[nudge]["nudge"])
-    finer = {variations[name].get("finer", 1): each for name, each in varied.items()
-        if "finer" in variations[name]}  # fmt: skip
+    finer = {
+        variations[name].get("finer", 1): each
+        for name, each in varied.items()
+        if "finer" in variations[name]
+    }
     three = geometric([*finer])
     found = []
     if three is not None:

@@ -71,39 +71,53 @@ def _ending(varied: Mapping[str, Varied], base: Made) -> Iterator[Finding]:
     for name, each in varied.items():
         if each.made.ended == "failed" != base.ended:
             yield Finding(
-                code="variation-failed", level="broken",
-                message=Message("with {name} the script fails: {error}", name=name,
-                    error=each.made.error),
-            )  # fmt: skip
+                code="variation-failed",
+                level="broken",
+                message=Message(
+                    "with {name} the script fails: {error}", name=name, error=each.made.error
+                ),
+            )
         elif each.made.steps > base.steps:
             yield Finding(
-                code="goes-on", level="model",
-                message=Message("with {name} the script goes on after its {all} steps: compared "
-                    "are these", name=name, all=base.steps),
-            )  # fmt: skip
+                code="goes-on",
+                level="model",
+                message=Message(
+                    "with {name} the script goes on after its {all} steps: compared are these",
+                    name=name,
+                    all=base.steps,
+                ),
+            )
         elif each.made.steps < base.steps:
             yield Finding(
-                code="ends-earlier", level="model",
-                message=Message("with {name} the script ends after {steps} of {all} steps",
-                    name=name, steps=each.made.steps, all=base.steps),
-            )  # fmt: skip
+                code="ends-earlier",
+                level="model",
+                message=Message(
+                    "with {name} the script ends after {steps} of {all} steps",
+                    name=name,
+                    steps=each.made.steps,
+                    all=base.steps,
+                ),
+            )
 
 
 def _grows(grown: Growth) -> Finding:
     if grown.rate_per_s is not None:
         message = Message(
             "a displacement of {start} grows e-fold in {time:.3g} s",
-            start=readable(grown.start, "m"), time=1 / grown.rate_per_s,
-        )  # fmt: skip
+            start=readable(grown.start, "m"),
+            time=1 / grown.rate_per_s,
+        )
     else:
         message = Message(
-            "a displacement of {start} grows to {most}", start=readable(grown.start, "m"),
+            "a displacement of {start} grows to {most}",
+            start=readable(grown.start, "m"),
             most=readable(grown.most, grown.unit),
-        )  # fmt: skip
+        )
     if grown.lost_s is None:
         return Finding(code="grows", level="note", message=message)
-    lost = Message("{grows}: beyond {time:.3g} s the outcome is one of many",
-        grows=message, time=grown.lost_s)  # fmt: skip
+    lost = Message(
+        "{grows}: beyond {time:.3g} s the outcome is one of many", grows=message, time=grown.lost_s
+    )
     return Finding(code="one-of-many", level="repeat", message=lost)
 
 
@@ -122,21 +136,32 @@ def _converges(found: list[Converging]) -> Iterator[Finding]:
                 else Message("{part} does not converge with the timestep", part=part)
             )
             yield Finding(
-                code="no-order" if shrinks else "does-not-converge", level="model",
+                code="no-order" if shrinks else "does-not-converge",
+                level="model",
                 message=Message(
                     "{said}: it ends at {coarse:.9g}, {middle:.9g} and {fine:.9g} {unit}",
-                    said=said, coarse=coarse, middle=middle, fine=fine, unit=each.unit,
+                    said=said,
+                    coarse=coarse,
+                    middle=middle,
+                    fine=fine,
+                    unit=each.unit,
                 ),
-                body=each.body, joint=each.joint,
-            )  # fmt: skip
+                body=each.body,
+                joint=each.joint,
+            )
         else:
             yield Finding(
-                code="converges", level="note",
+                code="converges",
+                level="note",
                 message=Message(
                     "{part} converges with the timestep at order {order:.2f} to {value} ± {off} "
                     "{unit}",
-                    part=part, order=each.order, unit=each.unit,
-                    value=f"{each.extrapolated:.7g}", off=f"{each.uncertainty:.1g}",
+                    part=part,
+                    order=each.order,
+                    unit=each.unit,
+                    value=f"{each.extrapolated:.7g}",
+                    off=f"{each.uncertainty:.1g}",
                 ),
-                body=each.body, joint=each.joint,
-            )  # fmt: skip
+                body=each.body,
+                joint=each.joint,
+            )

@@ -72,21 +72,27 @@ def table_of(trust: Trust) -> pl.DataFrame:
     """Return a row per variation and position."""
     rows = [
         {
-            "variation": each.name, "term": each.term if track is each.apart.first else None,
+            "variation": each.name,
+            "term": each.term if track is each.apart.first else None,
             "from_s": None if track.from_step is None else track.from_s,
-            **{name: getattr(track, name) for name in COLUMNS
-                if name not in ("variation", "term", "from_s")},
+            **{
+                name: getattr(track, name)
+                for name in COLUMNS
+                if name not in ("variation", "term", "from_s")
+            },
         }
         for each in trust.variations
         for track in each.apart.tracks
-    ]  # fmt: skip
+    ]
     return pl.DataFrame(rows, schema=COLUMNS)
 
 
 def _panels(trust: Trust) -> Iterator[Panel]:
     """Yield the largest distances over time: of positions, and of angles."""
-    titles = {"m": Message("largest distance of a position"),
-        "rad": Message("largest distance of an angle")}  # fmt: skip
+    titles = {
+        "m": Message("largest distance of a position"),
+        "rad": Message("largest distance of an angle"),
+    }
     for unit, title in titles.items():
         curves = []
         for number, each in enumerate(trust.variations):

@@ -127,9 +127,10 @@ def run_all(
     steps = [each.get("finer", 1) for each in work.variations.values()]
     longest = sorted(numbers, key=lambda number: -steps[number])
     runs = (
-        engines.in_threads(work, longest, jobs=jobs, stop=work.folder.stop) if ray is None
+        engines.in_threads(work, longest, jobs=jobs, stop=work.folder.stop)
+        if ray is None
         else engines.on_ray(replace(work, base=None), longest, address=ray)
-    )  # fmt: skip
+    )
     done: dict[int, Varied] = {}
     progress(0, 0, len(numbers))
     with strict(), contextlib.closing(runs) as finished:
@@ -174,8 +175,13 @@ class TrustFolder:
         """
         make_folder(self.path, "--out")
         with opened(self.path / ".lock") as handle:
-            lock(handle, Message("another command is writing to {folder}; wait, or choose another "
-                "--out", folder=self.path))  # fmt: skip
+            lock(
+                handle,
+                Message(
+                    "another command is writing to {folder}; wait, or choose another --out",
+                    folder=self.path,
+                ),
+            )
             known = self._known()
             ours = known is not None and {**known, "finished": False} == self._described(False)
             resumes = ours and known is not None and not known["finished"]
@@ -250,9 +256,12 @@ class TrustFolder:
             )
             try:
                 ended = written(
-                    process, recorder, self.recording(name), recording_id=self._id(name),
+                    process,
+                    recorder,
+                    self.recording(name),
+                    recording_id=self._id(name),
                     force=True,
-                )  # fmt: skip
+                )
             finally:
                 self.under_way.discard(process)
         if ended.how == "interrupted":

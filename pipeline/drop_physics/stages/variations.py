@@ -19,9 +19,18 @@ FACTORS = ("gravity", "friction", "mass")
 PARAMETERS = {*ARGUMENTS["setPhysicsEngineParameter"]} - {CLIENT, "fixedTimeStep", "numSubSteps"}
 MOST_FINER = 1000
 
-UNITS = {"m": (1.0, "m"), "cm": (1e-2, "m"), "mm": (1e-3, "m"), "µm": (1e-6, "m"),
-    "um": (1e-6, "m"), "nm": (1e-9, "m"), "rad": (1.0, "rad"), "mrad": (1e-3, "rad"),
-    "deg": (0.017453292519943295, "rad"), "°": (0.017453292519943295, "rad")}  # fmt: skip
+UNITS = {
+    "m": (1.0, "m"),
+    "cm": (1e-2, "m"),
+    "mm": (1e-3, "m"),
+    "µm": (1e-6, "m"),
+    "um": (1e-6, "m"),
+    "nm": (1e-9, "m"),
+    "rad": (1.0, "rad"),
+    "mrad": (1e-3, "rad"),
+    "deg": (0.017453292519943295, "rad"),
+    "°": (0.017453292519943295, "rad"),
+}
 LENGTH = re.compile(r"([^\s]*?[\d.])\s*([^\d\s.]+)?")
 
 Variations = dict[str, dict[str, Any]]

@@ -188,9 +188,13 @@ class Notes(dict[Key, Noted]):
     """By what they are about."""
 
     def add(
-        self, key: Key, steps: NDArray[np.int64], sizes: NDArray[np.float64],
-        numbers: Mapping[str, NDArray[Any]] | None = None, **about: object,
-    ) -> None:  # fmt: skip
+        self,
+        key: Key,
+        steps: NDArray[np.int64],
+        sizes: NDArray[np.float64],
+        numbers: Mapping[str, NDArray[Any]] | None = None,
+        **about: object,
+    ) -> None:
         """Add some steps, in order and not none; of the largest, keep what is told about it."""
         noted = self.setdefault(key, Noted(int(steps[0])))
         noted.go_on(steps)

@@ -82,8 +82,11 @@ def strained_by(seen: Seen, bodies: Collection[Body]) -> float:
     0 where it does not use up its iterations, and of bodies with joints, whose masses act as one.
     """
     numbers = {each.number for each in bodies}
-    told = {each.body.number: float(each.reported["mass_kg"][0])
-        for each in seen.dynamics if each.body.number in numbers}  # fmt: skip
+    told = {
+        each.body.number: float(each.reported["mass_kg"][0])
+        for each in seen.dynamics
+        if each.body.number in numbers
+    }
     masses_kg = [each for each in told.values() if each > 0]
     plain = masses_kg and all(len(each.links) == 1 for each in bodies)
     clients = {each.client for each in seen.solvers if each.steps}

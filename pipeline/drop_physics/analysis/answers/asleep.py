@@ -36,8 +36,12 @@ class Asleep(Answer):
                     row = int(rows[force.argmax()])
                     axis = left[row].argmax()
                     term = max(steps.terms, key=lambda name: abs(steps.terms[name][row, axis]))
-                    self._asleep.add(judged.body.number, steps.steps[rows], force,
-                        term=term if unbalanced[row] else "motors")  # fmt: skip
+                    self._asleep.add(
+                        judged.body.number,
+                        steps.steps[rows],
+                        force,
+                        term=term if unbalanced[row] else "motors",
+                    )
 
     def _off_target(self, steps: Steps) -> NDArray[np.bool_]:
         """Return in which steps motors have something to do, and force to do it."""
@@ -58,14 +62,24 @@ class Asleep(Answer):
             message = Message(
                 "{body} sleeps from step {first:,} on: it does not move in {steps} in which "
                 "the sum of what acts on it is not zero, most of all {term}",
-                body=body, first=each.first, steps=so_many(each.count), term=each.at["term"],
-            )  # fmt: skip
+                body=body,
+                first=each.first,
+                steps=so_many(each.count),
+                term=each.at["term"],
+            )
             yield Finding(
-                code="asleep", level="asked", message=message, body=body, share=1.0,
-                advice=Message("wake it and keep it awake: p.changeDynamics(body, -1, "
-                    "activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING)"),
-                effect=Effect(each.most, "N or N m"), steps=each.span,
-            )  # fmt: skip
+                code="asleep",
+                level="asked",
+                message=message,
+                body=body,
+                share=1.0,
+                advice=Message(
+                    "wake it and keep it awake: p.changeDynamics(body, -1, "
+                    "activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING)"
+                ),
+                effect=Effect(each.most, "N or N m"),
+                steps=each.span,
+            )
 
 
 def _still(steps: Steps) -> NDArray[np.bool_]:

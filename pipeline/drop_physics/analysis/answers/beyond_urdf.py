@@ -27,11 +27,15 @@ class BeyondUrdf(JointAnswer):
         told &= (driven.steps.steps > 1)[:, None]
         fast = told & (driven.torque * driven.rate > 0)
         for name, values, which in (
-            ("velocity", driven.rate, fast), ("effort", driven.torque, told)
-        ):  # fmt: skip
+            ("velocity", driven.rate, fast),
+            ("effort", driven.torque, told),
+        ):
             joints = driven.body.joints
-            limits = [getattr(each, name) * (each.widths[1] == 1)
-                for each in joints for _ in range(each.widths[1])]  # fmt: skip
+            limits = [
+                getattr(each, name) * (each.widths[1] == 1)
+                for each in joints
+                for _ in range(each.widths[1])
+            ]
             limit = np.broadcast_to(np.array(limits), values.shape)
             size = np.abs(values)
             beyond = which & (limit > 0) & (size > (1 + BEYOND) * limit)
@@ -46,12 +50,17 @@ class BeyondUrdf(JointAnswer):
         message = Message(
             "{joint} reaches {most} where its file allows {limit}, in {steps}: PyBullet's "
             "motors do not heed that limit (joints beyond theirs: {count})",
-            joint=worst.at["joint"], most=effort(most, unit), limit=f"{limit:g} {unit}",
-            steps=so_many(worst.count), count=worst.at["joints"],
-        )  # fmt: skip
+            joint=worst.at["joint"],
+            most=effort(most, unit),
+            limit=f"{limit:g} {unit}",
+            steps=so_many(worst.count),
+            count=worst.at["joints"],
+        )
         name = "maxVelocity" if fast else "force"
         advice = Message("p.setJointMotorControl2(…, {name}={limit:g})", name=name, limit=limit)
         return {
-            "message": message, "advice": advice, "effect": Effect(most - limit, unit),
+            "message": message,
+            "advice": advice,
+            "effect": Effect(most - limit, unit),
             "share": worst.most,
-        }  # fmt: skip
+        }

@@ -59,16 +59,26 @@ class CollidesAsHull(Answer):
                     self._look(number, link, surfaces, points, rows, side)
 
     def _look(
-        self, number: int, link: int, surfaces: list[Surface], points: Points,
-        rows: NDArray[np.intp], side: int,
-    ) -> None:  # fmt: skip
+        self,
+        number: int,
+        link: int,
+        surfaces: list[Surface],
+        points: Points,
+        rows: NDArray[np.intp],
+        side: int,
+    ) -> None:
         """Compare points of contact with the surfaces of a link."""
         local_m = self._local_m(number, link, points.at_m[rows, side], points.step[rows])
         cells, which = np.unique((local_m / SAME_M).round(), axis=0, return_inverse=True)
         known = np.isfinite(cells).all(axis=1)
         gaps_m = np.full(len(cells), -1.0)
-        gaps_m[known] = np.min([distances_m(cells[known] * SAME_M, each.corners_m, each.triangles)
-            for each in surfaces], axis=0)  # fmt: skip
+        gaps_m[known] = np.min(
+            [
+                distances_m(cells[known] * SAME_M, each.corners_m, each.triangles)
+                for each in surfaces
+            ],
+            axis=0,
+        )
         # What rests in the overlap, or moves within the step, may be elsewhere by so much.
         moved = np.linalg.norm(points.began_m_s[rows, side], axis=1) * points.timestep_s[rows]
         slack = OFF_M + SAME_M + np.maximum(-points.distance_m[rows], 0.0) + moved
@@ -107,11 +117,13 @@ class CollidesAsHull(Answer):
                 message=Message(
                     "{other} touches {body} {off:.3g} mm off the surface of its mesh: PyBullet "
                     "collides the convex hull of a mesh, which closes its hollows",
-                    other=self.scene.body(other).label, body=body.label, off=found.most * 1e3,
+                    other=self.scene.body(other).label,
+                    body=body.label,
+                    off=found.most * 1e3,
                 ),
                 advice=Message(
                     "if it never moves, p.createCollisionShape(…, "
-                    "flags=p.GEOM_FORCE_CONCAVE_TRIMESH), in a URDF <collision concave=\"yes\">; "
+                    'flags=p.GEOM_FORCE_CONCAVE_TRIMESH), in a URDF <collision concave="yes">; '
                     "else split it into convex parts, as p.vhacd(…) does"
                 ),
                 body=body.label,
@@ -120,7 +132,7 @@ class CollidesAsHull(Answer):
                 share=found.most / size_m(body),
                 steps=found.span,
                 site=self.scene.asked.loaded(body),
-            )  # fmt: skip
+            )
 
 
 def distances_m(points_m: Float64, corners_m: Float64, triangles: Int64) -> Float64:

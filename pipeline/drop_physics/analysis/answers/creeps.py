@@ -45,9 +45,16 @@ class Creeps(Slides):
             "{available:.3g} N and staying takes {needed:.3g} N, but the solver ends before the "
             "contact is at rest",
             **labels,
-            moved=of["went"] * 1e3, time=seconds, available=of["available"] / seconds,
+            moved=of["went"] * 1e3,
+            time=seconds,
+            available=of["available"] / seconds,
             needed=of["needed"] / seconds,
-        )  # fmt: skip
-        return message, Message(
-            "call p.setPhysicsEngineParameter(solverResidualThreshold=0, numSolverIterations=500)"
-        ), of["went"]  # fmt: skip
+        )
+        return (
+            message,
+            Message(
+                "call p.setPhysicsEngineParameter(solverResidualThreshold=0, "
+                "numSolverIterations=500)"
+            ),
+            of["went"],
+        )

@@ -60,11 +60,17 @@ class Overlap:
         deeper = more if more.depth_m > self.depth_m else self
         before_m = self.all_m if deeper is more else 0.0
         return replace(
-            deeper, first=self.first, last=more.last, placed=self.placed, began_m=self.began_m,
-            carried=self.carried + more.carried, presses=self.presses or more.presses,
-            came_m=before_m + deeper.came_m, all_m=self.all_m + more.all_m,
+            deeper,
+            first=self.first,
+            last=more.last,
+            placed=self.placed,
+            began_m=self.began_m,
+            carried=self.carried + more.carried,
+            presses=self.presses or more.presses,
+            came_m=before_m + deeper.came_m,
+            all_m=self.all_m + more.all_m,
             fastest_m=max(self.fastest_m, deeper.fastest_m),
-        )  # fmt: skip
+        )
 
 
 class DeepPenetration(Answer):
@@ -95,14 +101,19 @@ class DeepPenetration(Answer):
         its = np.flatnonzero(pairs.row == rows[until])
         first, second = points.link[its[int(np.argmin(points.distance_m[its]))]].tolist()
         return Overlap(
-            first=int(steps[0]), last=int(steps[-1]), placed=placed,
+            first=int(steps[0]),
+            last=int(steps[-1]),
+            placed=placed,
             carried=int((moved & still).any(axis=1).sum()),
             presses=max(_presses(self.scene, each, steps) for each in bodies[0].tolist()),
-            began_m=float(pairs.depth_m[rows[0]]), depth_m=float(pairs.depth_m[rows[until]]),
-            deepest=int(steps[until]), links=(first, second),
-            came_m=float(came_m[: until + 1].sum()), fastest_m=float(came_m[: until + 1].max()),
+            began_m=float(pairs.depth_m[rows[0]]),
+            depth_m=float(pairs.depth_m[rows[until]]),
+            deepest=int(steps[until]),
+            links=(first, second),
+            came_m=float(came_m[: until + 1].sum()),
+            fastest_m=float(came_m[: until + 1].max()),
             all_m=float(came_m.sum()),
-        )  # fmt: skip
+        )
 
     def findings(self) -> Iterator[Finding]:
         """Yield the deepest overlap of each pair that had not been placed so."""
@@ -128,10 +139,12 @@ class DeepPenetration(Answer):
         message = Message(
             "{body} is {depth:.3g} mm inside {other} at {time:.4g} s, {share:.0%} of the thinner "
             "one",
-            body=self.scene.body(body).label, other=self.scene.body(other).label,
-            depth=overlap.depth_m * 1e3, share=share,
+            body=self.scene.body(body).label,
+            other=self.scene.body(other).label,
+            depth=overlap.depth_m * 1e3,
+            share=share,
             time=self.scene.times[self.scene.body(body).client].of(overlap.deepest - 1),
-        )  # fmt: skip
+        )
         return Finding(
             code="deep-penetration",
             # What a constraint holds inside, a call asked for.
@@ -158,10 +171,12 @@ class DeepPenetration(Answer):
             )
         if grows and overlap.presses == CONSTRAINT:
             return (
-                Message("a constraint presses them together, and the solver ends before it can "
-                    "tell which of both has to give"),
+                Message(
+                    "a constraint presses them together, and the solver ends before it can "
+                    "tell which of both has to give"
+                ),
                 Message("give it less force: p.changeConstraint(…, maxForce=…)"),
-            )  # fmt: skip
+            )
         if stiffness_n_m and took >= GROWS:
             return (
                 Message("contact there is as soft as {stiffness:.3g} N/m", stiffness=stiffness_n_m),
@@ -174,23 +189,33 @@ class DeepPenetration(Answer):
             )
         if grows and overlap.presses == MOTOR:
             return (
-                Message("motors press them together, and the solver ends before it can tell which "
-                    "of both has to give"),
-                Message("give the motors less force, or raise "
-                    "p.setPhysicsEngineParameter(numSolverIterations=500)"),
-            )  # fmt: skip
+                Message(
+                    "motors press them together, and the solver ends before it can tell which "
+                    "of both has to give"
+                ),
+                Message(
+                    "give the motors less force, or raise "
+                    "p.setPhysicsEngineParameter(numSolverIterations=500)"
+                ),
+            )
         if RATIO <= ratio <= MOST_RATIO and took >= GROWS:
             return (
-                Message("one is {ratio:.3g} times as heavy as the other, and the solver uses up "
-                    "its iterations", ratio=ratio),
+                Message(
+                    "one is {ratio:.3g} times as heavy as the other, and the solver uses up "
+                    "its iterations",
+                    ratio=ratio,
+                ),
                 Message("raise p.setPhysicsEngineParameter(numSolverIterations=500)"),
-            )  # fmt: skip
+            )
         return None, None
 
     def _stiffness_n_m(self, *bodies: int) -> float:
         """Return the stiffness that their contacts were given; 0 without any."""
-        told = [each.reported["contact_stiffness"] for each in self.scene.seen.dynamics
-            if each.body.number in bodies]  # fmt: skip
+        told = [
+            each.reported["contact_stiffness"]
+            for each in self.scene.seen.dynamics
+            if each.body.number in bodies
+        ]
         return max([0.0, *(float(np.nan_to_num(each).max()) for each in told)])
 
     def _thinner_m(self, bodies: tuple[int, int], links: tuple[int, int]) -> float:

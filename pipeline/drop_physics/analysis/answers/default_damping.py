@@ -65,11 +65,17 @@ class DefaultDamping(Answer):
             message = Message(
                 "{body} loses {taken:.3g} J in the air, of at most {largest:.3g} J of motion: "
                 "PyBullet damps every body, by 0.04 unless a call sets it",
-                body=label, taken=each.taken_j, largest=each.largest_j,
-            )  # fmt: skip
+                body=label,
+                taken=each.taken_j,
+                largest=each.largest_j,
+            )
             yield Finding(
-                code="default-damping", level="model", message=message, body=label,
+                code="default-damping",
+                level="model",
+                message=message,
+                body=label,
                 advice=Message("p.changeDynamics(body, -1, linearDamping=0, angularDamping=0)"),
-                effect=Effect(each.taken_j, "J"), share=min(each.taken_j / each.largest_j, 1),
+                effect=Effect(each.taken_j, "J"),
+                share=min(each.taken_j / each.largest_j, 1),
                 steps=each.noted.span,
-            )  # fmt: skip
+            )

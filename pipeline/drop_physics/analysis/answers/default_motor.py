@@ -137,10 +137,13 @@ class DefaultMotor(Answer):
 
     def _finding(self, number: int, held: _Held, *, torque: bool) -> Finding:
         values: dict[str, object] = {
-            "joint": held.name, "most": effort(held.most, held.unit), "site": held.motor,
-            "limit": effort(held.limit, held.unit), "share": min(held.taken / held.acting, 1.0),
+            "joint": held.name,
+            "most": effort(held.most, held.unit),
+            "site": held.motor,
+            "limit": effort(held.limit, held.unit),
+            "share": min(held.taken / held.acting, 1.0),
             "weight": effort(held.weight / max(held.time_s, 1e-300), held.unit),
-        }  # fmt: skip
+        }
         if torque and held.own:
             template = Message(
                 "{joint} does not follow the torques that it is given: the velocity motor that "

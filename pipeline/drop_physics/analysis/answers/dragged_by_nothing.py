@@ -64,8 +64,10 @@ class DraggedByNothing(Answer):
         going = pairs.summed(weights * pairs.points.ended_m_s[:, 1 - side])[rows]
         going = going / pairs.normal_n[rows, None] * pairs.timestep_s[rows, None]
         line = pairs.line[rows]
-        ways = [(each - np.einsum("mi,mi->m", each, line)[:, None] * line).sum(axis=0)
-            for each in (bases[held, :3] - bases[held - 1, :3], going)]  # fmt: skip
+        ways = [
+            (each - np.einsum("mi,mi->m", each, line)[:, None] * line).sum(axis=0)
+            for each in (bases[held, :3] - bases[held - 1, :3], going)
+        ]
         key = support, body
         self._ways[key] = self._ways.get(key, np.zeros((2, 3))) + np.array(ways)
         self._notes.add(key, pairs.step[rows], pairs.normal_n[rows])
@@ -84,7 +86,9 @@ class DraggedByNothing(Answer):
                 message=Message(
                     "{body} stays behind while calls move {other} by {ahead:.3g} m under it: a "
                     "body that is set where it is has no velocity, and drags nothing",
-                    body=self.scene.body(body).label, other=on.label, ahead=float(ahead),
+                    body=self.scene.body(body).label,
+                    other=on.label,
+                    ahead=float(ahead),
                 ),
                 advice=Message(
                     "set the velocity, too: p.resetBaseVelocity({other}, …), each step",
@@ -96,4 +100,4 @@ class DraggedByNothing(Answer):
                 share=float(behind) / size,
                 steps=span,
                 site=self.scene.placing.site(on, span.last),
-            )  # fmt: skip
+            )

@@ -47,10 +47,13 @@ class Episode:
     def then(self, more: Episode) -> Episode:
         """Return both as one; what is not sure of a part is not of the whole."""
         return replace(
-            self, last=more.last, brought_j=self.brought_j + 0.0 * more.brought_j,
-            given_j=self.given_j + more.given_j, parting_m_s=more.parting_m_s,
+            self,
+            last=more.last,
+            brought_j=self.brought_j + 0.0 * more.brought_j,
+            given_j=self.given_j + more.given_j,
+            parting_m_s=more.parting_m_s,
             restitution=max(self.restitution, more.restitution),
-        )  # fmt: skip
+        )
 
     @property
     def gains(self) -> bool:
@@ -65,8 +68,11 @@ class EnergyGained(Answer):
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
         self._runs: Runs[Episode] = Runs(lambda _, each: each.given_j if each.gains else 0.0)
-        self._without_push = {each.client for each in scene.seen.settings
-            if float(np.ravel(each.values.get("set_contactERP", 1.0))[0]) == 0}  # fmt: skip
+        self._without_push = {
+            each.client
+            for each in scene.seen.settings
+            if float(np.ravel(each.values.get("set_contactERP", 1.0))[0]) == 0
+        }
 
     def see(self) -> None:
         """Take a piece."""
@@ -80,10 +86,14 @@ class EnergyGained(Answer):
         sure = pairs.explained[rows].all() and not moved
         brought = sum(_kinetic_j(self.scene, each, step) for each in pairs.body[rows[0]].tolist())
         return Episode(
-            step, int(pairs.step[rows[-1]]), brought if sure else np.nan,
-            float(pairs.energy_j[rows].sum()), float(pairs.approach_m_s[rows[0]]),
-            float(pairs.parting_m_s[rows[-1]]), float(pairs.restitution[rows].max()),
-        )  # fmt: skip
+            step,
+            int(pairs.step[rows[-1]]),
+            brought if sure else np.nan,
+            float(pairs.energy_j[rows].sum()),
+            float(pairs.approach_m_s[rows[0]]),
+            float(pairs.parting_m_s[rows[-1]]),
+            float(pairs.restitution[rows].max()),
+        )
 
     def findings(self) -> Iterator[Finding]:
         """Yield each pair that gained energy."""
@@ -98,19 +108,27 @@ class EnergyGained(Answer):
                 "contact of {body} with {other} adds {gained:.3g} J to {brought:.3g} J of motion: "
                 "they come together at {approach:.4g} m/s and part at {parting:.4g} m/s; their "
                 "restitution is {restitution:.3g}, and {why}",
-                body=self.scene.body(number).label, other=self.scene.body(other).label,
-                gained=episode.given_j, brought=episode.brought_j,
-                approach=episode.approach_m_s, parting=episode.parting_m_s,
-                restitution=episode.restitution, why=PUSHED if pushed else STEPPED,
-            )  # fmt: skip
+                body=self.scene.body(number).label,
+                other=self.scene.body(other).label,
+                gained=episode.given_j,
+                brought=episode.brought_j,
+                approach=episode.approach_m_s,
+                parting=episode.parting_m_s,
+                restitution=episode.restitution,
+                why=PUSHED if pushed else STEPPED,
+            )
             yield Finding(
-                code="energy-gained", level="broken", message=message,
+                code="energy-gained",
+                level="broken",
+                message=message,
                 advice=LESS_PUSH if pushed else SHORTER,
-                body=self.scene.body(number).label, other=self.scene.body(other).label,
-                effect=Effect(episode.given_j, "J"), share=episode.given_j / episode.brought_j,
+                body=self.scene.body(number).label,
+                other=self.scene.body(other).label,
+                effect=Effect(episode.given_j, "J"),
+                share=episode.given_j / episode.brought_j,
                 steps=Span(episode.first, episode.last, episode.last - episode.first + 1),
                 site=self.scene.asked.of["restitution"].site(number, other),
-            )  # fmt: skip
+            )
 
 
 def _kinetic_j(scene: Scene, number: int, step: int) -> float:

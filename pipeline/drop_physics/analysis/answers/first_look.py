@@ -47,5 +47,8 @@ def moving_links(tree: Tree) -> list[int]:
 def told_links(body: Body, tree: Tree) -> dict[int, FileLink]:
     """Return what the file says of the links that can move, as far as it tells."""
     told = {each.name: each for each in body.asked.links}
-    return {link: told[body.links[link + 1]] for link in moving_links(tree)
-        if body.links[link + 1] in told}  # fmt: skip
+    return {
+        link: told[body.links[link + 1]]
+        for link in moving_links(tree)
+        if body.links[link + 1] in told
+    }

@@ -66,8 +66,9 @@ class ForceOffCentre(Answer):
         known = np.flatnonzero(steps.steps[rows] == ends) if len(steps) else np.empty(0, int)
         if tree.fixed or not (tree.inertias_kg_m2 > 0).all() or not len(known):
             return  # it may not be free to turn
-        points, forces = (np.array([given(calls[k], name) for k in known])
-            for name in ("posObj", "forceObj"))  # fmt: skip
+        points, forces = (
+            np.array([given(calls[k], name) for k in known]) for name in ("posObj", "forceObj")
+        )
         centre = kinematics(tree, steps.before.at(rows[known])).position_m(link)
         strength = np.maximum(np.linalg.norm(forces, axis=1), 1e-300)[:, None]
         same = np.abs(points - centre).max(axis=1) <= SAME_M
@@ -91,8 +92,9 @@ class ForceOffCentre(Answer):
             first = calls[known[np.flatnonzero(each == off[0])[0]]]
             ends, told = ends[off], {"point": points[farthest], "arm": arms[farthest]}
             order = -ends.astype(float)  # of all the first is told
-            self._off.add(body.number, ends, order, told, size=size_m, site=site_of(first),
-                world=world)  # fmt: skip
+            self._off.add(
+                body.number, ends, order, told, size=size_m, site=site_of(first), world=world
+            )
 
     def findings(self) -> Iterator[Finding]:
         """Yield the first such force of each body."""
@@ -101,12 +103,19 @@ class ForceOffCentre(Answer):
             message = Message(
                 "{body} is pushed beside itself: the point ({point}) is in {frame}, {arm:.3g} m "
                 "off its centre, so the force spins it",
-                body=body, point=", ".join(f"{x:g}" for x in each.at["point"]), arm=arm,
+                body=body,
+                point=", ".join(f"{x:g}" for x in each.at["point"]),
+                arm=arm,
                 frame=FRAMES[each.at["world"]],
-            )  # fmt: skip
+            )
             yield Finding(
-                code="force-off-centre", level="asked", message=message, body=body,
+                code="force-off-centre",
+                level="asked",
+                message=message,
+                body=body,
                 advice=ADVICE[each.at["world"]],
-                effect=Effect(arm, "m"), share=arm / each.at["size"], steps=each.span,
+                effect=Effect(arm, "m"),
+                share=arm / each.at["size"],
+                steps=each.span,
                 site=each.at["site"],
-            )  # fmt: skip
+            )

@@ -54,7 +54,8 @@ class FrictionPyramid(Answer):
                 message=Message(
                     "friction on {other} brakes {body} with up to {most:.3g} times μN: with "
                     "enableConeFriction=0 each of two axes has a limit of its own",
-                    other=self.scene.body(first).label, body=self.scene.body(second).label,
+                    other=self.scene.body(first).label,
+                    body=self.scene.body(second).label,
                     most=found.most,
                 ),
                 advice=Message("call p.setPhysicsEngineParameter(enableConeFriction=1)"),
@@ -63,4 +64,4 @@ class FrictionPyramid(Answer):
                 effect=Effect(found.most, "1"),
                 share=found.most,
                 steps=found.span,
-            )  # fmt: skip
+            )

@@ -52,8 +52,10 @@ def at_limit(limit: str, count: int, steps: int) -> Message:
     """Return that a motor is at its limit in some of its steps."""
     return Message(
         "its motor is at its limit of {limit} in {count} of {steps} steps",
-        limit=limit, count=count, steps=steps,
-    )  # fmt: skip
+        limit=limit,
+        count=count,
+        steps=steps,
+    )
 
 
 def _weak(driven: Driven, stood: Stood) -> Message:
@@ -77,8 +79,10 @@ def _too_weak(driven: Driven, held: Holding, stood: Stood) -> Cause:
     if not math.isnan(there):
         why = Message(
             "{weak}; the target takes {there}, here it takes {here}",
-            weak=weak, there=effort(there, unit), here=effort(here, unit).removesuffix(f" {unit}"),
-        )  # fmt: skip
+            weak=weak,
+            there=effort(there, unit),
+            here=effort(here, unit).removesuffix(f" {unit}"),
+        )
     return Cause(why, give_at_least(need, unit, float(driven.asked.force[row, k])))
 
 
@@ -111,8 +115,9 @@ def _held(
         if most == driven.body.number:
             return Cause(Message("its own links meet"))
         limit = effort(float(driven.limit[row, k]), unit)
-        why = Message("its motor is at its limit of {limit} against {other}",
-            limit=limit, other=body.label)  # fmt: skip
+        why = Message(
+            "its motor is at its limit of {limit} against {other}", limit=limit, other=body.label
+        )
         if body.joints or not body.base_moves:
             return Cause(why, other=body.label)
         load = held.from_one_side(most, k)

@@ -94,8 +94,11 @@ class IkOff(Answer):
         if row < 0 or steps.steps[row] <= sent.call.at.step or sent.link >= tree.links:
             return
         places = driven.body.rates
-        rates = [places[link].start for link in tree.branch(sent.link)
-            if places[link].stop > places[link].start]  # fmt: skip
+        rates = [
+            places[link].start
+            for link in tree.branch(sent.link)
+            if places[link].stop > places[link].start
+        ]
         target = target_of(driven)[row]
         told = driven.asked.began[row, rates]
         rests = sent.times >= AGAIN or driven.resting[row, rates].all()
@@ -120,9 +123,11 @@ class IkOff(Answer):
         if known is not None and known.sent.point_m == sent.point_m:
             del self._off[driven.body.number]  # it was asked for again
             known = None
-        if off_m > OFF_M and by_joints_m < JOINTS * off_m and (
-            known is None or off_m > known.off_m
-        ):  # fmt: skip
+        if (
+            off_m > OFF_M
+            and by_joints_m < JOINTS * off_m
+            and (known is None or off_m > known.off_m)
+        ):
             name = driven.body.joints[sent.link].name
             self._off[driven.body.number] = _Off(sent, name, off_m, int(steps.steps[row]))
 
@@ -132,9 +137,11 @@ class IkOff(Answer):
             body, sent = self.scene.body(number_), worst.sent
             point = ", ".join(f"{x:.4g}" for x in sent.point_m)
             values: dict[str, object] = {
-                "joint": worst.joint, "off": distance(worst.off_m, "m"), "point": point,
+                "joint": worst.joint,
+                "off": distance(worst.off_m, "m"),
+                "point": point,
                 "times": sent.times,
-            }  # fmt: skip
+            }
             if sent.times < AGAIN:
                 message = Message(
                     "{joint}: the hand rests {off} from the point ({point}) with its joints on "
@@ -153,9 +160,14 @@ class IkOff(Answer):
                 advice = Message("ask for a point within reach")
             size_m = np.ptp(np.reshape(body.bounds_m, (-1, 3)), axis=0).max(initial=0.0)
             yield Finding(
-                code="ik-off", level="asked", message=Message(message, **values), advice=advice,
-                body=body.label, joint=worst.joint, effect=Effect(worst.off_m, "m"),
+                code="ik-off",
+                level="asked",
+                message=Message(message, **values),
+                advice=advice,
+                body=body.label,
+                joint=worst.joint,
+                effect=Effect(worst.off_m, "m"),
                 share=worst.off_m / max(float(size_m), worst.off_m),
                 steps=Span(sent.call.at.step + 1, worst.step, worst.step - sent.call.at.step),
                 site=site_of(sent.call),
-            )  # fmt: skip
+            )

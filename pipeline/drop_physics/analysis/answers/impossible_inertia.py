@@ -29,11 +29,21 @@ class ImpossibleInertia(FirstLook):
             message = Message(
                 "{link} of {body} has moments of inertia of {low:.3g}, {middle:.3g} and {high:.3g} "
                 "kg m² with {mass:.3g} kg",
-                link=body.links[link + 1], body=body.label, low=low, middle=middle, high=high,
+                link=body.links[link + 1],
+                body=body.label,
+                low=low,
+                middle=middle,
+                high=high,
                 mass=tree.masses_kg[link + 1],
-            )  # fmt: skip
-            self.found.append(Finding(
-                code="impossible-inertia", level="model", message=message, advice=IMPOSSIBLE,
-                body=body.label, site=self.scene.asked.loaded(body),
-            ))  # fmt: skip
+            )
+            self.found.append(
+                Finding(
+                    code="impossible-inertia",
+                    level="model",
+                    message=message,
+                    advice=IMPOSSIBLE,
+                    body=body.label,
+                    site=self.scene.asked.loaded(body),
+                )
+            )
             return

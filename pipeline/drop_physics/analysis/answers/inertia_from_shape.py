@@ -66,8 +66,11 @@ class InertiaFromShape(FirstLook):
         tree = steps.law.tree
         if not tree.size or "planar" in steps.epoch.reasons:
             return
-        links = {link: each for link, each in told_links(body, tree).items()
-            if (body.number, link) not in self._inertias}  # fmt: skip
+        links = {
+            link: each
+            for link, each in told_links(body, tree).items()
+            if (body.number, link) not in self._inertias
+        }
         masses = {link: call for link in links if (call := self._masses.get((body.number, link)))}
         links |= {link: _of_mass(links[link], float(tree.masses_kg[link + 1])) for link in masses}
         kin = kinematics(tree, steps.before.at(np.array([0])))
@@ -145,14 +148,22 @@ class OtherInertia:
         message = Message(
             "{name}{more} would have {ratio:.2f} times the inertia with the file's <inertia>: "
             "{cause}",
-            name=joint or axis, more=and_more(count), ratio=self.ratios[row], cause=cause,
-        )  # fmt: skip
+            name=joint or axis,
+            more=and_more(count),
+            ratio=self.ratios[row],
+            cause=cause,
+        )
         return Finding(
-            code="inertia-from-shape", level="model", message=message, advice=advice,
-            body=body.label, joint=joint, effect=Effect(float(self.ratios[row]), "1"),
+            code="inertia-from-shape",
+            level="model",
+            message=message,
+            advice=advice,
+            body=body.label,
+            joint=joint,
+            effect=Effect(float(self.ratios[row]), "1"),
             share=min(float(shares[row]), 1.0),
             site=self.loaded if self.changed is None else site_of(self.changed),
-        )  # fmt: skip
+        )
 
 
 def other_inertia(
@@ -176,16 +187,23 @@ def other_inertia(
             # The file's axes are those that the engine takes where it takes the shape's.
             more[link] = _in_world(scene, body, link, each, turned, moments) - used
     diagonal = np.diagonal(mass_matrix(kin)[0])
-    added = {row: float(sum(axis @ more[link] @ axis for link in links & more.keys()))
-        for row, axis, links in _axes(kin) if not links & too_large}  # fmt: skip
-    rows = [row for row, each in added.items()
-        if abs(each) > OFF * diagonal[row] and each > -diagonal[row]]  # fmt: skip
+    added = {
+        row: float(sum(axis @ more[link] @ axis for link in links & more.keys()))
+        for row, axis, links in _axes(kin)
+        if not links & too_large
+    }
+    rows = [
+        row
+        for row, each in added.items()
+        if abs(each) > OFF * diagonal[row] and each > -diagonal[row]
+    ]
     if not rows:
         return None
     kg_m2, none = np.array([added[row] for row in rows]), np.zeros(len(rows))
     ratios = 1 + kg_m2 / diagonal[rows]
-    return OtherInertia(body, rows, [_joint(body, tree, row) for row in rows], ratios, kg_m2,
-        none, none, none)  # fmt: skip
+    return OtherInertia(
+        body, rows, [_joint(body, tree, row) for row in rows], ratios, kg_m2, none, none, none
+    )
 
 
 def _of_mass(told: FileLink, mass_kg: float) -> FileLink:
@@ -247,8 +265,12 @@ def _reach_m(shape: Collision) -> float:
     if shape.hull_m:
         return float(np.linalg.norm(np.reshape(shape.hull_m, (-1, 3)), axis=1).max())
     size = np.array(shape.size_m)
-    reach = {"box": np.linalg.norm(size) / 2, "sphere": size[:1].sum(),
-        "cylinder": np.hypot(size[0] / 2, size[-1]), "capsule": size[0] / 2 + size[-1]}  # fmt: skip
+    reach = {
+        "box": np.linalg.norm(size) / 2,
+        "sphere": size[:1].sum(),
+        "cylinder": np.hypot(size[0] / 2, size[-1]),
+        "capsule": size[0] / 2 + size[-1],
+    }
     return float(np.linalg.norm(shape.position_m) + reach.get(shape.kind, np.inf))
 
 
@@ -259,8 +281,10 @@ def _in_world(
     first = next(each for each in scene.seen.dynamics if each.body.number == body.number)
     used = matrix(first.reported["inertial_orientation"][link + 1].tolist())
     roll, pitch, yaw = (np.array(told.rpy_rad) / 2).tolist()
-    about = [np.array([np.sin(half) * (axis == k) for k in range(3)] + [np.cos(half)])
-        for axis, half in enumerate((roll, pitch, yaw))]  # fmt: skip
+    about = [
+        np.array([np.sin(half) * (axis == k) for k in range(3)] + [np.cos(half)])
+        for axis, half in enumerate((roll, pitch, yaw))
+    ]
     x, y, z = (rotation(each[:, None])[:, :, 0] for each in about)
     axes = turned @ used.T @ (z @ y @ x)
     return np.asarray(axes @ moments @ axes.T)

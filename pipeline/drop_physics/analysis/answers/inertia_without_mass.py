@@ -17,8 +17,11 @@ class InertiaWithoutMass(Answer):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        self._rigid = {each.body.number for each in scene.seen.dynamics
-            if int(each.reported["kind"][0]) == RIGID}  # fmt: skip
+        self._rigid = {
+            each.body.number
+            for each in scene.seen.dynamics
+            if int(each.reported["kind"][0]) == RIGID
+        }
         self._alone: dict[int, tuple[Body, Call]] = {}
 
     def see(self) -> None:
@@ -35,8 +38,12 @@ class InertiaWithoutMass(Answer):
                     "{body} is a btRigidBody and gets an inertia without a mass: PyBullet then "
                     "takes as its mass what an earlier command left in memory",
                     body=body.label,
-                )  # fmt: skip
+                )
                 yield Finding(
-                    code="inertia-without-mass", level="model", message=message, body=body.label,
-                    advice=Message("give p.changeDynamics its mass as well"), site=site_of(call),
-                )  # fmt: skip
+                    code="inertia-without-mass",
+                    level="model",
+                    message=message,
+                    body=body.label,
+                    advice=Message("give p.changeDynamics its mass as well"),
+                    site=site_of(call),
+                )

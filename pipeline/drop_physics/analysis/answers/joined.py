@@ -140,8 +140,10 @@ class Joined(Answer):
         if joined.gap_m is None and steps[0] == joined.call.at.step + 1:
             gaps = []
             for pivots in joined.first_pivots_m:
-                points = [self._point(joined, side, steps[:1], pivots[side], after=False)
-                    for side in range(2)]  # fmt: skip
+                points = [
+                    self._point(joined, side, steps[:1], pivots[side], after=False)
+                    for side in range(2)
+                ]
                 if points[0] is not None and points[1] is not None:
                     gaps.append(float(np.linalg.norm(points[0] - points[1])))
             joined.gap_m = min(gaps, default=0.0)
@@ -150,8 +152,9 @@ class Joined(Answer):
         full = np.abs(forces[:, :3]).max(axis=1) >= joined.impulse_n_s / timestep_s * FULL
         joined.full += int((full & (steps > joined.since)).sum())
         tail = steps[-TAIL - 1 :]
-        points = [self._point(joined, side, tail, joined.pivots_m[side], after=True)
-            for side in range(2)]  # fmt: skip
+        points = [
+            self._point(joined, side, tail, joined.pivots_m[side], after=True) for side in range(2)
+        ]
         if points[0] is None or points[1] is None:
             joined.tail = joined.tail[:0]
             return
@@ -160,9 +163,14 @@ class Joined(Answer):
         joined.forces = np.concatenate((joined.forces, forces[-TAIL:, :3]))[-TAIL:]
 
     def _point(
-        self, joined: _Joined, side: int, ends: Int64,
-        pivot_m: tuple[float, ...], *, after: bool,
-    ) -> Float64 | None:  # fmt: skip
+        self,
+        joined: _Joined,
+        side: int,
+        ends: Int64,
+        pivot_m: tuple[float, ...],
+        *,
+        after: bool,
+    ) -> Float64 | None:
         """Return where a point is at samples, or at the beginning of the steps to them, (n, 3)."""
         body, link = joined.bodies[side], joined.links[side]
         if body is None:
@@ -176,8 +184,10 @@ class Joined(Answer):
         if body.number not in self.scene.judged and link == BASE:  # it stands where calls put it
             puts = [each for each in self.scene.seen.puts if each.body.number == body.number]
             bases = [each.base for each in puts if each.at.step < ends[-1]][-1:]
-            found = [np.tile(base[:3] + matrix(base[3:7].tolist()) @ pivot_m, (len(ends), 1))
-                for base in bases]  # fmt: skip
+            found = [
+                np.tile(base[:3] + matrix(base[3:7].tolist()) @ pivot_m, (len(ends), 1))
+                for base in bases
+            ]
         whole = np.concatenate(found) if found else np.empty((0, 3))
         return whole if len(whole) == len(ends) else None
 
@@ -235,16 +245,26 @@ def _apart(joined: _Joined) -> Finding | None:
     message = Message(
         "{body} is joined to {other} at points that are {gap:.3g} m apart, which the constraint "
         "pulls together",
-        body=held, other=name, gap=joined.gap_m,
-    )  # fmt: skip
+        body=held,
+        other=name,
+        gap=joined.gap_m,
+    )
     step = joined.call.at.step + 1
     return Finding(
-        code="constraint-apart", level="asked", message=message, body=held, other=other,
-        advice=Message("give p.createConstraint the parentFramePosition and childFramePosition of "
-            "one and the same point"),
-        effect=Effect(joined.gap_m, "m"), share=joined.gap_m / size,
-        steps=Span(step, step, 1), site=site_of(joined.call),
-    )  # fmt: skip
+        code="constraint-apart",
+        level="asked",
+        message=message,
+        body=held,
+        other=other,
+        advice=Message(
+            "give p.createConstraint the parentFramePosition and childFramePosition of "
+            "one and the same point"
+        ),
+        effect=Effect(joined.gap_m, "m"),
+        share=joined.gap_m / size,
+        steps=Span(step, step, 1),
+        site=site_of(joined.call),
+    )
 
 
 def _weak(joined: _Joined, ratio: float) -> Finding | None:
@@ -264,24 +284,36 @@ def _weak(joined: _Joined, ratio: float) -> Finding | None:
     if strained:
         why = Message(
             "that is at its limit of {limit:.3g} N along an axis in {count:,} steps",
-            limit=limit_n, count=joined.full,
-        )  # fmt: skip
+            limit=limit_n,
+            count=joined.full,
+        )
         advice = Message("give it more: p.changeConstraint(…, maxForce=…)")
     elif ratio >= RATIO and gap_m > APART * size:
         why = Message(
             "of what constraints join, one is {ratio:.3g} times as heavy as another, and the "
-            "solver uses up its iterations", ratio=ratio,
-        )  # fmt: skip
+            "solver uses up its iterations",
+            ratio=ratio,
+        )
         advice = Message("raise p.setPhysicsEngineParameter(numSolverIterations=500)")
         span = Span(joined.last - TAIL + 1, joined.last, TAIL)
     else:
         return None
     message = Message(
         "{body} is {gap:.3g} m from where its constraint to {other} wants it: {why}",
-        body=held, gap=gap_m, other=name, why=why,
-    )  # fmt: skip
+        body=held,
+        gap=gap_m,
+        other=name,
+        why=why,
+    )
     return Finding(
-        code="weak-constraint", level="asked", message=message, body=held, other=other,
-        advice=advice, effect=Effect(gap_m, "m"), share=gap_m / size,
-        steps=span, site=site_of(joined.force_call or joined.call),
-    )  # fmt: skip
+        code="weak-constraint",
+        level="asked",
+        message=message,
+        body=held,
+        other=other,
+        advice=advice,
+        effect=Effect(gap_m, "m"),
+        share=gap_m / size,
+        steps=span,
+        site=site_of(joined.force_call or joined.call),
+    )

@@ -50,8 +50,16 @@ class JointAnswer(Answer):
             rows = np.flatnonzero(which[:, k])
             told = {name: each[rows, k] for name, each in numbers.items()}
             link, units = link_of(driven.body, k), units_of(driven, k)
-            noted.add((k, kind), driven.steps.steps[rows], sizes[rows, k], told, kind=kind,
-                joint=driven.body.joints[link].name, link=link, units=units)  # fmt: skip
+            noted.add(
+                (k, kind),
+                driven.steps.steps[rows],
+                sizes[rows, k],
+                told,
+                kind=kind,
+                joint=driven.body.joints[link].name,
+                link=link,
+                units=units,
+            )
 
     def findings(self) -> Iterator[Finding]:
         """Yield a line per robot."""
@@ -61,10 +69,14 @@ class JointAnswer(Answer):
                 worst = max(said.values(), key=lambda each: (each.most, each.count))
                 worst.at["joints"] = len({k for k, _ in said})
                 yield Finding(
-                    code=self.code, level=self.level, body=self.scene.body(number).label,
-                    joint=worst.at["joint"], steps=worst.span,
-                    site=self.scene.site(worst.at["site"]), **self.words(worst),
-                )  # fmt: skip
+                    code=self.code,
+                    level=self.level,
+                    body=self.scene.body(number).label,
+                    joint=worst.at["joint"],
+                    steps=worst.span,
+                    site=self.scene.site(worst.at["site"]),
+                    **self.words(worst),
+                )
 
     def says(self, noted: Noted) -> bool:
         """Return whether it is worth saying of a joint."""

@@ -101,19 +101,27 @@ class JointDamping(Answer):
             joint = body.joints[link]
             unit = "N s" if joint.kind == "prismatic" else "N m s"
             yield Finding(
-                code="joint-damping", level="model", body=body.label, joint=joint.name,
+                code="joint-damping",
+                level="model",
+                body=body.label,
+                joint=joint.name,
                 message=Message(
                     "{joint} is driven by torques: beyond its weight they give it {given}, and the "
                     "joint damping in its file, {damping}, takes {taken} (joints of this robot: "
                     "{count})",
-                    joint=joint.name, count=len(found), given=effort(worst.driven, unit),
+                    joint=joint.name,
+                    count=len(found),
+                    given=effort(worst.driven, unit),
                     taken=effort(worst.taken, unit),
                     damping=effort(worst.damping, unit + ("/m" if unit == "N s" else "/rad")),
                 ),
                 advice=Message(
                     "p.changeDynamics(body, {link}, jointDamping=0), or give torques that make up "
-                    "for it: p.calculateInverseDynamics leaves it out", link=link,
+                    "for it: p.calculateInverseDynamics leaves it out",
+                    link=link,
                 ),
-                effect=Effect(worst.taken, unit), share=min(worst.share, 1.0),
-                steps=worst.noted.span, site=worst.site,
-            )  # fmt: skip
+                effect=Effect(worst.taken, unit),
+                share=min(worst.share, 1.0),
+                steps=worst.noted.span,
+                site=worst.site,
+            )

@@ -20,8 +20,9 @@ class Massless(Answer):
 
     def see(self) -> None:
         """Note what was pushed."""
-        self._falls |= {call.client for call in self.scene.piece.calls.of("setGravity")
-            if any(call.numbers[:3])}  # fmt: skip
+        self._falls |= {
+            call.client for call in self.scene.piece.calls.of("setGravity") if any(call.numbers[:3])
+        }
         for call, body in self.scene.calls_of("applyExternal"):
             if int(number(call, "linkIndex", -1.0)) == -1:
                 self._pushed.add(body.number)
@@ -41,7 +42,10 @@ class Massless(Answer):
             if pushed:
                 message = Message("{body} has no mass, so no force moves it", body=body.label)
             yield Finding(
-                code="massless", level="asked" if pushed else "note", message=message,
+                code="massless",
+                level="asked" if pushed else "note",
+                message=message,
                 advice=Message("p.createMultiBody(baseMass=…): without it a body is static"),
-                body=body.label, site=site_of(call),
-            )  # fmt: skip
+                body=body.label,
+                site=site_of(call),
+            )

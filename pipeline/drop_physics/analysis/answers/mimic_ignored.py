@@ -60,13 +60,19 @@ class MimicIgnored(Answer):
     def _look(self, driven: Driven, mimic: Mimic, rates: list[int]) -> None:
         joint = next(each for each in driven.body.joints if each.name == mimic.joint)
         lower, upper = joint.limits
-        first, apart = (own - mimic.multiplier * leads - mimic.offset
-            for own, leads in (driven.before[0, rates], driven.after[:, rates].T))  # fmt: skip
+        first, apart = (
+            own - mimic.multiplier * leads - mimic.offset
+            for own, leads in (driven.before[0, rates], driven.after[:, rates].T)
+        )
         off = self._joints.setdefault(driven.body.number, {}).setdefault(
             mimic.joint,
-            _Off(mimic, units_of(driven, rates[0])[0], upper - lower if upper > lower else 1.0,
-                float(first)),
-        )  # fmt: skip
+            _Off(
+                mimic,
+                units_of(driven, rates[0])[0],
+                upper - lower if upper > lower else 1.0,
+                float(first),
+            ),
+        )
         gaps, asked = np.abs(apart), driven.asked
         off.sent |= bool(((asked.mode != DEFAULT) & (asked.force != 0))[:, rates].any())
         off.moved = max(off.moved, float(np.abs(apart - off.began).max()))
@@ -87,7 +93,9 @@ class MimicIgnored(Answer):
                 message=Message(
                     "{joint} is {gap} from where its file wants it to follow {of}: PyBullet "
                     "ignores <mimic> (joints that do not follow: {count})",
-                    joint=mimic.joint, gap=distance(gap, worst.unit), of=mimic.of,
+                    joint=mimic.joint,
+                    gap=distance(gap, worst.unit),
+                    of=mimic.of,
                     count=len(missed),
                 ),
                 advice=Message(
@@ -99,4 +107,4 @@ class MimicIgnored(Answer):
                 joint=mimic.joint,
                 effect=Effect(gap, worst.unit),
                 share=worst.share,
-            )  # fmt: skip
+            )

@@ -91,10 +91,17 @@ class MomentumDrift(Answer):
         turning, turned = _turning(steps, first, end)
         undamped = steps.law.angular_damping == 0 and not steps.law.joint_damping.any()
         if known is None:
-            known = self._now[number] = _Free(body, steps.law.tree, began, began,
-                float(steps.law.tree.masses_kg.sum()), turning[0], undamped, np.zeros(3),
+            known = self._now[number] = _Free(
+                body,
+                steps.law.tree,
+                began,
+                began,
+                float(steps.law.tree.masses_kg.sum()),
+                turning[0],
+                undamped,
+                np.zeros(3),
                 energy_of(steps.law, steps.before.at(np.array([first])), np.zeros((1, 3)))[1][0],
-            )  # fmt: skip
+            )
         known.last, known.after = int(steps.steps[end - 1]), turning[1]
         known.undamped &= undamped
         causes = {name: each[first:end] for name, each in steps.changes.momentum_kg_m_s.items()}
@@ -125,8 +132,10 @@ class MomentumDrift(Answer):
 
 def _alike(one: Tree, other: Tree) -> bool:
     """Whether no call changed a mass or an inertia."""
-    return all(np.array_equal(getattr(one, name), getattr(other, name))
-        for name in ("masses_kg", "inertias_kg_m2"))  # fmt: skip
+    return all(
+        np.array_equal(getattr(one, name), getattr(other, name))
+        for name in ("masses_kg", "inertias_kg_m2")
+    )
 
 
 def _free(judged: Judged, steps: Steps) -> NDArray[np.bool_]:
@@ -151,8 +160,10 @@ def _turning(steps: Steps, first: int, end: int) -> tuple[Float64, float]:
     for states, row in ((steps.before, first), (steps.after, fastest), (steps.after, end - 1)):
         kin = kinematics(tree, states.at(np.array([row])))
         moved = motion(kin, states.velocity[[row]])
-        places, speeds = (np.array([each[link + 1][:, 0] for link in range(BASE, tree.links)])
-            for each in (kin.centres, moved.velocities))  # fmt: skip
+        places, speeds = (
+            np.array([each[link + 1][:, 0] for link in range(BASE, tree.links)])
+            for each in (kin.centres, moved.velocities)
+        )
         arms, own = (each - masses @ each / masses.sum() for each in (places, speeds))
         links = masses[:, None] * np.cross(arms, own)
         for link, turning in angular_momenta(kin, moved).items():
@@ -165,11 +176,16 @@ def _turning(steps: Steps, first: int, end: int) -> tuple[Float64, float]:
 def _finding(free: _Free) -> Finding | None:
     count = free.last - free.first + 1
     drift, size = float(np.linalg.norm(free.drift)), max(free.greatest, LEAST_MOVED * free.moved)
-    message, unit = Message(
-        "{body} gains {drift:.3g} kg m/s in {count:,} steps in which nothing outside acts on it: "
-        "that is the error of the explicit step",
-        body=free.body.label, drift=drift, count=count,
-    ), "kg m/s"  # fmt: skip
+    message, unit = (
+        Message(
+            "{body} gains {drift:.3g} kg m/s in {count:,} steps in which nothing outside acts on "
+            "it: that is the error of the explicit step",
+            body=free.body.label,
+            drift=drift,
+            count=count,
+        ),
+        "kg m/s",
+    )
     if not drift > DRIFT * size > 0:
         if free.after is None or not free.undamped:
             return None
@@ -178,16 +194,27 @@ def _finding(free: _Free) -> Finding | None:
             float(np.linalg.norm(free.after - free.turning)),
             max(before, after, LEAST_MOVED * free.turned),
         )
-        message, unit = Message(
-            "the angular momentum of {body} goes from {before:.4g} to {after:.4g} kg m²/s in "
-            "{count:,} steps in which nothing outside acts on it: that is the error of the "
-            "explicit step",
-            body=free.body.label, before=before, after=after, count=count,
-        ), "kg m²/s"  # fmt: skip
+        message, unit = (
+            Message(
+                "the angular momentum of {body} goes from {before:.4g} to {after:.4g} kg m²/s in "
+                "{count:,} steps in which nothing outside acts on it: that is the error of the "
+                "explicit step",
+                body=free.body.label,
+                before=before,
+                after=after,
+                count=count,
+            ),
+            "kg m²/s",
+        )
     if not drift > DRIFT * size > 0:
         return None
     return Finding(
-        code="momentum-drift", level="model", message=message, body=free.body.label,
+        code="momentum-drift",
+        level="model",
+        message=message,
+        body=free.body.label,
         advice=Message("it halves with the timestep: p.setTimeStep(…)"),
-        effect=Effect(drift, unit), share=drift / size, steps=Span(free.first, free.last, count),
-    )  # fmt: skip
+        effect=Effect(drift, unit),
+        share=drift / size,
+        steps=Span(free.first, free.last, count),
+    )

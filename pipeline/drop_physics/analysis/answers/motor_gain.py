@@ -53,9 +53,15 @@ class MotorGain(JointAnswer):
         message = Message(
             "{joint} shakes about its target, by up to {off}: gains are shares per step, and with "
             "positionGain={kp:.3g}, velocityGain={kd:.3g} {each}",
-            joint=worst.at["joint"], off=distance(worst.most, unit), kp=kp, kd=kd, each=each,
-        )  # fmt: skip
+            joint=worst.at["joint"],
+            off=distance(worst.most, unit),
+            kp=kp,
+            kd=kd,
+            each=each,
+        )
         return {
-            "message": message, "effect": Effect(worst.most, unit), "share": worst.most,
+            "message": message,
+            "effect": Effect(worst.most, unit),
+            "share": worst.most,
             "advice": Message("p.setJointMotorControl2(…, positionGain=0.1, velocityGain=1)"),
-        }  # fmt: skip
+        }

@@ -73,11 +73,18 @@ def _floats(floats: Notes[str], call: Call | None, before: float) -> Finding:
         message = Message(
             "gravity is 0 from step {step:,} on, so {body} does not fall: p.resetSimulation() "
             "sets it from {gravity:.3g} m/s² back to 0",
-            step=first.first - 1, body=body, gravity=before,
-        )  # fmt: skip
+            step=first.first - 1,
+            body=body,
+            gravity=before,
+        )
         advice = Message("call p.setGravity(0, 0, -9.81) after each p.resetSimulation()")
     moves = any(each.most > 0 for each in floats.values())  # what moves without may be meant to
     return Finding(
-        code="no-gravity", level="note" if moves and not lost else "asked", message=message,
-        body=body, advice=advice, steps=first.span, site=site_of(call) if lost and call else None,
-    )  # fmt: skip
+        code="no-gravity",
+        level="note" if moves and not lost else "asked",
+        message=message,
+        body=body,
+        advice=advice,
+        steps=first.span,
+        site=site_of(call) if lost and call else None,
+    )

@@ -22,21 +22,34 @@ class NoInertial(FirstLook):
         tree = steps.law.tree
         of_file = told_links(body, tree)
         masses_kg = tree.masses_kg[1 + np.array([*of_file], np.int64)]
-        links = [link for (link, each), mass_kg in zip(of_file.items(), masses_kg, strict=True)
-            if np.isnan(each.mass_kg) and mass_kg == WITHOUT_INERTIAL_KG]  # fmt: skip
+        links = [
+            link
+            for (link, each), mass_kg in zip(of_file.items(), masses_kg, strict=True)
+            if np.isnan(each.mass_kg) and mass_kg == WITHOUT_INERTIAL_KG
+        ]
         if not links:
             return
         total_kg = sum(tree.masses_kg[link + 1] for link in moving_links(tree))
         message = Message(
             "{link}{more} has no <inertial> in the file, so PyBullet gives it 1 kg: {mass:g} of "
             "the {total:.3g} kg that move",
-            link=body.links[links[0] + 1], more=and_more(len(links)), mass=float(len(links)),
+            link=body.links[links[0] + 1],
+            more=and_more(len(links)),
+            mass=float(len(links)),
             total=total_kg,
-        )  # fmt: skip
-        self.found.append(Finding(
-            code="no-inertial", level="asked", message=message, body=body.label,
-            advice=Message("give the link an <inertial>, or p.changeDynamics(body, {link}, "
-                "mass=…)", link=links[0]),
-            effect=Effect(float(len(links)), "kg"), share=len(links) / total_kg,
-            site=self.scene.asked.loaded(body),
-        ))  # fmt: skip
+        )
+        self.found.append(
+            Finding(
+                code="no-inertial",
+                level="asked",
+                message=message,
+                body=body.label,
+                advice=Message(
+                    "give the link an <inertial>, or p.changeDynamics(body, {link}, mass=…)",
+                    link=links[0],
+                ),
+                effect=Effect(float(len(links)), "kg"),
+                share=len(links) / total_kg,
+                site=self.scene.asked.loaded(body),
+            )
+        )

@@ -80,17 +80,25 @@ class NoRestitution(Answer):
             label = self.scene.body(none).label
             why, advice = _early(gap_m) if early else _cause(asked, label, slow=slow)
             yield Finding(
-                code="no-restitution", level="asked",
+                code="no-restitution",
+                level="asked",
                 message=Message(
                     "{body} does not bounce off {other}: it meets it at {speed:.3g} m/s and leaves "
                     "at {rebound:.3g} m/s; {why}",
-                    body=self.scene.body(body).label, other=self.scene.body(on).label,
-                    speed=approach, rebound=max(rebound, 0.0), why=why,
+                    body=self.scene.body(body).label,
+                    other=self.scene.body(on).label,
+                    speed=approach,
+                    rebound=max(rebound, 0.0),
+                    why=why,
                 ),
-                advice=advice, body=self.scene.body(body).label, other=self.scene.body(on).label,
-                effect=Effect(wanted * approach, "m/s"), share=wanted, steps=Span(step, step, 1),
+                advice=advice,
+                body=self.scene.body(body).label,
+                other=self.scene.body(on).label,
+                effect=Effect(wanted * approach, "m/s"),
+                share=wanted,
+                steps=Span(step, step, 1),
                 site=self._asked.site(springy),
-            )  # fmt: skip
+            )
 
 
 def _early(gap_m: float) -> tuple[Message, Message]:
@@ -102,7 +110,7 @@ def _early(gap_m: float) -> tuple[Message, Message]:
     ), Message(
         "p.changeDynamics(body, -1, contactProcessingThreshold=0) on both lets contacts act only "
         "where they touch"
-    )  # fmt: skip
+    )
 
 
 def _cause(asked: float, none: str, *, slow: bool) -> tuple[Message, Message | None]:

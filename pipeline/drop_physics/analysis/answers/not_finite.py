@@ -55,17 +55,25 @@ class NotFinite(Answer):
             if call is not None:
                 why = Message(
                     ": p.{function}({arguments}) was given it",
-                    function=call.function, arguments=call.arguments,
-                )  # fmt: skip
+                    function=call.function,
+                    arguments=call.arguments,
+                )
             message = Message(
                 "{body} has a state that is no number (nan or infinite) from step {step:,} on{why}",
-                body=body.label, step=step, why=why,
-            )  # fmt: skip
+                body=body.label,
+                step=step,
+                why=why,
+            )
             yield Finding(
-                code="not-finite", level="broken", message=message, body=body.label, share=1.0,
-                bodies=len(numbers), steps=Span(step, step, 1),
+                code="not-finite",
+                level="broken",
+                message=message,
+                body=body.label,
+                share=1.0,
+                bodies=len(numbers),
+                steps=Span(step, step, 1),
                 site=None if call is None else site_of(call),
-            )  # fmt: skip
+            )
 
 
 def _without_number(calls: Log, body: Body, step: int) -> Call | None:

@@ -44,8 +44,11 @@ class NotStepped(Answer):
                     "simulation {client} is never stepped, so nothing in it moves by itself: time "
                     "passes only in p.stepSimulation()",
                     client=client,
-                )  # fmt: skip
+                )
                 yield Finding(
-                    code="not-stepped", level="asked", message=message, site=site_of(call),
+                    code="not-stepped",
+                    level="asked",
+                    message=message,
+                    site=site_of(call),
                     advice=Message("call p.stepSimulation() in a loop"),
-                )  # fmt: skip
+                )

@@ -104,11 +104,14 @@ class OffTarget(Answer):
         off, row, k = abs(float(stood.gap[0])), int(stood.row[0]), stood.k
         position, force = units_of(driven, k)
         return Missed(
-            joint=name_of(driven, k), unit=position, off=off, stood=stood,
+            joint=name_of(driven, k),
+            unit=position,
+            off=off,
+            stood=stood,
             share=off if position == "rad" else off / size_m(driven.body),
             limit=effort(float(driven.limit[row, k]), force),
             site=self.scene.site(driven.asked.site[row, k]),
-        )  # fmt: skip
+        )
 
     def _end(self, joint: _Joint, driven: Driven, missed: Missed) -> None:
         """Note a target that ended."""
@@ -141,8 +144,11 @@ class OffTarget(Answer):
         for number, joints in self._joints.items():
             label = self.scene.body(number).label
             rows = self.scene.joints.rows(number)
-            ends = [each for k, joint in joints.items()
-                for each in self._ends(joint, rows[k].needs_at_target)]  # fmt: skip
+            ends = [
+                each
+                for k, joint in joints.items()
+                for each in self._ends(joint, rows[k].needs_at_target)
+            ]
             asked = [each for each in ends if each.cause and each.cause.level == "asked"]
             for found in (asked, [each for each in ends if each not in asked]):
                 if found:
@@ -180,10 +186,12 @@ def _finding(label: str, found: list[Missed]) -> Finding:
     worst = max(found, key=lambda each: each.share)
     assert worst.cause is not None
     values: dict[str, object] = {
-        "joint": worst.joint, "more": and_more(len(found)), "why": worst.cause.why,
+        "joint": worst.joint,
+        "more": and_more(len(found)),
+        "why": worst.cause.why,
         "off": distance(worst.off, worst.unit),
         "target": place(float(worst.stood.target[0]), worst.unit),
-    }  # fmt: skip
+    }
     message = (
         Message("{joint}{more} ends {off} off its target of {target}: {why}", **values)
         if worst.last
@@ -198,9 +206,11 @@ def _lag(label: str, joint: _Joint, lag: Missed) -> Finding:
     message = Message(
         "{joint} follows its targets {off} behind: they change {often}, and {left:.2g} of each "
         "change remains",
-        joint=lag.joint, off=distance(lag.off, lag.unit), often=often,
+        joint=lag.joint,
+        off=distance(lag.off, lag.unit),
+        often=often,
         left=(1 - float(lag.stood.kp[0])) ** every,
-    )  # fmt: skip
+    )
     advice = Message("p.setJointMotorControl2(…, positionGain=1) leaves nothing of it")
     return _of(label, lag, Cause(message, advice, "note"), message)
 
@@ -208,10 +218,18 @@ def _lag(label: str, joint: _Joint, lag: Missed) -> Finding:
 def _of(label: str, missed: Missed, cause: Cause, message: Message) -> Finding:
     first, last = int(missed.stood.first[0]), int(missed.stood.last[0])
     return Finding(
-        code="off-target", level=cause.level, message=message, advice=cause.advice, body=label,
-        joint=missed.joint, other=cause.other, effect=Effect(missed.off, missed.unit),
-        share=missed.share, steps=Span(first, last, last - first + 1), site=missed.site,
-    )  # fmt: skip
+        code="off-target",
+        level=cause.level,
+        message=message,
+        advice=cause.advice,
+        body=label,
+        joint=missed.joint,
+        other=cause.other,
+        effect=Effect(missed.off, missed.unit),
+        share=missed.share,
+        steps=Span(first, last, last - first + 1),
+        site=missed.site,
+    )
 
 
 def _moving(driven: Driven, last: Missed, takes: float | None) -> Cause | None:
@@ -225,11 +243,10 @@ def _moving(driven: Driven, last: Missed, takes: float | None) -> Cause | None:
     if stood.left[0] or driven.resting[row, k] or last.off < OFF[last.unit] or rings:
         return None  # or reset-leaves'; or it rests in a run too short to tell
     if kp < SMALL and abs(float(stood.lawful[0] / stood.gap[0]) - 1) < LAWFUL:
-        return Cause(Message(
-            "a positionGain of {kp:.3g} is the share of the gap that a step closes", kp=kp
-        ))  # fmt: skip
-    why = Message("it still moves at {rate}",
-        rate=f"{abs(float(stood.rate[0])):.2g} {last.unit}/s")  # fmt: skip
+        return Cause(
+            Message("a positionGain of {kp:.3g} is the share of the gap that a step closes", kp=kp)
+        )
+    why = Message("it still moves at {rate}", rate=f"{abs(float(stood.rate[0])):.2g} {last.unit}/s")
     count, steps = int(stood.at_limit[0]), int(stood.steps[0])
     if count <= steps / 2:
         return Cause(why)

@@ -37,8 +37,11 @@ class Placing:
         self._sites = {key: told[-1:] for key, told in self._sites.items()}
         for call in piece.calls.of(*PLACES):
             if call.function == "restoreState":
-                self._restored |= {body.number * STEPS + call.at.step + 1
-                    for body in self._bodies.values() if body.client == call.client}  # fmt: skip
+                self._restored |= {
+                    body.number * STEPS + call.at.step + 1
+                    for body in self._bodies.values()
+                    if body.client == call.client
+                }
             values = call.values
             (number,) = values.get("bodyUniqueId", (call.result,))
             if np.isfinite(number):

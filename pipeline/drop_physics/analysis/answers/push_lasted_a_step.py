@@ -81,8 +81,10 @@ class PushLastedAStep(Answer):
     def see(self) -> None:
         """Follow the pushes of each body, and what the first one changed."""
         names = ["applyExternal"]
-        if any((each.values["controlMode"] == TORQUE).any()
-                for each in self.scene.piece.calls.commands()):  # fmt: skip
+        if any(
+            (each.values["controlMode"] == TORQUE).any()
+            for each in self.scene.piece.calls.commands()
+        ):
             names.append(MOTORS)
         for call, body in self.scene.calls_of(*names):
             torque = number(call, "controlMode") == TORQUE
@@ -111,27 +113,37 @@ class PushLastedAStep(Answer):
                 message = Message(
                     "{body} is pushed by p.{function} every {n} steps, which acts in 1 of {n}: a "
                     "force lasts one step",
-                    body=each.body.label, function=each.call.function, n=each.apart,
-                )  # fmt: skip
+                    body=each.body.label,
+                    function=each.call.function,
+                    n=each.apart,
+                )
                 asked, lost = each.apart <= SOON, 1 - 1 / each.apart
             elif each.noted.count == 1:
                 message = Message(
                     "{body} is pushed with {size:.3g} {unit} in one step, step {step:,}: a force "
                     "lasts one step",
-                    body=each.body.label, size=each.size, unit=_unit(each), step=each.noted.first,
-                )  # fmt: skip
+                    body=each.body.label,
+                    size=each.size,
+                    unit=_unit(each),
+                    step=each.noted.first,
+                )
                 asked, lost = each.gone(self._fastest_m_s.get(each.body.number, 0.0)), 0.0
             else:
                 continue
             yield Finding(
-                code="push-lasted-a-step", level="asked" if asked else "note", message=message,
+                code="push-lasted-a-step",
+                level="asked" if asked else "note",
+                message=message,
                 advice=Message(
                     "call p.{function} before each p.stepSimulation() in which it is to act",
                     function=each.call.function,
                 ),
-                body=each.body.label, effect=Effect(lost, "1") if lost else None, share=lost,
-                site=site_of(each.call), steps=each.noted.span,
-            )  # fmt: skip
+                body=each.body.label,
+                effect=Effect(lost, "1") if lost else None,
+                share=lost,
+                site=site_of(each.call),
+                steps=each.noted.span,
+            )
 
 
 def _size(call: Call) -> float:

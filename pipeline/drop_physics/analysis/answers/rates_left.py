@@ -43,22 +43,33 @@ class RatesLeft(Answer):
                 k = int(most[rates[rows].max(axis=1).argmax()])
                 asked = driven.asked.target_velocity[rows[0], k]
                 self._found.add(
-                    number, steps.steps[rows], rates[rows].max(axis=1), driven=asked != 0,
-                    joint=name_of(driven, k), unit=units_of(driven, k)[0],
-                )  # fmt: skip
+                    number,
+                    steps.steps[rows],
+                    rates[rows].max(axis=1),
+                    driven=asked != 0,
+                    joint=name_of(driven, k),
+                    unit=units_of(driven, k)[0],
+                )
 
     def findings(self) -> Iterator[Finding]:
         """Yield a line per robot."""
         for number, each in self._found.items():
             body, unit = self.scene.body(number), f"{each.at['unit']}/s"
             yield Finding(
-                code="reset-leaves", level="note" if each.at["driven"] else "asked",
+                code="reset-leaves",
+                level="note" if each.at["driven"] else "asked",
                 message=Message(
                     "{joint} still turns at {rate:.3g} {unit} where a call puts {body}: it sets "
                     "the base, and leaves the rates of joints",
-                    joint=each.at["joint"], rate=each.most, unit=unit, body=body.label,
+                    joint=each.at["joint"],
+                    rate=each.most,
+                    unit=unit,
+                    body=body.label,
                 ),
                 advice=Message("call p.resetJointState(body, joint, position, 0) for each, too"),
-                body=body.label, joint=each.at["joint"], effect=Effect(each.most, unit),
-                steps=each.span, site=self.scene.placing.site(body, each.first),
-            )  # fmt: skip
+                body=body.label,
+                joint=each.at["joint"],
+                effect=Effect(each.most, unit),
+                steps=each.span,
+                site=self.scene.placing.site(body, each.first),
+            )

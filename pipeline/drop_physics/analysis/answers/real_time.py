@@ -32,6 +32,9 @@ class RealTime(Answer):
                 "how fast the machine is; here its own clock decides it"
             )
             yield Finding(
-                code="real-time", level="repeat", message=message, site=site_of(self._on),
+                code="real-time",
+                level="repeat",
+                message=message,
+                site=site_of(self._on),
                 advice=Message("call p.stepSimulation() instead, as often as there are steps"),
-            )  # fmt: skip
+            )

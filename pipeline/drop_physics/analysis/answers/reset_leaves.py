@@ -98,8 +98,10 @@ class ResetLeaves(Answer):
                 message=Message(
                     "{joint} is put to {position} and driven off by {off}: its motor keeps the "
                     "target of {target} that it had before (joints of this robot: {count})",
-                    joint=worst.joint, position=place(worst.position, worst.unit),
-                    off=distance(worst.off, worst.unit), target=place(worst.target, worst.unit),
+                    joint=worst.joint,
+                    position=place(worst.position, worst.unit),
+                    off=distance(worst.off, worst.unit),
+                    target=place(worst.target, worst.unit),
                     count=len(found),
                 ),
                 advice=Message(
@@ -111,7 +113,7 @@ class ResetLeaves(Answer):
                 share=worst.off,
                 steps=Span(worst.first, worst.last, worst.last - worst.first + 1),
                 site=self.scene.site(worst.site),
-            )  # fmt: skip
+            )
 
     def _see(self, joint: _Joint, driven: Driven, k: int, target: NDArray[np.float64]) -> None:
         steps, before, after = driven.steps, driven.before[:, k], driven.after[:, k]
@@ -154,11 +156,18 @@ class ResetLeaves(Answer):
         restored = first - 1 in self._restored.get(driven.body.client, ())
         homes = [joint.start, *([joint.home] if told >= joint.episode - 1 else [])]
         return _Put(
-            joint=name_of(driven, k), unit=unit, position=position, target=target, first=first,
-            back=any(abs(position - home) < SAME for home in homes), told=told,
+            joint=name_of(driven, k),
+            unit=unit,
+            position=position,
+            target=target,
+            first=first,
+            back=any(abs(position - home) < SAME for home in homes),
+            told=told,
             function="restoreState" if restored else "resetJointState",
-            site=float(driven.asked.site[row, k]), last=first, reached=position,
-        )  # fmt: skip
+            site=float(driven.asked.site[row, k]),
+            last=first,
+            reached=position,
+        )
 
     def _end(self, number: int, joint: _Joint) -> None:
         """Judge what was watched."""

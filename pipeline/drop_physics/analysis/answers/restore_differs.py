@@ -21,9 +21,17 @@ STATES = "saveState", "restoreState", "resetSimulation"
 """Each begins an episode,"""
 BY_HAND = "resetBase", "resetJoint"
 """and so does the first of these in a gap between steps."""
-SETS = ("changeDynamics", "setGravity", "createConstraint", "changeConstraint",
-    "removeConstraint", "setJointMotorControl", "setPhysicsEngineParameter", "setTimeStep",
-    "setCollisionFilter")  # fmt: skip
+SETS = (
+    "changeDynamics",
+    "setGravity",
+    "createConstraint",
+    "changeConstraint",
+    "removeConstraint",
+    "setJointMotorControl",
+    "setPhysicsEngineParameter",
+    "setTimeStep",
+    "setCollisionFilter",
+)
 """Beginnings of functions whose effect none of these takes back,"""
 SETTINGS = "setGravity", "setTimeStep", "setPhysicsEngineParameter"
 """Those of the engine's own settings."""
@@ -81,8 +89,9 @@ class RestoreDiffers(Answer):
     def see(self) -> None:
         """Follow the episodes of each simulation."""
         piece = self.scene.piece
-        if not any(site.function.startswith((*STATES, *BY_HAND))
-                for site in piece.calls.sites.values()):  # fmt: skip
+        if not any(
+            site.function.startswith((*STATES, *BY_HAND)) for site in piece.calls.sites.values()
+        ):
             return  # in the whole recording nothing begins an episode
         calls = piece.calls.of("")
         for client in {each.client for each in self.scene.seen.bodies.values()}:
@@ -115,8 +124,11 @@ class RestoreDiffers(Answer):
         """Return whether a setter's first call changed what the engine reports, if it does."""
         seen, body = self.scene.seen, given(call, "bodyUniqueId")
         if call.function == "changeDynamics":
-            ends = [each.at for each in seen.dynamics
-                if (each.body.client, each.body.engine_id) == (call.client, *body)]  # fmt: skip
+            ends = [
+                each.at
+                for each in seen.dynamics
+                if (each.body.client, each.body.engine_id) == (call.client, *body)
+            ]
         elif call.function in SETTINGS:
             ends = [each.at for each in seen.settings if each.client == call.client]
         else:
@@ -139,12 +151,19 @@ class RestoreDiffers(Answer):
 
     def _compared(self, first: _Episode, second: _Episode) -> Finding | None:
         same = next(
-            (n for n in range(MOST_STEPS)
-             if _said(first.calls.get(n, [])) != _said(second.calls.get(n, []))), MOST_STEPS,
-        )  # fmt: skip
+            (
+                n
+                for n in range(MOST_STEPS)
+                if _said(first.calls.get(n, [])) != _said(second.calls.get(n, []))
+            ),
+            MOST_STEPS,
+        )
         common = first.states.keys() & second.states.keys()
-        apart = {key: float(np.abs(first.states[key] - second.states[key]).max(initial=0.0))
-            for key in common if first.states[key].shape == second.states[key].shape}  # fmt: skip
+        apart = {
+            key: float(np.abs(first.states[key] - second.states[key]).max(initial=0.0))
+            for key in common
+            if first.states[key].shape == second.states[key].shape
+        }
         begun = [{body for body, n in each.states if n == 0} for each in (first, second)]
         differ = [key for key, gap in apart.items() if gap > 0 and key[1] <= same]
         began = begun[0] == begun[1] and not any(apart.get((body, 0), 1.0) for body in begun[0])
@@ -162,15 +181,23 @@ class RestoreDiffers(Answer):
         message = Message(
             "{body} runs differently after p.{function}(…) although the calls are the same: from "
             "step {step:,} on, and by {gap} after {last:,} steps; {why}",
-            body=body[1], step=begin + step, gap=distance(gap, unit), last=last, why=why,
+            body=body[1],
+            step=begin + step,
+            gap=distance(gap, unit),
+            last=last,
+            why=why,
             function=second.begin.function,
-        )  # fmt: skip
+        )
         return Finding(
-            code="restore-differs", level="asked", message=message,
-            body=body[1], effect=Effect(gap, unit),
-            share=min(gap, 1.0), site=site_of(call or second.begin),
+            code="restore-differs",
+            level="asked",
+            message=message,
+            body=body[1],
+            effect=Effect(gap, unit),
+            share=min(gap, 1.0),
+            site=site_of(call or second.begin),
             steps=Span(begin + step, begin + last, last - step + 1),
-        )  # fmt: skip
+        )
 
     def _follow(self, client: int, calls: list[Call], last: int) -> None:
         """Take the states and calls of an episode in a piece, up to sample `last`."""
@@ -232,14 +259,17 @@ def _cause(first: _Episode, second: _Episode) -> tuple[Message, Call | None] | N
     again, function = {_named(each) for each in second.calls.get(0, [])}, second.begin.function
     kept = CLEARED if function == "resetSimulation" else ("",)
     left = [
-        call for named, (before, call) in first.sets.items()
+        call
+        for named, (before, call) in first.sets.items()
         if before != call.numbers and named not in again and call.function.startswith(kept)
-    ]  # fmt: skip
+    ]
     if left:
         return Message(
             "p.{function}({arguments}) came in between, and p.{reset} does not take it back",
-            function=left[0].function, arguments=left[0].arguments, reset=function,
-        ), left[0]  # fmt: skip
+            function=left[0].function,
+            arguments=left[0].arguments,
+            reset=function,
+        ), left[0]
     if (first.touched or second.touched) and function != "resetSimulation":
         return Message(
             "p.{reset} does not bring back all of the impulses that contacts start from",

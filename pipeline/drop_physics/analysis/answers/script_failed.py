@@ -59,16 +59,24 @@ def failure(origin: Mapping[str, Any], raised: Call | None, calls: Log) -> Findi
     if raised is None or not said or not said.startswith(raised.raised.partition(": ")[2]):
         message = Message("the script fails: {error}", error=error)
         if said == NOT_CONNECTED:
-            message = Message("{message} {why}", message=message, why=Message(
-                "There is no simulation with that number: p.connect did not make it, or "
-                "p.disconnect ended it"))  # fmt: skip
+            message = Message(
+                "{message} {why}",
+                message=message,
+                why=Message(
+                    "There is no simulation with that number: p.connect did not make it, or "
+                    "p.disconnect ended it"
+                ),
+            )
         site = origin.get("error_site")
         return Finding(code="script-failed", level="broken", message=message, site=site)
     message = Message(
         "the script fails after {steps} in p.{function}({arguments}){why}: {error}",
-        steps=so_many(raised.at.step), function=raised.function, arguments=raised.arguments,
-        why=_why(raised, calls), error=error,
-    )  # fmt: skip
+        steps=so_many(raised.at.step),
+        function=raised.function,
+        arguments=raised.arguments,
+        why=_why(raised, calls),
+        error=error,
+    )
     return Finding(code="script-failed", level="broken", message=message, site=site_of(raised))
 
 

@@ -126,23 +126,31 @@ class Slides(Answer):
             labels = {"body": self.scene.body(body).label, "on": self.scene.body(other).label}
             message, advice, effect_m = self.words(run, labels)
             yield Finding(
-                code=self.code, level=self.level, message=message, advice=advice,
-                body=self.scene.body(body).label, other=self.scene.body(other).label,
-                effect=Effect(effect_m, "m"), share=effect_m / size_m(self.scene.body(body)),
+                code=self.code,
+                level=self.level,
+                message=message,
+                advice=advice,
+                body=self.scene.body(body).label,
+                other=self.scene.body(other).label,
+                effect=Effect(effect_m, "m"),
+                share=effect_m / size_m(self.scene.body(body)),
                 steps=Span(run.first, run.last, run.last - run.first + 1),
                 site=self.scene.asked.of["lateralFriction"].site(body, other),
-            )  # fmt: skip
+            )
 
     def words(self, run: Slip, labels: Mapping[str, object]) -> tuple[Message, Message, float]:
         """Return what is said of a body that slips on another, the cure, and how far it went."""
         of, first, seconds = run.of, run.at_first, run.of["time"]
         values: dict[str, object] = {
-            **labels, "slid": of["slid"], "available": first["available"] / first["time"],
+            **labels,
+            "slid": of["slid"],
+            "available": first["available"] / first["time"],
             "given": first["available"] / first["normal"],
             "needed": first["against"] / first["time"],
-            "wanted": first["against"] / first["normal"], "held": of["held"] / seconds,
+            "wanted": first["against"] / first["normal"],
+            "held": of["held"] / seconds,
             "turning": of["turning"] / seconds,
-        }  # fmt: skip
+        }
         if first["against"] <= first["available"]:
             return (
                 Message(
@@ -202,9 +210,13 @@ def _runs(scene: Scene, rows: Rows, side: int, judged: Judged) -> Iterator[Slip]
     for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
         fastest = start + int(np.argmax(slip[start:end]))
         yield Slip(
-            int(step[start]), int(step[end - 1]), float(began[start]), float(slip[fastest]),
-            numbers[start:end].sum(axis=0), numbers[start : fastest + 1].sum(axis=0),
-        )  # fmt: skip
+            int(step[start]),
+            int(step[end - 1]),
+            float(began[start]),
+            float(slip[fastest]),
+            numbers[start:end].sum(axis=0),
+            numbers[start : fastest + 1].sum(axis=0),
+        )
 
 
 def _forces(

@@ -71,10 +71,12 @@ class StartsInContact(Answer):
         body, other, depth_m = self.scene.body(number), self.scene.body(of), deepest.most
         size = min(size_m(each) for each in (body, other))
         values = {
-            "body": _named(body, deepest.at["links"][0]), "depth": depth_m * 1e3,
-            "other": _named(other, deepest.at["links"][1]), "speed": found.most,
+            "body": _named(body, deepest.at["links"][0]),
+            "depth": depth_m * 1e3,
+            "other": _named(other, deepest.at["links"][1]),
+            "speed": found.most,
             "time": self.scene.times[body.client].of(found.at["step"] - 1),
-        }  # fmt: skip
+        }
         thrown = found.most**2 / (2 * STANDARD_M_S2) > size
         advice = Message("place it at least {depth:.3g} mm farther away from {other}", **values)
         if number == of:
@@ -102,10 +104,15 @@ class StartsInContact(Answer):
         return Finding(
             code="self-collision" if number == of else "starts-in-contact",
             level="model" if number == of else "broken" if thrown else "asked",
-            message=message, advice=advice, body=body.label, other=other.label,
-            effect=Effect(depth_m, "m"), share=depth_m / size, steps=found.span,
+            message=message,
+            advice=advice,
+            body=body.label,
+            other=other.label,
+            effect=Effect(depth_m, "m"),
+            share=depth_m / size,
+            steps=found.span,
             site=found.at["site"],
-        )  # fmt: skip
+        )
 
 
 def _named(body: Body, link: int) -> str:

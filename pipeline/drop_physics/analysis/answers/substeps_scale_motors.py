@@ -50,15 +50,19 @@ class SubstepsScaleMotors(JointAnswer):
         message = Message(
             "{joint} has a motor that gives up to {given}, where {force} is its limit: with "
             "numSubSteps={substeps} the limit counts in each substep",
-            joint=worst.at["joint"], given=effort(given, unit), force=effort(force, unit),
+            joint=worst.at["joint"],
+            given=effort(given, unit),
+            force=effort(force, unit),
             substeps=substeps,
-        )  # fmt: skip
+        )
         advice = Message(
             "in place of substeps set the timestep to 1/{substeps} of it, before the motors are "
             "commanded, and step {substeps} times",
             substeps=substeps,
         )
         return {
-            "message": message, "advice": advice, "share": worst.most,
+            "message": message,
+            "advice": advice,
+            "share": worst.most,
             "effect": Effect(given - force, unit),
-        }  # fmt: skip
+        }

@@ -40,16 +40,23 @@ class TargetClamped(JointAnswer):
         message = Message(
             "{joint}{more} is sent to {target:.4g} {unit}, beyond its {side} limit of {limit:.4g} "
             "{unit}: PyBullet takes the limit as the target",
-            joint=worst.at["joint"], more=and_more(worst.at["joints"]), target=target, unit=unit,
+            joint=worst.at["joint"],
+            more=and_more(worst.at["joints"]),
+            target=target,
+            unit=unit,
             side=Message("upper") if target > high else Message("lower"),
             limit=high if target > high else low,
-        )  # fmt: skip
+        )
         advice = Message(
             "give a target within {low:.4g} and {high:.4g}, or other limits by "
             "p.changeDynamics(body, {link}, jointLowerLimit=…, jointUpperLimit=…)",
-            low=low, high=high, link=worst.at["link"],
-        )  # fmt: skip
+            low=low,
+            high=high,
+            link=worst.at["link"],
+        )
         return {
-            "message": message, "advice": advice, "effect": Effect(worst.most, unit),
+            "message": message,
+            "advice": advice,
+            "effect": Effect(worst.most, unit),
             "share": worst.most if unit == "rad" else worst.most / (high - low),
-        }  # fmt: skip
+        }

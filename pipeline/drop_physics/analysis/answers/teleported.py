@@ -35,8 +35,9 @@ class Teleported(Answer):
                 pairs.insert(0, (known[2], np.array([known[1]]), np.array([0])))
             for came, at, its in pairs:
                 way = steps.before.position_m[its] - came.position_m
-                way_m, speed = (np.linalg.norm(each, axis=1)
-                    for each in (way, came.velocity[:, 3:6]))  # fmt: skip
+                way_m, speed = (
+                    np.linalg.norm(each, axis=1) for each in (way, came.velocity[:, 3:6])
+                )
                 moved = (way_m > 0) & (speed > MOVING_M_S) & (at == steps.steps[its] - 1)
                 moved &= ~self.scene.placing.restored(number, steps.steps[its])
                 if moved.any():
@@ -53,11 +54,18 @@ class Teleported(Answer):
             message = Message(
                 "{body} is put {way:.3g} m away at step {step:,}{more}, while it moves at "
                 "{speed:.3g} m/s: no force takes it there",
-                body=body.label, way=each.at["way"], step=each.first, more=more,
+                body=body.label,
+                way=each.at["way"],
+                step=each.first,
+                more=more,
                 speed=each.at["speed"],
-            )  # fmt: skip
+            )
             yield Finding(
-                code="teleported", level="note", message=message, body=body.label,
-                effect=Effect(each.at["way"], "m"), steps=each.span,
+                code="teleported",
+                level="note",
+                message=message,
+                body=body.label,
+                effect=Effect(each.at["way"], "m"),
+                steps=each.span,
                 site=self.scene.placing.site(body, each.last + 1),
-            )  # fmt: skip
+            )

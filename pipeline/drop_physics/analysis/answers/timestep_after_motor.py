@@ -35,9 +35,13 @@ class TimestepAfterMotor(JointAnswer):
         message = Message(
             "{joint} has a motor of {limit} in place of the {force} it was given: the timestep was "
             "changed after that call",
-            joint=worst.at["joint"], limit=effort(limit, unit), force=effort(force, unit),
-        )  # fmt: skip
+            joint=worst.at["joint"],
+            limit=effort(limit, unit),
+            force=effort(force, unit),
+        )
         return {
-            "message": message, "share": worst.most, "effect": Effect(abs(limit - force), unit),
+            "message": message,
+            "share": worst.most,
+            "effect": Effect(abs(limit - force), unit),
             "advice": Message("call p.setTimeStep before the motors are commanded"),
-        }  # fmt: skip
+        }

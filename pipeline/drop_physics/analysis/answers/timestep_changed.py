@@ -39,11 +39,19 @@ class TimestepChanged(Answer):
             self._last[judged.body.number] = life, float(timestep_s[-1])
         for client, changes in found.items():
             first, at = min(changes), np.array(sorted(changes))
-            sites = [site_of(each) for each in self.scene.piece.calls.of(*SETS_TIMESTEP)
-                if each.client == client and each.at.step == first]  # fmt: skip
+            sites = [
+                site_of(each)
+                for each in self.scene.piece.calls.of(*SETS_TIMESTEP)
+                if each.client == client and each.at.step == first
+            ]
             # Of all the first is told.
-            self._changes.add(client, at, np.full(len(at), -float(first)), change=changes[first],
-                site=sites[-1] if sites else None)  # fmt: skip
+            self._changes.add(
+                client,
+                at,
+                np.full(len(at), -float(first)),
+                change=changes[first],
+                site=sites[-1] if sites else None,
+            )
 
     def findings(self) -> Iterator[Finding]:
         """Yield the first change of each simulation."""
@@ -54,12 +62,20 @@ class TimestepChanged(Answer):
                 "the timestep changes from {before} s to {after} s at step {step:,}{more}: motors "
                 "and constraints keep force × timestep of their call, and a position motor closes "
                 "a share of its gap per step",
-                before=fraction(before_s), after=fraction(after_s), step=each.first, more=more,
-            )  # fmt: skip
+                before=fraction(before_s),
+                after=fraction(after_s),
+                step=each.first,
+                more=more,
+            )
             low_s, high_s = sorted((before_s, after_s))
             ratio = high_s / low_s if low_s > 0 else 0.0
             yield Finding(
-                code="timestep-changed", level="model", message=message,
+                code="timestep-changed",
+                level="model",
+                message=message,
                 advice=Message("call p.setTimeStep once, before the first motor"),
-                effect=Effect(ratio, "1"), share=ratio, steps=each.span, site=site,
-            )  # fmt: skip
+                effect=Effect(ratio, "1"),
+                share=ratio,
+                steps=each.span,
+                site=site,
+            )

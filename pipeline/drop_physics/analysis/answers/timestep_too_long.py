@@ -50,23 +50,31 @@ class TimestepTooLong(Answer):
             message = Message(
                 "{body} moves {way:.3g} m in a step of {step_s} s, and is {thick:.3g} m thick: it "
                 "can pass through others, or overlap them before contact acts",
-                body=self.scene.body(number).label, way=each.most,
-                step_s=fraction(each.at["step"]), thick=each.at["thick"],
-            )  # fmt: skip
+                body=self.scene.body(number).label,
+                way=each.most,
+                step_s=fraction(each.at["step"]),
+                thick=each.at["thick"],
+            )
             yield self._finding(number, each, message, "m", each.most / each.at["thick"])
         for number, each in self._long.items():
             message = Message(
                 "{body} is simulated in steps of {step_s} s: position motors close a share of "
                 "their gap per step, and contacts act only at its end",
-                body=self.scene.body(number).label, step_s=fraction(each.most),
-            )  # fmt: skip
+                body=self.scene.body(number).label,
+                step_s=fraction(each.most),
+            )
             yield self._finding(number, each, message, "s", each.most / LONG_S)
 
     def _finding(
         self, number: int, each: Noted, message: Message, unit: str, share: float
     ) -> Finding:
         return Finding(
-            code="timestep-too-long", level="model", message=message, share=share,
-            advice=Message("p.setTimeStep(…), smaller, before the motors"), steps=each.span,
-            body=self.scene.body(number).label, effect=Effect(each.most, unit),
-        )  # fmt: skip
+            code="timestep-too-long",
+            level="model",
+            message=message,
+            share=share,
+            advice=Message("p.setTimeStep(…), smaller, before the motors"),
+            steps=each.span,
+            body=self.scene.body(number).label,
+            effect=Effect(each.most, unit),
+        )

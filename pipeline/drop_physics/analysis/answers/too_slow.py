@@ -50,15 +50,26 @@ class TooSlow(JointAnswer):
                 takes[:, k] = held.needs[k] * way
         when = np.broadcast_to(driven.steps.steps[:, None].astype(np.float64), target.shape)
         rates = np.broadcast_to(np.arange(target.shape[1], dtype=np.float64), target.shape)
-        self.note(driven, weak, when, rate=driven.rate, target=target, limit=driven.limit,
-            takes=takes, force=asked.force, k=rates,
-            number=np.full_like(target, number))  # fmt: skip
+        self.note(
+            driven,
+            weak,
+            when,
+            rate=driven.rate,
+            target=target,
+            limit=driven.limit,
+            takes=takes,
+            force=asked.force,
+            k=rates,
+            number=np.full_like(target, number),
+        )
 
     def _grips(self, held: Holding, k: int, way: float) -> bool:
         """Return whether what stops a joint is a body that it holds."""
         against = [one for one, each in held.contacts.items() if each[k] * way < 0]
-        return any(self.scene.body(one).base_moves and held.from_one_side(one, k) is None
-            for one in against)  # fmt: skip
+        return any(
+            self.scene.body(one).base_moves and held.from_one_side(one, k) is None
+            for one in against
+        )
 
     def says(self, noted: Noted) -> bool:
         """Return whether it is at its limit in most of these steps, and slow in the last."""
@@ -71,18 +82,28 @@ class TooSlow(JointAnswer):
         """Return what is said of the joint that was slow for longest."""
         at, (unit, force_unit) = worst.at, worst.at["units"]
         rate, target, takes = at["rate"], at["target"], at["takes"]
-        weak = at_limit(effort(at["limit"], force_unit), worst.count,
-            self._told[at["number"], at["k"]][0])  # fmt: skip
+        weak = at_limit(
+            effort(at["limit"], force_unit), worst.count, self._told[at["number"], at["k"]][0]
+        )
         advice = None
         if takes > at["limit"]:
-            weak = Message("{weak}; holding it here takes {here}",
-                weak=weak, here=effort(takes, force_unit))  # fmt: skip
+            weak = Message(
+                "{weak}; holding it here takes {here}", weak=weak, here=effort(takes, force_unit)
+            )
             advice = give_at_least(takes, force_unit, at["force"])
         message = Message(
             "{joint}{more} ends at {rate:.2g} {unit}, its target is {target:.3g}: {weak}",
-            joint=at["joint"], more=and_more(at["joints"]), rate=rate, unit=f"{unit}/s",
-            target=target, weak=weak,
-        )  # fmt: skip
+            joint=at["joint"],
+            more=and_more(at["joints"]),
+            rate=rate,
+            unit=f"{unit}/s",
+            target=target,
+            weak=weak,
+        )
         gap = abs(target - rate)
-        return {"message": message, "advice": advice, "effect": Effect(gap, f"{unit}/s"),
-            "share": gap / abs(target)}  # fmt: skip
+        return {
+            "message": message,
+            "advice": advice,
+            "effect": Effect(gap, f"{unit}/s"),
+            "share": gap / abs(target),
+        }

@@ -30,9 +30,15 @@ class Tunnelled(Answer):
         super().__init__(scene)
         self._records = records_of(scene.seen)
         put = [each.body.number for each in scene.seen.puts]
-        self._boxes = {number: body.collisions[0] for number, body in scene.seen.bodies.items()
-            if len(body.collisions) == 1 and body.collisions[0].kind == "box"
-            and not body.moving and put.count(number) <= 1 and not body.before}  # fmt: skip
+        self._boxes = {
+            number: body.collisions[0]
+            for number, body in scene.seen.bodies.items()
+            if len(body.collisions) == 1
+            and body.collisions[0].kind == "box"
+            and not body.moving
+            and put.count(number) <= 1
+            and not body.before
+        }
         """Of bodies that nothing moves, and which are one box."""
         self._off: dict[frozenset[int], Call] = {}
         """Pairs that a call switched off, by the engine's ids."""
@@ -62,8 +68,11 @@ class Tunnelled(Answer):
                     enters = whole if self._why(body, other) is None else (came > 0) & (came <= 1)
                     rows = np.flatnonzero(enters & (came < left))
                     if len(rows):
-                        told = {"step": steps.steps[rows], "share": (left - came)[rows],
-                            "timestep": steps.reported.timestep_s[rows]}  # fmt: skip
+                        told = {
+                            "step": steps.steps[rows],
+                            "share": (left - came)[rows],
+                            "timestep": steps.reported.timestep_s[rows],
+                        }
                         self._found.add((body.number, other), steps.steps[rows], ways_m[rows], told)
 
     def _why(self, body: Body, other: int) -> Call | str | None:
@@ -82,8 +91,7 @@ class Tunnelled(Answer):
             why = self._why(body, other)
             level: Level = "asked"
             times = self.scene.times[body.client]
-            values = {"body": body.label, "other": box.label,
-                "time": times.of(found.at["step"])}  # fmt: skip
+            values = {"body": body.label, "other": box.label, "time": times.of(found.at["step"])}
             if isinstance(why, Call):
                 level = "note"
                 message = Message(
@@ -103,17 +111,26 @@ class Tunnelled(Answer):
                 message = Message(
                     "{body} passes through {other} at {time:.4g} s without touching it: it goes "
                     "{way:.3g} m in one step, and {other} is {thick:.3g} m thick there",
-                    **values, way=found.most, thick=thick_m,
-                )  # fmt: skip
+                    **values,
+                    way=found.most,
+                    thick=thick_m,
+                )
                 advice = Message(
                     "use a timestep in which it goes less than that: p.setTimeStep({shorter:.1g})",
                     shorter=found.at["timestep"] * found.at["share"] / 2,
                 )
             yield Finding(
-                code="tunnelled", level=level, message=message, advice=advice, body=body.label,
-                other=box.label, effect=Effect(found.most, "m"), share=found.most / size_m(body),
-                steps=found.span, site=site_of(why) if isinstance(why, Call) else None,
-            )  # fmt: skip
+                code="tunnelled",
+                level=level,
+                message=message,
+                advice=advice,
+                body=body.label,
+                other=box.label,
+                effect=Effect(found.most, "m"),
+                share=found.most / size_m(body),
+                steps=found.span,
+                site=site_of(why) if isinstance(why, Call) else None,
+            )
 
 
 def _crossing(

@@ -22,7 +22,9 @@ class Unseeded(Answer):
                 "{place} (the first of {places} places)", place=places[0], places=len(places)
             )
         yield Finding(
-            code="unseeded", level="repeat", site=places[0].rpartition(" at ")[2] or None,
+            code="unseeded",
+            level="repeat",
+            site=places[0].rpartition(" at ")[2] or None,
             message=Message("unseeded random numbers are drawn by {where}", where=where),
             advice=Message("seed them in the script, or record it with --seed 0"),
-        )  # fmt: skip
+        )

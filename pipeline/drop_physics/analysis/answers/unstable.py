@@ -35,8 +35,14 @@ SAME = 1e-6
 """Forces that differ by less than this share are the same."""
 SHARE, LEAST = 0.01, 1e-2
 """Of its greatest, and in rad/s or m/s: a slower rate is noise."""
-AXES = ("spin about x", "spin about y", "spin about z", "velocity along x", "velocity along y",
-    "velocity along z")  # fmt: skip
+AXES = (
+    "spin about x",
+    "spin about y",
+    "spin about z",
+    "velocity along x",
+    "velocity along y",
+    "velocity along z",
+)
 ADVICE: Mapping[str, Message] = {
     "joint damping": Message(
         "the joint's damping acts explicitly, on a small inertia: use a smaller timestep, or "
@@ -101,8 +107,17 @@ class Unstable(Answer):
             if known is None or known.greatest.shape != (tree.size,):
                 none = np.zeros(tree.size)
                 forces = np.stack([none + np.inf, none - np.inf, none + np.inf])
-                known = _Rates(judged.body, tree, none, none.astype(np.int64), {}, Notes(),
-                    Notes(), none, forces)  # fmt: skip
+                known = _Rates(
+                    judged.body,
+                    tree,
+                    none,
+                    none.astype(np.int64),
+                    {},
+                    Notes(),
+                    Notes(),
+                    none,
+                    forces,
+                )
                 self._rates[number] = known
             # What a motor's gains turn around is motor-gain's.
             own = np.ones(len(steps), np.bool_)
@@ -116,8 +131,11 @@ class Unstable(Answer):
     def findings(self) -> Iterator[Finding]:
         """Yield the worst degree of freedom of each body."""
         for each in self._rates.values():
-            rings = {row: noted for row, noted in each.rings.items() if not each.is_switch(row)
-                and noted.most > max(SHARE * each.greatest[row], LEAST)}  # fmt: skip
+            rings = {
+                row: noted
+                for row, noted in each.rings.items()
+                if not each.is_switch(row) and noted.most > max(SHARE * each.greatest[row], LEAST)
+            }
             found = _unstable(each, rings) if rings else None
             if found is None and each.clamped:
                 found = _clamped(each)
@@ -141,11 +159,13 @@ def _ring(known: _Rates, steps: Steps, own: NDArray[np.bool_]) -> None:
         known.rings.add(row, steps.steps[rings[:, row]], size[rings[:, row], row])
     low, high, least = known.forces
     forces = steps.terms["applied"]
-    known.forces = np.stack([
-        np.where(rings, forces, np.inf).min(axis=0, initial=np.inf).clip(max=low),
-        np.where(rings, forces, -np.inf).max(axis=0, initial=-np.inf).clip(min=high),
-        np.where(rings, np.abs(forces), np.inf).min(axis=0, initial=np.inf).clip(max=least),
-    ])  # fmt: skip
+    known.forces = np.stack(
+        [
+            np.where(rings, forces, np.inf).min(axis=0, initial=np.inf).clip(max=low),
+            np.where(rings, forces, -np.inf).max(axis=0, initial=-np.inf).clip(min=high),
+            np.where(rings, np.abs(forces), np.inf).min(axis=0, initial=np.inf).clip(max=least),
+        ]
+    )
     against = np.where(rings, -np.sign(before), 0)
     for name, term in steps.terms.items() if rings.any() else ():
         known.turned[name] = known.turned.get(name, 0.0) + (against * term).sum(axis=0)
@@ -186,15 +206,24 @@ def _unstable(known: _Rates, rings: dict[int, Noted]) -> Finding | None:
     message = Message(
         "{name}{more} changes its sign with every step, at up to {rate:.3g} {unit}, in {count:,} "
         "steps: the term {term} turns it around",
-        name=name, more=and_more(len(rings)), rate=worst.most, unit=unit,
-        count=worst.count + OFTEN - 1, term=most,
-    )  # fmt: skip
+        name=name,
+        more=and_more(len(rings)),
+        rate=worst.most,
+        unit=unit,
+        count=worst.count + OFTEN - 1,
+        term=most,
+    )
     return Finding(
-        code="unstable", level="broken", message=message, body=known.body.label, joint=joint,
+        code="unstable",
+        level="broken",
+        message=message,
+        body=known.body.label,
+        joint=joint,
         advice=ADVICE[most],
-        effect=Effect(worst.most, unit), share=worst.most / float(known.greatest[row]),
+        effect=Effect(worst.most, unit),
+        share=worst.most / float(known.greatest[row]),
         steps=worst.span,
-    )  # fmt: skip
+    )
 
 
 def _clamped(known: _Rates) -> Finding:
@@ -204,11 +233,21 @@ def _clamped(known: _Rates) -> Finding:
     message = Message(
         "{name} reaches {limit:g} {unit}, where PyBullet clamps every rate: in {steps} it takes "
         "{taken:.3g} {of} away",
-        name=name, limit=known.limit, unit=unit, steps=so_many(worst.count), taken=taken.value,
+        name=name,
+        limit=known.limit,
+        unit=unit,
+        steps=so_many(worst.count),
+        taken=taken.value,
         of=taken.unit,
-    )  # fmt: skip
+    )
     return Finding(
-        code="velocity-clamped", level="asked", message=message, body=known.body.label, joint=joint,
+        code="velocity-clamped",
+        level="asked",
+        message=message,
+        body=known.body.label,
+        joint=joint,
         advice=Message("p.changeDynamics(body, -1, maxJointVelocity=…) raises the limit"),
-        share=worst.count / known.steps, effect=taken, steps=worst.span,
-    )  # fmt: skip
+        share=worst.count / known.steps,
+        effect=taken,
+        steps=worst.span,
+    )

@@ -95,9 +95,13 @@ class WheelSlip(Answer):
     def _see(self, driven: Driven, drives: Flags) -> None:
         """Take steps of a robot whose base can move."""
         points, number = self.scene.touches.pairs.points, driven.body.number
-        its = np.flatnonzero((points.body == number).any(axis=1) & (points.normal_n > 0)
-            & ~points.moves.all(axis=1) & points.explained.all(axis=1)
-            & np.isin(points.step, driven.steps.steps))  # fmt: skip
+        its = np.flatnonzero(
+            (points.body == number).any(axis=1)
+            & (points.normal_n > 0)
+            & ~points.moves.all(axis=1)
+            & points.explained.all(axis=1)
+            & np.isin(points.step, driven.steps.steps)
+        )
         if not len(its):
             return
         rolling = Rolling(driven.steps, points, its, number)
@@ -126,8 +130,9 @@ class WheelSlip(Answer):
     def findings(self) -> Iterator[Finding]:
         """Yield a line per robot, of its worst wheel."""
         for number, (held, free) in self._steps.items():
-            its = {k: each for (body, k), each in self._wheels.items()
-                if body == number and each.turns}  # fmt: skip
+            its = {
+                k: each for (body, k), each in self._wheels.items() if body == number and each.turns
+            }
             for k, each in its.items():
                 each.turned_in_all_rad = float(np.ravel(self._turned_rad[number])[k])
             # Of one that slips forwards and one that slips backwards, the robot loses nothing.
@@ -140,8 +145,13 @@ class WheelSlip(Answer):
         body, ground = self.scene.body(number), self.scene.body(wheel.ground)
         rolled, slipped, _, across, available, normal, seconds = wheel.sums.tolist()
         joint = self.scene.joints.rows(number)[k].name
-        values = {"joint": joint, "rolls": rolled / seconds, "ground": ground.label,
-            "goes": (rolled - slipped) / seconds, "friction": available / normal}  # fmt: skip
+        values = {
+            "joint": joint,
+            "rolls": rolled / seconds,
+            "ground": ground.label,
+            "goes": (rolled - slipped) / seconds,
+            "friction": available / normal,
+        }
         turns = across > SIDEWAYS * abs(slipped)
         if turns:
             message = Message(
@@ -155,9 +165,11 @@ class WheelSlip(Answer):
                 "{joint} rolls at {rolls:.3g} m/s over {ground} and goes at {goes:.3g} m/s: "
                 "friction is at its limit (coefficient {friction:.3g}, the product of both)",
                 **values,
-            )  # fmt: skip
-        advice = Message("p.changeDynamics(…, lateralFriction=…) of the wheels or the ground, or "
-            "change the wheels' speed more slowly")  # fmt: skip
+            )
+        advice = Message(
+            "p.changeDynamics(…, lateralFriction=…) of the wheels or the ground, or "
+            "change the wheels' speed more slowly"
+        )
         return Finding(
             code="wheel-slip",
             level="asked",

@@ -67,10 +67,13 @@ class Samples:
         self._pairs, self._tolerance = pairs, tolerance
         self._touched: int | None = None
         began = [
-            {(number, each.at.step) for each in seen.appearances
-             if each.came and (number := numbers[each.body.number]) in pairs.common}
+            {
+                (number, each.at.step)
+                for each in seen.appearances
+                if each.came and (number := numbers[each.body.number]) in pairs.common
+            }
             for seen, numbers in ((run, {n: n for n in run.bodies}), (golden, pairs.numbers))
-        ]  # fmt: skip
+        ]
         # A body that came after a picture was taken has no sample of where it began.
         self._began = began[0] & began[1]
         self._fresh = {

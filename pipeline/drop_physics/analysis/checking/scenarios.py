@@ -103,5 +103,9 @@ def _apart(name: str, value: Any, other: Any) -> bool:  # noqa: ANN401
 
 def _is_version(name: str) -> bool:
     return name.endswith("_version") or name in (
-        "pybullet_build", "pybullet_wheel", "pybullet_api", "machine", "gl_renderer",
-    )  # fmt: skip
+        "pybullet_build",
+        "pybullet_wheel",
+        "pybullet_api",
+        "machine",
+        "gl_renderer",
+    )

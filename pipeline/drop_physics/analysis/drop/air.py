@@ -66,9 +66,13 @@ class Air:
         case, touches = self._case, part.touches
         points = slice(int(np.searchsorted(touches.step, rows)))
         found = segments_of(
-            part.at(slice(rows)), case.law, touches.at(points),
-            exact=case.exact, before=before.at(slice(rows)), placed=part.steps[:rows] == 0,
-        )  # fmt: skip
+            part.at(slice(rows)),
+            case.law,
+            touches.at(points),
+            exact=case.exact,
+            before=before.at(slice(rows)),
+            placed=part.steps[:rows] == 0,
+        )
         stepped = part.steps[:rows] > 0
         departs = _first((found.code != FLIGHT) & stepped, part.first)
         followed = stepped if departs is None else stepped & (part.steps[:rows] < departs)

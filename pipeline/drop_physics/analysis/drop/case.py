@@ -72,8 +72,12 @@ class Case:
     def released(self) -> bool:
         """Whether the first sample is the release that was asked for, as the engine rounds it."""
         scenario, mine = self.scenario, self.start
-        asked = (self.fall.position_m, scenario.orientation_xyzw, scenario.velocity_m_s,
-            scenario.spin_rad_s)  # fmt: skip
+        asked = (
+            self.fall.position_m,
+            scenario.orientation_xyzw,
+            scenario.velocity_m_s,
+            scenario.spin_rad_s,
+        )
         start = self.law.released(Motion(*(np.array([each]) for each in asked)))
         turned = same_way(mine.orientation, start.orientation) - start.orientation
         return bool(np.abs(turned).max() <= self.law.oriented) and all(

@@ -67,8 +67,10 @@ def apart(run: Flight, golden: Flight, *, parts_at: int | None) -> Message:
     parts_at
         The first sample that differs; None where none does.
     """
-    names = {name: ENGINES[flight.case.scenario.engine]
-        for name, flight in (("run", run), ("golden", golden))}  # fmt: skip
+    names = {
+        name: ENGINES[flight.case.scenario.engine]
+        for name, flight in (("run", run), ("golden", golden))
+    }
     touch = min(len(run.motion), len(golden.motion))
     if parts_at is None:
         return Message("{run} and {golden} agree to the bit", **names)

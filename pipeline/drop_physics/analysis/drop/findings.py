@@ -67,10 +67,18 @@ def findings(fall: Fall, mismatch_step: int | None) -> list[Finding]:
     if mismatch_step is not None:
         followed = [_law_mismatch(fall.case, mismatch_step)]
     each_found = [
-        *_no_gravity(fall), *followed, *_tunnelled(fall), *_starts_in_contact(fall),
-        *_default_damping(fall), *_velocity_clamped(fall), *_deep_penetration(fall),
-        *_tumbled(fall), *_inflated(fall), *_swallowed(fall), *_rest_below_expected(fall),
-    ]  # fmt: skip
+        *_no_gravity(fall),
+        *followed,
+        *_tunnelled(fall),
+        *_starts_in_contact(fall),
+        *_default_damping(fall),
+        *_velocity_clamped(fall),
+        *_deep_penetration(fall),
+        *_tumbled(fall),
+        *_inflated(fall),
+        *_swallowed(fall),
+        *_rest_below_expected(fall),
+    ]
     return sorted(each_found, key=lambda each: each.rank)
 
 
@@ -344,9 +352,12 @@ def _rest_below_expected(fall: Fall) -> Iterator[Finding]:
             "stays"
         )
     yield _found(
-        "rest-below-expected", joined(": ", [lower, why]), advice,
-        metres=rest.error_m, case=fall.case,
-    )  # fmt: skip
+        "rest-below-expected",
+        joined(": ", [lower, why]),
+        advice,
+        metres=rest.error_m,
+        case=fall.case,
+    )
 
 
 def _still_airborne(fall: Fall) -> Iterator[Finding]:

@@ -63,17 +63,25 @@ def drop_analysis_of(
     case, _ = case_seen(scenario, engine, seen)
     falling = Falling(case, at_s=at_s, whole=whole or samples <= MOST_ROWS)
     walked = Story(
-        seen, {}, at_s=at_s, sums_at_s=at_s, answers=(), other=other,
+        seen,
+        {},
+        at_s=at_s,
+        sums_at_s=at_s,
+        answers=(),
+        other=other,
         also=lambda piece: falling.add(samples_seen(seen, piece)),
-    ).analysis()  # fmt: skip
+    ).analysis()
     fall = falling.fall()
     walked = _checked(walked, fall)
     (body,) = (each for each in walked.bodies if each.id == BODY)
     of_drop = vars(fall.analysis) | {
-        "origin": None, "kind": "drop", "segments": body.segments,
+        "origin": None,
+        "kind": "drop",
+        "segments": body.segments,
         "findings": findings(fall, _mismatch_step(fall, body)),
-        "flights": body.flights, "explained": _explained(walked.by_body[BODY], body, case),
-    }  # fmt: skip
+        "flights": body.flights,
+        "explained": _explained(walked.by_body[BODY], body, case),
+    }
     return DropAnalysis(**(vars(walked) | of_drop))
 
 

@@ -35,8 +35,9 @@ ALONE: frozenset[Reason] = frozenset(("engine", "substeps", "maximal", "massless
 def motion_of(states: States) -> Motion:
     """Return the motion of the base of bodies that can move."""
     turning, moving = states.velocity[:, :3], states.velocity[:, 3:6]
-    return Motion(*map(np.ascontiguousarray,
-        (states.position_m, states.orientation, moving, turning)))  # fmt: skip
+    return Motion(
+        *map(np.ascontiguousarray, (states.position_m, states.orientation, moving, turning))
+    )
 
 
 def law_of(epoch: Epoch, timestep_s: float, gravity_m_s2: Float64) -> Law | None:
@@ -56,10 +57,16 @@ def law_of(epoch: Epoch, timestep_s: float, gravity_m_s2: Float64) -> Law | None
     x, y, z = gravity_m_s2.tolist()
     ix, iy, iz = tree.inertias_kg_m2[0].tolist()
     return BulletLaw(
-        timestep_s=timestep_s, substeps=max(1, epoch.substeps), gravity_m_s2=(x, y, z),
-        mass_kg=mass_kg, inertia_kg_m2=(ix, iy, iz), linear_damping=linear,
-        angular_damping=angular, coordinates=kind, velocity_limit=epoch.law.velocity_limit,
-    )  # fmt: skip
+        timestep_s=timestep_s,
+        substeps=max(1, epoch.substeps),
+        gravity_m_s2=(x, y, z),
+        mass_kg=mass_kg,
+        inertia_kg_m2=(ix, iy, iz),
+        linear_damping=linear,
+        angular_damping=angular,
+        coordinates=kind,
+        velocity_limit=epoch.law.velocity_limit,
+    )
 
 
 def explained(

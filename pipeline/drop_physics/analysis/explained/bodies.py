@@ -28,8 +28,17 @@ DISABLE_SLEEPING = 2
 """Of `activationState`."""
 AT_ORIGIN = np.array([0.0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0])
 """A base of which nothing was told."""
-KEPT = frozenset(("linearDamping", "angularDamping", "jointDamping", "jointLowerLimit",
-    "jointUpperLimit", "maxJointVelocity", "activationState"))  # fmt: skip
+KEPT = frozenset(
+    (
+        "linearDamping",
+        "angularDamping",
+        "jointDamping",
+        "jointLowerLimit",
+        "jointUpperLimit",
+        "maxJointVelocity",
+        "activationState",
+    )
+)
 """What calls set of a body that the engine does not report, and a step depends on."""
 
 
@@ -120,8 +129,9 @@ def _step_of(put: Put) -> int:
 
 def records_of(seen: Seen) -> dict[int, Record]:
     """Return what was told of each body that is not soft, by its number."""
-    records = {number: Record(body) for number, body in sorted(seen.bodies.items())
-        if not body.soft}  # fmt: skip
+    records = {
+        number: Record(body) for number, body in sorted(seen.bodies.items()) if not body.soft
+    }
     for appearance in seen.appearances:
         if appearance.came and appearance.body.number in records:
             records[appearance.body.number].came.append(appearance)
@@ -178,8 +188,9 @@ class Epochs:
             latest = next(each for each in record.dynamics if order(each.at) >= came)
         reported = latest.reported
         calls = [each for each in record.given[: given + 1] if order(each.at) >= came]
-        if known_from_start := {name: float(reported[key][0]) for key, name in GIVEN.items()
-                if key in reported}:  # fmt: skip
+        if known_from_start := {
+            name: float(reported[key][0]) for key, name in GIVEN.items() if key in reported
+        }:
             calls.insert(0, Given(latest.at, record.body, known_from_start))
         law = law_of(record.body, reported, calls)
         settings = Settings(
@@ -227,8 +238,11 @@ def law_of(body: Body, reported: Mapping[str, Float64], calls: Sequence[Given]) 
     )
     damping = [joint.damping for joint in body.joints]
     limits = [joint.limits for joint in body.joints]
-    whole = {"linearDamping": DAMPING, "angularDamping": DAMPING,
-        "maxJointVelocity": MAX_COORDINATE_VELOCITY_M_S}  # fmt: skip
+    whole = {
+        "linearDamping": DAMPING,
+        "angularDamping": DAMPING,
+        "maxJointVelocity": MAX_COORDINATE_VELOCITY_M_S,
+    }
     for call in calls:
         numbers = {name: _number(value) for name, value in call.values.items()}
         link = int(numbers.get("linkIndex", -1))

@@ -58,8 +58,15 @@ class Chain(Rowed):
     def of_base(base: Float64, steps: Int64) -> Chain:
         """Return samples of a base without joints, shape (n, 13)."""
         n, nothing = len(steps), np.empty((len(steps), 0))
-        return Chain(base, nothing, nothing, nothing, steps.copy(), np.ones(n, np.bool_),
-            np.zeros(n, np.bool_))  # fmt: skip
+        return Chain(
+            base,
+            nothing,
+            nothing,
+            nothing,
+            steps.copy(),
+            np.ones(n, np.bool_),
+            np.zeros(n, np.bool_),
+        )
 
 
 def chain_of(

@@ -95,9 +95,11 @@ class Commanded:
             efforts[on, k] = pd_effort(
                 gains=np.stack((self.pd_kp[on, k], self.pd_kd[on, k])),
                 target=np.clip(target, lower, upper) if lower <= upper else target,
-                target_velocity=self.pd_velocity[on, k], limit=self.pd_force[on, k],
-                position=before.joints[on, place.start], velocity=before.velocity[on, rates.start],
-            )  # fmt: skip
+                target_velocity=self.pd_velocity[on, k],
+                limit=self.pd_force[on, k],
+                position=before.joints[on, place.start],
+                velocity=before.velocity[on, rates.start],
+            )
         return efforts
 
 
@@ -130,8 +132,10 @@ class _Joint:
         """Put the calls of a piece in order, and fill in what each left as it was."""
         if not self.calls:
             return
-        moments, columns = (np.concatenate(each, axis=k) for k, each in
-            zip((1, 0), zip(*self.calls, strict=True), strict=True))  # fmt: skip
+        moments, columns = (
+            np.concatenate(each, axis=k)
+            for k, each in zip((1, 0), zip(*self.calls, strict=True), strict=True)
+        )
         self.calls = []
         order = np.lexsort(moments[2::-1])
         self.steps = np.append(-1, moments[0, order].astype(np.int64))
@@ -311,12 +315,29 @@ def _columns(told: Command, steps: Int64, width: int, timestep_s: Float64) -> Fl
     kp, kd, top = one("positionGain", 0.1), one("velocityGain", 1.0), one("maxVelocity", 0.0)
     site = float(told.site.number)
     columns = np.empty((len(steps), len(NAMES), width))
-    for k, numbers in enumerate((
-        mode, np.where(position & single, target, np.nan), rate if single else np.nan,
-        np.where(position, kp, 0.0), kd, force * timestep_s[:, None], force,
-        np.where(position & (top > 0), top, np.nan), site, steps[:, None], steps[:, None],
-        np.nan, np.where(torque, site, np.nan), 1.0, target, rate, kp, kd, force,
-    )):  # fmt: skip
+    for k, numbers in enumerate(
+        (
+            mode,
+            np.where(position & single, target, np.nan),
+            rate if single else np.nan,
+            np.where(position, kp, 0.0),
+            kd,
+            force * timestep_s[:, None],
+            force,
+            np.where(position & (top > 0), top, np.nan),
+            site,
+            steps[:, None],
+            steps[:, None],
+            np.nan,
+            np.where(torque, site, np.nan),
+            1.0,
+            target,
+            rate,
+            kp,
+            kd,
+            force,
+        )
+    ):
         columns[:, k] = numbers
     return columns
 

@@ -78,9 +78,13 @@ class Constraints:
         # PyBullet passes over an orientation that is not four numbers.
         turned = turned if len(turned) == 4 else (0.0, 0.0, 0.0, 1.0)
         held = Held(
-            at, int(values.get("jointType", (-1,))[0]), bodies, (parent, child),
-            (pivots[0], pivots[1]), turned,
-        )  # fmt: skip
+            at,
+            int(values.get("jointType", (-1,))[0]),
+            bodies,
+            (parent, child),
+            (pivots[0], pivots[1]),
+            turned,
+        )
         self._told.setdefault((call.client, int(call.result)), []).append(held)
 
     def change(self, call: Call) -> None:
@@ -129,9 +133,13 @@ class Constraints:
                     if held.kind == GEAR:
                         impulses = np.zeros((len(ends), tree.joint_rates))
                         impulses[at] = gear_impulses(
-                            tree, as_parent=side == 0, link=held.links[side], ratio=held.ratio,
-                            reported=reported[:, 0], timestep_s=timestep_s[at],
-                        )  # fmt: skip
+                            tree,
+                            as_parent=side == 0,
+                            link=held.links[side],
+                            ratio=held.ratio,
+                            reported=reported[:, 0],
+                            timestep_s=timestep_s[at],
+                        )
                         geared = impulses if geared is None else geared + impulses
                     elif held.kind in (FIXED, POINT):
                         kin = kinematics(tree, before.at(at))
@@ -154,6 +162,11 @@ def _axes(held: Held, side: int, kin: Kinematics, ends: Int64, poses: Poses) -> 
 
 def _forces(held: Held, side: int, kin: Kinematics, axes: Float64, reported: Float64) -> Forces:
     return constraint_forces(
-        kin, kind="fixed" if held.kind == FIXED else "point2point", as_parent=side == 0,
-        link=held.links[side], pivot_m=held.pivots_m[side], axes=axes, reported=reported,
-    )  # fmt: skip
+        kin,
+        kind="fixed" if held.kind == FIXED else "point2point",
+        as_parent=side == 0,
+        link=held.links[side],
+        pivot_m=held.pivots_m[side],
+        axes=axes,
+        reported=reported,
+    )

@@ -33,8 +33,12 @@ ALONE = {segments.FLIGHT: FLIGHT, segments.CONTACT: CONTACT, segments.PUSHED: PU
 
 Why = Reason | Literal["timestep", "not finite", "before the recording", "remainder"]
 WHYS: tuple[Why, ...] = (
-    *get_args(Reason), "timestep", "not finite", "before the recording", "remainder",
-)  # fmt: skip
+    *get_args(Reason),
+    "timestep",
+    "not finite",
+    "before the recording",
+    "remainder",
+)
 """Why a sample is unexplained: what the law says, from settings, before what was only seen."""
 
 
@@ -88,9 +92,11 @@ def _kinds(steps: Steps) -> Int8:
         for code, kind in ALONE.items():
             kinds[steps.alone == code] = kind
     for kind, names in (
-        (DRIVEN, ("motors",)), (CONTACT, ("contacts", "rolling")), (CONSTRAINED, ("constraints",)),
+        (DRIVEN, ("motors",)),
+        (CONTACT, ("contacts", "rolling")),
+        (CONSTRAINED, ("constraints",)),
         (PUSHED, ("applied",)),
-    ):  # fmt: skip
+    ):
         for name in names:
             if name in steps.terms:
                 kinds[steps.terms[name].any(axis=1)] = kind
@@ -128,16 +134,24 @@ def _whys(steps: Steps, body: Body, *, soft_there: bool) -> Int8:
             off &= ~_followed(steps)
         if "asleep" in reasons:  # nothing acts on what sleeps
             off &= ~same
-    finite = np.isfinite(np.hstack([getattr(state, name) for state in (steps.before, steps.after)
-        for name in ("position_m", "orientation", "joints", "velocity")])).all(axis=1)  # fmt: skip
+    finite = np.isfinite(
+        np.hstack(
+            [
+                getattr(state, name)
+                for state in (steps.before, steps.after)
+                for name in ("position_m", "orientation", "joints", "velocity")
+            ]
+        )
+    ).all(axis=1)
     timely = (steps.reported.timestep_s >= EPSILON) & np.isfinite(steps.reported.timestep_s)
     why[off] = WHYS.index("before the recording" if body.before else "remainder")
     for reason, holds in (
-        ("soft", soft_there), ("constraint", steps.unknown),
+        ("soft", soft_there),
+        ("constraint", steps.unknown),
         *((each, True) for each in reversed(reasons)),
         *([(outright, True)] if outright is not None else []),
         ("not finite", ~finite),
-    ):  # fmt: skip
+    ):
         why[off & holds] = WHYS.index(reason)
     if steps.law.tree.size:
         why[~timely] = WHYS.index("timestep")

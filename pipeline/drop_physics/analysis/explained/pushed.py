@@ -68,9 +68,15 @@ def pushed(
         turning = np.flatnonzero(torque[:, 0] & ~local & (link == one))
         point[turning] = kin.position_m(int(one))[len(told) + turning]
     acting = pushes(
-        kin, step=numbers, link=link, force_n=np.where(torque, 0.0, vector), point_m=point,
-        torque_n_m=np.where(torque, vector, 0.0), in_link_frame=local, pose=len(told) + numbers,
-    )  # fmt: skip
+        kin,
+        step=numbers,
+        link=link,
+        force_n=np.where(torque, 0.0, vector),
+        point_m=point,
+        torque_n_m=np.where(torque, vector, 0.0),
+        in_link_frame=local,
+        pose=len(told) + numbers,
+    )
     return replace(acting, step=rows)
 
 

@@ -60,8 +60,10 @@ class Explanation:
         self._settings: dict[int, list[Settings]] = {}
         for settings in seen.settings:
             self._settings.setdefault(settings.client, []).append(settings)
-        self._epochs = {number: Epochs(record, self._settings[record.body.client], other)
-            for number, record in self._records.items()}  # fmt: skip
+        self._epochs = {
+            number: Epochs(record, self._settings[record.body.client], other)
+            for number, record in self._records.items()
+        }
         self._soft = {body.client for body in seen.bodies.values() if body.soft}
         self._constraints = Constraints()
         self._commands = Commands(seen)
@@ -73,8 +75,9 @@ class Explanation:
     def pieces(self, steps: int = 0) -> Iterator[Explained]:
         """Yield the pieces of the recording, each once; of so many steps, if that is not 0."""
         bodies = [each.body for each in self._records.values()]
-        freedoms = sum(6 * body.base_moves + sum(joint.widths[1] for joint in body.joints)
-            for body in bodies)  # fmt: skip
+        freedoms = sum(
+            6 * body.base_moves + sum(joint.widths[1] for joint in body.joints) for body in bodies
+        )
         steps = steps or min(MOST_STEPS, max(LEAST_STEPS, NUMBERS // max(freedoms, 1)))
         # `map` keeps no piece while the next is read.
         yield from map(self._explained, self._seen.pieces(steps))
@@ -141,8 +144,10 @@ class Explanation:
 
     def _told(self, piece: Piece) -> dict[int, list[Push]]:
         """Take the calls of a piece; return the pushes that steps of it need, by body."""
-        pushes = {number: [each for each in held if each.at.step + 1 >= piece.first]
-            for number, held in self._pushes.items()}  # fmt: skip
+        pushes = {
+            number: [each for each in held if each.at.step + 1 >= piece.first]
+            for number, held in self._pushes.items()
+        }
         for given in piece.calls.given():
             if given.body.number in self._records:
                 self._records[given.body.number].give(given)
@@ -159,8 +164,10 @@ class Explanation:
         if call.function == "changeConstraint":
             self._constraints.change(call)
         elif call.function == "createConstraint" and np.isfinite(call.result):
-            ids = [int(call.values.get(f"{role}BodyUniqueId", (-1,))[0])
-                for role in ("parent", "child")]  # fmt: skip
+            ids = [
+                int(call.values.get(f"{role}BodyUniqueId", (-1,))[0])
+                for role in ("parent", "child")
+            ]
             held = [None if each < 0 else calls.body_at(call, each) for each in ids]
             moments = [call.at, *(each.at for each in held if each is not None)]
             first, second = (NOBODY if each is None else each.body.number for each in held)

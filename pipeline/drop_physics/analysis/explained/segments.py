@@ -99,8 +99,9 @@ def segments_of(
             rolls=None if rolls is None else rolls[rows],
         )
         blocks.append(block)
-    return Segments(*(np.concatenate([getattr(each, name) for each in blocks])
-        for name in ("code", "held")))  # fmt: skip
+    return Segments(
+        *(np.concatenate([getattr(each, name) for each in blocks]) for name in ("code", "held"))
+    )
 
 
 def _of_block(

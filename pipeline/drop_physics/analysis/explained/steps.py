@@ -220,8 +220,15 @@ def _pushed(stretch: Stretch, around: Around, rows: Transitions, refreshed: Int6
     """Return what pushes do in the steps of a stretch."""
     begins = stretch.first + rows.where
     ends = around.chain.steps[begins + 1]
-    return pushed(_pushes(stretch, around), around.record, stretch.epoch.law.tree, around.chain,
-        begins, ends, refreshed=refreshed)  # fmt: skip
+    return pushed(
+        _pushes(stretch, around),
+        around.record,
+        stretch.epoch.law.tree,
+        around.chain,
+        begins,
+        ends,
+        refreshed=refreshed,
+    )
 
 
 def _closing(
@@ -239,8 +246,9 @@ def _closing(
     refreshed = np.full(len(rows.where), NEVER)
     best, known = added(refreshed)
     off = best.unexplained[rows.real]
-    _, counts = np.unique([each.at.step for each in pushes if each.link != BASE],
-        return_counts=True)  # fmt: skip
+    _, counts = np.unique(
+        [each.at.step for each in pushes if each.link != BASE], return_counts=True
+    )
     for trial in range(min(int(counts.max(initial=0)), TRIALS)):
         if not (off > EXPLAINED).any():
             break
@@ -269,11 +277,14 @@ def _spread(reported: Reported, rows: Transitions) -> Reported:
     return Reported(
         timestep_s=spread(reported.timestep_s),
         gravity_m_s2=rows.gravity_then,
-        motors=spread(reported.motors), commanded=spread(reported.commanded),
-        pd=spread(reported.pd), applied=moved(reported.applied),
-        contacts=moved(reported.contacts), constraints=moved(reported.constraints),
+        motors=spread(reported.motors),
+        commanded=spread(reported.commanded),
+        pd=spread(reported.pd),
+        applied=moved(reported.applied),
+        contacts=moved(reported.contacts),
+        constraints=moved(reported.constraints),
         geared=None if reported.geared is None else spread(reported.geared),
-    )  # fmt: skip
+    )
 
 
 def _still(law: BulletTree) -> BulletTree:

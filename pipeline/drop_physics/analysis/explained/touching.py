@@ -81,16 +81,22 @@ class Touching:
         rolling = _rolls(records, step, a, link_a) | _rolls(records, step, b, link_b)
         is_a = np.repeat([True, False], len(step))
         both = Sides(
-            np.tile(step, 2), np.concatenate((a, b)), np.concatenate((link_a, link_b)),
-            np.concatenate((b, a)), np.concatenate((link_b, link_a)), is_a, np.tile(points, 2),
+            np.tile(step, 2),
+            np.concatenate((a, b)),
+            np.concatenate((link_a, link_b)),
+            np.concatenate((b, a)),
+            np.concatenate((link_b, link_a)),
+            is_a,
+            np.tile(points, 2),
             np.tile(rolling, 2),
-        )  # fmt: skip
+        )
         self._sides = both.at(np.lexsort((both.point, both.body)))
 
     def of(self, body: int) -> Sides:
         """Return the contact points of a body."""
-        first, end = (np.searchsorted(self._sides.body, body, side=side)
-            for side in ("left", "right"))  # fmt: skip
+        first, end = (
+            np.searchsorted(self._sides.body, body, side=side) for side in ("left", "right")
+        )
         return self._sides.at(np.arange(first, end))
 
     def forces(self, sides: Sides, row: Int64) -> Forces:
@@ -112,10 +118,13 @@ class Touching:
     def touches(self, sides: Sides, forces: Forces) -> Touches:
         """Return contact points, and the forces at them, as those of a body alone."""
         return Touches(
-            step=forces.step, position_m=forces.point_m, force_n=forces.force_n,
-            distance_m=self.distance_m(sides), other_body=sides.other_body,
+            step=forces.step,
+            position_m=forces.point_m,
+            force_n=forces.force_n,
+            distance_m=self.distance_m(sides),
+            other_body=sides.other_body,
             other_link=sides.other_link,
-        )  # fmt: skip
+        )
 
     def distance_m(self, sides: Sides) -> Float64:
         """Return the distance at contact points, negative where bodies overlap, shape (k,)."""

@@ -143,8 +143,11 @@ def _urdf_problems(data: bytes) -> Iterator[str]:
         yield Message(
             "it has {joints:,} joints with {positions:,} coordinates; PyBullet reads at most "
             "{most_joints} and {most}; make some joints fixed, or merge links",
-            joints=len(joints), positions=positions, most_joints=MOST_JOINTS, most=MOST_POSITIONS,
-        )  # fmt: skip
+            joints=len(joints),
+            positions=positions,
+            most_joints=MOST_JOINTS,
+            most=MOST_POSITIONS,
+        )
     for element in robot.iter():
         tag = element.tag.rpartition("}")[2]  # to Bullet a namespace is an attribute
         bounded = tag in BOUNDED
@@ -153,8 +156,11 @@ def _urdf_problems(data: bytes) -> Iterator[str]:
             if len(value) > LONGEST_VALUE:
                 yield Message(
                     "its {name} of <{element}> has {length:,} characters, more than {most:,}",
-                    name=name[:40], element=tag[:40], length=len(value), most=LONGEST_VALUE,
-                )  # fmt: skip
+                    name=name[:40],
+                    element=tag[:40],
+                    length=len(value),
+                    most=LONGEST_VALUE,
+                )
             elif name in numbers:
                 yield from _number_problems(name, tag, value, LARGEST if bounded else math.inf)
 
@@ -169,15 +175,17 @@ def _number_problems(name: str, element: str, text: str, largest: float) -> Iter
         yield Message(
             "{name} of <{element}> must be {count} finite numbers separated by spaces, got "
             "{text!r}",
-            count=counts[-1], **about,
-        )  # fmt: skip
+            count=counts[-1],
+            **about,
+        )
     elif name in ABOVE_ZERO and not min(numbers) > 0:
         yield Message("{name} of <{element}> must be above 0, got {text!r}", **about)
     elif max(map(abs, numbers)) > largest:
         yield Message(
             "{name} of <{element}> must be at most {largest:g}, got {text!r}",
-            largest=largest, **about,
-        )  # fmt: skip
+            largest=largest,
+            **about,
+        )
 
 
 # -- meshes ---------------------------------------------------------------------------------------

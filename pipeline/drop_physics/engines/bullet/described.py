@@ -17,8 +17,14 @@ from drop_physics.states import BASE
 Float64 = NDArray[np.float64]
 
 KINDS = {
-    2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule", 9: "heightfield",
-}  # fmt: skip
+    2: "sphere",
+    3: "box",
+    4: "cylinder",
+    5: "mesh",
+    6: "plane",
+    7: "capsule",
+    9: "heightfield",
+}
 PLANES = ("plane.obj", "plane100.obj")
 """Meshes of pybullet_data that represent a plane: up to 200 m wide, white except for a texture."""
 JOINT_KINDS = {0: "revolute", 1: "prismatic", 2: "spherical", 3: "planar", 4: "fixed"}
@@ -54,43 +60,75 @@ class Numbering:
         name = _name(note["file"], note["name"], *kinds, note["base"])
         links = (note["base"] or "base", *(info[12] for info in note["joints"]))
         make_up = (
-            client, note["id"], note["name"], links, note["soft"],
+            client,
+            note["id"],
+            note["name"],
+            links,
+            note["soft"],
             tuple((each.name, each.kind, each.parent, each.widths, each.limits) for each in joints),
             tuple((shape.link, shape.kind, shape.file) for shape in shapes),
-        )  # fmt: skip
+        )
         number = self._numbers.get(make_up)
         if number is None:
             taken = self._numbers.values()
             number = note["id"] if note["id"] not in taken else max(taken) + 1
             self._numbers[make_up] = number
         return Body(
-            number, f"{number}_{name}", note["file"] or note["name"] or name, note["id"], client,
-            links, joints, moving_links(dynamics[0][0] != 0, note["joints"]), note["soft"], shapes,
-            bool(note["flags"] & ENABLE_SLEEPING), note["hides_links"], tuple(note["bounds"]),
-            _collisions(note["collisions"]), _asked(note), note["flags"], note["before"],
-        )  # fmt: skip
+            number,
+            f"{number}_{name}",
+            note["file"] or note["name"] or name,
+            note["id"],
+            client,
+            links,
+            joints,
+            moving_links(dynamics[0][0] != 0, note["joints"]),
+            note["soft"],
+            shapes,
+            bool(note["flags"] & ENABLE_SLEEPING),
+            note["hides_links"],
+            tuple(note["bounds"]),
+            _collisions(note["collisions"]),
+            _asked(note),
+            note["flags"],
+            note["before"],
+        )
 
 
 def _joints(note: dict[str, Any]) -> tuple[Joint, ...]:
     widths = iter([tuple(counts) for counts in note["joint_widths"]])
     return tuple(
         Joint(
-            info[0], info[1], JOINT_KINDS.get(info[2], str(info[2])), info[16],
-            (0, 0, 0) if info[2] == FIXED else next(widths), (info[8], info[9]),
-            tuple(info[13]), tuple(info[14]), tuple(info[15]), info[6], info[7], info[10], info[11],
+            info[0],
+            info[1],
+            JOINT_KINDS.get(info[2], str(info[2])),
+            info[16],
+            (0, 0, 0) if info[2] == FIXED else next(widths),
+            (info[8], info[9]),
+            tuple(info[13]),
+            tuple(info[14]),
+            tuple(info[15]),
+            info[6],
+            info[7],
+            info[10],
+            info[11],
         )
         for info in note["joints"]
-    )  # fmt: skip
+    )
 
 
 def _collisions(listed: Iterable[Sequence[Any]]) -> tuple[Collision, ...]:
     return tuple(
         Collision(
-            link, KINDS.get(kind, str(kind)), tuple(size), file, tuple(position),
-            tuple(orientation), tuple(hull),
+            link,
+            KINDS.get(kind, str(kind)),
+            tuple(size),
+            file,
+            tuple(position),
+            tuple(orientation),
+            tuple(hull),
         )
         for link, kind, size, file, position, orientation, hull in listed
-    )  # fmt: skip
+    )
 
 
 def _asked(note: dict[str, Any]) -> Asked:
@@ -144,8 +182,7 @@ def shapes_of(
         inertial = known_frame if rigid else (info[3], info[4])
         placed = _seen_from(inertial, (position, orientation))
         known = "plane" if PurePath(file).name in PLANES else KINDS.get(kind, str(kind))
-        shapes.append(Shape(link, known, tuple(size), file, *placed,
-            tuple(rgba)))  # fmt: skip
+        shapes.append(Shape(link, known, tuple(size), file, *placed, tuple(rgba)))
     return tuple(shapes)
 
 

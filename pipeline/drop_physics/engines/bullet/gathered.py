@@ -151,9 +151,14 @@ class World:
         at_steps = np.array(steps, np.int64)
         values = b"".join([payload[pipe.CALL_HEAD.size :] for payload in payloads])
         yield Calls(
-            self.client, at_steps, self.times_s(at_steps), np.array(numbers, np.int64),
-            np.array(sites, np.int64), np.frombuffer(values, np.float64), results,
-        )  # fmt: skip
+            self.client,
+            at_steps,
+            self.times_s(at_steps),
+            np.array(numbers, np.int64),
+            np.array(sites, np.int64),
+            np.frombuffer(values, np.float64),
+            results,
+        )
 
     def _sampled(self) -> Samples:
         samples, size = self._samples, self._size
@@ -184,9 +189,15 @@ class World:
             constraints[constraint] = values[:, column : column + width].copy()
             column += width
         return Samples(
-            self.client, steps, times_s, self._call, dict(sorted(bases.items())),
-            dict(sorted(joints.items())), self._contacts(steps, counts, points), constraints,
-        )  # fmt: skip
+            self.client,
+            steps,
+            times_s,
+            self._call,
+            dict(sorted(bases.items())),
+            dict(sorted(joints.items())),
+            self._contacts(steps, counts, points),
+            constraints,
+        )
 
     def _contacts(self, steps: Int64, counts: list[int], points: bytes) -> Rows:
         values = np.frombuffer(points, np.float64).reshape(-1, POINT)

@@ -23,13 +23,22 @@ def joints_of(body: int, links: Sequence[int], client: int) -> tuple[Joint, ...]
     infos = [p.getJointInfo(body, link, client) for link in links]
     return tuple(
         Joint(
-            info[0], info[1].decode(errors="replace"), JOINT_KINDS.get(info[2], str(info[2])),
-            info[16], _widths(info, body, client),
-            (info[8], info[9]), info[13], info[14], info[15], info[6], info[7], info[10],
+            info[0],
+            info[1].decode(errors="replace"),
+            JOINT_KINDS.get(info[2], str(info[2])),
+            info[16],
+            _widths(info, body, client),
+            (info[8], info[9]),
+            info[13],
+            info[14],
+            info[15],
+            info[6],
+            info[7],
+            info[10],
             info[11],
         )
         for info in infos
-    )  # fmt: skip
+    )
 
 
 def _widths(info: Any, body: int, client: int) -> tuple[int, int, int]:  # noqa: ANN401 - PyBullet's

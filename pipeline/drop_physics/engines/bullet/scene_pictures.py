@@ -58,8 +58,12 @@ def drawn(
         The two colours of an infinite plane, `#rrggbb`.
     """
     side_m = 2.0 ** float(np.round(np.log2(SQUARE * cameras[0].distance_m)))
-    planes = [(number, _placed(model)) for number, models in enumerate(parts)
-        for model in models if model.shape.kind == "plane"]  # fmt: skip
+    planes = [
+        (number, _placed(model))
+        for number, models in enumerate(parts)
+        for model in models
+        if model.shape.kind == "plane"
+    ]
     colours = np.array([ImageColor.getrgb(tile) for tile in tiles], np.uint8)
     client = p.connect(p.DIRECT)
     try:

@@ -178,8 +178,11 @@ class Listener(ABC):
     def ending(self) -> Ending:
         """Return how it ended, after its events."""
         decoder = self.decoder
-        made_with = {**decoder.python, "unseeded": decoder.unseeded or None,
-            "real_time": decoder.real_time}  # fmt: skip
+        made_with = {
+            **decoder.python,
+            "unseeded": decoder.unseeded or None,
+            "real_time": decoder.real_time,
+        }
         ending = Ending(notes=list(decoder.faults), made_with=made_with)
         ended = decoder.ended or {}
         if decoder.stopped:
@@ -251,11 +254,16 @@ class Script(Listener):
         self._stopped_at = self._told_at = 0.0
         self._tell = tell
         options = {
-            "pipe": writing, "block": self._block.fileno(), "module": program.is_module,
-            "steps": program.steps, "duration_s": program.duration_s,
-            "keep_sleeping": program.keep_sleeping, "seed": program.seed,
-            "begins_s": program.begins_s, "variation": program.variation,
-        }  # fmt: skip
+            "pipe": writing,
+            "block": self._block.fileno(),
+            "module": program.is_module,
+            "steps": program.steps,
+            "duration_s": program.duration_s,
+            "keep_sleeping": program.keep_sleeping,
+            "seed": program.seed,
+            "begins_s": program.begins_s,
+            "variation": program.variation,
+        }
         command = [program.python, str(WATCHING), json.dumps(options), program.target]
         try:
             self._process = subprocess.Popen(

@@ -316,11 +316,13 @@ class Decoder:
         world = self._worlds[note["world"]]
         yield from world.called()
         yield Image(
-            self._at(world, note["step"]), world.client,
+            self._at(world, note["step"]),
+            world.client,
             f"{note['file']}:{note['line']} {note['width']}x{note['height']}",
             np.frombuffer(payload, np.uint8, offset=start).reshape(size),
-            tuple(note["view"] or ()), tuple(note["projection"] or ()),
-        )  # fmt: skip
+            tuple(note["view"] or ()),
+            tuple(note["projection"] or ()),
+        )
 
     def _at(self, world: World, step: int | None = None) -> At:
         step = world.step if step is None else step

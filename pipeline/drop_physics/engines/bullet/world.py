@@ -382,13 +382,47 @@ class World:
                 # but not the directions of friction. By position, which is 0.2 µs faster; -1 is
                 # any body, -2 any link. Unpacked to the last number, which is faster than indexing.
                 for (
-                    _, body_a, body_b, link_a, link_b, (ax, ay, az), (bx, by, bz), (nx, ny, nz),
-                    distance, force, friction_1, (f1x, f1y, f1z), friction_2, (f2x, f2y, f2z),
-                ) in touching(-1, -1, -2, -2, client):  # fmt: skip
+                    _,
+                    body_a,
+                    body_b,
+                    link_a,
+                    link_b,
+                    (ax, ay, az),
+                    (bx, by, bz),
+                    (nx, ny, nz),
+                    distance,
+                    force,
+                    friction_1,
+                    (f1x, f1y, f1z),
+                    friction_2,
+                    (f2x, f2y, f2z),
+                ) in touching(-1, -1, -2, -2, client):
                     contacts += _packed_contact(
-                        sample, body_a, link_a, body_b, link_b, ax, ay, az, bx, by, bz, nx, ny, nz,
-                        distance, force, friction_1, f1x, f1y, f1z, friction_2, f2x, f2y, f2z,
-                    )  # fmt: skip
+                        sample,
+                        body_a,
+                        link_a,
+                        body_b,
+                        link_b,
+                        ax,
+                        ay,
+                        az,
+                        bx,
+                        by,
+                        bz,
+                        nx,
+                        ny,
+                        nz,
+                        distance,
+                        force,
+                        friction_1,
+                        f1x,
+                        f1y,
+                        f1z,
+                        friction_2,
+                        f2x,
+                        f2y,
+                        f2z,
+                    )
             points = np.frombuffer(contacts, CONTACT)
             check_numbers(states)
             check_numbers(points)

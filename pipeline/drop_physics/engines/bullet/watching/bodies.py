@@ -140,14 +140,23 @@ class Body:
         base, name = self._p.getBodyInfo(self.id, self._client)
         loaded, asked = self.loaded, self.loaded.asked or {}
         return {
-            "id": self.id, "name": plain(name), "base": plain(base), "soft": self.soft,
-            "file": loaded.file, "flags": loaded.flags, "hides_links": loaded.hides_links,
-            "inertial": plain(loaded.inertial), "scale": loaded.scale,
-            "file_links": asked.get("links", []), "mimics": asked.get("mimics", []),
-            "bounds": self.bounds(), "joints": plain(self.joint_infos),
-            "joint_widths": self.widths, "visual": self.looks(search_path),
+            "id": self.id,
+            "name": plain(name),
+            "base": plain(base),
+            "soft": self.soft,
+            "file": loaded.file,
+            "flags": loaded.flags,
+            "hides_links": loaded.hides_links,
+            "inertial": plain(loaded.inertial),
+            "scale": loaded.scale,
+            "file_links": asked.get("links", []),
+            "mimics": asked.get("mimics", []),
+            "bounds": self.bounds(),
+            "joints": plain(self.joint_infos),
+            "joint_widths": self.widths,
+            "visual": self.looks(search_path),
             "collisions": self.collisions(search_path),
-        }  # fmt: skip
+        }
 
     def bounds(self) -> list[float]:
         """Return the corners of the axis-aligned boxes around base and links.

@@ -20,8 +20,14 @@ if TYPE_CHECKING:
     from .worlds import World
 
     Plan = tuple[
-        World, int, list[str], Callable[..., Any] | None, Callable[..., None], int, int,
-    ]  # fmt: skip
+        World,
+        int,
+        list[str],
+        Callable[..., Any] | None,
+        Callable[..., None],
+        int,
+        int,
+    ]
     """How to send a call from a place: its simulation; how many arguments it gives by place, and
     which by name; what returns the numbers in them (None if they are numbers); what packs these;
     how many bytes that makes; the site."""
@@ -65,17 +71,28 @@ class Calls:
             caller = caller.f_back  # another recording within this one
         code = caller.f_code
         described = (
-            name, code.co_filename, caller.f_lineno, caller.f_lasti, form.text, *form.names,
+            name,
+            code.co_filename,
+            caller.f_lineno,
+            caller.f_lasti,
+            form.text,
+            *form.names,
             *form.whole,
-        )  # fmt: skip
+        )
         site = self._sites.get(described)
         if site is None:
             site = self._sites[described] = len(self._sites)
             file, line = self.place(caller)
             note = {
-                "what": "site", "number": site, "function": name, "file": file, "line": line,
-                "form": form.text, "names": form.names, "whole": form.whole,
-            }  # fmt: skip
+                "what": "site",
+                "number": site,
+                "function": name,
+                "file": file,
+                "line": line,
+                "form": form.text,
+                "names": form.names,
+                "whole": form.whole,
+            }
             self._pipe.write(frame(NOTE, encoded(note)))
         packed = Struct(f"<cIII{len(form.numbers)}d")
         length = packed.size - HEADER.size

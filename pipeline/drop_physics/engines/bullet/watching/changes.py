@@ -12,14 +12,22 @@ from .links import MODELS, links_in, path_of
 from .worlds import ALL, World
 
 MAKES_BODIES = {
-    "loadURDF", "loadSDF", "loadMJCF", "loadBullet", "loadSoftBody", "createMultiBody",
+    "loadURDF",
+    "loadSDF",
+    "loadMJCF",
+    "loadBullet",
+    "loadSoftBody",
+    "createMultiBody",
     "unsupportedChangeScaling",
-}  # fmt: skip
+}
 REMOVES_BODIES = {"removeBody", "executePluginCommand", "unloadPlugin", "loadPlugin"}
 MOVES_BODY = {
-    "resetBasePositionAndOrientation", "resetBaseVelocity", "resetJointState",
-    "resetJointStateMultiDof", "resetJointStatesMultiDof",
-}  # fmt: skip
+    "resetBasePositionAndOrientation",
+    "resetBaseVelocity",
+    "resetJointState",
+    "resetJointStateMultiDof",
+    "resetJointStatesMultiDof",
+}
 MOVES_ALL = {"restoreState", "executePluginCommand"}
 RECOLOURS = {"changeVisualShape", "resetVisualShapeData"}
 SETS_ENGINE = {
@@ -32,17 +40,27 @@ SHAPES = {"createCollisionShape", "createCollisionShapeArray"}
 FIELD = 9
 """Type of shape, `GEOM_HEIGHTFIELD`."""
 READ_AGAIN = (
-    MAKES_BODIES | REMOVES_BODIES | MOVES_ALL | RECOLOURS | SETS_ENGINE | CONSTRAINS | SHAPES
+    MAKES_BODIES
+    | REMOVES_BODIES
+    | MOVES_ALL
+    | RECOLOURS
+    | SETS_ENGINE
+    | CONSTRAINS
+    | SHAPES
     | {"changeDynamics"}
-)  # fmt: skip
+)
 """After these, something is read again; the others set what is known from the call."""
 RETURNS = ("create", "load", "saveState")
 """What begins like this returns a number that later calls name."""
 
 POLLS = {
-    "getKeyboardEvents", "getMouseEvents", "getVREvents", "readUserDebugParameter", "isConnected",
+    "getKeyboardEvents",
+    "getMouseEvents",
+    "getVREvents",
+    "readUserDebugParameter",
+    "isConnected",
     "getDebugVisualizerCamera",
-}  # fmt: skip
+}
 """Where a script asks whether the user has done something."""
 CHANGES_NOTHING = {
     "addUserDebugLine", "addUserDebugPoints", "addUserDebugText", "addUserDebugParameter",

@@ -15,8 +15,12 @@ from .calls import shown_file
 from .hooks import Stop, Watch
 
 WRAPPERS = (
-    hooks.__file__, handlers.__file__, clock.__file__, draws.__file__, varied.__file__,
-)  # fmt: skip
+    hooks.__file__,
+    handlers.__file__,
+    clock.__file__,
+    draws.__file__,
+    varied.__file__,
+)
 """The files whose functions stand before others: the script's tracebacks are without them."""
 LIBRARY = os.path.dirname(os.__file__)
 """The folder of Python's own modules."""

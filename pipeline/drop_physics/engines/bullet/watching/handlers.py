@@ -42,10 +42,13 @@ ANSWERED = set(Window(SimpleNamespace(), 0).answers())
 def handler(watch: Watch, name: str, original: Any) -> Call:
     """Return what stands before a function."""
     special = {
-        "connect": connecting, "disconnect": disconnecting, "stepSimulation": stepping,
-        "resetSimulation": resetting, "getCameraImage": photographing,
+        "connect": connecting,
+        "disconnect": disconnecting,
+        "stepSimulation": stepping,
+        "resetSimulation": resetting,
+        "getCameraImage": photographing,
         "setAdditionalSearchPath": searching,
-    }.get(name)  # fmt: skip
+    }.get(name)
     if special is not None:
         return special(watch, name, original)
     if name != IK and (name in CHANGES_NOTHING or name.startswith(READS)):
@@ -359,9 +362,14 @@ def _send_image(
     world.before_step()
     file, line = place
     note = {
-        "world": world.number, "step": world.step, "width": width, "height": height,
+        "world": world.number,
+        "step": world.step,
+        "width": width,
+        "height": height,
         "view": vector(arguments.get("viewMatrix")),
-        "projection": vector(arguments.get("projectionMatrix")), "file": file, "line": line,
-    }  # fmt: skip
+        "projection": vector(arguments.get("projectionMatrix")),
+        "file": file,
+        "line": line,
+    }
     head = protocol.encoded(note)
     watch.pipe.send(protocol.IMAGE, protocol.IMAGE_HEAD.pack(len(head)) + head + data)

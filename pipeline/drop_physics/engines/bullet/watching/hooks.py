@@ -90,9 +90,10 @@ OF_HOOKS = frozenset(
 """What a hook has of its own."""
 
 LOOKS: dict[str, Any] = {
-    "__slots__": (), "__module__": "builtins",
+    "__slots__": (),
+    "__module__": "builtins",
     "__doc__": property(lambda hook: hook.drop_plain.__doc__),  # `help` looks past the instance
-}  # fmt: skip
+}
 """How the type of a hook looks; each has its own, because calls go by the type."""
 
 
@@ -110,9 +111,14 @@ class Watch:
     """
 
     def __init__(
-        self, pipe: Pipe, clock: Clock, *, steps: int | None, duration_s: float | None,
+        self,
+        pipe: Pipe,
+        clock: Clock,
+        *,
+        steps: int | None,
+        duration_s: float | None,
         variation: Variation | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.pipe, self.clock, self._variation = pipe, clock, variation
         World.varied = {} if variation is None else variation.engine
         self.on = True
@@ -193,8 +199,15 @@ class Watch:
     def begin(self, client: int, method: str) -> None:
         """Follow a new simulation."""
         step, time_s = self._last_end
-        world = World(self.pipe, self.p, client=client, number=self._worlds_made, method=method,
-            first_step=step, first_time_s=time_s)  # fmt: skip
+        world = World(
+            self.pipe,
+            self.p,
+            client=client,
+            number=self._worlds_made,
+            method=method,
+            first_step=step,
+            first_time_s=time_s,
+        )
         self.worlds[client] = world
         self._worlds_made += 1
 
@@ -219,8 +232,12 @@ class Watch:
 
     def _lose(self, world: World, error: Exception) -> None:
         if world.client in self.worlds:
-            self.pipe.note("fault", world=world.number, step=world.step,
-                error=f"{type(error).__name__}: {error}")  # fmt: skip
+            self.pipe.note(
+                "fault",
+                world=world.number,
+                step=world.step,
+                error=f"{type(error).__name__}: {error}",
+            )
         self.worlds.pop(world.client, None)
         self.calls.forget()
         self.real_time_since.pop(world.client, None)
@@ -255,8 +272,7 @@ class Watch:
             world.moved[ALL], world.touched = set(), True
         result = self._step(world, original, args, kwargs)
         for _ in range(varied.finer - 1):
-            varied.again(client, lambda *call: self.guarded(
-                world, self.calls.tell, world, *call))  # fmt: skip
+            varied.again(client, lambda *call: self.guarded(world, self.calls.tell, world, *call))
             result = self._step(world, original, args, kwargs)
         varied.stepped(client)
         return result

@@ -8,8 +8,13 @@ from typing import Any
 from xml.parsers import expat
 
 FOLDERS = (
-    "", "./data/", "../data/", "../../data/", "../../../data/", "../../../../data/",
-)  # fmt: skip
+    "",
+    "./data/",
+    "../data/",
+    "../../data/",
+    "../../../data/",
+    "../../../../data/",
+)
 """Where PyBullet looks for a file (`b3BulletDefaultFileIO::findFile`)."""
 MOST_BYTES = 10_000_000
 """Of a file that is read; a longer one is read up to here."""

@@ -24,9 +24,11 @@ class Window:
         self._items = 0
         self._sliders: dict[int, float] = {}
         self._camera: dict[str, Any] = {
-            "cameraDistance": 5.0, "cameraYaw": 50.0, "cameraPitch": -35.0,
+            "cameraDistance": 5.0,
+            "cameraYaw": 50.0,
+            "cameraPitch": -35.0,
             "cameraTargetPosition": (0.0, 0.0, 0.0),
-        }  # fmt: skip
+        }
 
     def answers(self) -> dict[str, Callable[[dict[str, Any], Any], Any]]:
         """Return the functions that answer, by name of PyBullet's.
@@ -81,9 +83,19 @@ class Window:
         vertical = tuple(2 * half * value for value in up)
         forward = tuple(-value for value in back)
         return (
-            width, height, view, lens, (0.0, 0.0, 1.0), forward, horizontal, vertical,
-            yaw, pitch, distance, tuple(target),
-        )  # fmt: skip
+            width,
+            height,
+            view,
+            lens,
+            (0.0, 0.0, 1.0),
+            forward,
+            horizontal,
+            vertical,
+            yaw,
+            pitch,
+            distance,
+            tuple(target),
+        )
 
     def _connection(self, _: object, answer: dict[str, Any]) -> dict[str, Any]:
         return {**answer, "connectionMethod": self._gui}

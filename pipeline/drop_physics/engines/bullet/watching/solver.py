@@ -53,8 +53,17 @@ class Solver:
 
         That is a change of velocity, non-finite for an island whose body the engine has lost.
         """
-        early = self._early.setdefault(most, {"iterations": most, "looked": 0, "steps": 0,
-            "first_step": 0, "last_change": 0.0, "worst_step": 0})  # fmt: skip
+        early = self._early.setdefault(
+            most,
+            {
+                "iterations": most,
+                "looked": 0,
+                "steps": 0,
+                "first_step": 0,
+                "last_change": 0.0,
+                "worst_step": 0,
+            },
+        )
         early["looked"] += 1
         acted = [
             island["remainingResidual"]

@@ -49,10 +49,17 @@ class Variation:
     """
 
     def __init__(
-        self, *, finer: int = 1, iterations: int = 1, engine: dict[str, float] | None = None,
-        gravity: float | None = None, friction: float = 1.0, mass: float = 1.0, nudge: float = 0.0,
+        self,
+        *,
+        finer: int = 1,
+        iterations: int = 1,
+        engine: dict[str, float] | None = None,
+        gravity: float | None = None,
+        friction: float = 1.0,
+        mass: float = 1.0,
+        nudge: float = 0.0,
         seed: int = 0,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.finer, self.engine = finer, engine or {}
         self._iterations, self._gravity, self._nudge = iterations, gravity, nudge
         self._friction, self._mass = friction, mass
@@ -76,8 +83,9 @@ class Variation:
             return self._setting(name, original)
         if name == "getPhysicsEngineParameters":
             return lambda *args, **kwargs: {
-                **original(*args, **kwargs), **self._set.get(client_of(name, args, kwargs), {})
-            }  # fmt: skip
+                **original(*args, **kwargs),
+                **self._set.get(client_of(name, args, kwargs), {}),
+            }
         if name.startswith(MOTORS) or name in PUSHES:
             return self._acting(name, original)
         if self._friction != 1.0 or self._mass != 1.0:
@@ -132,8 +140,9 @@ class Variation:
         if self._gravity is not None:
             gravity = {f"{GRAVITY}{axis}": reported[f"{GRAVITY}{axis}"] for axis in "XYZ"}
             size = sum(value * value for value in gravity.values()) ** 0.5
-            ours.update({key: value * self._gravity / (size or 1.0)
-                for key, value in gravity.items()})  # fmt: skip
+            ours.update(
+                {key: value * self._gravity / (size or 1.0) for key, value in gravity.items()}
+            )
         self._set[client] = {key: reported[key] for key in ours if key in reported}
         self._give(client, ours)
 
@@ -153,9 +162,11 @@ class Variation:
             if kept is not None and (name in PUSHES or self._is_torque(name, args, kwargs)):
                 frame = _getframe(2)  # of the script: the hook is in between
                 place = SimpleNamespace(
-                    f_code=frame.f_code, f_lineno=frame.f_lineno, f_lasti=frame.f_lasti,
+                    f_code=frame.f_code,
+                    f_lineno=frame.f_lineno,
+                    f_lasti=frame.f_lasti,
                     f_back=None,
-                )  # fmt: skip
+                )
                 lasting = self._lasting.get(client_of(name, args, kwargs))
                 if lasting is not None:
                     lasting.append((name, original, *kept, place))

@@ -47,9 +47,16 @@ class World:
     """Settings that the engine does not report, and has whatever calls give."""
 
     def __init__(
-        self, pipe: Pipe, p: SimpleNamespace, *, client: int, number: int, method: str,
-        first_step: int, first_time_s: float,
-    ) -> None:  # fmt: skip
+        self,
+        pipe: Pipe,
+        p: SimpleNamespace,
+        *,
+        client: int,
+        number: int,
+        method: str,
+        first_step: int,
+        first_time_s: float,
+    ) -> None:
         self._pipe, self._p = pipe, p
         self.client, self.number = client, number
         self.step, self.time_s = first_step, first_time_s
@@ -96,8 +103,14 @@ class World:
             bodies, constraints = p.getNumBodies(client), p.getNumConstraints(client)
             self._before = {p.getBodyUniqueId(index, client) for index in range(bodies)}
             self.held = {p.getConstraintUniqueId(index, client) for index in range(constraints)}
-        pipe.note("world", world=number, client=client, method=method,
-            first_step=first_step, first_time_s=first_time_s)  # fmt: skip
+        pipe.note(
+            "world",
+            world=number,
+            client=client,
+            method=method,
+            first_step=first_step,
+            first_time_s=first_time_s,
+        )
 
     # -- what calls have changed ------------------------------------------------------------------
 
@@ -186,9 +199,13 @@ class World:
         described = body.described(self.search_path)
         self._lay(body, described["visual"])
         self._pipe.note(
-            "body", world=self.number, body=body.number, dynamics=plain(added), **described,
+            "body",
+            world=self.number,
+            body=body.number,
+            dynamics=plain(added),
+            **described,
             before=engine_id in self._before and engine_id not in self.fresh,
-        )  # fmt: skip
+        )
         if added is not body.dynamics:
             self._pipe.note("dynamics", body=body.number, dynamics=plain(body.dynamics))
         return body
@@ -223,12 +240,15 @@ class World:
         if reported["fixedTimeStep"] != self.timestep_s:
             self._since, self._steps_since = self.time_s, 0
             self.timestep_s = reported["fixedTimeStep"]
-        now = {**reported, **{f"set_{name}": value
-            for name, value in {**self.given, **self.varied}.items()}}  # fmt: skip
+        now = {
+            **reported,
+            **{f"set_{name}": value for name, value in {**self.given, **self.varied}.items()},
+        }
         if now != self._engine:
             self._engine = now
-            self._pipe.note("engine", world=self.number, step=self.step, time_s=self.time_s,
-                settings=plain(now))  # fmt: skip
+            self._pipe.note(
+                "engine", world=self.number, step=self.step, time_s=self.time_s, settings=plain(now)
+            )
         self.stale_engine = False
 
     def _read_constraints(self) -> None:
@@ -267,8 +287,12 @@ class World:
         self._buffer = bytearray(at + 8 * sum(width for _, width in self._constraints))
         for body in moving:
             self._keep(body, body.last or bytes(8 * (BASE + body.jointed)))
-        self._pipe.note("layout", world=self.number, constraints=self._constraints,
-            bodies=[[body.number, body.base_moves] for body in moving])  # fmt: skip
+        self._pipe.note(
+            "layout",
+            world=self.number,
+            constraints=self._constraints,
+            bodies=[[body.number, body.base_moves] for body in moving],
+        )
 
     def _last_of(self, body: Body) -> bytes:
         """Return the last state of a body that was sent, or b''."""
@@ -314,9 +338,24 @@ class World:
         (x, y, z), (a, b, c, d) = self._p.getBasePositionAndOrientation(body, self.client)
         (vx, vy, vz), (wx, wy, wz) = self._p.getBaseVelocity(body, self.client)
         sent = SET_BASE.pack(
-            protocol.SET, SET_BASE.size - protocol.HEADER.size, number, self.step,
-            x, y, z, a, b, c, d, vx, vy, vz, wx, wy, wz,
-        )  # fmt: skip
+            protocol.SET,
+            SET_BASE.size - protocol.HEADER.size,
+            number,
+            self.step,
+            x,
+            y,
+            z,
+            a,
+            b,
+            c,
+            d,
+            vx,
+            vy,
+            vz,
+            wx,
+            wy,
+            wz,
+        )
         buffer, state = self._buffer, sent[SET_HEAD.size :]
         if buffer[at : at + POSE.size] != state:
             buffer[at : at + POSE.size] = state
@@ -331,8 +370,10 @@ class World:
         if self.sampled:  # contacts are of a step, and the first sample has none
             points = p.getContactPoints(-1, -1, -2, -2, client) or ()  # between any links
         pose_of, velocity_of, pack = (
-            p.getBasePositionAndOrientation, p.getBaseVelocity, POSE.pack_into,
-        )  # fmt: skip
+            p.getBasePositionAndOrientation,
+            p.getBaseVelocity,
+            POSE.pack_into,
+        )
         for body, place in self._bases:
             (x, y, z), (a, b, c, d) = pose_of(body, client)
             (vx, vy, vz), (wx, wy, wz) = velocity_of(body, client)
@@ -408,11 +449,46 @@ def pack_points(points: Any, memory: Any, at: int) -> None:
     """
     pack, size = POINT.pack_into, POINT.size
     for (
-        _, body_a, body_b, link_a, link_b, (ax, ay, az), (bx, by, bz), (nx, ny, nz), distance,
-        force, friction_1, (fx, fy, fz), friction_2, (gx, gy, gz),
-    ) in points:  # fmt: skip
+        _,
+        body_a,
+        body_b,
+        link_a,
+        link_b,
+        (ax, ay, az),
+        (bx, by, bz),
+        (nx, ny, nz),
+        distance,
+        force,
+        friction_1,
+        (fx, fy, fz),
+        friction_2,
+        (gx, gy, gz),
+    ) in points:
         pack(
-            memory, at, body_a, link_a, body_b, link_b, ax, ay, az, bx, by, bz, nx, ny, nz,
-            distance, force, friction_1, fx, fy, fz, friction_2, gx, gy, gz,
-        )  # fmt: skip
+            memory,
+            at,
+            body_a,
+            link_a,
+            body_b,
+            link_b,
+            ax,
+            ay,
+            az,
+            bx,
+            by,
+            bz,
+            nx,
+            ny,
+            nz,
+            distance,
+            force,
+            friction_1,
+            fx,
+            fy,
+            fz,
+            friction_2,
+            gx,
+            gy,
+            gz,
+        )
         at += size
