@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from drop_physics import Camera
-from drop_physics.engines.bullet.camera_frames import Photographer, Poses
+from drop_physics.engines.pybullet.camera_frames import Photographer, Poses
 
 from benchmarks.harness import Measured, done, paired, slow_fall
 

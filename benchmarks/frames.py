@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from drop_physics import Camera, Scenario
-from drop_physics.engines.bullet.camera_frames import Photographer, Poses
-from drop_physics.engines.bullet.pose_renderer import encoded
-from drop_physics.engines.bullet.visible_world import VisibleWorld
+from drop_physics.engines.pybullet.camera_frames import Photographer, Poses
+from drop_physics.engines.pybullet.pose_renderer import encoded
+from drop_physics.engines.pybullet.visible_world import VisibleWorld
 
 from benchmarks.harness import Measured, done, paired, slow_fall
 

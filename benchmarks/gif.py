@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from drop_physics import Camera
-from drop_physics.engines.bullet.camera_frames import Photographer
+from drop_physics.engines.pybullet.camera_frames import Photographer
 
 from benchmarks.harness import PYTHON, Measured, Ran, paired, process, slow_fall
 

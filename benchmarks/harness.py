@@ -16,9 +16,9 @@ from importlib import metadata
 from pathlib import Path
 
 from drop_physics import Scenario
-from drop_physics.engines.bullet.camera_frames import Poses
-from drop_physics.engines.bullet.world import World
-from drop_physics.states import poses_of
+from drop_physics.engines.pybullet.camera_frames import Poses
+from drop_physics.engines.pybullet.world import World
+from drop_physics.trace.states import poses_of
 from drop_physics.workers import cores
 
 DROP = (sys.executable, "-m", "drop_physics")

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from drop_physics.seen.history import Piece, Seen
+from drop_physics.trace.history import Piece, Seen
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from drop_physics.analysis.answers.answer import Finding
 from drop_physics.analysis.story import Story
-from drop_physics.seen.history import Seen
+from drop_physics.rules.answer import Finding
+from drop_physics.trace.history import Seen
 from scenes import ORIGIN, record
 
 COMPLETE = {**ORIGIN, "ended": "finished", "error": None}

@@ -18,10 +18,10 @@ import polars as pl
 import pytest
 from command import drop_alone, drop_here
 from drop_physics import DropAnalysis, Scenario, simulate
-from drop_physics.analysis.answers.answer import Finding
-from drop_physics.analysis.drop.story import drop_analysis_of
+from drop_physics.drop.story import drop_analysis_of
 from drop_physics.recording.reader import Recording, read
 from drop_physics.recording.viewer import binary
+from drop_physics.rules.answer import Finding
 from drop_physics.stages.run import Run, run
 from dropped import Sampled
 from hypothesis import settings

@@ -6,18 +6,18 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import polars as pl
-from drop_physics.analysis.drop.case import Case
-from drop_physics.analysis.drop.course import Course
-from drop_physics.analysis.drop.results import DropAnalysis
-from drop_physics.analysis.drop.samples import Samples
-from drop_physics.analysis.drop.story import drop_analysis_of
-from drop_physics.engines.bullet.world import World
+from drop_physics.drop.case import Case
+from drop_physics.drop.course import Course
+from drop_physics.drop.results import DropAnalysis
+from drop_physics.drop.samples import Samples
+from drop_physics.drop.story import drop_analysis_of
+from drop_physics.engines.pybullet.world import World
 from drop_physics.recording.rows import tables_of
-from drop_physics.seen.events import Appearance, Body, Dynamics, Settings
-from drop_physics.seen.history import Piece, Seen
-from drop_physics.seen.log import Log
 from drop_physics.stages.recorded import BATCH, bodies_of, made_with
-from drop_physics.states import BASE, BODY, Batch, Joints
+from drop_physics.trace.events import Appearance, Body, Dynamics, Settings
+from drop_physics.trace.history import Piece, Seen
+from drop_physics.trace.log import Log
+from drop_physics.trace.states import BASE, BODY, Batch, Joints
 
 
 @dataclass(frozen=True)

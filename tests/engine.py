@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pybullet as p
 import pybullet_data
-from drop_physics.engines.bullet import probe
+from drop_physics.engines.pybullet import probe
 
 ROUNDS_ONCE = platform.machine() in ("x86_64", "AMD64")
 """Whether each operation rounds once here; elsewhere a compiler may fuse multiply and add."""

@@ -10,12 +10,12 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
-from drop_physics.laws import bullet_air, bullet_spin
-from drop_physics.laws.base import Motion
-from drop_physics.laws.bullet import BulletLaw
-from drop_physics.laws.bullet_air import effective_damping
-from drop_physics.laws.columns import rotation
-from drop_physics.laws.theory import Fall
+from drop_physics.physics import bullet_air, bullet_spin
+from drop_physics.physics.base import Motion
+from drop_physics.physics.bullet import BulletLaw
+from drop_physics.physics.bullet_air import effective_damping
+from drop_physics.physics.columns import rotation
+from drop_physics.physics.theory import Fall
 
 SIN, COS = (np.vectorize(function, otypes=[float]) for function in (math.sin, math.cos))
 """The C library's, as the engine's."""

@@ -22,18 +22,18 @@ from typing import Any
 from unittest.mock import patch
 
 import pybullet as p
-from drop_physics.analysis.answers.answer import Finding
-from drop_physics.analysis.explained.recording import Explanation
 from drop_physics.analysis.results import Analysis, BodyAnalysis
 from drop_physics.analysis.story import Story
-from drop_physics.engines.bullet.script import BlockListener
-from drop_physics.engines.bullet.watching import ending, pipe, start
+from drop_physics.engines.pybullet.script import BlockListener
+from drop_physics.engines.pybullet.watch import ending, pipe, start
+from drop_physics.explain.recording import Explanation
 from drop_physics.recording import schema, writer
 from drop_physics.recording.about import about_script
 from drop_physics.recording.layout import layout
 from drop_physics.recording.reader import Recording, read
 from drop_physics.recording.recorder import Recorder
-from drop_physics.seen.history import Seen
+from drop_physics.rules.answer import Finding
+from drop_physics.trace.history import Seen
 
 HEAD = """\
 import pybullet as p, pybullet_data

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from drop_physics.analysis.explained.recording import Explanation
-from drop_physics.analysis.joints import JointRow, JointTable
+from drop_physics.explain.joints import JointRow, JointTable
+from drop_physics.explain.recording import Explanation
 from scenes import record
 
 

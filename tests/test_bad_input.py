@@ -22,16 +22,16 @@ from conftest import Drop, some
 from drop_physics import Camera, DropError, Scenario, analyze, check, run, simulate
 from drop_physics.cli import app
 from drop_physics.console import running
-from drop_physics.engines.bullet.body_files import BodyFileError, check_urdf
-from drop_physics.engines.bullet.engine import p
-from drop_physics.engines.bullet.found import find_body
-from drop_physics.engines.bullet.world import World
+from drop_physics.engines.pybullet.body_files import BodyFileError, check_urdf
+from drop_physics.engines.pybullet.engine import p
+from drop_physics.engines.pybullet.found import find_body
+from drop_physics.engines.pybullet.world import World
 from drop_physics.errors import OutputError, ScenarioError
 from drop_physics.fields import Option, Optioned
 from drop_physics.scenario import MAX_STEPS
 from drop_physics.stages.sweep import sweep
-from drop_physics.states import STATE, Batch
 from drop_physics.sweeping.plan import plan_of
+from drop_physics.trace.states import STATE, Batch
 from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
 

@@ -11,10 +11,10 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import Recorder, judge, some
-from drop_physics.analysis.decomposition import decompose
-from drop_physics.analysis.drop.analysis import fall_analysis_of
-from drop_physics.analysis.drop.mechanics import Drift, mechanics_of_part
-from drop_physics.laws.base import Motion
+from drop_physics.drop.analysis import fall_analysis_of
+from drop_physics.drop.mechanics import Drift, mechanics_of_part
+from drop_physics.explain.decomposition import decompose
+from drop_physics.physics.base import Motion
 from drop_physics.recording.reader import Recording
 from drop_physics.stages.narrative import events
 from iterated import law_of, thrown_as

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import some
-from drop_physics.laws import bullet_air, theory
-from drop_physics.laws.base import ExactPath, exactly
-from drop_physics.laws.bullet import BulletLaw
-from drop_physics.laws.bullet_air import effective_damping
-from drop_physics.laws.lookup import fall_of
+from drop_physics.physics import bullet_air, theory
+from drop_physics.physics.base import ExactPath, exactly
+from drop_physics.physics.bullet import BulletLaw
+from drop_physics.physics.bullet_air import effective_damping
+from drop_physics.physics.lookup import fall_of
 from drop_physics.scenario import Scenario
 from engine import MODES, ROUNDS_ONCE, drive
 from iterated import airborne, law_of, thrown_as

@@ -15,9 +15,9 @@ import pytest
 from asked import findings, told_in_pieces, told_whole
 from conftest import some
 from contact_scenes import bare
-from drop_physics.analysis.answers.answer import Finding
 from drop_physics.analysis.story import Story
 from drop_physics.recording.reader import read
+from drop_physics.rules.answer import Finding
 from scenes import ORIGIN, record, site
 
 FLOOR = "p.setGravity(0, 0, -9.81); p.loadURDF('plane.urdf')\n"

@@ -9,8 +9,8 @@ import numpy as np
 import pybullet as p
 import pytest
 from conftest import Drop
-from drop_physics.engines.bullet.watching.bodies import plain
-from drop_physics.engines.bullet.watching.capsules import CAPSULES, KIND, LINK, UNKNOWN, lay
+from drop_physics.engines.pybullet.watch.bodies import plain
+from drop_physics.engines.pybullet.watch.capsules import CAPSULES, KIND, LINK, UNKNOWN, lay
 from engine import DATA
 from numpy.typing import NDArray
 

@@ -29,10 +29,10 @@ import scripts
 from altered import otherwise
 from conftest import Drop, Recorder, rerun_rrd, some
 from drop_physics import Camera, Scenario, simulate
-from drop_physics.analysis.checking import difference as checking
-from drop_physics.analysis.checking.difference import Difference, Side
-from drop_physics.analysis.checking.tolerance import IN_CONTACT_M
-from drop_physics.analysis.comparison import Comparison, compare
+from drop_physics.compare import difference as checking
+from drop_physics.compare.comparison import Comparison, compare
+from drop_physics.compare.difference import Difference, Side
+from drop_physics.compare.tolerance import IN_CONTACT_M
 from drop_physics.errors import OutputError, RecordingError
 from drop_physics.recording import schema
 from drop_physics.recording.frames import frames
@@ -889,7 +889,7 @@ def test_pieces_of_any_length_say_the_same(
 ) -> None:
     changed = recording(("[0.5, 0, 0]", "[0.7, 0, 0]"))
     whole = compared(changed, golden)
-    monkeypatch.setattr("drop_physics.analysis.comparison.PIECE", steps)
+    monkeypatch.setattr("drop_physics.compare.comparison.PIECE", steps)
     assert repr(compared(changed, golden)) == repr(whole)  # nan is not nan
     shorter = compared(recording(steps=50), golden)
     assert place(shorter.first) == (51, "1_sphere", -1, "there", 0.0, 1.0)

@@ -10,8 +10,8 @@ import pybullet as p
 import pytest
 from clients import release_clients
 from conftest import some
-from drop_physics.analysis.answers.collides_as_hull import distances_m
 from drop_physics.recording import schema
+from drop_physics.rules.collides_as_hull import distances_m
 from drop_physics.stages.analyze import analyze
 from scenes import HEAD, record
 from test_contact_answers import found, in_pieces

@@ -28,7 +28,7 @@ from contact_scenes import (
     TURNED,
     bare,
 )
-from drop_physics.analysis.answers.answer import Finding
+from drop_physics.rules.answer import Finding
 from scenes import record
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
-from drop_physics.analysis.drop.convergence import (
+from drop_physics.drop.convergence import (
     StudiedRun,
     cancelling_timestep,
     grid_convergence_index,
@@ -18,7 +18,7 @@ from drop_physics.analysis.drop.convergence import (
     solution_order,
     study_of,
 )
-from drop_physics.analysis.drop.statistics import Moments, summaries
+from drop_physics.drop.statistics import Moments, summaries
 from scipy.special import stdtrit
 
 HALVED = [1 / 240, 1 / 480, 1 / 960]

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from conftest import Drop
 from drop_physics import Camera, Scenario, simulate
-from drop_physics.engines.bullet import camera_frames
+from drop_physics.engines.pybullet import camera_frames
 from drop_physics.recording.frames import frames
 from drop_physics.recording.reader import Recording, read
 from PIL import Image

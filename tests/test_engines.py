@@ -17,13 +17,13 @@ import pyarrow as pa
 import pytest
 from conftest import Drop, Recorder, judge, said
 from drop_physics import Scenario, colours, simulate
-from drop_physics.analysis.comparison import Comparison
-from drop_physics.analysis.decomposition import TERMS
-from drop_physics.analysis.drop.case import Case, case_of
-from drop_physics.analysis.drop.samples import Samples
+from drop_physics.compare.comparison import Comparison
+from drop_physics.drop.case import Case, case_of
+from drop_physics.drop.samples import Samples
 from drop_physics.engines import other_world
-from drop_physics.engines.bullet.world import World
+from drop_physics.engines.pybullet.world import World
 from drop_physics.errors import DropError, ScenarioError
+from drop_physics.explain.decomposition import TERMS
 from drop_physics.recording import other_layer, writer
 from drop_physics.recording.reader import Recording, read, recording_id
 from drop_physics.recording.rows import tables_of
@@ -31,7 +31,7 @@ from drop_physics.scenario import ENGINES
 from drop_physics.stages.check import check
 from drop_physics.stages.recorded import made_with
 from drop_physics.stages.view import view
-from drop_physics.states import Batch
+from drop_physics.trace.states import Batch
 from dropped import departs
 from engine import shape, urdf_of
 from rerun.chunk import RrdReader

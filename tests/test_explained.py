@@ -10,10 +10,10 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import Drop, Recorder, judge
-from drop_physics.analysis.drop.results import DropAnalysis
-from drop_physics.analysis.drop.story import drop_analysis_of
+from drop_physics.drop.results import DropAnalysis
+from drop_physics.drop.story import drop_analysis_of
 from drop_physics.recording.reader import Recording
-from drop_physics.states import BODY
+from drop_physics.trace.states import BODY
 from dropped import Sampled
 from engine import ROUNDS_ONCE, shape, urdf_of
 

@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import some
-from drop_physics.analysis.explained import commands, judged, steps
-from drop_physics.analysis.explained.bodies import Epochs
-from drop_physics.analysis.explained.causes import CAUSES, Totals
-from drop_physics.analysis.explained.judged import SEGMENTS, Judged
-from drop_physics.analysis.explained.recording import Explanation
-from drop_physics.laws.bullet_tree import BulletTree, Reported
-from drop_physics.laws.impulses import Forces
-from drop_physics.seen.history import Piece, Seen
-from drop_physics.seen.log import Log
+from drop_physics.explain import commands, judged, steps
+from drop_physics.explain.bodies import Epochs
+from drop_physics.explain.causes import CAUSES, Totals
+from drop_physics.explain.judged import SEGMENTS, Judged
+from drop_physics.explain.recording import Explanation
+from drop_physics.physics.bullet_tree import BulletTree, Reported
+from drop_physics.physics.impulses import Forces
+from drop_physics.trace.history import Piece, Seen
+from drop_physics.trace.log import Log
 from scenes import explanation, record
 
 CLOSES = 1e-9

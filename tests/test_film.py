@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import scenes
 from conftest import Drop, some
-from drop_physics.engines.bullet.checkerboard import checkerboard
-from drop_physics.engines.bullet.engine import p
-from drop_physics.engines.bullet.visible_world import view_matrix
+from drop_physics.engines.pybullet.checkerboard import checkerboard
+from drop_physics.engines.pybullet.engine import p
+from drop_physics.engines.pybullet.visible_world import view_matrix
 from drop_physics.errors import RecordingError, ScenarioError
 from drop_physics.figures.playback import Animation
 from drop_physics.recording.scene import parts_of

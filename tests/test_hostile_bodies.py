@@ -19,21 +19,21 @@ import pybullet_data
 import pytest
 from conftest import Drop
 from drop_physics import Scenario, simulate
-from drop_physics.engines.bullet import probe
-from drop_physics.engines.bullet.body_files import (
+from drop_physics.engines.pybullet import probe
+from drop_physics.engines.pybullet.body_files import (
     MOST_JOINTS,
     MOST_POSITIONS,
     BodyFileError,
     check_mesh,
     check_urdf,
 )
-from drop_physics.engines.bullet.found import find_body
-from drop_physics.engines.bullet.probe import Limits, problem_of
-from drop_physics.engines.bullet.world import World
+from drop_physics.engines.pybullet.found import find_body
+from drop_physics.engines.pybullet.probe import Limits, problem_of
+from drop_physics.engines.pybullet.world import World
 from drop_physics.errors import ScenarioError
 from drop_physics.stages.sweep import sweep
-from drop_physics.states import Batch
 from drop_physics.sweeping.plan import plan_of
+from drop_physics.trace.states import Batch
 
 DATA = Path(pybullet_data.getDataPath())
 BOX = '<box size="0.1 0.1 0.1"/>'

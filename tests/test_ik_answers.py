@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from asked import findings
 from conftest import some
-from drop_physics.analysis.answers.answer import Finding
+from drop_physics.rules.answer import Finding
 from test_joints import run
 
 REACH = """

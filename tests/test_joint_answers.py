@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 from asked import findings
 from conftest import some
-from drop_physics.analysis.answers.answer import Finding, Scene
-from drop_physics.analysis.answers.every import ranked
-from drop_physics.analysis.answers.off_target import OffTarget
-from drop_physics.analysis.explained.recording import Explanation
-from drop_physics.analysis.joints import JointTable
-from drop_physics.analysis.times import Times
-from drop_physics.analysis.touches import TouchTable
+from drop_physics.explain.joints import JointTable
+from drop_physics.explain.recording import Explanation
+from drop_physics.explain.times import Times
+from drop_physics.explain.touches import TouchTable
+from drop_physics.rules.answer import Finding, Scene
+from drop_physics.rules.every import ranked
+from drop_physics.rules.off_target import OffTarget
 from scenes import ORIGIN, record, site
 from test_joints import GRIP, KUKA, PANDA, run
 

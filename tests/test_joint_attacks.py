@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from asked import findings
-from drop_physics.analysis.answers.answer import Finding
+from drop_physics.rules.answer import Finding
 
 DOWN = "p.setGravity(0, 0, -9.81)\n"
 FLOOR = DOWN + 'p.loadURDF("plane.urdf")\n'

@@ -11,22 +11,22 @@ import polars as pl
 import pytest
 from conftest import Drop, Recorder, judge, some
 from drop_physics import Scenario, simulate
-from drop_physics.analysis.drop.case import case_of
-from drop_physics.analysis.drop.engines_apart import apart, flight_of
-from drop_physics.analysis.drop.mechanics import Drift
-from drop_physics.analysis.explained.segments import FLIGHT, segments_of
+from drop_physics.drop.case import case_of
+from drop_physics.drop.engines_apart import apart, flight_of
+from drop_physics.drop.mechanics import Drift
 from drop_physics.engines import other_world
 from drop_physics.errors import DropError, ScenarioError
-from drop_physics.laws.lookup import law_for
-from drop_physics.laws.mujoco_contact import rest_depth_m
-from drop_physics.laws.rotations import rotate
+from drop_physics.explain.segments import FLIGHT, segments_of
+from drop_physics.physics.lookup import law_for
+from drop_physics.physics.mujoco_contact import rest_depth_m
+from drop_physics.physics.rotations import rotate
 from drop_physics.recording.frames import frames
 from drop_physics.recording.reader import Recording, read
 from drop_physics.recording.rows import tables_of
 from drop_physics.scenario import INTEGRATORS
 from drop_physics.stages.check import check
 from drop_physics.stages.recorded import made_with
-from drop_physics.states import Batch
+from drop_physics.trace.states import Batch
 from dropped import departs
 
 STATE = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "vx_m_s", "vy_m_s", "vz_m_s"]

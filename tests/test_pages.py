@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drop_physics import Scenario, render, simulate
-from drop_physics.laws.base import EXACT_MACHINES
+from drop_physics.physics.base import EXACT_MACHINES
 from generators import pages, readme
 from generators.pages import DOCS, ENGINES, ROOT, WALKTHROUGH, Block, PageError, blocks, pictures
 from generators.pictures import alike

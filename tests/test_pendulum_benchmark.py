@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 import pytest
-from drop_physics.laws.tree import BASE
+from drop_physics.physics.tree import BASE
 from generators import pendulum
 from generators.pages import DOCS
 from generators.pendulum import DAMPING, Error, G

@@ -12,15 +12,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drop_physics import Camera, DropError, Scenario, simulate
-from drop_physics.engines.bullet import camera_frames, pose_renderer
-from drop_physics.engines.bullet.camera_frames import Photographer
-from drop_physics.engines.bullet.pose_renderer import PoseRenderer
-from drop_physics.engines.bullet.visible_world import VisibleWorld, framed
-from drop_physics.engines.bullet.world import World
+from drop_physics.engines.pybullet import camera_frames, pose_renderer
+from drop_physics.engines.pybullet.camera_frames import Photographer
+from drop_physics.engines.pybullet.pose_renderer import PoseRenderer
+from drop_physics.engines.pybullet.visible_world import VisibleWorld, framed
+from drop_physics.engines.pybullet.world import World
 from drop_physics.recording import rrd, schema
 from drop_physics.recording.reader import read
 from drop_physics.scenario import View
-from drop_physics.states import poses_of
+from drop_physics.trace.states import poses_of
 from PIL import Image
 
 SMALL = Camera(size_px=(160, 120))

@@ -28,8 +28,8 @@ import scenes
 import scripts
 from command import drop_here, wait_for
 from conftest import some
-from drop_physics.engines.bullet.frames import Frames
-from drop_physics.engines.bullet.watching import pipe
+from drop_physics.engines.pybullet.frames import Frames
+from drop_physics.engines.pybullet.watch import pipe
 from drop_physics.errors import DropError, OutputError, ScenarioError
 from drop_physics.recording import schema, writer
 from drop_physics.recording.reader import read

@@ -9,9 +9,9 @@ import polars as pl
 import pytest
 from conftest import rerun_rrd
 from drop_physics import Scenario, simulate
-from drop_physics.analysis.decomposition import TERMS
-from drop_physics.engines.bullet.world import World
+from drop_physics.engines.pybullet.world import World
 from drop_physics.errors import OutputError, RecordingError
+from drop_physics.explain.decomposition import TERMS
 from drop_physics.files.whole import renamed
 from drop_physics.recording import schema, sealing
 from drop_physics.recording.reader import read
@@ -142,7 +142,7 @@ def test_the_pinhole_sees_what_pybullets_camera_saw(standard: Run) -> None:
     """Project the released box's centre through the pinhole, and look for its colour there."""
     import io
 
-    from drop_physics.engines.bullet.visible_world import world_from_camera
+    from drop_physics.engines.pybullet.visible_world import world_from_camera
     from drop_physics.recording.frames import frames
     from PIL import Image
 
@@ -205,7 +205,7 @@ def test_a_failing_run_leaves_the_part_and_no_recording(
     def broken(*_: object) -> object:
         raise RuntimeError("the camera fell over")
 
-    monkeypatch.setattr("drop_physics.engines.bullet.camera_frames.Photographer.draw", broken)
+    monkeypatch.setattr("drop_physics.engines.pybullet.camera_frames.Photographer.draw", broken)
     with pytest.raises(RuntimeError, match="fell over"):
         simulate(Scenario(), tmp_path / "run.rrd")
     assert [path.name for path in tmp_path.iterdir()] == ["run.rrd.part"]

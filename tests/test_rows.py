@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drop_physics.seen.history import body_named
+from drop_physics.trace.history import body_named
 from scenes import analyze, record
 
 SCENE = """

@@ -25,7 +25,7 @@ from conftest import Drop, Recorder, judge, rerun_rrd, some
 from drop_physics.analysis.results import Analysis, BodyAnalysis
 from drop_physics.console.show_analysis import show_analysis
 from drop_physics.recording.reader import Recording
-from drop_physics.seen.history import Seen
+from drop_physics.trace.history import Seen
 from engine import MODES, ROUNDS_ONCE
 from scenes import analyze, body_of, codes
 

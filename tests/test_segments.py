@@ -18,9 +18,9 @@ import polars as pl
 import pybullet as p
 import pytest
 from conftest import some
-from drop_physics.analysis.decomposition import VectorTerms, error_and_terms
-from drop_physics.analysis.explained.balance import Balance, Pushes, balance_of
-from drop_physics.analysis.explained.segments import (
+from drop_physics.explain.balance import Balance, Pushes, balance_of
+from drop_physics.explain.decomposition import VectorTerms, error_and_terms
+from drop_physics.explain.segments import (
     CONTACT,
     FLIGHT,
     PUSHED,
@@ -30,9 +30,9 @@ from drop_physics.analysis.explained.segments import (
     Segments,
     segments_of,
 )
-from drop_physics.analysis.explained.touching import touches_of
-from drop_physics.laws.base import Motion
-from drop_physics.laws.bullet import BulletLaw
+from drop_physics.explain.touching import touches_of
+from drop_physics.physics.base import Motion
+from drop_physics.physics.bullet import BulletLaw
 from drop_physics.recording.rows import empty
 from drop_physics.recording.schema import CONTACTS
 from engine import MODES, ROUNDS_ONCE

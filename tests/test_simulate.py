@@ -13,17 +13,17 @@ import polars as pl
 import pytest
 from conftest import Recorder, some
 from drop_physics import Camera, Scenario, simulate
-from drop_physics.engines.bullet import probe
-from drop_physics.engines.bullet.engine import p
-from drop_physics.engines.bullet.jointed import JointStates
-from drop_physics.engines.bullet.world import World
+from drop_physics.engines.pybullet import probe
+from drop_physics.engines.pybullet.engine import p
+from drop_physics.engines.pybullet.jointed import JointStates
+from drop_physics.engines.pybullet.world import World
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.recording.frames import frames
 from drop_physics.recording.reader import read
 from drop_physics.report import LARGEST
 from drop_physics.stages.sweep_shard import RunShard
-from drop_physics.states import BODY, FLOOR, Batch
 from drop_physics.sweeping.plan import plan_of
+from drop_physics.trace.states import BODY, FLOOR, Batch
 from engine import DATA, MODES, box, lowered, shape, urdf_of
 
 

@@ -27,11 +27,11 @@ import pybullet_data
 import pytest
 from conftest import Drop, descendants_of
 from drop_physics import Scenario, analyze, simulate
-from drop_physics.analysis.drop.samples import base_of
-from drop_physics.analysis.drop.statistics import Moments
-from drop_physics.engines.bullet.engine import p
-from drop_physics.engines.bullet.lasting_world import LastingWorld
-from drop_physics.engines.bullet.world import World
+from drop_physics.drop.samples import base_of
+from drop_physics.drop.statistics import Moments
+from drop_physics.engines.pybullet.engine import p
+from drop_physics.engines.pybullet.lasting_world import LastingWorld
+from drop_physics.engines.pybullet.world import World
 from drop_physics.engines.worlds import Worlds
 from drop_physics.errors import DropError, OutputError, ScenarioError
 from drop_physics.figures.convergence_plot import Panel, build_figure
@@ -40,10 +40,10 @@ from drop_physics.files.outputs import part_of
 from drop_physics.recording.reader import read
 from drop_physics.stages.sweep import Sweep, sweep
 from drop_physics.stages.sweep_shard import RunShard, ShardDone
-from drop_physics.states import Batch
 from drop_physics.sweeping import engines
 from drop_physics.sweeping.folder import TERMS, Folder
 from drop_physics.sweeping.plan import plan_of
+from drop_physics.trace.states import Batch
 from drop_physics.workers import Worker
 from shards import always_dies, double, first_is_quick, nap
 

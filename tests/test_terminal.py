@@ -25,11 +25,9 @@ import pytest
 import typer
 from command import ROOT, drop_here, environment, run_here
 from conftest import Drop, Recorder, judge, some
-from drop_physics.analysis.checking.difference import Difference, Largest, Setting
-from drop_physics.analysis.comparison import Comparison
-from drop_physics.analysis.drop.convergence import StudiedRun, study_of
-from drop_physics.analysis.drop.statistics import Summary
 from drop_physics.cli import app
+from drop_physics.compare.comparison import Comparison
+from drop_physics.compare.difference import Difference, Largest, Setting
 from drop_physics.console import output, progress
 from drop_physics.console.output import counted, millimetres, pasteable
 from drop_physics.console.progress import rate
@@ -38,6 +36,8 @@ from drop_physics.console.show_check import DIFFERS, show_check
 from drop_physics.console.show_run import show_rendering, show_simulation
 from drop_physics.console.show_sweep import readable_step, show_sweep
 from drop_physics.console.show_view import show_view
+from drop_physics.drop.convergence import StudiedRun, study_of
+from drop_physics.drop.statistics import Summary
 from drop_physics.fields import decimals, engineering
 from drop_physics.figures.composition import caption
 from drop_physics.messages import shell_command

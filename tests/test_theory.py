@@ -16,10 +16,10 @@ import mpmath as mp
 import numpy as np
 import pytest
 from conftest import some
-from drop_physics.laws import theory
-from drop_physics.laws.base import Drag
-from drop_physics.laws.bullet import drag_of
-from drop_physics.laws.theory import Fall
+from drop_physics.physics import theory
+from drop_physics.physics.base import Drag
+from drop_physics.physics.bullet import drag_of
+from drop_physics.physics.theory import Fall
 
 DEFAULT = float(np.float32(0.04))
 TIMES_S = np.array([1e-6, 1e-3, 0.01, 0.05, 0.1, 0.3, 0.5, 0.77, 1.0])

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from asked import findings
 from conftest import some
-from drop_physics.analysis.answers.answer import Finding
+from drop_physics.rules.answer import Finding
 from scenes import site
 from test_joints import run
 

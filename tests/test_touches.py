@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from conftest import some
 from contact_scenes import BOX, FLOOR, GRIP, LIFT, PUCK, SLOPE, bare
-from drop_physics.analysis import contact_points
 from drop_physics.analysis.story import Story
-from drop_physics.analysis.touches import Touch
-from drop_physics.laws.kinematics import Kinematics, Motion, motion
+from drop_physics.explain import contact_points
+from drop_physics.explain.touches import Touch
+from drop_physics.physics.kinematics import Kinematics, Motion, motion
 from numpy.typing import NDArray
 from scenes import record
 

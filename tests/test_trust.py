@@ -11,8 +11,8 @@ import polars as pl
 import pytest
 from conftest import Drop
 from drop_physics import analyze
-from drop_physics.analysis import apart as comparing
 from drop_physics.errors import OutputError, ScenarioError
+from drop_physics.experiments import run_distance as comparing
 from drop_physics.recording.reader import read
 from drop_physics.stages.trust import Trust, trust
 from drop_physics.stages.variations import lengths_of, variations_of

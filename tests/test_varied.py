@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import some
-from drop_physics.seen.events import Event, Samples, Settings
+from drop_physics.trace.events import Event, Samples, Settings
 from watching import watched
 
 HEAD = """

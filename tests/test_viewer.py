@@ -23,7 +23,7 @@ import pytest
 import rerun.blueprint as rrb
 from conftest import Drop, Planted
 from drop_physics import Scenario, colours, simulate
-from drop_physics.analysis.decomposition import TERMS
+from drop_physics.explain.decomposition import TERMS
 from drop_physics.recording import schema, writer
 from drop_physics.recording import viewer as program
 from drop_physics.recording.falling import image_chunk

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 import scripts
 from conftest import some
-from drop_physics.engines.bullet.watched import Decoder
-from drop_physics.engines.bullet.watching import pipe
-from drop_physics.seen.events import (
+from drop_physics.engines.pybullet.watch import pipe
+from drop_physics.engines.pybullet.watched import Decoder
+from drop_physics.trace.events import (
     Appearance,
     Asked,
     At,

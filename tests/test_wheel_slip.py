@@ -9,8 +9,8 @@ import pytest
 from asked import findings, told_in_pieces
 from conftest import some
 from contact_scenes import bare
-from drop_physics.analysis.answers.answer import Finding
 from drop_physics.recording.reader import read
+from drop_physics.rules.answer import Finding
 
 HUSKY = """
 p.setGravity(0, 0, -9.81)

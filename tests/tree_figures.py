@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pybullet as p
 import test_tree_law as scenes
-from drop_physics.laws.impulses import Sum
+from drop_physics.physics.impulses import Sum
 from trees import engine, run
 
 MODES = ("default", "off", "position", "velocity", "torque", "pd")

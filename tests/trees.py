@@ -11,12 +11,12 @@ import numpy as np
 import pybullet as p
 import pybullet_data
 from clients import release_clients
-from drop_physics.laws import bullet_reports, bullet_tree
-from drop_physics.laws.bullet_tree import BulletTree, Reported
-from drop_physics.laws.columns import rotation
-from drop_physics.laws.impulses import Forces, Sum
-from drop_physics.laws.kinematics import Kinematics, kinematics
-from drop_physics.laws.tree import BASE, Joint, States, Tree
+from drop_physics.physics import bullet_reports, bullet_tree
+from drop_physics.physics.bullet_tree import BulletTree, Reported
+from drop_physics.physics.columns import rotation
+from drop_physics.physics.impulses import Forces, Sum
+from drop_physics.physics.kinematics import Kinematics, kinematics
+from drop_physics.physics.tree import BASE, Joint, States, Tree
 
 DATA = pybullet_data.getDataPath()
 MOVES = {p.JOINT_REVOLUTE: 1, p.JOINT_PRISMATIC: 1, p.JOINT_SPHERICAL: 3}

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import scripts
-from drop_physics.engines.bullet.script import Program, Script
-from drop_physics.engines.bullet.watched import Decoder
-from drop_physics.seen.calls import text_of
-from drop_physics.seen.events import Calls, Ending, Event, Site
+from drop_physics.engines.pybullet.script import Program, Script
+from drop_physics.engines.pybullet.watched import Decoder
+from drop_physics.trace.calls import text_of
+from drop_physics.trace.events import Calls, Ending, Event, Site
 
 
 def bare(folder: Path, text: str, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -45,8 +45,8 @@ def watched(
 
 RECORDED = """
 import contextlib, os, tempfile
-from drop_physics.engines.bullet.watching import ending, start
-from drop_physics.engines.bullet.watching.pipe import BLOCK_BYTES
+from drop_physics.engines.pybullet.watch import ending, start
+from drop_physics.engines.pybullet.watch.pipe import BLOCK_BYTES
 @contextlib.contextmanager
 def recorded(name):
     with tempfile.TemporaryFile() as block:

@@ -18,15 +18,12 @@ from types import UnionType
 from typing import Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import polars as pl
-from drop_physics.analysis import apart, standing
 from drop_physics.analysis import results as script
-from drop_physics.analysis.answers import answer
-from drop_physics.analysis.checking.calls import OtherCall
-from drop_physics.analysis.checking.difference import Difference, Largest, Setting
-from drop_physics.analysis.comparison import Comparison
-from drop_physics.analysis.decomposition import VectorTerms
-from drop_physics.analysis.drop.convergence import Study
-from drop_physics.analysis.drop.results import (
+from drop_physics.compare.calls import OtherCall
+from drop_physics.compare.comparison import Comparison
+from drop_physics.compare.difference import Difference, Largest, Setting
+from drop_physics.drop.convergence import Study
+from drop_physics.drop.results import (
     Airborne,
     Conservation,
     DropAnalysis,
@@ -36,12 +33,14 @@ from drop_physics.analysis.drop.results import (
     Rest,
     Terms,
 )
-from drop_physics.analysis.drop.statistics import Summary
-from drop_physics.analysis.joints import JointRow
-from drop_physics.analysis.touches import Touch
+from drop_physics.drop.statistics import Summary
+from drop_physics.experiments import robustness, run_distance
+from drop_physics.explain.decomposition import VectorTerms
+from drop_physics.explain.joints import JointRow
+from drop_physics.explain.touches import Touch
 from drop_physics.report import EngineReport
+from drop_physics.rules import answer
 from drop_physics.scenario import Scenario
-from drop_physics.seen.calls import Call
 from drop_physics.stages.check import Check
 from drop_physics.stages.info import Info
 from drop_physics.stages.render import Rendering
@@ -49,6 +48,7 @@ from drop_physics.stages.simulate import Simulation
 from drop_physics.stages.sweep_engines import EngineRun
 from drop_physics.sweeping.folder import SCHEMA as SWEEP_COLUMNS
 from drop_physics.sweeping.folder import TERMS
+from drop_physics.trace.calls import Call
 
 from generators.recording import TABLE_SAYS
 
@@ -343,7 +343,7 @@ RECORD = Object(
                "bytes", "wall_s"}),
 )  # fmt: skip
 DISTANCE = _object(
-    apart.Distance,
+    run_distance.Distance,
     {"value", "unit", "body", "joint", "time_s"},
     value=float | None,
     unit=Literal["m", "rad"],
@@ -378,7 +378,7 @@ VARIATION = Object(
     frozenset({"name", "recording", "most", "end", "from_s", "term"}),
 )
 STANDING = _object(
-    standing.Standing, set(), end=float | None, most=float | None, moved=float | None
+    robustness.Standing, set(), end=float | None, most=float | None, moved=float | None
 )
 TRUST = Object(
     {
@@ -386,8 +386,8 @@ TRUST = Object(
         "recording": Path,
         "variations": [VARIATION],
         "standing": [STANDING],
-        "growth": standing.Growth | None,
-        "converging": list[standing.Converging],
+        "growth": robustness.Growth | None,
+        "converging": list[robustness.Converging],
         "findings": list[answer.Finding],
     },
     {

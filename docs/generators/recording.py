@@ -11,7 +11,7 @@ from pathlib import Path
 import polars as pl
 import pyarrow as pa
 from drop_physics import Camera, Scenario, analyze, simulate
-from drop_physics.analysis.decomposition import TERMS
+from drop_physics.explain.decomposition import TERMS
 from drop_physics.fields import Option
 from drop_physics.recording import rrd, schema
 from drop_physics.recording.layer_file import layer_of

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from drop_physics.analysis.drop.mechanics import Drift, mechanics_of_part
-from drop_physics.analysis.drop.samples import motion_of
-from drop_physics.laws.base import Motion
+from drop_physics.drop.mechanics import Drift, mechanics_of_part
+from drop_physics.drop.samples import motion_of
+from drop_physics.physics.base import Motion
 from drop_physics.recording.reader import read
-from drop_physics.seen.history import Seen
 from drop_physics.stages.record import record_script
+from drop_physics.trace.history import Seen
 from numpy.typing import NDArray
 
 from generators import pendulum
@@ -319,9 +319,9 @@ M (u' - u) = gravity + bias + damping + joint damping + applied + motors
 ```
 
 All is computed from the state before the step and what PyBullet reports after it
-(`laws/bullet_tree`). Stops, the velocity clamp behind the solver and friction against rolling and
-spinning are reported nowhere: what of the remainder lies in the only directions in which they can
-act is theirs. Of a tree with few degrees of freedom these may span everything.
+(`physics/bullet_tree`). Stops, the velocity clamp behind the solver and friction against rolling
+and spinning are reported nowhere: what of the remainder lies in the only directions in which they
+can act is theirs. Of a tree with few degrees of freedom these may span everything.
 
 The largest remainder of any step, over the largest term or single force of that step; in brackets
 over the largest entry of a term alone, in steps in which one exceeds 1e-6 N s or N m s.
@@ -364,7 +364,7 @@ out.
 | `numSubSteps` above 1 | only the last substep's motors and contacts are reported |
 | sleeping allowed | a sleeping body is not stepped, whatever acts on it |
 | soft bodies | no tree of links |
-| `useMaximalCoordinates` | another law (`laws/bullet`) |
+| `useMaximalCoordinates` | another law (`physics/bullet`) |
 | something can move without mass or inertia | M has no inverse |
 | planar joints | PyBullet reports two of their three numbers |
 | a prismatic constraint | its force is reported along axes that are not |

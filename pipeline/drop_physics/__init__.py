@@ -22,8 +22,8 @@ import os
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from drop_physics.analysis.drop.results import DropAnalysis as DropAnalysis
     from drop_physics.analysis.results import Analysis as Analysis
+    from drop_physics.drop.results import DropAnalysis as DropAnalysis
     from drop_physics.errors import DropError as DropError
     from drop_physics.figures.playback import Animation as Animation
     from drop_physics.scenario import Camera as Camera
@@ -58,7 +58,7 @@ _HOMES = {
     "Simulation": "drop_physics.stages.simulate",
     "analyze": "drop_physics.stages.analyze",
     "Analysis": "drop_physics.analysis.results",
-    "DropAnalysis": "drop_physics.analysis.drop.results",
+    "DropAnalysis": "drop_physics.drop.results",
     "check": "drop_physics.stages.check",
     "Check": "drop_physics.stages.check",
     "info": "drop_physics.stages.info",

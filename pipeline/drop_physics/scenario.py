@@ -416,7 +416,7 @@ class Camera(Optioned):
     """How frames are taken: a look-at camera, up axis z; by default the experiment's.
 
     A view other than the standard one is aimed once the body is known, see
-    `drop_physics.engines.bullet.visible_world.framed`.
+    `drop_physics.engines.pybullet.visible_world.framed`.
     """
 
     view: View = option(

@@ -8,11 +8,6 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from drop_physics.analysis.answers.answer import Scene
-from drop_physics.analysis.explained.causes import Totals
-from drop_physics.analysis.explained.chain import Chain
-from drop_physics.analysis.explained.judged import SEGMENTS, Judged
-from drop_physics.analysis.explained.steps import Steps
 from drop_physics.analysis.flights import Flights
 from drop_physics.analysis.phases import Phases
 from drop_physics.analysis.results import (
@@ -23,9 +18,14 @@ from drop_physics.analysis.results import (
     StepSum,
     Unexplained,
 )
-from drop_physics.analysis.rows import rows_of
-from drop_physics.laws.vectors import triple
-from drop_physics.seen.events import Body, order
+from drop_physics.explain.causes import Totals
+from drop_physics.explain.chain import Chain
+from drop_physics.explain.judged import SEGMENTS, Judged
+from drop_physics.explain.rows import rows_of
+from drop_physics.explain.steps import Steps
+from drop_physics.physics.vectors import triple
+from drop_physics.rules.answer import Scene
+from drop_physics.trace.events import Body, order
 
 Float64 = NDArray[np.float64]
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.decomposition import error_and_terms
-from drop_physics.analysis.explained.alone import law_of, motion_of
-from drop_physics.analysis.explained.judged import FLIGHT, SET, UNEXPLAINED, Judged
-from drop_physics.analysis.explained.steps import Steps
 from drop_physics.analysis.results import BodyFlight, Moment
-from drop_physics.analysis.times import Times
-from drop_physics.laws.base import Law, Motion
+from drop_physics.explain.alone import law_of, motion_of
+from drop_physics.explain.decomposition import error_and_terms
+from drop_physics.explain.judged import FLIGHT, SET, UNEXPLAINED, Judged
+from drop_physics.explain.steps import Steps
+from drop_physics.explain.times import Times
+from drop_physics.physics.base import Law, Motion
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]

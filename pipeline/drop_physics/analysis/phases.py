@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.explained.judged import CONTACT, Judged
-from drop_physics.analysis.explained.steps import Steps
 from drop_physics.analysis.results import BodyContact, Pusher
-from drop_physics.analysis.times import Times
-from drop_physics.laws.vectors import summed, triple
-from drop_physics.seen.events import Body
+from drop_physics.explain.judged import CONTACT, Judged
+from drop_physics.explain.steps import Steps
+from drop_physics.explain.times import Times
+from drop_physics.physics.vectors import summed, triple
+from drop_physics.trace.events import Body
 
 Float64 = NDArray[np.float64]
 

@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from drop_physics.analysis.answers.answer import Answer, Finding, Scene
-from drop_physics.analysis.answers.every import ANSWERS, ranked
 from drop_physics.analysis.bodies import BodyStory
-from drop_physics.analysis.curves import CurveTable
-from drop_physics.analysis.explained import recording
-from drop_physics.analysis.explained.recording import Explanation
-from drop_physics.analysis.joints import JointTable
 from drop_physics.analysis.results import Analysis, Explained
-from drop_physics.analysis.rows import COLUMNS, MOST_ROWS, SHOWN_PER_S, shown
-from drop_physics.analysis.times import Times
-from drop_physics.analysis.touches import TouchTable
-from drop_physics.laws.base import Law
-from drop_physics.seen.history import Piece, Seen
+from drop_physics.explain import recording
+from drop_physics.explain.curves import CurveTable
+from drop_physics.explain.joints import JointTable
+from drop_physics.explain.recording import Explanation
+from drop_physics.explain.rows import COLUMNS, MOST_ROWS, SHOWN_PER_S, shown
+from drop_physics.explain.times import Times
+from drop_physics.explain.touches import TouchTable
+from drop_physics.physics.base import Law
+from drop_physics.rules.answer import Answer, Finding, Scene
+from drop_physics.rules.every import ANSWERS, ranked
+from drop_physics.trace.history import Piece, Seen
 
 
 class Story:

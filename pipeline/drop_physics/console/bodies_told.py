@@ -15,12 +15,12 @@ from drop_physics.console.output import columns_of, counted, cut, left, right, t
 from drop_physics.console.output import width as columns
 from drop_physics.console.words import CAUSES, SEGMENTS, kinds_of_samples
 from drop_physics.messages import Message, joined, localized, translated
-from drop_physics.seen.events import ENDED
+from drop_physics.trace.events import ENDED
 
 if TYPE_CHECKING:
-    from drop_physics.analysis.answers.answer import Finding
-    from drop_physics.analysis.joints import JointRow
     from drop_physics.analysis.results import Analysis, BodyAnalysis, StepSum
+    from drop_physics.explain.joints import JointRow
+    from drop_physics.rules.answer import Finding
 
 MOST_BODIES, MOST_ROBOTS, MOST_JOINTS = 12, 4, 8
 """That are listed without --verbose; all are in the JSON."""

@@ -27,7 +27,7 @@ from drop_physics.messages import Message, joined, localized, translated
 from drop_physics.scenario import ENGINES, EXACT_INTEGRATORS
 
 if TYPE_CHECKING:
-    from drop_physics.analysis.drop.results import Bounce, Coverage, DropAnalysis, Moment, Rest
+    from drop_physics.drop.results import Bounce, Coverage, DropAnalysis, Moment, Rest
 
 
 def lines_of_drop(analysis: DropAnalysis, *, verbose: bool = False) -> list[str]:

@@ -12,7 +12,7 @@ from drop_physics.console.output import width as columns
 from drop_physics.messages import Message, translated
 
 if TYPE_CHECKING:
-    from drop_physics.analysis.answers.answer import Finding
+    from drop_physics.rules.answer import Finding
 
 MOST_FINDINGS = 6
 """That are listed without --verbose; all are in the JSON."""

@@ -23,9 +23,9 @@ def show_analysis(analysis: Analysis, *, as_json: bool, verbose: bool = False) -
 
 def analysis_lines(analysis: Analysis, *, verbose: bool = False) -> list[str]:
     """Tell what happened, in lines as wide as the terminal."""
-    from drop_physics.analysis.drop.results import DropAnalysis
     from drop_physics.console.bodies_told import lines_of_bodies
     from drop_physics.console.drop_told import lines_of_drop
+    from drop_physics.drop.results import DropAnalysis
 
     if isinstance(analysis, DropAnalysis):
         return lines_of_drop(analysis, verbose=verbose)

@@ -7,11 +7,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from drop_physics.analysis.checking.difference import Difference
-from drop_physics.analysis.checking.tolerance import IN_CONTACT_M
-from drop_physics.analysis.jsonable import jsonable
+from drop_physics.compare.difference import Difference
+from drop_physics.compare.tolerance import IN_CONTACT_M
 from drop_physics.console.output import print_json, print_lines, titled
 from drop_physics.console.words import NONE
+from drop_physics.explain.jsonable import jsonable
 from drop_physics.files.outputs import output_errors
 from drop_physics.messages import Message, joined, localized, shell_command, translated
 from drop_physics.scenario import Scenario
@@ -19,10 +19,10 @@ from drop_physics.scenario import Scenario
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from drop_physics.analysis.checking.difference import Largest
-    from drop_physics.analysis.comparison import Comparison
-    from drop_physics.seen.calls import Call
+    from drop_physics.compare.comparison import Comparison
+    from drop_physics.compare.difference import Largest
     from drop_physics.stages.check import Check, Frames
+    from drop_physics.trace.calls import Call
 
 Pair = tuple[str, str]
 """A title, and words."""

@@ -18,7 +18,7 @@ from drop_physics.console.output import (
 from drop_physics.console.words import SCRIPT
 from drop_physics.fields import all_of
 from drop_physics.messages import Message, translated
-from drop_physics.seen.events import ENDED
+from drop_physics.trace.events import ENDED
 
 if TYPE_CHECKING:
     from drop_physics.stages.record import Recorded

@@ -29,7 +29,7 @@ from drop_physics.fields import decimals, fraction
 from drop_physics.messages import Message, localized, translated
 
 if TYPE_CHECKING:
-    from drop_physics.analysis.drop.convergence import Study
+    from drop_physics.drop.convergence import Study
     from drop_physics.stages.sweep import Sweep
     from drop_physics.stages.sweep_groups import Group
 

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
 
-from drop_physics.analysis.jsonable import jsonable
 from drop_physics.analysis.results import renamed
 from drop_physics.console.output import (
     Column,
@@ -24,13 +23,14 @@ from drop_physics.console.output import (
     width,
     wrapped,
 )
+from drop_physics.explain.jsonable import jsonable
 from drop_physics.messages import Message, joined, translated
 from drop_physics.stages.trust_findings import BY_STEP, TERMS, part_of, readable
 
 if TYPE_CHECKING:
-    from drop_physics.analysis.answers.answer import Finding
-    from drop_physics.analysis.apart import Distance
-    from drop_physics.analysis.standing import Standing
+    from drop_physics.experiments.robustness import Standing
+    from drop_physics.experiments.run_distance import Distance
+    from drop_physics.rules.answer import Finding
     from drop_physics.stages.trust import Trust
     from drop_physics.stages.trust_runs import Varied
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from drop_physics.engines.session import Numbers, RigidBody, Shape, force_of_point
 from drop_physics.kinds import Quaternion
-from drop_physics.laws.rotations import matrix
+from drop_physics.physics.rotations import matrix
 from drop_physics.scenario import Scenario
 
 FARTHEST_M = 5e8

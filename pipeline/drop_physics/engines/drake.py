@@ -31,7 +31,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from pydrake.systems.framework import DiagramBuilder
 
 from drop_physics.engines.session import Numbers, RigidBody, Shape, force_of_point
-from drop_physics.laws.rotations import matrix
+from drop_physics.physics.rotations import matrix
 from drop_physics.scenario import Scenario
 
 MODULUS_PA = 1e7

@@ -6,7 +6,7 @@ import numpy as np
 
 from drop_physics.errors import DropError
 from drop_physics.report import LARGEST
-from drop_physics.states import Rows
+from drop_physics.trace.states import Rows
 
 
 def check_numbers(rows: Rows) -> None:

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from drop_physics.engines.session import Numbers, RigidBody, Shape
-from drop_physics.laws.rotations import rotate, rotate_inverse
+from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.scenario import Scenario
 
 INTEGRATORS = {

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.kinds import Quaternion, Vector
-from drop_physics.laws.rotations import matrix
+from drop_physics.physics.rotations import matrix
 
 Float64 = NDArray[np.float64]
 

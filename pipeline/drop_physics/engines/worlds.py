@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Self
 
-from drop_physics.engines.bullet.lasting_world import LastingWorld
-from drop_physics.engines.bullet.world import World
 from drop_physics.engines.other_world import OtherWorld
+from drop_physics.engines.pybullet.lasting_world import LastingWorld
+from drop_physics.engines.pybullet.world import World
 from drop_physics.scenario import Scenario
 
 

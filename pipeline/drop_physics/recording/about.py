@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from drop_physics.fields import counted, fraction
 from drop_physics.report import EngineReport
 from drop_physics.scenario import ENGINES, Camera, Scenario
-from drop_physics.seen.events import Ending
+from drop_physics.trace.events import Ending
 
 if TYPE_CHECKING:
     from drop_physics.recording.recorder import Recorder  # its module loads Rerun

@@ -18,7 +18,7 @@ from drop_physics.messages import Message, shell_command
 from drop_physics.recording import rrd, schema
 from drop_physics.report import LARGEST, EngineReport
 from drop_physics.scenario import STANDARD_CAMERA, Camera, Scenario
-from drop_physics.states import BASE, BODY, FLOOR
+from drop_physics.trace.states import BASE, BODY, FLOOR
 
 SINGLE = 2.0**-22
 """Relative rounding of the values that an engine with float32 is given and reports."""

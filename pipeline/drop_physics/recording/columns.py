@@ -19,7 +19,7 @@ from drop_physics.recording.rows import named
 from drop_physics.recording.rrd import Chunk
 from drop_physics.recording.schema import Table
 from drop_physics.report import LARGEST
-from drop_physics.seen.events import At, Calls
+from drop_physics.trace.events import At, Calls
 
 Properties = dict[str, Any]
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.recording import schema
-from drop_physics.seen.events import Calls, Site, widths_of
+from drop_physics.trace.events import Calls, Site, widths_of
 
 
 class RowsDigest:

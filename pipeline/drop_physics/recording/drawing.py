@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from rich.filesize import decimal
 
 from drop_physics.fields import all_of
-from drop_physics.laws.tree import Tree
 from drop_physics.messages import Message
+from drop_physics.physics.tree import Tree
 from drop_physics.recording import pictures, schema, writer
 from drop_physics.recording.gathering import Gathering
 from drop_physics.recording.told import Event
 from drop_physics.recording.writer import Chunk, Times, scalars_chunk
-from drop_physics.seen.calls import text_of
-from drop_physics.seen.events import (
+from drop_physics.trace.calls import text_of
+from drop_physics.trace.events import (
     Appearance,
     Body,
     Calls,
@@ -34,7 +34,7 @@ from drop_physics.seen.events import (
     Shape,
     Site,
 )
-from drop_physics.seen.poses import inertial_frames, links_of, tree_of, within
+from drop_physics.trace.poses import inertial_frames, links_of, tree_of, within
 
 Float64 = NDArray[np.float64]
 

@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.laws.tree import places
+from drop_physics.physics.tree import places
 from drop_physics.recording import schema, writer
 from drop_physics.recording.writer import Chunk, Times
-from drop_physics.seen.events import Appearance, At, Body, Calls, Raised, Samples, Site
-from drop_physics.seen.motors import FORCE, PD, POSITION, TORQUE, VELOCITY, Command, commands_of
+from drop_physics.trace.events import Appearance, At, Body, Calls, Raised, Samples, Site
+from drop_physics.trace.motors import FORCE, PD, POSITION, TORQUE, VELOCITY, Command, commands_of
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]

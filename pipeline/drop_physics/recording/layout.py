@@ -16,7 +16,7 @@ from rerun.blueprint import Corner2D
 
 from drop_physics.recording import schema
 from drop_physics.scenario import View
-from drop_physics.seen.events import Body
+from drop_physics.trace.events import Body
 
 SLOW_MOTION = 0.25
 """Speed at which a drop is played: a fall from 1 m takes half a second, too fast to watch."""

@@ -15,7 +15,7 @@ from rerun.chunk import Chunk
 
 from drop_physics.recording import schema
 from drop_physics.recording.writer import Times, times
-from drop_physics.seen.events import Collision, Image, Shape
+from drop_physics.trace.events import Collision, Image, Shape
 
 Float64 = NDArray[np.float64]
 

@@ -39,8 +39,8 @@ from drop_physics.recording.sampled import RecordedSamples, is_series
 from drop_physics.recording.told import Told
 from drop_physics.report import EngineReport
 from drop_physics.scenario import Camera, Scenario
-from drop_physics.seen.events import At, Dynamics, Joint, order
-from drop_physics.seen.history import Seen, joined
+from drop_physics.trace.events import At, Dynamics, Joint, order
+from drop_physics.trace.history import Seen, joined
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]

@@ -28,7 +28,7 @@ from drop_physics.recording.gathering import Gathering
 from drop_physics.recording.joints import Commands, joint_names
 from drop_physics.recording.layout import Look, eye_around, series_of
 from drop_physics.recording.writer import Chunk, Times
-from drop_physics.seen.events import (
+from drop_physics.trace.events import (
     Appearance,
     Body,
     Calls,
@@ -41,8 +41,8 @@ from drop_physics.seen.events import (
     Surface,
     widths_of,
 )
-from drop_physics.seen.poses import MOTION
-from drop_physics.states import Rows
+from drop_physics.trace.poses import MOTION
+from drop_physics.trace.states import Rows
 
 ROWS_TOGETHER = 1024
 """Rows that are held until they become chunks."""

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from drop_physics.recording import schema
 from drop_physics.recording.digest import RowsDigest
 from drop_physics.recording.schema import Table
-from drop_physics.seen.history import table_of
-from drop_physics.states import Batch, Rows
+from drop_physics.trace.history import table_of
+from drop_physics.trace.states import Batch, Rows
 
 BLOCK = 1 << 16
 """Rows of a table that are hashed at a time."""

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from drop_physics.recording import columns, rows, rrd, schema
 from drop_physics.recording.checks import damaged, unreadable
 from drop_physics.recording.rrd import Chunk
-from drop_physics.seen.events import Appearance, Raised, Site
-from drop_physics.seen.history import Piece
-from drop_physics.seen.log import Log
-from drop_physics.states import Joints
+from drop_physics.trace.events import Appearance, Raised, Site
+from drop_physics.trace.history import Piece
+from drop_physics.trace.log import Log
+from drop_physics.trace.states import Joints
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]

@@ -15,9 +15,9 @@ from drop_physics.recording.checks import damaged, wrong_count
 from drop_physics.recording.contents import chunks_of
 from drop_physics.recording.drawing import FARTHEST_M, part_path
 from drop_physics.recording.rrd import Chunk
-from drop_physics.seen.events import Body, Model
-from drop_physics.seen.history import Seen
-from drop_physics.seen.poses import placed
+from drop_physics.trace.events import Body, Model
+from drop_physics.trace.history import Seen
+from drop_physics.trace.poses import placed
 
 Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]

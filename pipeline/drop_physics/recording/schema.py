@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drop_physics.seen.poses import COLUMNS
-from drop_physics.states import BASE_STATE, CONTACT
+from drop_physics.trace.poses import COLUMNS
+from drop_physics.trace.states import BASE_STATE, CONTACT
 
 APPLICATION_ID = "drop"
 SCHEMA_VERSION = 3

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from drop_physics.recording import schema
-from drop_physics.seen.events import (
+from drop_physics.trace.events import (
     Appearance,
     Asked,
     At,
@@ -33,7 +33,7 @@ from drop_physics.seen.events import (
     Solver,
     Surface,
 )
-from drop_physics.states import Joints
+from drop_physics.trace.states import Joints
 
 Values = dict[str, Any]
 Row = tuple[At, Values]

@@ -30,8 +30,8 @@ from drop_physics.files.outputs import output_errors
 from drop_physics.recording import schema
 from drop_physics.recording.sealing import seal, unfinished
 from drop_physics.scenario import Camera
-from drop_physics.seen.events import At, Calls
-from drop_physics.states import Rows
+from drop_physics.trace.events import At, Calls
+from drop_physics.trace.states import Rows
 
 Float64 = NDArray[np.float64]
 Steps = NDArray[np.int64]

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drop_physics import colours
-from drop_physics.analysis.drop.story import drop_analysis_of
 from drop_physics.analysis.results import Analysis
 from drop_physics.analysis.story import Story
-from drop_physics.analysis.times import Times
+from drop_physics.drop.story import drop_analysis_of
 from drop_physics.errors import ScenarioError, check_suffix
+from drop_physics.explain.times import Times
 from drop_physics.files.outputs import check_apart, check_target, refused
 from drop_physics.files.table import check_table, write_table
 from drop_physics.messages import Message
@@ -21,9 +21,9 @@ from drop_physics.recording.layer import Line, write_layer
 from drop_physics.recording.layer import Shown as LayerShown
 from drop_physics.recording.layer_file import is_layer, layer_of
 from drop_physics.recording.reader import Recording, read
-from drop_physics.seen.history import Seen, body_named
 from drop_physics.stages.narrative import events, findings_markdown
 from drop_physics.stages.telling import viewed
+from drop_physics.trace.history import Seen, body_named
 
 if TYPE_CHECKING:
     from drop_physics.recording.falling import Progress  # its module loads Rerun

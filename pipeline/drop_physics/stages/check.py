@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.checking.difference import Difference, Drop, Side
-from drop_physics.analysis.comparison import Comparison, compare
-from drop_physics.analysis.drop.case import case_seen
-from drop_physics.analysis.drop.engines_apart import apart, flight_of
+from drop_physics.compare.comparison import Comparison, compare
+from drop_physics.compare.difference import Difference, Drop, Side
+from drop_physics.drop.case import case_seen
+from drop_physics.drop.engines_apart import apart, flight_of
 from drop_physics.errors import OutputError, RecordingError, check_suffix
 from drop_physics.fields import outside
 from drop_physics.figures.animation import decoded

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.times import Times
 from drop_physics.errors import DropError, RecordingError
+from drop_physics.explain.times import Times
 from drop_physics.figures.animation import decoded
 from drop_physics.figures.clock import with_clock
 from drop_physics.figures.ink import DARK, LIGHT, Ink
@@ -21,7 +21,7 @@ from drop_physics.recording.frames import frames, frames_of_cameras
 from drop_physics.recording.reader import Recording
 from drop_physics.recording.scene import Part, parts_of
 from drop_physics.scenario import STANDARD_CAMERA, Camera, View
-from drop_physics.seen.history import Seen, body_named
+from drop_physics.trace.history import Seen, body_named
 from drop_physics.workers import Worker, WorkerDiedError
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ Float64 = NDArray[np.float64]
 
 DRAWN_PER_S = 20.0
 """Pictures drawn from poses per second of simulated time."""
-DRAW = "drop_physics.engines.bullet.scene_pictures:drawn"
+DRAW = "drop_physics.engines.pybullet.scene_pictures:drawn"
 PER_WORKER = 32
 """About as many as are drawn while a process starts."""
 MOST_DRAWN = 600

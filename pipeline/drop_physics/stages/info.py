@@ -9,8 +9,8 @@ from typing import Literal
 
 import polars as pl
 
-from drop_physics.analysis.jsonable import jsonable
-from drop_physics.analysis.times import Times
+from drop_physics.explain.jsonable import jsonable
+from drop_physics.explain.times import Times
 from drop_physics.fields import counted
 from drop_physics.messages import Message, joined, shell_command
 from drop_physics.recording import schema
@@ -20,11 +20,11 @@ from drop_physics.recording.inputs import Drop
 from drop_physics.recording.layer_file import is_layer, layer_of
 from drop_physics.recording.reader import Recording, listed, read, recording_id
 from drop_physics.scenario import Scenario
-from drop_physics.seen.events import ENDED, Body, Dynamics
-from drop_physics.seen.history import Seen
 from drop_physics.shown import Shown
-from drop_physics.states import BODY_LABEL, FLOOR_LABEL
 from drop_physics.sweeping.plan import replay_command
+from drop_physics.trace.events import ENDED, Body, Dynamics
+from drop_physics.trace.history import Seen
+from drop_physics.trace.states import BODY_LABEL, FLOOR_LABEL
 
 REPLACED = "\ufffd"
 """Recorded for each byte that is not UTF-8; see `drop_physics.stages.program.encodable`."""

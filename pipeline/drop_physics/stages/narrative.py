@@ -9,10 +9,10 @@ import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 
-from drop_physics.analysis.answers.answer import Finding
-from drop_physics.analysis.drop.results import DropAnalysis, Moment
 from drop_physics.analysis.results import Analysis
+from drop_physics.drop.results import DropAnalysis, Moment
 from drop_physics.fields import decimals
+from drop_physics.rules.answer import Finding
 
 WIDTH = 44
 """Characters of a line in the viewer's list of events."""

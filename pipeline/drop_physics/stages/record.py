@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from drop_physics.engines.bullet import script as running
-from drop_physics.engines.bullet.script import Program
+from drop_physics.engines.pybullet import script as running
+from drop_physics.engines.pybullet.script import Program
 from drop_physics.errors import check_suffix
 from drop_physics.fields import all_of
 from drop_physics.files.outputs import check_apart, check_target, make_folder, reserved
@@ -28,7 +28,6 @@ from drop_physics.recording import schema, writer
 from drop_physics.recording.about import about_script
 from drop_physics.recording.layout import layout
 from drop_physics.recording.recorder import Recorder
-from drop_physics.seen.events import Ending
 from drop_physics.shown import Shown
 from drop_physics.stages.missing_file import missing_file
 from drop_physics.stages.program import (
@@ -39,6 +38,7 @@ from drop_physics.stages.program import (
     encodable,
     texts_of,
 )
+from drop_physics.trace.events import Ending
 
 FOLDER = Path("recordings")
 NAMED_AFTER_S = 60.0
@@ -282,8 +282,8 @@ def recorded_of(
 
 def _failure(path: Path) -> str:
     """Return what a script failed with, as the analysis says it."""
-    from drop_physics.analysis.answers.script_failed import failure
     from drop_physics.recording.reader import read
+    from drop_physics.rules.script_failed import failure
 
     held = read(path)
     last = held.seen.sampled.last

@@ -25,9 +25,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from drop_physics.engines.bullet.script import BlockListener, shared_block
-from drop_physics.engines.bullet.watching import ending, start
-from drop_physics.engines.bullet.watching.hooks import Stop, Watch
+from drop_physics.engines.pybullet.script import BlockListener, shared_block
+from drop_physics.engines.pybullet.watch import ending, start
+from drop_physics.engines.pybullet.watch.hooks import Stop, Watch
 from drop_physics.errors import NO_MEMORY, DropError, OutputError, check_suffix
 from drop_physics.files.outputs import check_target
 from drop_physics.recording import schema

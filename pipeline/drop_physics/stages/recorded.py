@@ -13,21 +13,21 @@ from typing import Any
 import numpy as np
 
 from drop_physics import colours
-from drop_physics.engines.bullet.camera_frames import Photographer
-from drop_physics.engines.bullet.engine import engine_versions
-from drop_physics.engines.bullet.visible_world import world_from_camera
-from drop_physics.engines.bullet.world import World
 from drop_physics.engines.other_world import OtherWorld
-from drop_physics.laws import theory
-from drop_physics.laws.lookup import fall_of
+from drop_physics.engines.pybullet.camera_frames import Photographer
+from drop_physics.engines.pybullet.engine import engine_versions
+from drop_physics.engines.pybullet.visible_world import world_from_camera
+from drop_physics.engines.pybullet.world import World
 from drop_physics.messages import Message
+from drop_physics.physics import theory
+from drop_physics.physics.lookup import fall_of
 from drop_physics.recording import schema
 from drop_physics.recording.about import about_drop
 from drop_physics.recording.falling import Falling, Photography, Progress
 from drop_physics.recording.recorder import Recorder
 from drop_physics.recording.writer import Chunk
 from drop_physics.report import EngineReport
-from drop_physics.seen.events import (
+from drop_physics.trace.events import (
     Appearance,
     At,
     Body,
@@ -38,8 +38,8 @@ from drop_physics.seen.events import (
     Settings,
     Shape,
 )
-from drop_physics.seen.poses import MOTION
-from drop_physics.states import BASE, BODY, BODY_LABEL, FLOOR, FLOOR_LABEL, Batch, Float64
+from drop_physics.trace.poses import MOTION
+from drop_physics.trace.states import BASE, BODY, BODY_LABEL, FLOOR, FLOOR_LABEL, Batch, Float64
 
 BATCH = 8192
 """Samples in one chunk of a recording: the most that a killed run loses. Longer chunks take memory

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drop_physics.analysis import story as told
-from drop_physics.analysis.drop.analysis import fall_of
-from drop_physics.analysis.drop.case import case_seen
-from drop_physics.analysis.drop.results import FallAnalysis
 from drop_physics.analysis.results import Analysis
-from drop_physics.analysis.rows import MOST_ROWS
+from drop_physics.drop.analysis import fall_of
+from drop_physics.drop.case import case_seen
+from drop_physics.drop.results import FallAnalysis
 from drop_physics.errors import RecordingError, ScenarioError, check_suffix
+from drop_physics.explain.rows import MOST_ROWS
 from drop_physics.figures.animation import MAX_FPS, check_animation, write_animation
 from drop_physics.figures.gif import MADE_BY_DROP
 from drop_physics.figures.playback import EVERY_FRAME, STANDARD_FPS, Animation

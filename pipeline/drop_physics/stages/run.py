@@ -14,7 +14,7 @@ from drop_physics.shown import Shown
 from drop_physics.workers import Worker
 
 if TYPE_CHECKING:
-    from drop_physics.analysis.drop.results import DropAnalysis
+    from drop_physics.drop.results import DropAnalysis
     from drop_physics.recording.falling import Progress
     from drop_physics.stages.render import Rendering
     from drop_physics.stages.simulate import Simulation
@@ -58,9 +58,11 @@ def run(
     free = reserved(Path(out_dir), "run", also=_DERIVED)
     with free as path, Worker() as assistant:
         if camera is not None:
-            assistant.ask("drop_physics.engines.bullet.camera_frames:draw_ahead", scenario, camera)
+            assistant.ask(
+                "drop_physics.engines.pybullet.camera_frames:draw_ahead", scenario, camera
+            )
         assistant.load("drop_physics.figures.story_plot", "polars")
-        from drop_physics.analysis.drop.results import DropAnalysis
+        from drop_physics.drop.results import DropAnalysis
         from drop_physics.stages.analyze import analyze
         from drop_physics.stages.render import render
         from drop_physics.stages.simulate import simulate

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from drop_physics.engines.bullet.camera_frames import Photographer
-from drop_physics.engines.bullet.found import find_body
+from drop_physics.engines.pybullet.camera_frames import Photographer
+from drop_physics.engines.pybullet.found import find_body
 from drop_physics.engines.worlds import world_of
 from drop_physics.errors import check_suffix
 from drop_physics.files.outputs import check_apart, check_room, check_target

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
-from drop_physics.analysis.drop.one_sample import DEFAULT_AT_S
-from drop_physics.engines.bullet.engine import engine_versions
-from drop_physics.engines.bullet.found import body_digest, find_body
-from drop_physics.engines.bullet.probe import verdicts
+from drop_physics.drop.one_sample import DEFAULT_AT_S
 from drop_physics.engines.other_world import other_versions
+from drop_physics.engines.pybullet.engine import engine_versions
+from drop_physics.engines.pybullet.found import body_digest, find_body
+from drop_physics.engines.pybullet.probe import verdicts
 from drop_physics.errors import DropError, OutputError, ScenarioError
 from drop_physics.fields import counted, outside
 from drop_physics.files.outputs import check_apart, check_room, check_target

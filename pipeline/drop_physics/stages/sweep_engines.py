@@ -15,17 +15,17 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from drop_physics.analysis.drop.analysis import fall_analysis_of
-from drop_physics.analysis.drop.convergence import ROUNDED
-from drop_physics.analysis.drop.results import FallAnalysis, Rest
+from drop_physics.drop.analysis import fall_analysis_of
+from drop_physics.drop.convergence import ROUNDED
+from drop_physics.drop.results import FallAnalysis, Rest
 from drop_physics.engines.worlds import Worlds
-from drop_physics.laws.lookup import law_for
 from drop_physics.messages import Message
+from drop_physics.physics.lookup import law_for
 from drop_physics.recording.rows import tables_of
 from drop_physics.scenario import Engine, Scenario
 from drop_physics.stages.recorded import BATCH, made_with
-from drop_physics.states import Batch
 from drop_physics.sweeping.plan import Plan
+from drop_physics.trace.states import Batch
 
 Float64 = NDArray[np.float64]
 

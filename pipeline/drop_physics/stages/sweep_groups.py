@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from drop_physics.analysis.drop.convergence import StudiedRun, Study, study_of
-from drop_physics.analysis.drop.statistics import Summary, summaries
+from drop_physics.drop.convergence import StudiedRun, Study, study_of
+from drop_physics.drop.statistics import Summary, summaries
 from drop_physics.sweeping.folder import EXPLAINED, TERMS
 from drop_physics.sweeping.plan import Plan, label_of
 

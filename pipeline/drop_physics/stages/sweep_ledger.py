@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from drop_physics.analysis.drop.statistics import Moments
+from drop_physics.drop.statistics import Moments
 from drop_physics.stages.sweep_shard import ShardDone
 from drop_physics.sweeping.plan import Plan
 

@@ -12,21 +12,21 @@ from pathlib import Path
 
 import polars as pl
 
-from drop_physics.analysis.drop.one_sample import moment_in_the_air
-from drop_physics.analysis.drop.results import Moment
-from drop_physics.analysis.drop.statistics import Moments
-from drop_physics.engines.bullet.lasting_world import LastingWorld
-from drop_physics.engines.bullet.probe import Verdicts, believe
+from drop_physics.drop.one_sample import moment_in_the_air
+from drop_physics.drop.results import Moment
+from drop_physics.drop.statistics import Moments
 from drop_physics.engines.other_world import OtherWorld
+from drop_physics.engines.pybullet.lasting_world import LastingWorld
+from drop_physics.engines.pybullet.probe import Verdicts, believe
 from drop_physics.engines.worlds import Worlds
 from drop_physics.errors import DropError, OutputError, check_signals
 from drop_physics.files.outputs import make_folder
 from drop_physics.files.whole import onto_disk
 from drop_physics.report import EngineReport
 from drop_physics.scenario import Camera, Scenario
-from drop_physics.states import Batch
 from drop_physics.sweeping.folder import EXPLAINED, SCHEMA, Folder, Row
 from drop_physics.sweeping.plan import Plan, replay_command
+from drop_physics.trace.states import Batch
 
 _EMPTY: Row = dict.fromkeys(SCHEMA) | asdict(Scenario())
 """The row of a run before it starts: the scenario's defaults."""
@@ -172,7 +172,7 @@ class RunShard:
         with contextlib.ExitStack() as stack:
             photographer = None
             if self.camera is not None:
-                from drop_physics.engines.bullet.camera_frames import Photographer
+                from drop_physics.engines.pybullet.camera_frames import Photographer
 
                 # One picture at a time: the other cores run other shards.
                 photographer = Photographer(world.scenario, self.camera, frames=1)
@@ -191,8 +191,8 @@ class RunShard:
         return Batch.joined(seen)
 
     def _analyzed_recording(self, path: Path) -> Moment:
-        from drop_physics.analysis.drop.analysis import fall_of
-        from drop_physics.analysis.drop.case import case_seen
+        from drop_physics.drop.analysis import fall_of
+        from drop_physics.drop.case import case_seen
         from drop_physics.recording.reader import read
 
         recording = read(path)
@@ -200,7 +200,7 @@ class RunShard:
         return fall_of(*case, at_s=[self.at_s]).analysis.at[0]
 
     def _analyzed(self, world: LastingWorld | OtherWorld, fall: Batch) -> Moment:
-        from drop_physics.analysis.drop.analysis import fall_analysis_of
+        from drop_physics.drop.analysis import fall_analysis_of
         from drop_physics.recording.rows import tables_of
         from drop_physics.stages.recorded import made_with
 

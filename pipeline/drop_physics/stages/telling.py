@@ -10,17 +10,17 @@ import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics import colours
-from drop_physics.analysis.answers.answer import Finding
-from drop_physics.analysis.curves import FORCES, Curves
-from drop_physics.analysis.drop.results import FallAnalysis
-from drop_physics.analysis.joints import JointRow
 from drop_physics.analysis.results import Analysis, BodyAnalysis
+from drop_physics.drop.results import FallAnalysis
+from drop_physics.explain.curves import FORCES, Curves
+from drop_physics.explain.joints import JointRow
 from drop_physics.fields import fraction
 from drop_physics.figures.story import Curve, Detail, Look, Panel, Story
 from drop_physics.messages import Message, joined
+from drop_physics.rules.answer import Finding
 from drop_physics.scenario import Scenario
-from drop_physics.seen.events import Body
 from drop_physics.sweeping.plan import label_of
+from drop_physics.trace.events import Body
 
 Float64 = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drop_physics.engines.bullet.script import Program
+from drop_physics.engines.pybullet.script import Program
 from drop_physics.errors import DropError
 from drop_physics.messages import Message
 from drop_physics.shown import Shown
@@ -27,8 +27,8 @@ from drop_physics.stages.trust_runs import (
 from drop_physics.stages.variations import Variations, variations_of
 
 if TYPE_CHECKING:
-    from drop_physics.analysis.answers.answer import Finding
-    from drop_physics.analysis.standing import Converging, Growth, Standing
+    from drop_physics.experiments.robustness import Converging, Growth, Standing
+    from drop_physics.rules.answer import Finding
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ def _trust(
     varied: dict[str, Varied],
     variations: Mapping[str, Mapping[str, Any]],
 ) -> Trust:
-    from drop_physics.analysis.standing import converging, geometric, growth, standing
+    from drop_physics.experiments.robustness import converging, geometric, growth, standing
     from drop_physics.stages.trust_findings import findings_of
 
     for name, given in variations.items():

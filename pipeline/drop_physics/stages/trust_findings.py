@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from drop_physics.analysis.answers.answer import Finding
-from drop_physics.analysis.standing import Converging, Growth
+from drop_physics.experiments.robustness import Converging, Growth
 from drop_physics.messages import Message
+from drop_physics.rules.answer import Finding
 
 if TYPE_CHECKING:
     from drop_physics.stages.trust_runs import Made, Varied

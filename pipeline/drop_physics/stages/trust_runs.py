@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drop_physics.engines.bullet import script as running
+from drop_physics.engines.pybullet import script as running
 from drop_physics.errors import DropError, OutputError, RecordingError
 from drop_physics.files.outputs import make_folder
 from drop_physics.files.whole import lock, opened, written_whole
@@ -27,8 +27,8 @@ from drop_physics.sweeping import engines
 from drop_physics.workers import cores
 
 if TYPE_CHECKING:
-    from drop_physics.analysis.apart import Apart
-    from drop_physics.engines.bullet.script import Program
+    from drop_physics.engines.pybullet.script import Program
+    from drop_physics.experiments.run_distance import Apart
     from drop_physics.recording.reader import Recording
 
 BASE = "base"
@@ -84,8 +84,8 @@ class RunVariation:
 
     def __call__(self, number: int) -> Varied:
         """Run a variation, record it, and compare it with the script's own run."""
-        from drop_physics.analysis.apart import apart
-        from drop_physics.analysis.first_term import first_term
+        from drop_physics.experiments.first_term import first_term
+        from drop_physics.experiments.run_distance import apart
         from drop_physics.recording.reader import read
 
         name, given = [*self.variations.items()][number]

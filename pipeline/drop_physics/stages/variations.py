@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from drop_physics.engines.bullet.watching.arguments import ARGUMENTS, CLIENT
+from drop_physics.engines.pybullet.watch.arguments import ARGUMENTS, CLIENT
 from drop_physics.errors import ScenarioError
 from drop_physics.fields import shown
 from drop_physics.kinds import number

@@ -1,0 +1,101 @@
+"""The calls of two scripts compared, in the order in which they were made."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict, deque
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from drop_physics.compare.difference import INPUT, LED, Dated
+from drop_physics.trace.calls import Call
+from drop_physics.trace.events import Site, order
+from drop_physics.trace.history import Seen
+
+FOLDER = re.compile(r"(?<=['\"])(?:/|[A-Za-z]:[/\\])(?:[^'\"]*[/\\])?")
+"""The folder of an absolute path in a call's arguments, which depends on the machine."""
+
+
+@dataclass(frozen=True)
+class OtherCall:
+    """The first call that differs from golden's."""
+
+    value: Call | None
+    """In the checked recording; None where it has no more."""
+    golden: Call | None
+    """In the golden recording; None where it has no more."""
+
+
+class Calls:
+    """Compares the calls of each simulation, piece by piece.
+
+    From which lines they are made does not count, nor how those of several simulations alternate:
+    threads take turns at random.
+
+    Parameters
+    ----------
+    clients
+        The number in the checked recording of each client of the golden one.
+    """
+
+    def __init__(self, clients: Mapping[int, int]) -> None:
+        self._clients = clients
+        self._waiting: dict[int, tuple[deque[Call], deque[Call]]] = defaultdict(
+            lambda: (deque(), deque())
+        )
+        self._found: dict[int, OtherCall] = {}
+        self._said: dict[Site, tuple[str, str]] = {}
+
+    def add(self, run: Iterable[Call], golden: Iterable[Call]) -> None:
+        """Compare the next calls of both."""
+        for call in run:
+            if call.client in self._clients.values() and call.client not in self._found:
+                self._waiting[call.client][0].append(call)
+        for call in golden:
+            client = self._clients.get(call.client)
+            if client is not None and client not in self._found:
+                self._waiting[client][1].append(call)
+        for client, (mine, theirs) in self._waiting.items():
+            while mine and theirs:
+                pair = mine.popleft(), theirs.popleft()
+                if self._does(pair[0]) != self._does(pair[1]):
+                    self._found[client] = OtherCall(*pair)
+                    mine.clear()
+                    theirs.clear()
+
+    def first(self) -> OtherCall | None:
+        """Return the first call that differs, of all that were added."""
+        found = [*self._found.values()]
+        for mine, theirs in self._waiting.values():
+            if mine or theirs:
+                found.append(OtherCall(mine[0] if mine else None, theirs[0] if theirs else None))
+        return min(found, key=_when, default=None)
+
+    def _does(self, call: Call) -> tuple[object, ...]:
+        """Return what a call does, from whatever line and with files in whatever folder."""
+        if call.site not in self._said:
+            self._said[call.site] = call.function, FOLDER.sub("", call.site.form)
+        return *self._said[call.site], _comparable(call.numbers), bool(call.raised)
+
+
+def _comparable(numbers: tuple[float, ...]) -> tuple[object, ...]:
+    """Return numbers of which nan equals nan."""
+    return tuple(number if number == number else None for number in numbers)
+
+
+def _when(other: OtherCall) -> tuple[int, int]:
+    return min(order(call.at) for call in (other.value, other.golden) if call is not None)
+
+
+def call_before(run: Seen, first: Dated) -> Call | None:
+    """Return the last call that can have caused a difference."""
+    found = None
+    (step, phase, number), client, _ = first
+    for piece in run.pieces():
+        if piece.first > step:
+            break
+        for call in piece.calls:
+            early = call.at.step < step or (call.at.step == step and phase != LED)
+            if call.client == client and early and (phase != INPUT or call.at.call <= number):
+                found = call
+    return found

@@ -1,0 +1,150 @@
+"""Are two recordings the same physics? If not: what differs first, and by how much.
+
+Inputs count until a sample differs: from there on they may be a reaction to the difference, in a
+script that controls by what it measures. Calls are reported, but only their effects count. What is
+not recorded, such as how soft bodies move, is not compared: nothing with such a body is the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from drop_physics.compare.calls import Calls, OtherCall, call_before
+from drop_physics.compare.difference import (
+    Dated,
+    Difference,
+    Largest,
+    Setting,
+    Side,
+    earliest,
+)
+from drop_physics.compare.inputs import (
+    input_differences,
+    script_settings,
+    script_versions,
+)
+from drop_physics.compare.pairing import pairing
+from drop_physics.compare.samples import Samples
+from drop_physics.compare.scenarios import engine_versions, scenario_differences
+from drop_physics.compare.tolerance import tolerance_of
+from drop_physics.explain.times import Times
+from drop_physics.trace.calls import Call
+from drop_physics.trace.history import PIECE, Piece, Seen
+
+TIMESTEPS = ("timestep_s", "engine.timestep_s", "engine.fixedTimeStep")
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """How two recordings compare."""
+
+    of_drop: bool
+    """Whether both are of a drop."""
+    differences: list[Difference]
+    """Settings of a drop, or inputs of a script that differed before any sample did: bodies, the
+    engine's settings, masses …"""
+    first: Difference | None
+    """The first difference at a step: of an input, else of a sample; None where there is none."""
+    call_before: Call | None
+    """The last call before the first difference."""
+    other_call: OtherCall | None
+    """The first call that differs from golden's; None where none does. Not a difference in physics
+    by itself."""
+    largest: list[Largest]
+    """The largest difference of each body and quantity, where there is any."""
+    largest_difference_m: float | None
+    """Between positions of all parts, over all samples that both have; None where they share none,
+    or at other times."""
+    part_at: int | None
+    """The first step with a state that is not the same to the bit."""
+    not_compared: list[str]
+    """Bodies whose motion is not recorded, or not that of all links: soft bodies, and links that
+    PyBullet does not show. Without a difference elsewhere the two are then neither the same nor
+    different."""
+    script: list[Setting]
+    """What differs of the script: its name, the digest of its text, its arguments, the seed. Not a
+    difference in physics."""
+    versions: list[Setting]
+    """The versions that made them, where these differ: not a difference in physics."""
+    unseeded: list[str]
+    """Where either drew unseeded random numbers."""
+    real_time: bool
+    """Whether either asked for real-time simulation, which follows a clock."""
+
+    @property
+    def same(self) -> bool:
+        """Whether it is the same physics."""
+        return self.first is None and not self.differences and not self.not_compared
+
+
+def compare(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Comparison:
+    """Compare a recording with the golden one: inputs, then samples.
+
+    Parameters
+    ----------
+    run, golden
+        The two, both of a drop or both of a script.
+    tolerance_m
+        Allowed difference of positions [m]; 0 means bit for bit, but for a drop in contact.
+    """
+    pairs = pairing(run.seen, golden.seen)
+    if run.drop is not None and golden.drop is not None:
+        settings = scenario_differences(run.drop, golden.drop)
+        inputs: list[Dated] = []
+        versions = engine_versions(run.drop, golden.drop)
+    else:
+        settings, versions = [], script_versions(run, golden)
+        inputs = sorted(input_differences(run.seen, golden.seen, pairs), key=lambda each: each.when)
+    at_start = [each.difference for each in inputs if each.when.step == 0]
+    comparable = not any(each.column in TIMESTEPS for each in (*settings, *at_start))
+    calls = Calls(pairs.clients)
+    samples = Samples(run.seen, golden.seen, pairs, tolerance_of(run, golden, tolerance_m))
+    for mine, theirs in _pieces(run.seen, golden.seen):
+        calls.add(mine.calls, theirs.calls)
+        if comparable:
+            samples.add(mine, theirs)
+    if comparable:
+        samples.end()
+    parted = samples.parted
+    inputs = [each for each in inputs if parted is None or each.when < parted]
+    first = earliest(*inputs, samples.first)
+    largest = [each for _, each in sorted(samples.largest.items())]
+    metres = [each.difference for each in largest if each.quantity == "position"]
+    return Comparison(
+        of_drop=run.drop is not None,
+        differences=[*settings, *(_told(each, run.seen) for each in inputs)],
+        first=None if first is None else _told(first, run.seen),
+        call_before=None if first is None else call_before(run.seen, first),
+        other_call=calls.first(),
+        largest=largest,
+        largest_difference_m=max(metres, default=0.0) if samples.shared else None,
+        part_at=None if parted is None else parted.step,
+        not_compared=list(dict.fromkeys([*_not_seen(run.seen), *_not_seen(golden.seen)])),
+        script=[*script_settings(run, golden)],
+        versions=[*versions],
+        unseeded=[*dict.fromkeys((*run.seen.unseeded, *golden.seen.unseeded))],
+        real_time=run.seen.real_time or golden.seen.real_time,
+    )
+
+
+def _pieces(run: Seen, golden: Seen) -> Iterator[tuple[Piece, Piece]]:
+    """Yield what was sampled of the same steps."""
+    sides = run.sampled, golden.sampled
+    for first in range(
+        min(each.first for each in sides), max(each.last for each in sides) + 1, PIECE
+    ):
+        mine, theirs = (each.piece(first, first + PIECE) for each in sides)
+        yield mine, theirs
+
+
+def _not_seen(seen: Seen) -> Iterator[str]:
+    """Yield the labels of bodies whose motion is not recorded, or not that of all links."""
+    for body in seen.bodies.values():
+        if body.soft or body.hides_links:
+            yield body.label
+
+
+def _told(dated: Dated, run: Seen) -> Difference:
+    """Return a difference with its time."""
+    return replace(dated.difference, time_s=Times(run, dated.client).of(dated.when.step))

@@ -1,0 +1,148 @@
+"""What differs between a recording and the golden one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.report import EngineReport
+from drop_physics.scenario import Scenario
+from drop_physics.trace.history import Seen
+
+Float64 = NDArray[np.float64]
+
+Value = Any
+"""A number, a text, a flag, a vector; None where there is none."""
+
+
+class Drop(NamedTuple):
+    """What was dropped."""
+
+    scenario: Scenario
+    engine: EngineReport
+    """What it reported."""
+
+
+@dataclass(frozen=True)
+class Side:
+    """One of two recordings."""
+
+    seen: Seen
+    origin: Mapping[str, Any]
+    """The script, the digest of its text, its arguments, the seed; empty of a drop."""
+    ended: Mapping[str, Any]
+    """How it ended, and what it was made with."""
+    drop: Drop | None = None
+    """None of a script."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A fact that differs between two recordings, without being a difference in physics."""
+
+    name: str
+    """Its name in the recording."""
+    value: Value
+    """The value in the checked recording."""
+    golden: Value
+    """The value in the golden recording."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A value that the golden recording lacks, or has otherwise."""
+
+    step: int | None
+    """Steps made before it, by its simulation; None for a setting of a whole drop."""
+    body: str | None
+    """Label of the body; None if it belongs to no body."""
+    link: int | None
+    """Of the body, -1 is its base; None if it belongs to no link."""
+    column: str
+    """A column of the state, or of joints, as `joint_effort`, or of a contact point, as
+    `contact_distance_m`; `contact_points` is how many there are. `constraints.2.0` is the first
+    force of constraint 2. `dynamics.mass_kg` and `engine.fixedTimeStep` are in these entities of
+    the recording; an element of a vector has its number after it, from 0. `there` is whether a body
+    or its sample exists (1 or 0), and `frame` is an image. Of a drop's settings: the name in its
+    scenario; `engine.` comes first where the engine's value differs and the scenario's does not."""
+    value: Value = None
+    """The value in the checked recording; None where there is none."""
+    golden: Value = None
+    """The value in the golden recording."""
+    time_s: float | None = None
+    """Simulated time of the step; None where it has none."""
+    part: str | None = None
+    """Name of the link, or of its joint if the column is one of joints."""
+
+    @property
+    def difference(self) -> float | None:
+        """Value minus golden; None if they are not numbers."""
+        if all(type(each) in (int, float) for each in (self.value, self.golden)):
+            return float(self.value - self.golden)
+        return None
+
+
+@dataclass(frozen=True)
+class Largest:
+    """The largest difference of a body in one quantity, over all samples that both have."""
+
+    body: str
+    """Its label."""
+    link: int
+    """Where it is that much; -1 is the base."""
+    quantity: str
+    """`position`, `orientation`, `velocity`, `spin` of base and links; `joint_position`,
+    `joint_velocity`, `joint_effort`."""
+    difference: float
+    """Its magnitude."""
+    step: int
+    """When it is that much."""
+    unit: str = ""
+    """`m`, `rad`, `m/s`, `rad/s`, `N` or `N m`."""
+    part: str | None = None
+    """Name of the link, or of its joint."""
+
+
+class When(NamedTuple):
+    """When a difference arose, in an order."""
+
+    step: int
+    phase: int
+    """`LED`: a sample that a step led to, before `INPUT`: the inputs that are given then. `FIRST`:
+    a first sample, after the inputs that led to it."""
+    call: int = 0
+    """Calls of the script before it."""
+
+
+LED, INPUT, FIRST = range(3)
+
+
+class Dated(NamedTuple):
+    """A difference, and the simulation that it arose in."""
+
+    when: When
+    client: int
+    """As the checked recording numbers it."""
+    difference: Difference
+
+
+def earliest(*differences: Dated | None) -> Dated | None:
+    """Return the first of some differences; of several at once, the one named first."""
+    return min(filter(None, differences), key=lambda dated: dated.when, default=None)
+
+
+def differs(value: Value, other: Value) -> bool:
+    """Whether two values differ; nan equals nan."""
+    return bool(value != other and (value == value or other == other))
+
+
+def off(mine: Float64, golden: Float64, allowed: Float64 | float = 0.0) -> NDArray[np.bool_]:
+    """Return which numbers differ by more than allowed; nan equals nan."""
+    with np.errstate(invalid="ignore"):  # of infinite numbers
+        near = np.abs(mine - golden) <= allowed
+    differ: NDArray[np.bool_] = ~((mine == golden) | near | (np.isnan(mine) & np.isnan(golden)))
+    return differ

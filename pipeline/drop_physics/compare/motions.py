@@ -1,0 +1,66 @@
+"""What was sampled of bodies in a piece of a recording, to compare two of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from drop_physics.trace.poses import MOTION_COLUMNS
+from drop_physics.trace.states import Joints
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What was sampled of a body: its base if that can move, its joints if it has any."""
+
+    steps: Int64
+    base: pl.DataFrame | None
+    joints: Joints | None
+
+    def at(self, rows: NDArray[np.bool_]) -> Motion:
+        """Return some of the samples."""
+        base = None if self.base is None else self.base.filter(rows)
+        joints = None if self.joints is None else self.joints.at(rows)
+        return Motion(self.steps[rows], base, joints)
+
+    @property
+    def numbers(self) -> Float64:
+        """All numbers, those of the base first, shape (n, numbers)."""
+        parts = [] if self.base is None else [self.base.select(MOTION_COLUMNS).to_numpy()]
+        if self.joints is not None:
+            parts += [self.joints.position, self.joints.velocity, self.joints.effort]
+        return np.hstack(parts) if parts else np.empty((len(self.steps), 0))
+
+
+NOTHING = Motion(np.empty(0, np.int64), None, None)
+
+
+def motions(bases: pl.DataFrame, joints: Mapping[int, Joints]) -> dict[int, Motion]:
+    """Return what was sampled of each body, by number."""
+    tables = bases.partition_by("body", as_dict=True, maintain_order=True)
+    found = {
+        number: Motion(table["step"].to_numpy(), table, None) for (number,), table in tables.items()
+    }
+    for number, held in joints.items():
+        base = found.get(number)
+        if base is None:
+            found[number] = Motion(held.steps, None, held)
+            continue
+        base = base.at(np.isin(base.steps, held.steps))
+        if len(base.steps):
+            held = held.at(np.isin(held.steps, base.steps))
+            found[number] = Motion(base.steps, base.base, held)
+    return found
+
+
+def together(mine: Motion, theirs: Motion, *, finer: int = 1) -> tuple[Motion, Motion]:
+    """Return the samples that both have; the other makes so many steps for each of these."""
+    due = mine.steps * finer
+    return mine.at(np.isin(due, theirs.steps)), theirs.at(np.isin(theirs.steps, due))

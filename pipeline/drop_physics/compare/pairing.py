@@ -1,0 +1,107 @@
+"""Which simulations and bodies of two recordings correspond.
+
+Numbers say nothing of what is simulated: another connection before, even an unused one, shifts
+those of clients; and bodies are numbered as they come, which depends on how threads take turns.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import polars as pl
+
+from drop_physics.trace.events import Body
+from drop_physics.trace.history import Seen
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """The numbers that the checked recording has for what is in the golden one."""
+
+    clients: Mapping[int, int]
+    """By golden's number; those that only golden has get numbers that are not used."""
+    bodies: Mapping[int, Body]
+    """Golden's bodies by the number that the checked recording has for each, or does not use."""
+    common: Mapping[int, Body]
+    """The checked recording's bodies that both have, by number."""
+
+    @cached_property
+    def numbers(self) -> dict[int, int]:
+        """The number that the checked recording has for each of golden's bodies."""
+        return {body.number: number for number, body in self.bodies.items()}
+
+    def label(self, number: int) -> str:
+        """Return the label of a body that at least golden has, by the checked one's number."""
+        return (self.common.get(number) or self.bodies[number]).label
+
+    def renumbered(self, table: pl.DataFrame, *columns: str) -> pl.DataFrame:
+        """Return a table of golden's with the checked recording's numbers of bodies."""
+        if all(old == new for old, new in self.numbers.items()):
+            return table
+        return table.with_columns(pl.col(columns).replace(self.numbers))
+
+
+def pairing(run: Seen, golden: Seen) -> Pairing:
+    """Return which simulations and bodies correspond.
+
+    Simulations correspond in the order of their connections, without those that are not used; of
+    two such simulations bodies correspond that have the same name, in the order in which they came.
+    """
+    clients = _clients(run, golden)
+    mine = _named(run, {client: client for client in _used(run)})
+    theirs = _named(golden, clients)
+    unused = max((*run.bodies, *golden.bodies), default=-1) + 1
+    bodies, common = {}, {}
+    for key, body in theirs.items():
+        if key in mine:
+            number = mine[key].number
+            common[number] = mine[key]
+        elif body.number in run.bodies:
+            number, unused = unused, unused + 1
+        else:
+            number = body.number
+        bodies[number] = body
+    return Pairing(clients, bodies, {number: common[number] for number in sorted(common)})
+
+
+def lengths(run: Seen, golden: Seen, pairs: Pairing) -> dict[int, tuple[int, int]]:
+    """Return how many samples both have of each simulation, by client, where that differs."""
+    counts = {
+        mine: (run.samples[mine], golden.samples[theirs])
+        for theirs, mine in pairs.clients.items()
+        if mine in run.samples and theirs in golden.samples
+    }
+    return {client: both for client, both in counts.items() if both[0] != both[1]}
+
+
+def _used(seen: Seen) -> set[int]:
+    """Return the clients with bodies; without one, nothing that is set has an effect."""
+    with_bodies = {body.client for body in seen.bodies.values()}
+    return with_bodies or {each.client for each in seen.settings}
+
+
+def _named(seen: Seen, clients: Mapping[int, int]) -> dict[tuple[int, str, int], Body]:
+    """Return bodies by client, name, and how many of that name came before."""
+    before: Counter[tuple[int, str]] = Counter()
+    named = {}
+    for _, body in sorted(seen.bodies.items()):
+        key = clients[body.client], _name(body)
+        named[*key, before[key]] = body
+        before[key] += 1
+    return named
+
+
+def _name(body: Body) -> str:
+    """Return a body's name in the engine."""
+    return body.label.partition("_")[2]
+
+
+def _clients(run: Seen, golden: Seen) -> dict[int, int]:
+    """Return the number in the checked recording of each client of the golden one."""
+    mine, theirs = sorted(_used(run)), sorted(_used(golden))
+    unused = itertools.count(max(mine, default=-1) + 1)
+    return dict(zip(theirs, itertools.chain(mine, unused), strict=False))

@@ -1,0 +1,111 @@
+"""The settings of two drops compared: what was asked for, and what the engines report."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+
+from drop_physics.compare.difference import Difference, Drop, Setting
+from drop_physics.physics.lookup import law_for
+from drop_physics.scenario import ENGINES_WITH
+
+SINGLE = 2.0**-22
+OF_EVERY_ENGINE = ("timestep_s", "gravity_m_s2", "mass_kg", "inertia_kg_m2", "body_sha256")
+"""What two different engines must have in common to be compared."""
+
+
+def scenario_differences(run: Drop, golden: Drop) -> list[Difference]:
+    """Return the settings that make it another experiment.
+
+    What differing scenarios say is not repeated from the engines. Where they agree, the name says
+    that it is the engine's: a default of the engine has changed, or a report was altered.
+    """
+    found, names = _scenario_differences(run, golden), asdict(run.scenario).keys()
+    of_engines = [each for each in _engine_settings(run, golden) if not _is_version(each.column)]
+    if found:
+        return [*found, *(each for each in of_engines if each.column not in names)]
+    return [
+        replace(each, column=f"engine.{each.column}") if each.column in names else each
+        for each in of_engines
+    ]
+
+
+def engine_versions(run: Drop, golden: Drop) -> Iterator[Setting]:
+    """Yield the versions that made two drops, where these differ."""
+    for each in _engine_settings(run, golden):
+        if _is_version(each.column):
+            yield Setting(each.column, each.value, each.golden)
+
+
+def _scenario_differences(run: Drop, golden: Drop) -> list[Difference]:
+    mine, theirs = asdict(run.scenario), asdict(golden.scenario)
+    if run.engine.body_sha256 == golden.engine.body_sha256:
+        theirs["body"] = mine["body"]  # the same file under another name
+    not_shared = _not_shared(run, golden)
+    return [
+        Difference(None, None, None, name, value, theirs[name])
+        for name, value in mine.items()
+        if value != theirs[name] and name not in not_shared and not _alike(run, golden, name)
+    ]
+
+
+def _alike(run: Drop, golden: Drop, name: str) -> bool:
+    """Whether the default of one engine is what the other was told."""
+    if run.scenario.engine == golden.scenario.engine:
+        return False
+    mine, theirs = (_in_effect(side, name) for side in (run, golden))
+    if None in (*mine, *theirs):
+        return False
+    return np.allclose(mine, theirs, rtol=SINGLE, atol=0)
+
+
+def _in_effect(side: Drop, name: str) -> tuple[Any, ...]:
+    """Return what an engine makes of an option, numbers or, where that is not known, None."""
+    if name in ("linear_damping", "angular_damping"):
+        return (getattr(law_for(side.scenario, side.engine), name, None),)
+    if name == "friction":
+        return (side.engine.lateral_friction, side.engine.floor_lateral_friction)
+    if name == "restitution":
+        return (side.engine.restitution, side.engine.floor_restitution)
+    return (None,)
+
+
+def _not_shared(run: Drop, golden: Drop) -> set[str]:
+    """Return the options that one of two different engines does not have."""
+    engines = {side.scenario.engine for side in (run, golden)}
+    if len(engines) == 1:
+        return set()
+    return {"integrator"} | {name for name, have in ENGINES_WITH.items() if not engines <= {*have}}
+
+
+def _engine_settings(run: Drop, golden: Drop) -> list[Difference]:
+    """Return what the two engines report differently, of what both report."""
+    mine, theirs = asdict(run.engine), asdict(golden.engine)
+    same_engine = run.scenario.engine == golden.scenario.engine
+    return [
+        Difference(None, None, None, name, value, theirs[name])
+        for name, value in mine.items()
+        if None not in (value, theirs[name])
+        and value != theirs[name]
+        and (same_engine or _apart(name, value, theirs[name]))
+    ]
+
+
+def _apart(name: str, value: Any, other: Any) -> bool:  # noqa: ANN401
+    """Whether a value makes it another experiment; one engine may round to float32."""
+    if name not in OF_EVERY_ENGINE:
+        return False
+    return isinstance(value, str) or not np.allclose(value, other, rtol=SINGLE, atol=0)
+
+
+def _is_version(name: str) -> bool:
+    return name.endswith("_version") or name in (
+        "pybullet_build",
+        "pybullet_wheel",
+        "pybullet_api",
+        "machine",
+        "gl_renderer",
+    )

@@ -1,0 +1,119 @@
+"""What may differ: nothing, or what moves a body by less than a length.
+
+Before the first contact a drop's law uses only + - × ÷ √, so two runs of one engine agree to the
+last bit; in contact the solver stops at a residual, which is a discrete branch, and a nanometre is
+allowed. From a length follows what other columns may differ by: a velocity by what moves the body
+that far in one step, an angle by what moves its surface that far.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.compare.difference import Side
+from drop_physics.physics.base import EXACT_MACHINES, FUSED
+from drop_physics.trace.events import Body
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+IN_CONTACT_M = 1e-9
+UNKNOWN_LENGTH_M = 1.0
+"""Of a part without a shape: an angle may then be off by as many radians as metres are allowed."""
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """By how much numbers may differ."""
+
+    air_m: float
+    contact_m: float
+    """From a drop's first contact on; for a script the same."""
+    fused: bool
+    """Whether a processor may have fused multiplication and addition in a drop."""
+    timesteps_s: Mapping[int, float]
+    """By client, as golden numbers them."""
+    length_m: float | None
+    """From a drop's centre to its surface; None where it is that of each part's box."""
+    mass_kg: float | None
+    """Of a drop."""
+
+    def of_parts(
+        self, body: Body, client: int, steps: Int64, touched: int | None, parts: Float64
+    ) -> Float64:
+        """Return what is allowed in base and links.
+
+        Parameters
+        ----------
+        body, client
+            The body, and golden's number of its client.
+        steps
+            Shape (n,).
+        touched
+            The first step with a contact; None if there is none yet.
+        parts
+            Golden's, shape (n, links, 13).
+        """
+        contact = steps >= touched if touched is not None else np.zeros(len(steps), np.bool_)
+        metres = np.where(contact, self.contact_m, self.air_m)
+        links = [self._per_metre(body, link, client) for link in range(parts.shape[1])]
+        allowed: Float64 = metres[:, None, None] * np.array(links)
+        if self.fused:
+            fused = FUSED * np.maximum(1.0, np.abs(parts))
+            allowed = np.where(contact[:, None, None], allowed, np.maximum(allowed, fused))
+        return allowed
+
+    def of_contacts(self) -> Mapping[str, float] | None:
+        """Return what is allowed in columns of contact points; None if they do not count.
+
+        Nothing is allowed in those that it lacks. In a script they count only to the bit: beyond,
+        they count through the motion.
+        """
+        if self.mass_kg is None or self.length_m is None:
+            return None if self.air_m else {}
+        step_s = min(self.timesteps_s.values())
+        lengths = ["distance_m", *(f"{side}{axis}_m" for side in "ab" for axis in "xyz")]
+        forces = ["normal_force_n", *(f"friction_{axis}_n" for axis in "xyz")]
+        allowed = dict.fromkeys(lengths, self.contact_m)
+        allowed |= dict.fromkeys(("nx", "ny", "nz"), self.contact_m / self.length_m)
+        return allowed | dict.fromkeys(forces, self.contact_m * self.mass_kg / step_s**2)
+
+    def _per_metre(self, body: Body, part: int, client: int) -> Float64:
+        """Return what a metre allows in each column of a part's state, in that column's unit."""
+        step_s, length_m = self.timesteps_s[client], self.length_m
+        if length_m is None:
+            length_m = _half_diagonal_m(body, part)
+        # A quaternion has half the angle.
+        per_metre = [1.0, 1 / (2 * length_m), 1 / step_s, 1 / (length_m * step_s)]
+        return np.repeat(per_metre, (3, 4, 3, 3))
+
+
+def tolerance_of(run: Side, golden: Side, tolerance_m: float) -> Tolerance:
+    """Return what is allowed if positions may differ by a length [m]."""
+    timesteps_s = {
+        each.client: float(np.max(each.values["fixedTimeStep"])) for each in golden.seen.settings
+    }
+    if run.drop is None or golden.drop is None:
+        return Tolerance(tolerance_m, tolerance_m, False, timesteps_s, None, None)
+    engine = golden.drop.engine
+    machines = [side.engine.machine for side in (run.drop, golden.drop)]
+    return Tolerance(
+        air_m=tolerance_m,
+        contact_m=max(IN_CONTACT_M, tolerance_m),
+        fused=any(machine not in EXACT_MACHINES for machine in machines),
+        timesteps_s=dict.fromkeys(timesteps_s, golden.drop.scenario.timestep_s),
+        length_m=max(engine.rest_height_m or 0.0, 1e-3),
+        mass_kg=engine.mass_kg,
+    )
+
+
+def _half_diagonal_m(body: Body, part: int) -> float:
+    corners = np.reshape(body.bounds_m, (-1, 2, 3))
+    if part >= len(corners):
+        return UNKNOWN_LENGTH_M
+    length_m = float(np.linalg.norm(corners[part, 1] - corners[part, 0])) / 2
+    return length_m if np.isfinite(length_m) and length_m > 0 else UNKNOWN_LENGTH_M

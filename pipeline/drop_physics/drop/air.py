@@ -1,0 +1,144 @@
+"""How far the recorded fall follows the law of free flight, before anything touches the body."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.drop.case import Case
+from drop_physics.drop.results import Coverage
+from drop_physics.drop.samples import Samples
+from drop_physics.explain.segments import FLIGHT, segments_of
+from drop_physics.fields import counted
+from drop_physics.messages import Message
+from drop_physics.physics.base import Motion
+from drop_physics.scenario import Engine
+
+UNBALANCED: tuple[Engine, ...] = ("drake", "physx")
+"""Engines whose bodies depart from the law at contact points that exert nothing."""
+
+
+class Air:
+    """The samples before the first contact, under the law of one rigid body; comes to know more."""
+
+    def __init__(self, case: Case) -> None:
+        self._case = case
+        self._follows = case.is_rigid and case.scenario.stepped
+        self.contact_step: int | None = None
+        """The first sample that touches the floor, or that a contact has acted on."""
+        self.departs = 0 if self._follows and not case.released else None
+        """The first sample to which neither the release nor the law leads; None if all follow."""
+        self.is_lawless = self.departs is not None and not case.law.covers(case.start)[0]
+        """Whether no law of the step is known to the sample that departs."""
+        self.clamped_step: int | None = None
+        """The first sample that was clamped to ±100 m/s or rad/s."""
+        self.landed_step: int | None = None
+        """The first sample at which free fall has reached the floor."""
+
+    @property
+    def airborne(self) -> int:
+        """Number of samples before the first contact."""
+        return self._case.samples if self.contact_step is None else self.contact_step
+
+    @property
+    def covered(self) -> int:
+        """Number of samples in free flight, by the law and in theory."""
+        if not self._follows:
+            return 0
+        return min(step for step, _ in self._ends())
+
+    def add(self, part: Samples, before: Motion) -> None:
+        """Take further samples; `before`: the sample before each, of the very first itself."""
+        flew = self.contact_step is None
+        touching = np.flatnonzero(part.touching)
+        if flew and len(touching):
+            self.contact_step = part.first + int(touching[0])
+        in_air = min(len(part), self.airborne - part.first) if flew else 0
+        if self._follows and self.departs is None and in_air:
+            self._follow(part, before, in_air)
+        floor_m = self._case.floor_height_m
+        if floor_m is not None and self.landed_step is None:
+            heights_m = self._case.free_fall_m(part.times_s(self._case.timestep_s))
+            self.landed_step = _first(heights_m <= floor_m, part.first)
+
+    def _follow(self, part: Samples, before: Motion, rows: int) -> None:
+        """Compare the first rows, which touch nothing, with the law."""
+        case, touches = self._case, part.touches
+        points = slice(int(np.searchsorted(touches.step, rows)))
+        found = segments_of(
+            part.at(slice(rows)),
+            case.law,
+            touches.at(points),
+            exact=case.exact,
+            before=before.at(slice(rows)),
+            placed=part.steps[:rows] == 0,
+        )
+        stepped = part.steps[:rows] > 0
+        departs = _first((found.code != FLIGHT) & stepped, part.first)
+        followed = stepped if departs is None else stepped & (part.steps[:rows] < departs)
+        if self.clamped_step is None:
+            self.clamped_step = _first(found.held & followed, part.first)
+        if departs is None:
+            return
+        row = departs - part.first
+        self.is_lawless = not case.law.covers(before.at(slice(row, row + 1)))[0]
+        if not self.is_lawless and case.scenario.floor and self._touched(part, before, row):
+            self.contact_step = departs
+        else:
+            self.departs = departs
+
+    def _touched(self, part: Samples, before: Motion, row: int) -> bool:
+        """Whether a contact acted that the engine does not report.
+
+        A body that departs from the law within reach of the floor has touched it.
+        """
+        case = self._case
+        if case.scenario.engine in UNBALANCED and part.contact_points[row]:
+            return True
+        if not case.hides_contacts:
+            return False
+        way_m = np.abs(before.velocity_m_s[row]).max() * case.timestep_s
+        lowest_m = min(before.position_m[row, 2], part.position_m[row, 2])
+        return bool(lowest_m <= case.engine.reach_m + way_m)
+
+    def coverage(self) -> Coverage:
+        """Say which samples are broken down, after the last."""
+        case, of = self._case, self._case.samples
+        if not case.scenario.stepped:
+            return Coverage(0, of, Message("no step was taken, so no law of motion applies"))
+        if not case.is_rigid:
+            why = Message(
+                "the body has {joints}, and the law is that of one rigid body",
+                joints=counted(case.engine.joints, "joint"),
+            )
+            return Coverage(0, of, why)
+        samples, why = min(self._ends(), key=lambda end: end[0])
+        if samples < of:
+            why = Message("from sample {step} on {why}", step=samples, why=why)
+        return Coverage(samples, of, why)
+
+    def _ends(self) -> list[tuple[int, Message]]:
+        """Return what ends the coverage, as far as it is known, and at which sample."""
+        case = self._case
+        departed = Message("the state does not follow {engine}'s law", engine=case.engine_name)
+        if self.is_lawless:
+            departed = Message(
+                "no law of a step is known for {engine}'s {integrator} integration of spin or "
+                "damping",
+                engine=case.engine_name,
+                integrator=case.scenario.effective_integrator,
+            )
+        ends = [
+            (case.samples, Message("the whole recording is in free flight")),
+            (self.departs, departed),
+            (self.clamped_step, Message("a velocity is clamped to Bullet's limit of 100")),
+            (self.landed_step, Message("free fall has reached the floor, where theory ends")),
+            (self.contact_step, Message("the body is, or has been, in contact")),
+        ]
+        return [(step, why) for step, why in ends if step is not None]
+
+
+def _first(held: NDArray[np.bool_], first: int) -> int | None:
+    """Return the number of the first sample of which something holds, or None."""
+    rows = np.flatnonzero(held)
+    return first + int(rows[0]) if len(rows) else None

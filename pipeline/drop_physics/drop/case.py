@@ -1,0 +1,228 @@
+"""What the analysis is about: a scenario, what the engine reported, how it began and ended."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from drop_physics.drop.samples import Samples, samples_in, samples_of
+from drop_physics.physics import theory
+from drop_physics.physics.base import EXACT_MACHINES, Law, Motion
+from drop_physics.physics.lookup import fall_of, law_for
+from drop_physics.physics.rotations import same_way
+from drop_physics.physics.theory import Fall
+from drop_physics.report import EngineReport
+from drop_physics.scenario import ENGINES, EXACT_INTEGRATORS, Scenario
+from drop_physics.trace.history import PIECE, Piece, Seen, joined
+from drop_physics.trace.states import BODY
+
+Float64 = NDArray[np.float64]
+
+TOUCHING_M = 5e-10
+"""A body this close to the floor touches it. The engine's distances are known to this: for 136
+bodies drawn as in `tests/test_truth.py` a bisection with the engine's own collision detection found
+the rest height to 5e-15 m, that of a mesh to 1e-10 m."""
+FLOOR_REACH_M = 100.0
+"""plane.urdf ends this far from the origin, in x and in y."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One drop, as all parts of the analysis get it; its samples come some at a time."""
+
+    scenario: Scenario
+    engine: EngineReport
+    samples: int
+    """How many there are."""
+    sample: Callable[[int], Samples]
+    """Returns one of them."""
+
+    @cached_property
+    def start(self) -> Samples:
+        """The first sample."""
+        return self.sample(0)
+
+    @cached_property
+    def end(self) -> Samples:
+        """The last sample."""
+        return self.sample(self.samples - 1)
+
+    @cached_property
+    def fall(self) -> Fall:
+        """The release and the drag, as the engine has them."""
+        return fall_of(self.scenario)
+
+    @cached_property
+    def law(self) -> Law:
+        """The law of one rigid body while nothing touches it."""
+        return law_for(self.scenario, self.engine)
+
+    @property
+    def exact(self) -> bool:
+        """Whether the machine rounds each operation once."""
+        return self.engine.machine in EXACT_MACHINES
+
+    @property
+    def released(self) -> bool:
+        """Whether the first sample is the release that was asked for, as the engine rounds it."""
+        scenario, mine = self.scenario, self.start
+        asked = (
+            self.fall.position_m,
+            scenario.orientation_xyzw,
+            scenario.velocity_m_s,
+            scenario.spin_rad_s,
+        )
+        start = self.law.released(Motion(*(np.array([each]) for each in asked)))
+        turned = same_way(mine.orientation, start.orientation) - start.orientation
+        return bool(np.abs(turned).max() <= self.law.oriented) and all(
+            np.array_equal(getattr(mine, name), getattr(start, name))
+            for name in ("position_m", "velocity_m_s", "spin_rad_s")
+        )
+
+    @property
+    def timestep_s(self) -> float:
+        """Time between two samples [s]."""
+        return self.scenario.timestep_s
+
+    @property
+    def substeps(self) -> int:
+        """Number of engine steps per timestep."""
+        return self.scenario.substeps or 1
+
+    @property
+    def hides_contacts(self) -> bool:
+        """Whether contact may act within a timestep without being reported.
+
+        Of several substeps, or stages of a step, engines report only the contacts of the last.
+        """
+        return self.substeps > 1 or self.scenario.effective_integrator in EXACT_INTEGRATORS
+
+    @property
+    def substep_s(self) -> float:
+        """Timestep of the integrator [s]: with `--substeps`, several make a sample."""
+        return self.scenario.timestep_s / self.substeps
+
+    @property
+    def end_s(self) -> float:
+        """Time of the last sample [s]."""
+        return (self.samples - 1) * self.timestep_s
+
+    @property
+    def floor_height_m(self) -> float | None:
+        """Height of the centre at which the body as released touches the floor [m]; None if never.
+
+        Theory ends there in tables, curves and plots.
+        """
+        return self.engine.rest_height_m if self.scenario.floor else None
+
+    def free_fall_m(self, time_s: Float64) -> Float64:
+        """Return heights by theory without air [m], no lower than the floor lets the centre get."""
+        heights_m = theory.free_fall_height(self.fall, time_s)
+        return theory.stopped_by_floor(heights_m, self.floor_height_m)
+
+    def damped_fall_m(self, time_s: Float64) -> Float64:
+        """Return the same through the engine's damping, in continuous time."""
+        heights_m = theory.damped_fall_height(self.fall, time_s)
+        return theory.stopped_by_floor(heights_m, self.floor_height_m)
+
+    @property
+    def starts_above(self) -> bool:
+        """Whether the body is released clear of the floor."""
+        floor_m = self.floor_height_m
+        return floor_m is None or self.fall.height_m > floor_m + TOUCHING_M
+
+    @property
+    def engine_name(self) -> str:
+        """The name that the engine's laws are known by."""
+        return "Bullet" if self.is_bullet else ENGINES[self.scenario.engine]
+
+    @property
+    def is_bullet(self) -> bool:
+        """Whether PyBullet dropped the body, whose calls and contact law are known here."""
+        return self.scenario.engine == "bullet"
+
+    @property
+    def is_rigid(self) -> bool:
+        """Whether the body is one rigid link: the laws here are those of one."""
+        return self.engine.joints == 0
+
+    @property
+    def is_springy(self) -> bool:
+        """Whether contact is a spring, which the contact law here does not cover."""
+        return self.engine.contact_stiffness_n_m is not None
+
+    @property
+    def is_soft(self) -> bool:
+        """Whether contact gives way, however short the timestep."""
+        engine = self.engine
+        return self.is_springy or engine.modulus_pa is not None or engine.solref is not None
+
+    @property
+    def is_ball(self) -> bool:
+        """Whether the body is a centred sphere, which touches alike in any orientation."""
+        centred = self.engine.shape_position_m == (0.0, 0.0, 0.0)
+        return self.is_rigid and self.engine.shape == "sphere" and centred
+
+    @property
+    def is_box(self) -> bool:
+        """Whether the body is one rigid box."""
+        return self.is_rigid and self.engine.shape == "box"
+
+    def over_floor(self, position_m: Float64) -> bool:
+        """Whether positions [m], shape (n, 3), are above or below the floor, not past its edge.
+
+        In other engines the floor has no edge.
+        """
+        return not self.is_bullet or bool((np.abs(position_m[:, :2]) < FLOOR_REACH_M).all())
+
+
+def case_of(
+    scenario: Scenario, engine: EngineReport, states: pl.DataFrame, contacts: pl.DataFrame
+) -> tuple[Case, Iterable[Samples]]:
+    """Return the case that tables hold, and its samples in order.
+
+    The tables have one row per sample and part, and one per contact point.
+    """
+
+    def sample(step: int) -> Samples:
+        its = pl.col("step") == step
+        return samples_of(states.filter(its), contacts.filter(its))
+
+    last: int = states["step"].max()  # type: ignore[assignment]
+    return Case(scenario, engine, last + 1, sample), samples_in(states, contacts)
+
+
+def case_seen(
+    scenario: Scenario, engine: EngineReport, seen: Seen
+) -> tuple[Case, Iterable[Samples]]:
+    """Return the case of a recording, and its samples in order, which are read piece by piece."""
+
+    def sample(step: int) -> Samples:
+        return samples_seen(seen, seen.sampled.piece(step, step + 1))
+
+    def samples() -> Iterator[Samples]:
+        yield from map(functools.partial(samples_seen, seen), seen.pieces())
+
+    return Case(scenario, engine, _sampled(seen), sample), samples()
+
+
+def _sampled(seen: Seen) -> int:
+    """Return how many samples of the body there are; joints may have more where it was cut off."""
+    end = seen.sampled.last + 1
+    while end > 0:
+        rows = seen.sampled.piece(max(end - PIECE, 0), end).bases.filter(pl.col("body") == BODY)
+        if len(rows):
+            return int(rows["step"][-1]) + 1
+        end -= PIECE
+    return 0
+
+
+def samples_seen(seen: Seen, piece: Piece) -> Samples:
+    """Return the samples of a piece of a recording."""
+    return samples_of(joined(seen.parts_of(piece)), piece.contacts)

@@ -1,0 +1,224 @@
+"""What the samples of a fall show, gathered some at a time: where it was, and what it touched."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.drop.air import Air
+from drop_physics.drop.case import Case
+from drop_physics.drop.phases import Phases, Settling
+from drop_physics.drop.posture import FLAT_RAD, extent_m, tilt_rad, turned_rad
+from drop_physics.drop.results import Impact, Landing
+from drop_physics.drop.samples import Samples
+from drop_physics.drop.touchdowns import Touchdowns
+from drop_physics.physics.base import Motion
+
+Float64 = NDArray[np.float64]
+
+ROUGH_M = 1e-6
+"""By how much a contact point may be deeper than the centre shows."""
+
+
+class Course:
+    """The course of a fall; samples are added in their order."""
+
+    def __init__(self, case: Case) -> None:
+        self.case, self.air, self.touchdowns = case, Air(case), Touchdowns(case)
+        self.lowest: tuple[Motion, int] | None = None
+        """The first of the samples at which the centre is lowest, and its number."""
+        self.tumbled_step: int | None = None
+        """The first sample that touches the floor tilted; None where none does."""
+        self.through: tuple[Motion, int] | None = None
+        """The sample before the first at which the whole body is below the floor, untouched, and
+        that one's number."""
+        self.overlapped = case.floor_height_m is None
+        """Whether a step before that began inside the floor, or none can meet it."""
+        self.altered: list[int] = []
+        """The first sample that is not the release, and how many there are."""
+        self._settling = Settling(case)
+        self._last: Motion | None = None
+        self._arriving: Motion = case.start
+        self._upright, self._beside = True, False
+        self._crossing_s: float | None = None
+        self._deepest_m = 0.0
+        self._touched = False
+        self._tilts = np.inf, -np.inf
+        self._tall_m = extent_m(case)
+
+    @property
+    def arriving(self) -> Motion:
+        """The last sample before the first contact."""
+        return self._arriving
+
+    def add(self, part: Samples) -> tuple[Motion, list[int]]:
+        """Take further samples.
+
+        Returns
+        -------
+        The sample before each, and the samples at which the phase may change.
+        """
+        before = _before(part, self._last)
+        self.air.add(part, before)
+        settled = self._settling.add(part)
+        self.touchdowns.add(part, before)
+        self._alter(part)
+        self._look(part, before)
+        self._tilt(part)
+        self._pass(part, before)
+        self._last = part.at(np.array([len(part) - 1]))  # no view of all
+        steps = settled, self.air.contact_step, self.tumbled_step
+        return before, [step for step in steps if step is not None]
+
+    def phases(self) -> Phases:
+        """Return the phases, after the last sample."""
+        return self._settling.phases(self.air.contact_step)
+
+    @property
+    def tumbles(self) -> bool:
+        """Whether a body that touches the floor tilted turns from there on."""
+        low, high = self._tilts
+        return high - low > FLAT_RAD
+
+    def through_step(self) -> int | None:
+        """Return the first sample at which the body is below the floor as a whole.
+
+        None where contact brought it back, and beside the floor.
+        """
+        case = self.case
+        returned = self.air.contact_step is not None and not _below(case, case.end)[0]
+        return None if self.through is None or returned or self._beside else self.through[1]
+
+    def impact(self, landing: Landing | None) -> Impact | None:
+        """Return the impact on the floor, or None if there is none."""
+        case, step = self.case, self.air.contact_step
+        if step is None or self.lowest is None or (case.hides_contacts and not case.is_rigid):
+            return None  # the first contact may not be reported
+        lowest, lowest_step = self.lowest
+        lowest_m = float(lowest.position_m[0, 2])
+        crossing_s = penetration_m = None
+        # With substeps the path between two samples is not straight, and may be deeper than both.
+        floor_m = case.floor_height_m
+        if floor_m is not None and case.is_rigid and not case.hides_contacts:
+            crossing_s = self._crossing_s if case.starts_above and self._upright else None
+            flat = turned_rad(case, lowest.orientation)[0] <= FLAT_RAD
+            if case.over_floor(lowest.position_m) and flat:
+                penetration_m = max(0.0, floor_m - lowest_m)
+                if self._deepest_m > 1.01 * penetration_m + ROUGH_M:
+                    penetration_m = None
+        return Impact(
+            time_free_fall_s=landing.time_free_fall_s if landing else None,
+            time_damped_s=landing.time_damped_s if landing else None,
+            time_simulated_s=crossing_s,
+            step=step,
+            speed_m_s=float(np.linalg.norm(self._arriving.velocity_m_s[0])),
+            lowest_m=lowest_m,
+            lowest_step=lowest_step,
+            penetration_m=penetration_m,
+        )
+
+    def _alter(self, part: Samples) -> None:
+        """Note which samples are not the release, of what is never stepped."""
+        if self.case.scenario.stepped:
+            return
+        state, start = _state(part), _state(self.case.start)
+        rows = np.flatnonzero((state != start).any(axis=1))
+        if len(rows):
+            first, count = self.altered or [part.first + int(rows[0]), 0]
+            self.altered = [first, count + len(rows)]
+
+    def _look(self, part: Samples, before: Motion) -> None:
+        """Note where the centre is, and how it comes down."""
+        case, heights_m = self.case, part.height_m
+        low = int(np.argmin(heights_m))
+        if self.lowest is None or heights_m[low] < self.lowest[0].position_m[0, 2]:
+            self.lowest = part.at(np.array([low])), part.first + low
+        self._deepest_m = max(
+            self._deepest_m, -float(np.fmin.reduce(part.contact_distance_m, initial=0.0))
+        )
+        flew = self.air.airborne - part.first  # rows before the first contact
+        if flew >= 0:
+            fell = slice(flew + 1)
+            self._upright &= not (turned_rad(case, part.orientation[fell]) > FLAT_RAD).any()
+        if 0 < flew <= len(part):
+            self._arriving = part.at(np.array([flew - 1]))
+        elif flew == 0 and self._last is not None:
+            self._arriving = self._last
+        if self._crossing_s is None and case.floor_height_m is not None and flew > 0:
+            row = crossing(before.position_m[:flew, 2], heights_m[:flew], case.floor_height_m)
+            if row is not None:
+                above_m, below_m = float(before.position_m[row, 2]), float(heights_m[row])
+                share = (above_m - case.floor_height_m) / (above_m - below_m)
+                self._crossing_s = (part.first + row - 1 + share) * case.timestep_s
+
+    def _tilt(self, part: Samples) -> None:
+        """Note when it touches the floor tilted, and how far it turns from there on.
+
+        Where not every touch is reported, all samples from the first touch on count as touching.
+        """
+        if not self.case.is_rigid:
+            return
+        touching, tilts = part.touching, tilt_rad(self.case, part.orientation)
+        if self.case.hides_contacts:
+            touching = np.logical_or.accumulate(touching) | self._touched
+            self._touched = bool(touching[-1])
+        row = 0
+        if self.tumbled_step is None:
+            tumbling = np.flatnonzero(touching & (tilts > FLAT_RAD))
+            if not len(tumbling):
+                return
+            row = int(tumbling[0])
+            self.tumbled_step = part.first + row
+        low, high = self._tilts
+        self._tilts = min(low, float(tilts[row:].min())), max(high, float(tilts[row:].max()))
+
+    def _pass(self, part: Samples, before: Motion) -> None:
+        """Note when it is below the floor as a whole; PyBullet's floor is 10 m thick.
+
+        Of other engines' only the surface is known to be met.
+        """
+        case, row = self.case, 0
+        if not (case.scenario.floor and case.starts_above):
+            return
+        if self.through is None:
+            untouched = np.flatnonzero(_below(case, part)[: max(self.air.airborne - part.first, 0)])
+            row = int(untouched[0]) if len(untouched) else len(part)
+            if len(untouched):
+                self.through = before.at(np.array([row])), part.first + row
+            if case.floor_height_m is not None:
+                inside = part.height_m[:row] < case.floor_height_m - 1e-6
+                if not case.is_bullet and self._tall_m is not None:
+                    inside &= part.height_m[:row] > case.floor_height_m - self._tall_m
+                self.overlapped |= bool(inside.any())
+        if self.through is not None and not case.over_floor(part.position_m[row:]):
+            self._beside = True
+
+
+def _before(part: Motion, last: Motion | None) -> Motion:
+    """Return the sample before each; of the very first itself."""
+    before = part.before()
+    if last is None:
+        return before
+    for name in ("position_m", "orientation", "velocity_m_s", "spin_rad_s"):
+        getattr(before, name)[0] = getattr(last, name)[0]
+    return before
+
+
+def _state(motion: Motion) -> Float64:
+    return np.hstack(
+        (motion.position_m, motion.orientation, motion.velocity_m_s, motion.spin_rad_s)
+    )
+
+
+def _below(case: Case, part: Samples) -> NDArray[np.bool_]:
+    return np.asarray(part.height_m + case.engine.reach_m < 0)
+
+
+def crossing(above_m: Float64, below_m: Float64, floor_height_m: float) -> int | None:
+    """Return the first row in which a centre comes down through a height, or None.
+
+    Between two samples Bullet moves the body with one velocity, so the straight line between them
+    is the simulation's own path, not an interpolation.
+    """
+    rows = np.flatnonzero((above_m > floor_height_m) & ~(below_m > floor_height_m))
+    return int(rows[0]) if len(rows) else None

@@ -1,0 +1,85 @@
+"""The energy that contact gave to a falling body, and what is conserved before it.
+
+Of one step of semi-implicit Euler, v' = v + dt (g + d) + J/m and x' = x + dt v', the energy changes
+by exactly
+
+    dE = J·(v + v')/2  +  m dt d·(v + v')/2  -  m dt g·(v' - v)/2
+
+for contact, the drag d, and the integrator, which moves the body with the end-of-step velocity,
+while gravity acts along the mean of both. Derivation: insert both lines into m v'²/2 - m g·x' minus
+the same before the step.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.drop.case import Case
+from drop_physics.drop.mechanics import Drift, Mechanics
+from drop_physics.drop.results import Conservation
+from drop_physics.drop.samples import Samples
+from drop_physics.physics.base import Motion
+
+Float64 = NDArray[np.float64]
+
+
+class Energies:
+    """What is conserved until the first contact, and what contact gave; grow part by part."""
+
+    def __init__(self, case: Case) -> None:
+        self._case = case
+        self._known = case.is_rigid and case.substeps == 1
+        """Whether the law of the body is known, as far as was seen."""
+        self._energy, self._momentum = Drift(), Drift()
+        self._last_j = 0.0
+        self._before_j: float | None = None
+        """The energy before the first contact."""
+        self._start_m_s = np.zeros(3)
+        """The velocity then."""
+        self._taken_j = 0.0
+        """What the drag took from then on."""
+
+    def add(self, part: Samples, before: Motion, energies: Mechanics, airborne: int) -> None:
+        """Take further samples; so many are before the first contact, as far as is known."""
+        first = max(airborne, 1) - part.first
+        if first > 0:
+            self._energy.add(energies.total_j[:first])
+            self._momentum.add(energies.angular_momentum_kg_m2_s[:first])
+        self._known = self._known and bool(self._case.law.covers(part).all())
+        if self._known and first < len(part):
+            self._touch(before, part, energies, max(first, 0))
+        self._last_j = float(energies.total_j[-1])
+
+    def _touch(self, before: Motion, part: Samples, energies: Mechanics, row: int) -> None:
+        """Take the steps to samples from this row on, the first of which may have touched."""
+        case, then, after = self._case, before.velocity_m_s[row:], part.velocity_m_s[row:]
+        if self._before_j is None:
+            self._before_j = float(energies.total_j[row - 1]) if row else self._last_j
+            self._start_m_s = then[0].copy()
+        gravity = case.timestep_s * np.array(case.law.gravity_m_s2)
+        drag = case.law.held(case.law.free_velocities(then)) - then - gravity
+        self._taken_j += float(np.sum(drag * (then + after))) * case.engine.mass_kg / 2
+
+    def conservation(self) -> Conservation:
+        """Return what was conserved until the first contact."""
+        if self._case.substeps > 1 and not self._case.is_rigid:  # when it first touched is unknown
+            return Conservation(self._energy.start, None, None)
+        return Conservation(self._energy.start, self._energy.relative, self._momentum.relative)
+
+    def contact_j(self) -> float | None:
+        """Return what contact gave [J], what the spin lost to damping and turns included.
+
+        None where no law of the body is known, and of several steps per sample.
+        """
+        case = self._case
+        if not self._known:
+            return None
+        if self._before_j is None or not case.scenario.stepped:
+            return 0.0
+        taken_j = self._taken_j
+        if case.law.semi_implicit:
+            gained_m_s = case.end.velocity_m_s[0] - self._start_m_s
+            pull = float(gained_m_s @ np.array(case.law.gravity_m_s2))
+            taken_j -= case.engine.mass_kg * case.timestep_s / 2 * pull
+        return self._last_j - self._before_j - taken_j

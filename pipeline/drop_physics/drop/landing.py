@@ -1,0 +1,349 @@
+"""Contact, bounces and rest: what was recorded beside what Bullet's law predicts.
+
+Any body is measured; causes are given only where the contact law covers it: see `covers`.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from drop_physics.drop.case import Case
+from drop_physics.drop.phases import Phases
+from drop_physics.drop.posture import face_up, flat_height_m, stands, tilt_rad
+from drop_physics.drop.results import Bounce, Contact, Landing, Rest, RestTerms
+from drop_physics.drop.samples import Samples
+from drop_physics.drop.touchdowns import Episode
+from drop_physics.physics import bullet_contact, mujoco_contact, theory
+from drop_physics.physics.bullet import BulletLaw
+from drop_physics.physics.bullet_contact import (
+    CONTACT_ERP,
+    CONTACT_SLOP_M,
+    RESTITUTION_THRESHOLD_M_S,
+)
+
+LONGEST_THROW_S = 3600.0
+REPRODUCED = 1e-3
+"""Share of the approach by which a rebound may deviate from the contact law and still be explained:
+ten times the largest effect of the solver's early stop that was measured."""
+ROUNDED = 1e-9
+"""Share of the approach by which two ways to compute a rebound may differ."""
+AT_REST_M_S, LAST = 1e-4, 10
+"""A predicted path that is slower than this at so many last samples has come to rest."""
+SUNK_M = 1e-9
+"""How far a body at rest may be from a closed form of its contact to be explained by it."""
+
+
+# -- when it lands --------------------------------------------------------------------------------
+
+
+def find_landing(case: Case) -> Landing | None:
+    """Return when the body reaches the floor by theory; None where it never does.
+
+    Only for a body that meets the floor as it was released: one without spin, or a ball.
+    """
+    floor_m, fall = case.floor_height_m, case.fall
+    turns = any(case.scenario.spin_rad_s) and not case.is_ball
+    if floor_m is None or turns or not case.is_rigid or not case.scenario.stepped:
+        return None
+    free_s = theory.impact_time_free(fall, floor_m)
+    if not case.starts_above or free_s is None:
+        return None
+    # An oblique throw is integrated, which is useless over days: thrown up in almost no gravity.
+    oblique = fall.drag.quadratic_per_m > 0 and any(fall.velocity_m_s[:2])
+    endless = oblique and free_s > LONGEST_THROW_S
+    damped_s = None if endless else theory.impact_time_damped(fall, floor_m)
+    # Drag takes no body further sideways than free fall.
+    reach_m = np.array(fall.velocity_m_s) * free_s
+    if not case.over_floor(reach_m[None]):
+        return None
+    return Landing(time_free_fall_s=free_s, time_damped_s=damped_s)
+
+
+# -- the contact law ------------------------------------------------------------------------------
+
+
+def covers(case: Case) -> bool:
+    """Whether the contact law covers this drop: one box that lands flat and stays flat.
+
+    It is released flat, above the floor, without spin or sideways velocity, with its centre of mass
+    above its base, and contact is not a spring.
+    """
+    sideways = any((*case.scenario.velocity_m_s[:2], *case.scenario.spin_rad_s))
+    floor_m = case.floor_height_m
+    return (
+        isinstance(case.law, BulletLaw)
+        and case.is_box
+        and not case.is_springy
+        and case.scenario.stepped
+        and floor_m is not None
+        and case.engine.pair_restitution is not None
+        and not sideways
+        and float(tilt_rad(case, case.start.orientation)[0]) < 1e-9
+        and stands(case)
+        and case.starts_above
+    )
+
+
+def _path(
+    case: Case, height_m: float, velocity_m_s: float, *, contact_erp: float | None = None
+) -> Iterator[tuple[float, float]]:
+    """Yield heights [m] and vertical velocities [m/s] of the contact law.
+
+    `contact_erp` replaces the scenario's.
+    """
+    assert isinstance(case.law, BulletLaw)
+    assert case.floor_height_m is not None
+    assert case.engine.pair_restitution is not None
+    return bullet_contact.flat_drop(
+        case.law,
+        height_m=height_m,
+        velocity_m_s=velocity_m_s,
+        rest_height_m=case.floor_height_m,
+        restitution=case.engine.pair_restitution,
+        contact_erp=_contact_erp(case) if contact_erp is None else contact_erp,
+        restitution_threshold_m_s=restitution_threshold_m_s(case),
+    )
+
+
+def _fall(case: Case, *, contact_erp: float | None = None) -> Iterator[tuple[float, float]]:
+    """Yield the same from the release on, as far as the recording goes."""
+    path = _path(case, case.fall.height_m, case.fall.velocity_m_s[2], contact_erp=contact_erp)
+    return itertools.islice(path, case.samples)
+
+
+class ContactLaw:
+    """The recorded heights beside those of the contact law; samples are added in their order."""
+
+    def __init__(self, case: Case) -> None:
+        self._deepest_m = _deepest_m(case)
+        self._fall = _fall(case) if covers(case) else None
+        self._tail = np.empty((0, 2))
+        self._contact = Contact(0.0, 0)
+
+    @property
+    def applies(self) -> bool:
+        """Whether it covers the drop, and keeps the body above the floor's middle."""
+        return self._fall is not None
+
+    def add(self, part: Samples, flat: int) -> None:
+        """Take further samples, of which so many were flat."""
+        if self._fall is None:
+            return
+        numbers = itertools.chain.from_iterable(itertools.islice(self._fall, len(part)))
+        path = np.fromiter(numbers, np.float64, 2 * len(part)).reshape(-1, 2)
+        self._tail = np.vstack((self._tail, path))[-LAST:]
+        if not path[:, 0].min() > self._deepest_m:
+            self._fall = None
+            return
+        off_m = part.height_m[:flat] - path[:flat, 0]
+        worst = int(np.argmax(np.abs(off_m))) if flat else 0
+        if flat and (not part.first or abs(off_m[worst]) > self._contact.max_deviation_m):
+            self._contact = Contact(float(abs(off_m[worst])), part.first + worst)
+
+    def contact(self, phases: Phases, tumbled_step: int | None) -> Contact | None:
+        """Return how far recorded heights deviate from it while the body is flat."""
+        if phases.contact_step is None or tumbled_step == phases.contact_step:
+            return None
+        return self._contact if self.applies else None
+
+    @property
+    def end(self) -> tuple[float, float]:
+        """Its height at the last sample [m], and the largest of its last speeds [m/s]."""
+        return float(self._tail[-1, 0]), float(np.abs(self._tail[:, 1]).max())
+
+
+def _deepest_m(case: Case) -> float:
+    """Return how low the centre may get [m]: from half-way down the floor pushes it out below."""
+    return (case.floor_height_m or 0.0) - bullet_contact.FLOOR_HALF_THICKNESS_M
+
+
+def _contact_erp(case: Case) -> float:
+    asked = case.scenario.contact_erp
+    return CONTACT_ERP if asked is None else asked
+
+
+def restitution_threshold_m_s(case: Case) -> float:
+    """Return the speed below which no body bounces [m/s]."""
+    asked = case.scenario.restitution_threshold_m_s
+    return RESTITUTION_THRESHOLD_M_S if asked is None else asked
+
+
+# -- bounces --------------------------------------------------------------------------------------
+
+
+def find_bounces(case: Case, episodes: list[Episode], tumbled_step: int | None) -> list[Bounce]:
+    """Return the rebounds that leave the floor, beside what restitution alone would give."""
+    floor_m = case.floor_height_m
+    if not case.is_rigid or floor_m is None or case.fall.gravity_m_s2 >= 0:
+        return []
+    leaving = [episode for episode in episodes if episode.leaves]
+    uncorrected_m = _uncorrected_m(case, floor_m) if leaving and covers(case) else []
+    bounces = []
+    plain = True
+    for number, episode in enumerate(leaving, start=1):
+        plain = plain and _is_plain(case, episode, tumbled_step)
+        # Where the recording ends on the way up, there is no apex to compare.
+        whole = plain and (episode.returned or case.end.velocity_m_s[0, 2] <= 0)
+        bounces.append(
+            Bounce(
+                step=episode.first - 1,
+                approach_m_s=episode.approach_m_s,
+                rebound_m_s=episode.pushed_m_s,
+                effective_restitution=episode.pushed_m_s / episode.approach_m_s if plain else None,
+                apex_m=episode.highest_m - floor_m,
+                predicted_apex_m=_predicted_apex_m(case, number) if whole else None,
+                uncorrected_apex_m=uncorrected_m[number - 1]
+                if whole and number <= len(uncorrected_m)
+                else None,
+                correction_m_s=_correction_m_s(case, episode) if plain else None,
+            )
+        )
+    return bounces
+
+
+def _is_plain(case: Case, episode: Episode, tumbled_step: int | None) -> bool:
+    """Whether a rebound is by restitution alone: of a ball, or of a box on all four corners."""
+    if case.is_springy or (tumbled_step is not None and episode.last >= tumbled_step):
+        return False
+    return case.is_ball or (case.is_box and episode.stays_flat)
+
+
+def _predicted_apex_m(case: Case, number: int) -> float | None:
+    """Return e^(2k) h for the k-th bounce [m]; a throw arrives like a drop from v²/2g higher."""
+    if case.engine.pair_restitution is None or case.floor_height_m is None:
+        return None
+    fall = case.fall
+    thrown_m = fall.velocity_m_s[2] ** 2 / (-2 * fall.gravity_m_s2)
+    drop_m = fall.height_m - case.floor_height_m + thrown_m
+    return float(bullet_contact.rebound_heights(drop_m, case.engine.pair_restitution, number)[-1])
+
+
+def _uncorrected_m(case: Case, floor_m: float) -> list[float]:
+    """Return the apexes of the contact law without position correction [m], if it applies."""
+    deepest_m, lowest_m = _deepest_m(case), np.inf
+
+    def heights_m() -> Iterator[float]:
+        nonlocal lowest_m
+        for height_m, _ in _fall(case, contact_erp=0.0):
+            lowest_m = min(lowest_m, height_m)
+            yield height_m
+
+    apexes_m = [*_apexes(heights_m(), floor_m)]
+    return apexes_m if lowest_m > deepest_m else []
+
+
+def _apexes(heights_m: Iterable[float], floor_m: float) -> Iterator[float]:
+    """Yield the highest point above the floor after each time that a path leaves it [m].
+
+    Not that of a path that ends on its way up.
+    """
+    was_below, top_m, rises = False, None, False
+    for height_m in heights_m:
+        if height_m <= floor_m:
+            if top_m is not None:
+                yield top_m - floor_m
+            was_below, top_m = True, None
+        elif was_below:
+            rises = top_m is None or height_m > top_m
+            top_m = height_m if top_m is None else max(top_m, height_m)
+    if top_m is not None and not rises:
+        yield top_m - floor_m
+
+
+def _correction_m_s(case: Case, episode: Episode) -> float | None:
+    """Return what the position correction adds to restitution × approach [m/s].
+
+    By the contact law, started from the recorded sample before the episode. None where contact
+    pushes for more than one step, the law does not reproduce the recorded rebound, or without a
+    position correction its rebound is not restitution × approach: a body that is not yet in the
+    floor by the slop is slowed by the rest of the slop.
+    """
+    height_m = float(episode.before.position_m[0, 2])
+    if not covers(case) or height_m <= _deepest_m(case) or episode.pushed != episode.first:
+        return None
+
+    def rebound_m_s(contact_erp: float | None = None) -> float:
+        falls_m_s = float(episode.before.velocity_m_s[0, 2])
+        _, (_, after_m_s) = itertools.islice(
+            _path(case, height_m, falls_m_s, contact_erp=contact_erp), 2
+        )
+        return after_m_s
+
+    corrected_m_s = rebound_m_s()
+    if abs(episode.pushed_m_s - corrected_m_s) > REPRODUCED * episode.approach_m_s:
+        return None
+    asked_m_s = bullet_contact.rebound_speed(
+        -episode.approach_m_s,
+        case.engine.pair_restitution or 0.0,
+        threshold_m_s=restitution_threshold_m_s(case),
+    )
+    if abs(rebound_m_s(0.0) - asked_m_s) > ROUNDED * episode.approach_m_s:
+        return None
+    return corrected_m_s - asked_m_s
+
+
+# -- rest -----------------------------------------------------------------------------------------
+
+
+def find_rest(case: Case, phases: Phases, tumbled_step: int | None, law: ContactLaw) -> Rest | None:
+    """Return where the body comes to lie, and why that is not exactly the rest height."""
+    if not phases.lies:
+        return None
+    last_m, expected_m = float(case.end.height_m[0]), flat_height_m(case)
+    if expected_m is None:
+        return Rest(last_m, None, None, phases.rest_step, None)
+    terms = None
+    if law.applies and tumbled_step is None:
+        terms = _rest_terms(case, law, last_m, expected_m)
+    error_m = last_m - expected_m
+    return Rest(last_m, expected_m, error_m, phases.rest_step, terms, _sinks_m(case, error_m))
+
+
+def _rest_terms(case: Case, law: ContactLaw, last_m: float, expected_m: float) -> RestTerms | None:
+    """Return why the body lies where it does; None where the law does not come to rest."""
+    law_end_m, fastest_m_s = law.end
+    if fastest_m_s >= AT_REST_M_S or _bounces_on(case) or not _contact_erp(case) > 0:
+        return None
+    return RestTerms(
+        slop=-CONTACT_SLOP_M,
+        solver=last_m - law_end_m,
+        settling=law_end_m - (expected_m - CONTACT_SLOP_M),
+    )
+
+
+def _sinks_m(case: Case, error_m: float) -> float | None:
+    """Return how deep a body at rest sinks into soft contact [m]; None where it lies elsewhere."""
+    engine, gravity_m_s2 = case.engine, -case.fall.gravity_m_s2
+    points, depth_m = int(case.end.contact_points[0]), None
+    if gravity_m_s2 > 0 and points and engine.solref is not None and engine.solimp is not None:
+        time_constant_s, ratio = engine.solref
+        if time_constant_s > 0:
+            time_constant_s = max(time_constant_s, mujoco_contact.shortest_s(case.timestep_s))
+        depth_m = mujoco_contact.rest_depth_m(
+            gravity_m_s2, points, (time_constant_s, ratio), engine.solimp
+        )
+    if gravity_m_s2 > 0 and engine.modulus_pa is not None and case.is_box:
+        axis, _ = face_up(case, case.end.orientation)
+        edges_m = np.array(engine.shape_dimensions_m)
+        area_m2 = float(np.prod(np.delete(edges_m, axis)))
+        # The pressure grows from 0 at the faces to the modulus in the middle.
+        stiffness_n_m = engine.modulus_pa * area_m2 / (edges_m[axis] / 2)
+        depth_m = engine.mass_kg * gravity_m_s2 / float(stiffness_n_m)
+    if depth_m is None or abs(error_m + depth_m) > SUNK_M:
+        return None
+    return depth_m
+
+
+def _bounces_on(case: Case) -> bool:
+    """Whether restitution acts on the velocity that gravity gives a body at rest in a step.
+
+    Then it comes to rest above the slop, where each bounce just makes up for the step.
+    """
+    assert isinstance(case.law, BulletLaw)
+    falls_m_s = bullet_contact.free_velocity(case.law, (0.0, 0.0, 0.0))
+    threshold_m_s = restitution_threshold_m_s(case)
+    restitution = case.engine.pair_restitution or 0.0
+    return bullet_contact.rebound_speed(falls_m_s, restitution, threshold_m_s=threshold_m_s) != 0

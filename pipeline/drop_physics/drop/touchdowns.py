@@ -1,0 +1,118 @@
+"""Runs of samples that touch the floor, between two flights or at an end of the recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drop_physics.drop.case import Case
+from drop_physics.drop.samples import Samples
+from drop_physics.physics import bullet_contact
+from drop_physics.physics.base import Motion
+from drop_physics.physics.bullet import BulletLaw
+
+CORNERS = 4
+"""Contact points of a box that lies flat."""
+
+
+@dataclass
+class Episode:
+    """A contact that begins in the air; ends with the last of its samples that were seen."""
+
+    first: int
+    before: Motion
+    """The sample before the first."""
+    approach_m_s: float
+    """Downward speed that the contact met."""
+    lands_flat: bool
+    """Whether all corners of a box touch in the first sample."""
+    last: int = 0
+    stays_flat: bool = True
+    """Whether they do in all samples."""
+    pushed: int | None = None
+    """The last sample at which contact pushed; None where it never does."""
+    pushed_m_s: float = 0.0
+    """The upward velocity there."""
+    last_m_s: float = 0.0
+    """The upward velocity at the last sample."""
+    highest_m: float = -np.inf
+    """From the last sample to the next touch."""
+    left: bool = False
+    """Whether there is a sample after it that does not touch."""
+    returned: bool = False
+    """Whether it touches again."""
+
+    @property
+    def leaves(self) -> bool:
+        """Whether the body rises from it before the recording ends."""
+        return self.left and self.last_m_s > 0
+
+
+class Touchdowns:
+    """The episodes of a drop, in order; grow part by part.
+
+    None with substeps: PyBullet reports only the contacts of the last one.
+    """
+
+    def __init__(self, case: Case) -> None:
+        self._case = case
+        self._found: list[Episode] = []
+        self._open: Episode | None = None
+        """The run at whose samples the last ended, if it counts or not."""
+
+    def episodes(self) -> list[Episode]:
+        """Return those that pushed, after the last sample."""
+        return [each for each in self._found if each.pushed is not None]
+
+    def add(self, part: Samples, before: Motion) -> None:
+        """Take further samples; `before`: the sample before each, of the very first itself."""
+        if self._case.hides_contacts:
+            return
+        touching = part.touching
+        edges = np.flatnonzero(np.diff(touching)) + 1
+        for begin, end in zip([0, *edges.tolist()], [*edges.tolist(), len(part)], strict=True):
+            if not touching[begin]:
+                self._fly(part, begin, end)
+                continue
+            if self._open is None or self._open.left:
+                self._begin(part, before, begin)
+            self._touch(part, begin, end)
+
+    def _fly(self, part: Samples, begin: int, end: int) -> None:
+        if self._open is not None:
+            self._open.left = True
+            highest_m = float(part.height_m[begin:end].max())
+            self._open.highest_m = max(self._open.highest_m, highest_m)
+
+    def _begin(self, part: Samples, before: Motion, row: int) -> None:
+        if self._open is not None:
+            self._open.returned = True
+        case, first, sample = self._case, part.first + row, before.at(np.array([row]))
+        self._open = Episode(
+            first, sample, _approach_m_s(case, sample), bool(part.contact_points[row] == CORNERS)
+        )
+        inside = first == 0 or (first == 1 and not case.starts_above)
+        if self._open.approach_m_s > 0 and not inside:  # else it was in the floor already
+            self._found.append(self._open)
+
+    def _touch(self, part: Samples, begin: int, end: int) -> None:
+        run = self._open
+        assert run is not None
+        run.last, run.last_m_s = part.first + end - 1, float(part.velocity_m_s[end - 1, 2])
+        run.highest_m = float(part.height_m[end - 1])
+        run.stays_flat &= bool((part.contact_points[begin:end] == CORNERS).all())
+        pushed = np.flatnonzero(part.pushed[begin:end])
+        if len(pushed):
+            row = begin + int(pushed[-1])
+            run.pushed, run.pushed_m_s = part.first + row, float(part.velocity_m_s[row, 2])
+
+
+def _approach_m_s(case: Case, before: Motion) -> float:
+    """Return the downward speed that the contact after a sample meets [m/s].
+
+    Restitution acts on the velocity that the step would lead to without a contact.
+    """
+    if isinstance(case.law, BulletLaw):
+        return -bullet_contact.free_velocity(case.law, before.velocity_m_s[0])
+    return -float(case.law.free_velocities(before.velocity_m_s)[0, 2])

@@ -1,0 +1,168 @@
+"""Draw the frames of a fall from its recorded poses, as PNG, in separate processes.
+
+A pose determines its picture to the last pixel, so pictures need not be taken while the body falls:
+another world with the body in the same pose gives the same picture.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.engines.pybullet.pose_renderer import PoseRenderer
+from drop_physics.engines.pybullet.probe import Verdicts, believe, verdicts
+from drop_physics.engines.pybullet.visible_world import framed
+from drop_physics.engines.pybullet.world import World
+from drop_physics.messages import Message
+from drop_physics.scenario import Camera, Scenario
+from drop_physics.trace.states import poses_of
+from drop_physics.workers import Worker, WorkerDiedError, cores
+
+Poses = NDArray[np.float64]
+
+FRAMES_PER_WORKER = 32
+"""About as many as are drawn while a worker starts."""
+
+MOST_AHEAD = 2 * FRAMES_PER_WORKER
+"""Frames that one worker draws ahead; more are shared among several."""
+
+MOST_STEPS_AHEAD = 16_384
+"""Steps that it simulates ahead: they take a tenth of a second, and 2 MB of samples."""
+
+NO_EGL = Message(
+    "EGL finds no graphics here, so the frames are drawn with --renderer tiny; for software "
+    "rendering on Debian: apt-get install -y libegl1 libegl-mesa0 libgl1-mesa-dri"
+)
+
+
+class Photographer:
+    """Draws pictures of one scenario; use it in a `with` statement.
+
+    Parameters
+    ----------
+    scenario, camera
+        What is in the pictures, and how it is seen.
+    frames
+        About how many there will be, to decide on the number of workers.
+    note
+        Called with a sentence if the camera's renderer is unavailable and another one draws.
+    assistant
+        A worker that is already running.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        camera: Camera,
+        *,
+        frames: int,
+        note: Callable[[str], None] = lambda _: None,
+        assistant: Worker | None = None,
+    ) -> None:
+        self.scenario, self.camera = scenario, framed(camera, scenario)
+        self.gl_renderer = ""
+        """What EGL draws with, as its driver reports it."""
+        self._open = contextlib.ExitStack()
+        self._renderer: PoseRenderer | None = None
+        self._last, self._png = np.full(7, np.nan), b""
+        self._workers = [assistant] if assistant and camera.renderer == "tiny" else []
+        wanted = min(cores(), frames // FRAMES_PER_WORKER)
+        if camera.renderer == "egl":
+            wanted = 1  # one process uses the whole GPU, or all of Mesa's threads; and it may crash
+        while len(self._workers) < wanted:
+            self._workers.append(self._open.enter_context(Worker()))
+        for worker in self._workers if verdicts() else ():
+            worker.ask(f"{__name__}:_believe", verdicts())
+        if camera.renderer == "egl":
+            self._ask_for_egl(note)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._open.close()
+
+    def _ask_for_egl(self, note: Callable[[str], None]) -> None:
+        (worker,) = self._workers
+        worker.ask(f"{__name__}:_gl_renderer", self.scenario, self.camera)
+        try:
+            self.gl_renderer = worker.answer()
+        except WorkerDiedError:
+            note(NO_EGL)
+            self.camera = replace(self.camera, renderer="tiny")
+            self._workers = [self._open.enter_context(Worker())]
+
+    def draw(self, poses: Poses) -> Iterator[bytes]:
+        """Yield one PNG per pose; a pose repeated at once is not drawn again.
+
+        Parameters
+        ----------
+        poses
+            Position [m] and orientation (quaternion x, y, z, w), shape (n, 7).
+
+        Raises
+        ------
+        DropError
+            If a worker died.
+        """
+        before = np.concatenate((self._last[None], poses[:-1]))
+        moved = (poses != before).any(axis=1)
+        drawn = self._drawn(list(poses[moved]))
+        for pose, new in zip(poses, moved, strict=True):
+            if new:
+                self._last, self._png = pose, next(drawn)
+            yield self._png
+
+    def _drawn(self, poses: list[Poses]) -> Iterator[bytes]:
+        if not self._workers:
+            if self._renderer is None:
+                self._renderer = self._open.enter_context(PoseRenderer(self.scenario, self.camera))
+            yield from map(self._renderer.png, poses)
+            return
+        count = len(self._workers)
+        for first, worker in enumerate(self._workers):
+            worker.ask(f"{__name__}:_pngs", self.scenario, self.camera, poses[first::count])
+        for number in range(len(poses)):
+            yield self._workers[number % count].answer()
+
+
+# -- what the workers do --------------------------------------------------------------------------
+
+_renderer = functools.lru_cache(maxsize=1)(PoseRenderer)
+_ahead: dict[bytes, bytes] = {}
+
+
+def _pngs(scenario: Scenario, camera: Camera, poses: list[Poses]) -> Iterator[bytes]:
+    for pose in poses:
+        yield _ahead.pop(pose.tobytes(), b"") or _renderer(scenario, camera).png(pose)
+
+
+def _believe(known: Verdicts) -> Iterator[bytes]:
+    believe(known)
+    return iter(())
+
+
+def draw_ahead(scenario: Scenario, camera: Camera) -> Iterator[bytes]:
+    """Predict the poses by dropping the body here too, and draw them before they are requested.
+
+    The requesting process is still loading its libraries. A pose predicted to the last bit has its
+    picture ready; any other is drawn on request. There are no answers.
+    """
+    camera = framed(camera, scenario)
+    few = camera.frames_of(scenario.steps) <= MOST_AHEAD and scenario.steps <= MOST_STEPS_AHEAD
+    if camera.renderer == "tiny" and few:
+        with World(scenario) as world:
+            (fall,) = world.samples(scenario.steps + 1)
+        for pose in poses_of(fall.base[:: camera.capture_every]):
+            _ahead[pose.tobytes()] = _renderer(scenario, camera).png(pose)
+    return iter(())
+
+
+def _gl_renderer(scenario: Scenario, camera: Camera) -> str:
+    return _renderer(scenario, camera).gl_renderer

@@ -1,0 +1,205 @@
+"""Bodies, from what a watched script's process says of them."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.trace.events import Asked, Body, Collision, FileLink, Joint, Mimic, Shape
+from drop_physics.trace.states import BASE
+
+Float64 = NDArray[np.float64]
+
+KINDS = {
+    2: "sphere",
+    3: "box",
+    4: "cylinder",
+    5: "mesh",
+    6: "plane",
+    7: "capsule",
+    9: "heightfield",
+}
+PLANES = ("plane.obj", "plane100.obj")
+"""Meshes of pybullet_data that represent a plane: up to 200 m wide, white except for a texture."""
+JOINT_KINDS = {0: "revolute", 1: "prismatic", 2: "spherical", 3: "planar", 4: "fixed"}
+FIXED = 4
+ENABLE_SLEEPING = 1 << 11
+"""One of the flags that a body is loaded with: URDF_ENABLE_SLEEPING."""
+RIGID = 1
+"""A btRigidBody, of which `getDynamicsInfo` leaves some numbers uninitialised."""
+
+REPORTED = (
+    ("mass_kg", True), ("lateral_friction", True), ("inertia_kg_m2", True),
+    ("inertial_position_m", False), ("inertial_orientation", False), ("restitution", False),
+    ("rolling_friction", True), ("spinning_friction", True), ("contact_damping", False),
+    ("contact_stiffness", False), ("kind", True), ("collision_margin_m", True),
+)  # fmt: skip
+"""What `getDynamicsInfo` returns, in order, and whether it is valid for a btRigidBody too."""
+
+
+class Numbering:
+    """The numbers of bodies in a recording.
+
+    After a reset, the same id, name and make-up mean the same body.
+    """
+
+    def __init__(self) -> None:
+        self._numbers: dict[object, int] = {}
+
+    def described(self, client: int, dynamics: list[Any], note: dict[str, Any]) -> Body:
+        """Return a body as it was added to the simulation."""
+        joints = _joints(note)
+        shapes = shapes_of(note["visual"], dynamics, note["inertial"])
+        kinds = [shape.kind for shape in shapes[:1]]
+        name = _name(note["file"], note["name"], *kinds, note["base"])
+        links = (note["base"] or "base", *(info[12] for info in note["joints"]))
+        make_up = (
+            client,
+            note["id"],
+            note["name"],
+            links,
+            note["soft"],
+            tuple((each.name, each.kind, each.parent, each.widths, each.limits) for each in joints),
+            tuple((shape.link, shape.kind, shape.file) for shape in shapes),
+        )
+        number = self._numbers.get(make_up)
+        if number is None:
+            taken = self._numbers.values()
+            number = note["id"] if note["id"] not in taken else max(taken) + 1
+            self._numbers[make_up] = number
+        return Body(
+            number,
+            f"{number}_{name}",
+            note["file"] or note["name"] or name,
+            note["id"],
+            client,
+            links,
+            joints,
+            moving_links(dynamics[0][0] != 0, note["joints"]),
+            note["soft"],
+            shapes,
+            bool(note["flags"] & ENABLE_SLEEPING),
+            note["hides_links"],
+            tuple(note["bounds"]),
+            _collisions(note["collisions"]),
+            _asked(note),
+            note["flags"],
+            note["before"],
+        )
+
+
+def _joints(note: dict[str, Any]) -> tuple[Joint, ...]:
+    widths = iter([tuple(counts) for counts in note["joint_widths"]])
+    return tuple(
+        Joint(
+            info[0],
+            info[1],
+            JOINT_KINDS.get(info[2], str(info[2])),
+            info[16],
+            (0, 0, 0) if info[2] == FIXED else next(widths),
+            (info[8], info[9]),
+            tuple(info[13]),
+            tuple(info[14]),
+            tuple(info[15]),
+            info[6],
+            info[7],
+            info[10],
+            info[11],
+        )
+        for info in note["joints"]
+    )
+
+
+def _collisions(listed: Iterable[Sequence[Any]]) -> tuple[Collision, ...]:
+    return tuple(
+        Collision(
+            link,
+            KINDS.get(kind, str(kind)),
+            tuple(size),
+            file,
+            tuple(position),
+            tuple(orientation),
+            tuple(hull),
+        )
+        for link, kind, size, file, position, orientation, hull in listed
+    )
+
+
+def _asked(note: dict[str, Any]) -> Asked:
+    links = tuple(
+        FileLink(
+            name, math.nan if mass is None else mass, tuple(inertia), tuple(position), tuple(angles)
+        )
+        for name, mass, inertia, position, angles in note["file_links"]
+    )
+    return Asked(note["scale"], links, tuple(Mimic(*mimic) for mimic in note["mimics"]))
+
+
+def _name(*candidates: str) -> str:
+    """Return the first name that is not empty, as a part of an entity's path."""
+    name = next(filter(None, candidates), "body").rpartition("/")[2].partition(".")[0]
+    return re.sub(r"[^\w-]+", "_", name, flags=re.ASCII)[:40].strip("_") or "body"
+
+
+def moving_links(base: bool, joints: Sequence[Any]) -> tuple[int, ...]:
+    """Return the links that time can move: the base if it can, and what a joint moves."""
+    moving = {BASE} if base else set()
+    for info in joints:
+        if info[2] != FIXED or info[16] in moving:
+            moving.add(info[0])
+    return tuple(sorted(moving))
+
+
+def reported_of(dynamics: Sequence[Any]) -> dict[str, Float64]:
+    """Return by name what `getDynamicsInfo` returned for base and links."""
+    reported = {}
+    for number, (name, of_rigid) in enumerate(REPORTED):
+        values = np.array([link[number] for link in dynamics], dtype=np.float64)
+        if dynamics[0][10] == RIGID and not of_rigid:
+            values[:] = math.nan
+        reported[name] = values
+    return reported
+
+
+def shapes_of(
+    visual: Sequence[Any], dynamics: Sequence[Any], of_rigid: Pose | None
+) -> tuple[Shape, ...]:
+    """Return shapes from `getVisualShapeData`, which places them in the link's frame.
+
+    `of_rigid` is the inertial frame of a btRigidBody.
+    """
+    shapes = []
+    for _, link, kind, size, file, position, orientation, rgba in visual:
+        info = dynamics[link + 1] if link + 1 < len(dynamics) else dynamics[0]
+        rigid = info[10] == RIGID
+        known_frame = of_rigid or ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+        inertial = known_frame if rigid else (info[3], info[4])
+        placed = _seen_from(inertial, (position, orientation))
+        known = "plane" if PurePath(file).name in PLANES else KINDS.get(kind, str(kind))
+        shapes.append(Shape(link, known, tuple(size), file, *placed, tuple(rgba)))
+    return tuple(shapes)
+
+
+Pose = tuple[Sequence[float], Sequence[float]]
+
+
+def _seen_from(frame: Pose, pose: Pose) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return a pose in the axes of a frame, both given in the same axes."""
+    x, y, z, w = frame[1]
+    back = np.array([-x, -y, -z, w])
+    offset = np.subtract(pose[0], frame[0])
+    twice = 2 * np.cross(back[:3], offset)
+    position = offset + back[3] * twice + np.cross(back[:3], twice)
+    return tuple(position.tolist()), tuple(_product(back, np.array(pose[1])).tolist())
+
+
+def _product(a: Float64, b: Float64) -> Float64:
+    """Return the product of two quaternions x, y, z, w."""
+    vector = a[3] * b[:3] + b[3] * a[:3] + np.cross(a[:3], b[:3])
+    return np.append(vector, a[3] * b[3] - a[:3] @ b[:3])

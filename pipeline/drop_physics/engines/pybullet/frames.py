@@ -1,0 +1,74 @@
+"""Splits a stream of bytes into the frames that `watching.pipe` sends."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from drop_physics.engines.pybullet.watch import pipe
+from drop_physics.errors import DropError
+
+FRAMES = {pipe.NOTE, pipe.SAMPLE, pipe.SET, pipe.CALL, pipe.RESULT, pipe.IMAGE}
+
+
+class StreamError(DropError):
+    """A stream that our other half did not send."""
+
+
+class Frames:
+    """The frames of a stream; it may arrive in any pieces, and end anywhere."""
+
+    def __init__(self) -> None:
+        self._pieces: list[bytes] = []
+        """What has arrived of an incomplete frame."""
+        self._held, self._wanted = 0, len(pipe.MAGIC)
+        self._begun = False
+        self.broken = False
+        """Whether somebody else has written into the stream: what follows cannot be read."""
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether the last frame is incomplete."""
+        return self._held > 0
+
+    def feed(self, data: bytes) -> Iterator[tuple[bytes, bytes]]:
+        """Yield kind and payload of each frame that is now complete.
+
+        Raises
+        ------
+        StreamError
+            If the stream does not begin like ours.
+        """
+        if self.broken or not data:
+            return
+        self._pieces.append(data)
+        self._held += len(data)
+        if self._held < self._wanted:
+            return
+        data = b"".join(self._pieces)
+        offset = 0
+        try:
+            if not self._begun:
+                if not data.startswith(pipe.MAGIC):
+                    raise StreamError(
+                        "the script's process runs another version of drop; run it again"
+                    )
+                self._begun, offset = True, len(pipe.MAGIC)
+            size, head, unpack = len(data), pipe.HEADER.size, pipe.HEADER.unpack_from
+            self._wanted = head
+            while size - offset >= head:
+                kind, length = unpack(data, offset)
+                if kind not in FRAMES or length >= pipe.LONGEST:
+                    self.broken = True
+                    return
+                end = offset + head + length
+                if size < end:
+                    self._wanted = end - offset
+                    return
+                payload = data[offset + head : end]
+                offset = end
+                yield kind, payload
+                if self.broken:
+                    return
+        finally:
+            rest = b"" if self.broken else data[offset:]
+            self._pieces, self._held = [rest], len(rest)

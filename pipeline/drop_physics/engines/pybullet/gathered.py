@@ -1,0 +1,219 @@
+"""One simulation of a watched script, as far as it is known: its bodies, samples and calls."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.engines.pybullet.watch import pipe
+from drop_physics.trace.events import At, Body, Calls, Put, Samples
+from drop_physics.trace.states import CONTACT, Joints, Rows
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+BASE_WIDTH = 13
+"""Numbers of the state of a base: position, orientation, velocity, spin."""
+POINT = 23
+"""Numbers of a contact point: those of `CONTACT` but for the step, in their order."""
+BATCH, MOST_SAMPLES = 1 << 10, 1 << 13
+"""Samples that are yielded together, at first and at most."""
+BATCH_BYTES, MOST_BYTES = 1 << 21, 1 << 22
+"""Or this many bytes of them."""
+OF_ALL = 16
+"""Later this part of all samples so far: Rerun holds an index of all pieces in memory."""
+CALLS_TOGETHER = 1 << 14
+
+
+@dataclass
+class Known:
+    """A body of the stream, and its body in the recording."""
+
+    body: Body
+    world: World
+    dynamics: list[Any]
+    visual: list[Any]
+    joints: list[Any]
+    inertial: Any
+    """What the stream reported when it was added."""
+
+    def __post_init__(self) -> None:
+        widths = [joint.widths for joint in self.body.joints]
+        self.widths = [sum(each) for each in zip(*widths, strict=True)] or [0, 0, 0]
+        """Of all its joints: how many positions, velocities and efforts they have."""
+
+    def joints_of(self, steps: Int64, times_s: Float64, values: Float64) -> Joints:
+        """Return the joints at some steps, a row of numbers each."""
+        positions, velocities, _ = self.widths
+        position, velocity, effort = np.split(values, (positions, positions + velocities), axis=1)
+        return Joints(steps, times_s, position.copy(), velocity.copy(), effort.copy())
+
+    def put(self, at: At, values: Float64) -> Put:
+        """Return the state after calls have moved the body."""
+        joints = self.joints_of(
+            np.array([at.step]), np.array([at.time_s]), values[None, BASE_WIDTH:]
+        )
+        return Put(at, self.body, values[:BASE_WIDTH], joints, self.world.sampled)
+
+
+class World:
+    """One simulation."""
+
+    def __init__(self, client: int, step: int, time_s: float) -> None:
+        self.client, self.step = client, step
+        self.since_step, self.since_s, self.timestep_s = step, time_s, 0.0
+        self.ids: dict[int, Known] = {}
+        self.sampled = False
+        self.timeless = False
+        """Whether a timestep was not finite."""
+        self._layout: list[tuple[Known, bool]] = []
+        """The bodies in a sample, and whether their bases are."""
+        self._constraints: list[tuple[int, int]] = []
+        """Ids, and how many forces they have."""
+        self._size = pipe.HEAD.size
+        """Bytes of a sample without contact points."""
+        self._room, self._room_bytes = BATCH, BATCH_BYTES
+        """How many samples, and bytes of them, are gathered."""
+        self._all = self._all_bytes = 0
+        """How many have been yielded."""
+        self._samples: list[bytes] = []
+        self._first = self._call = self._bytes = 0
+        """Step of the first of these samples, calls before the last, and their bytes."""
+        self._calls: list[tuple[int, int, int, bytes]] = []
+        """Step, number, site and payload of each call that was not yielded yet."""
+        self._results: list[tuple[int, float]] = []
+        """Which of these returned what."""
+
+    def lay_out(self, layout: list[tuple[Known, bool]], constraints: list[tuple[int, int]]) -> None:
+        """Note what the next samples hold."""
+        self._layout, self._constraints = layout, constraints
+        numbers = sum(width for _, width in constraints)
+        numbers += sum(sum(known.widths) + BASE_WIDTH * has_base for known, has_base in layout)
+        self._size = pipe.HEAD.size + 8 * numbers
+
+    def time_s(self, step: int) -> float:
+        """Return the time of a step."""
+        return self.since_s + (step - self.since_step) * self.timestep_s
+
+    def times_s(self, steps: Int64) -> Float64:
+        """Return the times of some steps."""
+        return self.since_s + (steps - self.since_step).astype(np.float64) * self.timestep_s
+
+    @property
+    def is_full(self) -> bool:
+        """Whether enough is gathered to be yielded."""
+        return (
+            len(self._samples) >= self._room
+            or self._bytes > self._room_bytes
+            or len(self._calls) > CALLS_TOGETHER
+        )
+
+    def add_sample(self, step: int, payload: bytes, call: int) -> bool:
+        """Gather a sample; return whether it follows the one before."""
+        if not self._samples:
+            self._first = step
+        elif step != self._first + len(self._samples):
+            return False
+        self._samples.append(payload)
+        self._bytes += len(payload)
+        self._call, self.step, self.sampled = call, step, True
+        return True
+
+    def add_call(self, number: int, site: int, payload: bytes) -> None:
+        """Gather a call."""
+        self._calls.append((self.step, number, site, payload))
+
+    def add_result(self, result: float) -> None:
+        """Note what the last call returned."""
+        if self._calls:
+            self._results.append((len(self._calls) - 1, result))
+
+    def gathered(self) -> Iterator[Calls | Samples]:
+        """Yield the calls and samples that were gathered."""
+        yield from self.called()
+        if self._samples:
+            yield self._sampled()
+
+    def called(self) -> Iterator[Calls]:
+        """Yield the calls that were gathered."""
+        if not self._calls:
+            return
+        steps, numbers, sites, payloads = zip(*self._calls, strict=True)
+        results = np.full(len(steps), math.nan)
+        for which, result in self._results:
+            results[which] = result
+        self._calls, self._results = [], []
+        at_steps = np.array(steps, np.int64)
+        values = b"".join([payload[pipe.CALL_HEAD.size :] for payload in payloads])
+        yield Calls(
+            self.client,
+            at_steps,
+            self.times_s(at_steps),
+            np.array(numbers, np.int64),
+            np.array(sites, np.int64),
+            np.frombuffer(values, np.float64),
+            results,
+        )
+
+    def _sampled(self) -> Samples:
+        samples, size = self._samples, self._size
+        self._all, self._all_bytes = self._all + len(samples), self._all_bytes + self._bytes
+        self._room = max(BATCH, min(self._all // OF_ALL, MOST_SAMPLES))
+        self._room_bytes = max(BATCH_BYTES, min(self._all_bytes // OF_ALL, MOST_BYTES))
+        self._samples, self._bytes = [], 0
+        steps = np.arange(self._first, self._first + len(samples), dtype=np.int64)
+        times_s = self.times_s(steps)
+        counts = [len(payload) - size for payload in samples]
+        points = b""
+        if any(counts):
+            points = b"".join([payload[size:] for payload in samples])
+            samples = [payload[:size] for payload in samples]
+        values = np.frombuffer(b"".join(samples), np.float64).reshape(len(steps), -1)
+        column, bases, joints = pipe.HEAD.size // 8, {}, {}
+        for known, has_base in self._layout:
+            if has_base:
+                bases[known.body.number] = values[:, column : column + BASE_WIDTH].copy()
+                column += BASE_WIDTH
+            width = sum(known.widths)
+            if width:
+                its = values[:, column : column + width]
+                joints[known.body.number] = known.joints_of(steps, times_s, its)
+                column += width
+        constraints = {}
+        for constraint, width in self._constraints:
+            constraints[constraint] = values[:, column : column + width].copy()
+            column += width
+        return Samples(
+            self.client,
+            steps,
+            times_s,
+            self._call,
+            dict(sorted(bases.items())),
+            dict(sorted(joints.items())),
+            self._contacts(steps, counts, points),
+            constraints,
+        )
+
+    def _contacts(self, steps: Int64, counts: list[int], points: bytes) -> Rows:
+        values = np.frombuffer(points, np.float64).reshape(-1, POINT)
+        rows = np.empty(len(values), CONTACT)
+        rows["step"] = np.repeat(steps, np.array(counts, np.int64) // (8 * POINT))
+        column = 0
+        for name in (CONTACT.names or ())[1:]:
+            shape = CONTACT[name].shape
+            width = math.prod(shape)
+            rows[name] = values[:, column : column + width].reshape(-1, *shape)
+            column += width
+        for name in ("body_a", "body_b"):
+            ids, which = np.unique(rows[name], return_inverse=True)
+            numbers = [
+                self.ids[engine_id].body.number if engine_id in self.ids else engine_id
+                for engine_id in ids.tolist()
+            ]
+            rows[name] = np.array(numbers, np.int64)[which]
+        return rows

@@ -1,0 +1,82 @@
+"""The joints of a body that is dropped: what they are, and where they are after each step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.engines.finite import non_finite
+from drop_physics.engines.pybullet.described import JOINT_KINDS
+from drop_physics.engines.pybullet.engine import p
+from drop_physics.report import LARGEST
+from drop_physics.trace.events import Joint
+from drop_physics.trace.states import Int64, Joints
+
+Float64 = NDArray[np.float64]
+
+
+def joints_of(body: int, links: Sequence[int], client: int) -> tuple[Joint, ...]:
+    """Return what connects a body's links, in order."""
+    infos = [p.getJointInfo(body, link, client) for link in links]
+    return tuple(
+        Joint(
+            info[0],
+            info[1].decode(errors="replace"),
+            JOINT_KINDS.get(info[2], str(info[2])),
+            info[16],
+            _widths(info, body, client),
+            (info[8], info[9]),
+            info[13],
+            info[14],
+            info[15],
+            info[6],
+            info[7],
+            info[10],
+            info[11],
+        )
+        for info in infos
+    )
+
+
+def _widths(info: Any, body: int, client: int) -> tuple[int, int, int]:  # noqa: ANN401 - PyBullet's
+    """Return how many positions, velocities and efforts a joint has."""
+    if info[2] == p.JOINT_FIXED:
+        return 0, 0, 0
+    state = p.getJointStateMultiDof(body, info[0], physicsClientId=client)
+    return len(state[0]), len(state[1]), len(state[3])
+
+
+class JointStates:
+    """Reads the joints of a body that can move."""
+
+    def __init__(self, body: int, client: int, joints: Sequence[Joint]) -> None:
+        self.moving = [joint.link for joint in joints if any(joint.widths)]
+        self._body, self._client = body, client
+        self._several = any(max(joint.widths) > 1 for joint in joints)
+        widths = np.array([joint.widths for joint in joints], dtype=np.int64).reshape(-1, 3)
+        self._ends = np.cumsum(widths.sum(axis=0))[:2]
+
+    def now(self) -> list[float]:
+        """Return the positions, then the velocities, then the efforts of all joints."""
+        ask = p.getJointStatesMultiDof if self._several else p.getJointStates
+        found = ask(self._body, self.moving, physicsClientId=self._client)
+        if self._several:
+            return [number for of in (0, 1, 3) for joint in found for number in joint[of]]
+        return [joint[of] for of in (0, 1, 3) for joint in found]
+
+    def table(self, steps: Int64, values: Float64, timestep_s: float) -> Joints:
+        """Return what `now` gave in each step, shape (steps, numbers), as columns.
+
+        Raises
+        ------
+        DropError
+            If a number is not finite, or too large for a recording.
+        """
+        lost = ~(np.abs(values) <= LARGEST).all(axis=1)
+        if lost.any():
+            raise non_finite(steps[lost][0])
+        columns = np.split(values, self._ends, axis=1)
+        return Joints(steps, np.asarray(steps * timestep_s, dtype=np.float64), *columns)

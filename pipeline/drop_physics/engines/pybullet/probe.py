@@ -1,0 +1,151 @@
+"""Try a body in a separate process: a crash of Bullet ends that process, and is an error here.
+
+A URDF of `pybullet_data` is trusted. Any other is loaded, dropped and photographed once, under
+limits of time and memory, before this process touches it; its meshes are those that Bullet names.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import signal
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from drop_physics.engines.pybullet.body_files import BodyFileError, check_mesh, check_urdf
+from drop_physics.errors import ScenarioError
+from drop_physics.messages import Message
+from drop_physics.workers import Worker, WorkerDiedError
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a trial may take."""
+
+    cpu_s: int = 20
+    """CPU time: other processes do not use it up."""
+    wall_s: int = 120
+    """Elapsed time."""
+    memory_bytes: int = 4_000_000_000
+    """Address space."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a trial found."""
+
+    problem: str
+    """What is wrong with the body, or ''."""
+    files: tuple[Path, ...]
+    """The URDF and its meshes."""
+    digest: str
+    """Of these files, as they were tried."""
+
+
+Verdicts = Mapping[Path, Verdict]
+"""By the resolved path of a URDF."""
+
+STANDARD_LIMITS = Limits()
+TRIAL = "drop_physics.engines.pybullet.trial:trial"
+"""What the separate process runs; this one must not import it."""
+
+_TOO_LONG = [getattr(signal, name, None) for name in ("SIGALRM", "SIGXCPU")]
+_verdicts: dict[Path, Verdict] = {}
+trying = False
+"""Whether this process is the trial."""
+
+
+def try_body(path: Path) -> str:
+    """Make sure that a URDF other than PyBullet's own can be loaded and dropped.
+
+    The same files are tried once per process.
+
+    Returns
+    -------
+    The digest of the URDF and its meshes.
+
+    Raises
+    ------
+    ScenarioError
+        If it is not safe to load, or Bullet fails on it, crashes, hangs or takes too much memory.
+    """
+    if trying:
+        return ""
+    name = path.resolve()
+    verdict = _verdicts.get(name)
+    if verdict is None or digest_of(verdict.files) != verdict.digest:
+        problem, meshes = problem_of(path)
+        files = (name, *map(Path.resolve, meshes))
+        verdict = _verdicts[name] = Verdict(problem, files, digest_of(files))
+    if verdict.problem:
+        raise ScenarioError(
+            "--body must be a URDF that Bullet can load, got {path!r}: {problem}",
+            path=str(path)[:200],
+            problem=verdict.problem,
+        )
+    return verdict.digest
+
+
+def verdicts() -> Verdicts:
+    """Return the verdicts so far, for another process to `believe`."""
+    return dict(_verdicts)
+
+
+def believe(known: Verdicts) -> None:
+    """Adopt the verdicts of another of our processes: a body edited since is tried again."""
+    _verdicts.update(known)
+
+
+def digest_of(files: Sequence[Path]) -> str:
+    """Return the SHA-256 of files; one that is gone counts as empty."""
+    digest = hashlib.sha256()
+    for file in files:
+        content = file.read_bytes() if file.is_file() else b""
+        digest.update(hashlib.sha256(content).digest())
+    return digest.hexdigest()
+
+
+def problem_of(path: Path, limits: Limits = STANDARD_LIMITS) -> tuple[str, list[Path]]:
+    """Return what is wrong with a URDF, or '', and its meshes."""
+    try:
+        check_urdf(path)
+    except BodyFileError as error:
+        return error.problem, []
+    with Worker() as worker:
+        try:
+            worker.ask(TRIAL, str(path), limits)
+            found: tuple[str, list[Path]] = worker.answer()
+        except WorkerDiedError as error:
+            if error.signal in _TOO_LONG:
+                problem = Message(
+                    "Bullet has not finished with it after {seconds} s; use smaller meshes",
+                    seconds=limits.cpu_s,
+                )
+            else:
+                problem = Message(
+                    "Bullet crashes on it, or takes more than {memory:g} GB ({how}); check its "
+                    "links and meshes",
+                    memory=limits.memory_bytes / 1e9,
+                    how=error.how,
+                )
+            beside = _named_beside(path)
+            return first_problem(beside) or problem, beside
+        return found
+
+
+def _named_beside(path: Path) -> list[Path]:
+    """Return the files that a URDF names and that are beside it: one of them may be mended."""
+    names = re.findall(rb"""filename\s*=\s*["']([^"']+)""", path.read_bytes())
+    beside = (path.parent / name.decode(errors="replace") for name in names)
+    return [file for file in beside if file.is_file()]
+
+
+def first_problem(meshes: Sequence[Path]) -> str:
+    """Return what is wrong with the first mesh that Bullet would misread, or ''."""
+    try:
+        for mesh in meshes:
+            check_mesh(mesh)
+    except BodyFileError as error:
+        return error.problem
+    return ""

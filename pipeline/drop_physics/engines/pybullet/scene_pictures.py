@@ -1,0 +1,153 @@
+"""Pictures of a script's scene, drawn from its recorded poses.
+
+A mesh that Bullet does not understand may crash it: call this only in a process that may end.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import ImageColor
+
+from drop_physics.engines.pybullet.c_output import c_output_moved_aside
+from drop_physics.engines.pybullet.checkerboard import checkerboard
+from drop_physics.engines.pybullet.engine import p
+from drop_physics.engines.pybullet.visible_world import picture_of
+from drop_physics.scenario import Camera
+from drop_physics.trace.events import Model, Pose
+
+SQUARE = 1 / 8
+"""About the side of a plane's squares, in distances of the camera."""
+BEND = 0.02
+"""Where nearness bends by more of itself between pixels, there is an edge: a flat face has none."""
+SHADES = 8
+"""Shades that differ by less are one: a gif has few colours."""
+EDGE = 0.35
+"""Share of its colour that an edge keeps."""
+DRAWN_MESHES = (".obj", ".stl", ".dae")
+NOWHERE: Pose = (0.0, 0.0, -1e4), (0.0, 0.0, 0.0, 1.0)
+Float64 = NDArray[np.float64]
+Float32 = NDArray[np.float32]
+
+
+def drawn(
+    parts: Sequence[Sequence[Model]],
+    poses: Float64,
+    cameras: Sequence[Camera],
+    page: tuple[int, int, int],
+    tiles: tuple[str, str],
+) -> Iterator[NDArray[np.uint8]]:
+    """Yield pictures, RGB of shape (height, width, 3).
+
+    Parameters
+    ----------
+    parts
+        The shapes of each part.
+    poses
+        Of each part in each picture, shape (pictures, parts, 7); nan if it is absent.
+    cameras
+        One for each picture.
+    page
+        The colour of where there is nothing.
+    tiles
+        The two colours of an infinite plane, `#rrggbb`.
+    """
+    side_m = 2.0 ** float(np.round(np.log2(SQUARE * cameras[0].distance_m)))
+    planes = [
+        (number, _placed(model))
+        for number, models in enumerate(parts)
+        for model in models
+        if model.shape.kind == "plane"
+    ]
+    colours = np.array([ImageColor.getrgb(tile) for tile in tiles], np.uint8)
+    client = p.connect(p.DIRECT)
+    try:
+        with tempfile.TemporaryDirectory() as name, c_output_moved_aside():
+            bodies = [
+                [made for model in models if (made := _body(client, Path(name), model))]
+                for models in parts
+            ]
+            for placed, camera in zip(poses, cameras, strict=True):
+                for pose, its in zip(placed, bodies, strict=True):
+                    for body, offset in its:
+                        place = _after(pose, offset) or NOWHERE
+                        p.resetBasePositionAndOrientation(body, *place, physicsClientId=client)
+                there = (_after(placed[number], offset) for number, offset in planes)
+                floors = [checkerboard(camera, place, side_m, colours) for place in there if place]
+                yield _picture(camera, client, floors, page)
+    finally:
+        p.disconnect(client)
+
+
+def _placed(model: Model) -> Pose:
+    """Return where a shape is on its part."""
+    return model.shape.position_m, model.shape.orientation
+
+
+def _after(pose: Float64, offset: Pose) -> Pose | None:
+    """Return where a shape is whose part has this pose; None if that is absent."""
+    if np.isnan(pose).any():
+        return None
+    place: Pose = p.multiplyTransforms(pose[:3].tolist(), pose[3:].tolist(), *offset)
+    return place
+
+
+def _body(client: int, folder: Path, model: Model) -> tuple[int, Pose] | None:
+    """Return a body that looks like a shape, and its place on its part; None if none can."""
+    shape, a, b = model.shape, *(*model.shape.size_m, 0.0, 0.0)[:2]
+    look: dict[str, object]
+    if shape.kind == "box":
+        half = [side / 2 for side in shape.size_m]
+        look = {"shapeType": p.GEOM_BOX, "halfExtents": half}
+    elif shape.kind == "sphere":
+        look = {"shapeType": p.GEOM_SPHERE, "radius": a}
+    elif shape.kind in ("cylinder", "capsule"):
+        kind = p.GEOM_CYLINDER if shape.kind == "cylinder" else p.GEOM_CAPSULE
+        look = {"shapeType": kind, "length": a, "radius": b}
+    elif model.mesh and model.suffix in DRAWN_MESHES:
+        file = Path(tempfile.mkstemp(model.suffix, dir=folder)[1])
+        file.write_bytes(model.mesh)
+        look = {"shapeType": p.GEOM_MESH, "fileName": str(file), "meshScale": shape.size_m}
+    else:
+        return None
+    with contextlib.suppress(p.error):
+        visual = p.createVisualShape(rgbaColor=shape.rgba, physicsClientId=client, **look)
+        body: int = p.createMultiBody(0, -1, visual, *NOWHERE, physicsClientId=client)
+        return body, _placed(model)
+    return None
+
+
+def _picture(
+    camera: Camera,
+    client: int,
+    floors: Sequence[tuple[NDArray[np.uint8], Float32]],
+    page: tuple[int, int, int],
+) -> NDArray[np.uint8]:
+    pixels, depth, numbers = picture_of(client, camera, "tiny", lit=True)
+    pixels &= 256 - SHADES
+    near_m, far_m = camera.near_m, camera.far_m
+    nearness = (1 / near_m - (1 / near_m - 1 / far_m) * depth) * (numbers >= 0)
+    np.copyto(pixels, np.array(page, np.uint8), where=(numbers < 0)[..., None])
+    for colours, its in floors:
+        before = its > nearness
+        np.copyto(pixels, colours, where=before[..., None])
+        numbers[before], nearness = -1, np.maximum(nearness, its)
+    edges = _edges(numbers, nearness) & (numbers >= 0)
+    pixels[edges] = (pixels[edges] * EDGE).astype(np.uint8)
+    return pixels
+
+
+def _edges(numbers: NDArray[np.int64], nearness: Float32) -> NDArray[np.bool_]:
+    """Return where bodies and faces end; `nearness` is 1 over the distance."""
+    edges = np.zeros(numbers.shape, np.bool_)
+    for each, near, marks in ((numbers, nearness, edges), (numbers.T, nearness.T, edges.T)):
+        ends = each[1:] != each[:-1]
+        marks[1:] |= ends
+        marks[:-1] |= ends
+        marks[1:-1] |= np.abs(np.diff(near, 2, axis=0)) > BEND * near[1:-1]
+    return edges

@@ -1,0 +1,369 @@
+"""Run a script in its own interpreter, and watch its calls of PyBullet."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import mmap
+import os
+import select
+import signal
+import subprocess
+import tempfile
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+from rich.filesize import decimal
+
+from drop_physics import workers
+from drop_physics.engines.pybullet.watch import pipe
+from drop_physics.engines.pybullet.watched import Decoder
+from drop_physics.errors import DropError, OutputError
+from drop_physics.messages import Message
+from drop_physics.trace.events import Ending, Event
+from drop_physics.workers import how_it_ended, users_environment
+
+WATCHING = Path(__file__).with_name("watch")
+
+PERTURB = "85"
+"""What new memory is filled with (`MALLOC_PERTURB_`): PyBullet reads some of it uninitialised."""
+OTHER_PERTURB = "170"
+"""What a second run fills it with: a state that differs depends on such memory."""
+
+STOPS_WITHIN_S = 6.0
+"""How long a script that is to stop may clean up."""
+INTERRUPT_AGAIN_S = 2.0
+"""A terminal sends Ctrl-C to the script too; if it still runs after this long, it gets another."""
+TICK_S = 0.1
+
+
+@dataclass(frozen=True)
+class Program:
+    """What to run, and for how long.
+
+    Parameters
+    ----------
+    target
+        The script's path, or a module's name.
+    arguments
+        Its own arguments.
+    python
+        The interpreter.
+    """
+
+    target: str
+    arguments: Sequence[str]
+    python: str
+    is_module: bool = False
+    steps: int | None = None
+    duration_s: float | None = None
+    keep_sleeping: bool = False
+    seed: int | None = None
+    begins_s: float | None = None
+    """What its clock shows at first [s], if it is virtual."""
+    perturb: str = PERTURB
+    variation: Mapping[str, Any] | None = None
+    """The arguments of a `watching.varied.Variation`, or None."""
+
+
+def _seeded(seed: int | None) -> dict[str, str]:
+    """Return the variable that seeds the order of sets, unless the user has set it."""
+    if seed is None or os.environ.get("PYTHONHASHSEED", "random") != "random":
+        return {}
+    return {"PYTHONHASHSEED": str(seed % 2**32)}
+
+
+def shared_block() -> IO[bytes]:
+    """Return an unnamed file that a watched process and its listener both map.
+
+    Raises
+    ------
+    OutputError
+        If there is no room for it.
+    """
+    try:
+        block = tempfile.TemporaryFile()  # noqa: SIM115 - the caller closes it
+        try:
+            block.truncate(pipe.BLOCK_BYTES)
+            # Else, on a full disk, the process that maps it would die when it first writes to it.
+            if hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(block.fileno(), 0, pipe.BLOCK_BYTES)
+        except BaseException:
+            block.close()
+            raise
+    except OSError as error:
+        raise OutputError(
+            "a temporary file of {size}, which the script's process writes to, cannot be created "
+            "in {folder}: {reason}; make room there, set TMPDIR to another folder, or see: "
+            "ulimit -f",
+            size=decimal(pipe.BLOCK_BYTES),
+            folder=tempfile.tempdir or Message("any folder"),
+            reason=error.strerror,
+        ) from error
+    return block
+
+
+def wide_pipe() -> tuple[int, int]:
+    """Return the ends of a pipe in which the sender need not wait for each large write."""
+    ends = os.pipe()
+    with contextlib.suppress(AttributeError, OSError):  # only Linux has it, within limits
+        fcntl.fcntl(ends[1], fcntl.F_SETPIPE_SZ, pipe.BLOCK_BYTES)
+    return ends
+
+
+class Listener(ABC):
+    """Reads what a watched process sends; take its `events` to the end.
+
+    Parameters
+    ----------
+    reading, block
+        File descriptors of the pipe, and of the memory that both processes see.
+    """
+
+    target = ""
+    """The script; empty of a block."""
+
+    def __init__(self, reading: int, block: int) -> None:
+        self.decoder = Decoder()
+        self._reading, self._memory = reading, block
+        self._received = 0
+        self._closed = False
+        """Whether no process has the sending end of the pipe any more."""
+        self._left = False
+        """Whether nothing more is read."""
+
+    def events(self) -> Iterator[Event]:
+        """Yield the events, until the process has ended."""
+        over = False
+        while not self._left:
+            ready, _, _ = select.select([self._reading], [], [], TICK_S)
+            if ready:
+                data = os.read(self._reading, 1 << 18)
+                if not data:
+                    self._closed = True
+                    break
+                self._received += len(data)
+                yield from self.decoder.feed(data)
+            elif over:
+                break  # a process that it left behind holds the pipe open
+            else:  # what it sent before that may have arrived since
+                over = self._is_over()
+            self._tick()
+        while not self._left and not self._is_over():
+            self._tick()
+            time.sleep(TICK_S / 10)
+        if not self._left:
+            yield from self.decoder.feed(self._left_behind())
+        yield from self.decoder.rest()
+
+    @abstractmethod
+    def _is_over(self) -> bool:
+        """Whether the process sends nothing any more."""
+
+    def _tick(self) -> None:  # noqa: B027 - only a script has to be stopped
+        pass
+
+    def _left_behind(self) -> bytes:
+        """Return what the process had not sent when it ended."""
+        with mmap.mmap(self._memory, pipe.BLOCK_BYTES, access=mmap.ACCESS_READ) as memory:
+            before, used = pipe.BLOCK.unpack_from(memory)
+            start = pipe.BLOCK.size + max(0, self._received - before)
+            return memory[start : pipe.BLOCK.size + used]
+
+    def ending(self) -> Ending:
+        """Return how it ended, after its events."""
+        decoder = self.decoder
+        made_with = {
+            **decoder.python,
+            "unseeded": decoder.unseeded or None,
+            "real_time": decoder.real_time,
+        }
+        ending = Ending(notes=list(decoder.faults), made_with=made_with)
+        ended = decoder.ended or {}
+        if decoder.stopped:
+            ending.how = decoder.stopped
+        elif ended:
+            ending.how, ending.error, ending.site = ended["how"], ended["error"], ended["site"]
+        else:
+            ending.how, ending.error = "failed", Message("its process ended")
+        return ending
+
+
+class BlockListener(Listener):
+    """Reads what a block of Python sends, whose process has started this one.
+
+    Parameters
+    ----------
+    process
+        The number of that process.
+    """
+
+    def __init__(self, reading: int, block: int, *, process: int) -> None:
+        super().__init__(reading, block)
+        self._process = process
+
+    def stop(self, why: str) -> None:
+        """Read no further: the block is left at its next call."""
+        if not self._left:
+            self._left, self.decoder.stopped = True, why
+            os.close(self._reading)
+
+    def _is_over(self) -> bool:
+        return self._closed or self.decoder.ended is not None or os.getppid() != self._process
+
+
+class Script(Listener):
+    """A running script; use it in a `with` statement.
+
+    Parameters
+    ----------
+    program
+        What to run.
+    stdout, stderr
+        File descriptors of its streams; None for ours.
+    tell
+        Called with the simulated time [s] and the number of steps, every `TICK_S`.
+
+    Raises
+    ------
+    DropError
+        If the interpreter cannot be started.
+    """
+
+    def __init__(
+        self,
+        program: Program,
+        *,
+        stdout: int,
+        stderr: int | None = None,
+        tell: Callable[[float, int], None] = lambda *_: None,
+    ) -> None:
+        self._block = shared_block()
+        reading, writing = wide_pipe()
+        super().__init__(reading, self._block.fileno())
+        self.decoder = Decoder((program.variation or {}).get("finer", 1))
+        self.target = program.target
+        self._interrupted_at: float | None = None
+        self._interrupts = 0
+        self._why = "interrupted"
+        self._stopped_at = self._told_at = 0.0
+        self._tell = tell
+        options = {
+            "pipe": writing,
+            "block": self._block.fileno(),
+            "module": program.is_module,
+            "steps": program.steps,
+            "duration_s": program.duration_s,
+            "keep_sleeping": program.keep_sleeping,
+            "seed": program.seed,
+            "begins_s": program.begins_s,
+            "variation": program.variation,
+        }
+        command = [program.python, str(WATCHING), json.dumps(options), program.target]
+        try:
+            self._process = subprocess.Popen(
+                [*command, *program.arguments],
+                stdout=stdout,
+                stderr=workers.stderr if stderr is None else stderr,
+                pass_fds=(writing, self._block.fileno()),
+                env={
+                    "MALLOC_PERTURB_": program.perturb,
+                    **users_environment(),
+                    **_seeded(program.seed),
+                },
+            )
+        except (OSError, ValueError) as error:  # ValueError: the path has a null character
+            self._close()
+            raise DropError(
+                "{python} cannot be started: {reason}; --python takes the path of a Python "
+                "interpreter",
+                python=program.python,
+                reason=getattr(error, "strerror", None) or str(error),
+            ) from None
+        finally:
+            os.close(writing)
+
+    def __enter__(self) -> Script:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._process.poll() is None:
+            self._process.kill()
+        self._process.wait()
+        self._close()
+
+    def _close(self) -> None:
+        os.close(self._reading)
+        self._block.close()
+
+    def interrupt(self) -> None:
+        """Note a Ctrl-C, which a terminal has sent to the script too."""
+        self._interrupts += 1
+        if self._interrupted_at is None:
+            self._interrupted_at = time.monotonic()
+        else:
+            self._process.kill()
+
+    def stop(self, why: str) -> None:
+        """End it as Ctrl-C does."""
+        if self._interrupted_at is None:
+            self._interrupted_at, self._why = time.monotonic(), why
+            self._process.send_signal(signal.SIGINT)
+
+    def events(self) -> Iterator[Event]:
+        """Yield the events, until the process has ended.
+
+        Raises
+        ------
+        DropError
+            If it ended before it came to the script.
+        """
+        yield from super().events()
+        began = self.decoder.python or self.decoder.cut_off
+        if not began and self._interrupted_at is None:
+            raise DropError(
+                "{python} ended with {how} before it came to the script; run it again, or name "
+                "another Python interpreter with --python",
+                python=self._process.args[0],  # type: ignore[index]
+                how=how_it_ended(self._process.returncode),
+            )
+
+    def _is_over(self) -> bool:
+        return self._process.poll() is not None
+
+    def _tick(self) -> None:
+        """Tell how far it is; kill a script that was to stop and has not."""
+        now = time.monotonic()
+        if now - self._told_at > TICK_S:
+            self._told_at = now
+            self._tell(self.decoder.time_s, self.decoder.steps)
+        if self.decoder.stopped and not self._stopped_at:
+            self._stopped_at = now
+        if self._stopped_at and now - self._stopped_at > STOPS_WITHIN_S:
+            self._process.kill()
+        if self._interrupted_at is not None:
+            waited = now - self._interrupted_at
+            if waited > STOPS_WITHIN_S:
+                self._process.kill()
+            elif waited > INTERRUPT_AGAIN_S and self._interrupts == 1:
+                self._interrupts += 1
+                self._process.send_signal(signal.SIGINT)
+
+    def ending(self) -> Ending:
+        """Return how the script ended, after its events."""
+        ending, code = super().ending(), self._process.returncode
+        if self._interrupted_at is not None:
+            ending.how, ending.error = self._why, ""
+        elif not self.decoder.stopped and not self.decoder.ended:
+            ending.how, ending.error = ("failed" if code else "finished"), ""
+            if code < 0:
+                name = signal.Signals(-code).name
+                ending.error = Message("it was ended by {signal}", signal=name)
+            elif code:
+                ending.error = Message("it ended with exit code {code}", code=code)
+        return ending

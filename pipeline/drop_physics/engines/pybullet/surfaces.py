@@ -1,0 +1,125 @@
+"""Surfaces of mesh files that the engine holds as their convex hulls, where they are hollow."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.trace.events import At, Body, Collision, Surface
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+MOST_BYTES = 1 << 24
+"""Of a mesh file that is read; and of triangles that are kept:"""
+MOST_TRIANGLES = 1 << 16
+HOLLOW_M = 2e-3
+"""A surface that lies less deep below its hull is its hull."""
+OPEN = 0.98
+"""A surface of less than this share of its hull's is open somewhere: the hull closes that, too."""
+ALIKE = 1e-2
+"""Share of its size by which the corners of a hull may be off those of the file that it is of."""
+FEW = 64
+"""Triangles that are looked at before all are."""
+STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+
+
+def surfaces_of(at: At, body: Body) -> Iterator[Surface]:
+    """Yield the surfaces of a body's hollow meshes, in the axes of their links."""
+    for number, shape in enumerate(body.collisions):
+        if shape.kind != "mesh" or not shape.hull_m or (found := _mesh(shape.file)) is None:
+            continue
+        corners_m, triangles = _placed(found[0], shape), found[1]
+        hull_m = np.reshape(shape.hull_m, (-1, 3))
+        from scipy.spatial import KDTree  # slow to import, and needed for meshes only
+
+        gaps_m, _ = KDTree(corners_m).query(hull_m)
+        known = np.max(gaps_m) < ALIKE * np.ptp(hull_m, axis=0).max()
+        if known and _is_hollow(corners_m, triangles, hull_m):
+            yield Surface(at, body.number, number, corners_m, triangles)
+
+
+def _placed(corners_m: Float64, shape: Collision) -> Float64:
+    """Return a file's corners where a shape has them on its link."""
+    *axis, w = shape.orientation
+    scaled = corners_m * shape.size_m
+    turn = 2 * np.cross(axis, scaled)
+    return np.asarray(scaled + w * turn + np.cross(axis, turn) + shape.position_m)
+
+
+def _is_hollow(corners_m: Float64, triangles: Int64, hull_m: Float64) -> bool:
+    """Whether a surface lies below its hull or is open; not where several hulls are held for it."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        hull = ConvexHull(hull_m)
+    except (QhullError, ValueError):
+        return False
+    if len(hull.vertices) < len(hull_m):
+        return False
+    a, b, c = np.moveaxis(corners_m[triangles], 1, 0)
+    if np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2 < OPEN * hull.area:
+        return True
+    middles_m = (a + b + c) / 3
+    for some in (middles_m[:: len(middles_m) // FEW + 1], middles_m):
+        depths_m = -(hull.equations[:, :3] @ some.T + hull.equations[:, 3:]).max(axis=0)
+        if depths_m.max() > HOLLOW_M:
+            return True
+    return False
+
+
+def _mesh(file: str) -> tuple[Float64, Int64] | None:
+    """Return the corners of a mesh file, shape (n, 3), and of each triangle which these are.
+
+    None if it cannot be read, or has too many.
+    """
+    try:
+        status = Path(file).stat()
+    except (OSError, ValueError):
+        return None
+    return _read(file, status.st_mtime_ns) if status.st_size <= MOST_BYTES else None
+
+
+@functools.lru_cache(maxsize=64)
+def _read(file: str, _: int) -> tuple[Float64, Int64] | None:
+    path = Path(file)
+    try:
+        if path.suffix.lower() == ".stl":
+            corners_m, triangles = _of_stl(path.read_bytes())
+        elif path.suffix.lower() == ".obj":
+            corners_m, triangles = _of_obj(path.read_text(errors="replace"))
+        else:
+            return None
+    except (OSError, ValueError, IndexError):
+        return None
+    if not 0 < len(triangles) <= MOST_TRIANGLES or not np.isfinite(corners_m).all():
+        return None
+    return corners_m, triangles
+
+
+def _of_stl(content: bytes) -> tuple[Float64, Int64]:
+    count = int.from_bytes(content[80:84], "little")
+    facets = np.frombuffer(content, STL, count, 84)
+    corners = np.ascontiguousarray(facets["corners"]).reshape(-1, 3)
+    _, firsts, which = np.unique(corners.view("V12"), return_index=True, return_inverse=True)
+    return corners[firsts].astype(np.float64), which.reshape(-1, 3).astype(np.int64)
+
+
+def _of_obj(text: str) -> tuple[Float64, Int64]:
+    corners, triangles = [], []
+    for line in text.splitlines():
+        kind, *words = line.split() or [""]
+        if kind == "v":
+            corners.append([float(word) for word in words[:3]])
+        elif kind == "f":
+            numbers = [int(word.partition("/")[0]) for word in words]
+            face = [n - 1 if n > 0 else len(corners) + n for n in numbers]
+            triangles += [(face[0], *face[k : k + 2]) for k in range(1, len(face) - 1)]
+    found = np.array(triangles, np.int64).reshape(-1, 3)
+    if len(found) and not 0 <= found.min() <= found.max() < len(corners):
+        raise ValueError("a face has corners that the file has not")
+    return np.array(corners).reshape(-1, 3), found

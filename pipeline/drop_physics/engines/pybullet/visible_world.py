@@ -1,0 +1,168 @@
+"""A world that can be photographed, by TinyRenderer or by the EGL plugin of PyBullet's wheel."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from importlib.util import find_spec
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.engines.pybullet.c_output import c_output_moved_aside
+from drop_physics.engines.pybullet.engine import p
+from drop_physics.engines.pybullet.world import World
+from drop_physics.errors import DropError
+from drop_physics.physics.lookup import fall_of
+from drop_physics.physics.theory import impact_time_free
+from drop_physics.scenario import Camera, Renderer, Scenario
+
+Float64 = NDArray[np.float64]
+
+
+LIGHT = (0.5, -1.2, 2.0)
+"""Where it comes from: no two faces of a box have one shade. The standard view, which is that of
+the experiment, has PyBullet's own light."""
+
+
+class Picture(NamedTuple):
+    """What a camera sees, each part an image of shape (height, width)."""
+
+    pixels: NDArray[np.uint8]
+    """RGB, shape (height, width, 3)."""
+    depth: NDArray[np.float32]
+    """0 at the near plane, 1 at the far plane and where there is nothing."""
+    bodies: NDArray[np.int64]
+    """Whose pixel each is; below 0 where there is nothing."""
+
+
+class VisibleWorld(World):
+    """A world in front of a camera; use it in a `with` statement.
+
+    Parameters
+    ----------
+    scenario
+        What is in the pictures.
+    renderer
+        What draws them. If `egl` finds no graphics, its plugin ends the whole process: use it only
+        in a process that may end.
+
+    Raises
+    ------
+    ScenarioError
+        If the body cannot be found or loaded, or has no mass.
+    DropError
+        If the renderer is unavailable.
+    """
+
+    def __init__(self, scenario: Scenario, renderer: Renderer) -> None:
+        self._renderer = renderer
+        self.gl_renderer = ""
+        """What EGL draws with, as its driver reports it."""
+        super().__init__(scenario)
+
+    def _load_body(self) -> int:
+        if self._renderer == "egl":  # a renderer draws only bodies loaded after it
+            self._load_egl()
+        return super()._load_body()
+
+    def _load_egl(self) -> None:
+        plugin = find_spec("eglRenderer")
+        if plugin is None:
+            raise DropError("this build of pybullet has no EGL renderer; use --renderer tiny")
+        with c_output_moved_aside() as printed:
+            number = p.loadPlugin(plugin.origin, "_eglRendererPlugin", physicsClientId=self._client)
+        if number < 0:
+            raise DropError("PyBullet's EGL renderer cannot be loaded; use --renderer tiny")
+        self.gl_renderer = printed[0].partition("GL_RENDERER=")[2].partition("\n")[0]
+
+    def photograph(self, camera: Camera) -> Picture:
+        """Return a picture of the world as it is now."""
+        return picture_of(self._client, camera, self._renderer, lit=camera.view != "standard")
+
+
+def picture_of(client: int, camera: Camera, renderer: Renderer, *, lit: bool) -> Picture:
+    """Return a picture of what a simulation holds now; `lit` by our own light, or PyBullet's."""
+    width, height = camera.size_px
+    _, _, rgba, depth, bodies = p.getCameraImage(
+        width,
+        height,
+        viewMatrix=view_matrix(camera),
+        projectionMatrix=p.computeProjectionMatrixFOV(
+            camera.vertical_fov_deg, width / height, camera.near_m, camera.far_m
+        ),
+        **({"lightDirection": LIGHT} if lit else {}),
+        renderer={"tiny": p.ER_TINY_RENDERER, "egl": p.ER_BULLET_HARDWARE_OPENGL}[renderer],
+        physicsClientId=client,
+    )
+    # Built without numpy, PyBullet returns flat tuples instead of arrays.
+    pixels = np.asarray(rgba, dtype=np.uint8).reshape(height, width, 4)
+    return Picture(
+        np.ascontiguousarray(pixels[:, :, :3]),
+        np.asarray(depth, dtype=np.float32).reshape(height, width),
+        np.asarray(bodies).reshape(height, width),
+    )
+
+
+SHARE_OF_HEIGHT = {"close": 1 / 6, "follow": 1 / 4}
+"""How much of a picture's height the body takes."""
+
+
+def framed(camera: Camera, scenario: Scenario) -> Camera:
+    """Return a camera placed for its view of a scenario.
+
+    The standard view is fixed. `close` looks at where the body lands, or at the release if it never
+    does; `follow` looks at wherever the body is. Framing a camera again changes nothing.
+
+    Raises
+    ------
+    ScenarioError
+        If the body cannot be found or loaded, or has no mass.
+    """
+    if camera.view == "standard":
+        return camera
+    with World(scenario) as world:
+        extent_m = 2 * float(np.linalg.norm(world.half_size_m))
+        rest_m = world.rest_height_m
+    share = SHARE_OF_HEIGHT[camera.view] * camera.size_px[1]
+    distance_m = camera.focal_length_px * extent_m / share
+    return replace(
+        camera,
+        target_m=_landing_m(scenario, rest_m) if camera.view == "close" else (0.0, 0.0, 0.0),
+        distance_m=distance_m,
+        near_m=min(0.1, distance_m / 4),
+        # A camera above the floor may be far from it.
+        far_m=max(10.0, 4 * (scenario.height_m + distance_m)),
+    )
+
+
+def _landing_m(scenario: Scenario, rest_m: float | None) -> tuple[float, float, float]:
+    fall = fall_of(scenario)
+    if rest_m is None or not (scenario.floor and scenario.stepped):
+        return (0.0, 0.0, scenario.height_m)
+    landing_s = impact_time_free(fall, rest_m)
+    if landing_s is None:
+        return (0.0, 0.0, scenario.height_m)
+    vx, vy, _ = scenario.velocity_m_s
+    return (vx * landing_s, vy * landing_s, rest_m)
+
+
+def view_matrix(camera: Camera) -> list[float]:
+    """Return a camera's view matrix, from world to camera, column by column."""
+    up_axis_z = 2
+    return list(
+        p.computeViewMatrixFromYawPitchRoll(
+            camera.target_m,
+            camera.distance_m,
+            camera.yaw_deg,
+            camera.pitch_deg,
+            camera.roll_deg,
+            up_axis_z,
+        )
+    )
+
+
+def world_from_camera(camera: Camera) -> Float64:
+    """Return the camera's pose, shape (4, 4): its x right, y up, z backwards, as in OpenGL."""
+    camera_from_world = np.array(view_matrix(camera)).reshape(4, 4).T
+    return np.linalg.inv(camera_from_world)

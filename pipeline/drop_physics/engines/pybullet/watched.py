@@ -1,0 +1,329 @@
+"""Interprets what a watched script's process sends: from frames to events.
+
+The other end of `watching`; the stream is described in its `pipe`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.engines.pybullet.described import Numbering, moving_links, reported_of, shapes_of
+from drop_physics.engines.pybullet.frames import Frames, StreamError
+from drop_physics.engines.pybullet.gathered import Known, World
+from drop_physics.engines.pybullet.surfaces import surfaces_of
+from drop_physics.engines.pybullet.watch import pipe
+from drop_physics.fields import counted
+from drop_physics.messages import Message
+from drop_physics.trace.events import (
+    Appearance,
+    At,
+    Dynamics,
+    Event,
+    Image,
+    Put,
+    Raised,
+    Settings,
+    Site,
+    Solver,
+    counted_s,
+)
+
+Float64 = NDArray[np.float64]
+
+TIMESTEPS = ("timeStep", "fixedTimeStep")
+"""Arguments of `setTimeStep` and `setPhysicsEngineParameter`."""
+
+
+class Decoder:
+    """Interprets a stream of frames as events, in order.
+
+    Samples and calls are gathered: they are yielded when there are enough of them, or before
+    something else is told of their simulation. Only a `Put` does not wait for calls before it.
+
+    Parameters
+    ----------
+    finer
+        Steps of the engine for each of the script's: what it sets as timestep is divided by that.
+    """
+
+    def __init__(self, finer: int = 1) -> None:
+        self._finer = finer
+        self._timesteps: dict[int, int] = {}
+        """By site, which of its numbers is a timestep that is divided."""
+        self.calls = 0
+        self._called = self.raised = -1
+        """The sites of the latest call, and of the latest that raised."""
+        self.samples = 0
+        self.python: dict[str, Any] = {}
+        self.stopped = ""
+        self.ended: dict[str, Any] | None = None
+        self.faults: list[str] = []
+        self.cut_off = False
+        """Whether the script closed the pipe or wrote into it: the end is missing."""
+        self.real_time = False
+        self.unseeded: list[str] = []
+        self.timing = ""
+        """Where the script first read a time after a step: file and line."""
+        self._frames = Frames()
+        self._worlds: dict[int, World] = {}
+        self._bodies: dict[int, Known] = {}
+        self._numbering = Numbering()
+        self._solvers: dict[tuple[int, int], Solver] = {}
+        self._caller: World | None = None
+        """The simulation that the last call was for."""
+
+    @property
+    def steps(self) -> int:
+        """How many steps all simulations have made: a sample each, after their first."""
+        return self.samples - sum(world.sampled for world in self._worlds.values())
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time [s], of the simulation that is furthest."""
+        return max((world.time_s(world.step) for world in self._worlds.values()), default=0.0)
+
+    def feed(self, data: bytes) -> Iterator[Event]:
+        """Yield the events in the next part of the stream."""
+        for kind, payload in self._frames.feed(data):
+            if kind == pipe.SAMPLE:  # most frames are: without a generator for each
+                number, step = pipe.HEAD.unpack_from(payload)
+                world = self._worlds[number]
+                if world.is_full:
+                    yield from world.gathered()
+                if not world.add_sample(step, payload, self.calls):
+                    raise StreamError(
+                        "the script's process sent step {step} out of order", step=step
+                    )
+                self.samples += 1
+            elif kind == pipe.CALL:
+                self._on_call(payload)
+            elif kind == pipe.NOTE:
+                try:
+                    note = json.loads(payload)
+                except ValueError:
+                    self._frames.broken = True
+                    break
+                yield from getattr(self, f"_on_{note.pop('what')}")(**note) or ()
+            elif kind == pipe.SET:
+                yield self._put(payload)
+            elif kind == pipe.RESULT:
+                if self._caller is not None:
+                    self._caller.add_result(*pipe.NUMBER.unpack(payload))
+            else:
+                yield from self._on_image(payload)
+
+    def rest(self) -> Iterator[Event]:
+        """Yield what is gathered and not yet yielded; the stream is over."""
+        for world in self._worlds.values():
+            yield from world.gathered()
+        yield from self._solvers.values()
+        if self._frames.broken:
+            self._is_cut_off(Message("the script wrote into drop's pipe"))
+        elif self._frames.is_cut and self.stopped != "disk":
+            self._is_cut_off(Message("the rest is missing in drop's pipe"))
+
+    def _is_cut_off(self, why: Message) -> None:
+        self.cut_off = True
+        self._ends_early(why)
+
+    def _ends_early(self, why: Message) -> None:
+        self.faults.append(
+            Message(
+                "the recording ends after {samples}: {why}",
+                samples=counted(self.samples, "sample"),
+                why=why,
+            )
+        )
+
+    # -- numbers ----------------------------------------------------------------------------------
+
+    def _on_call(self, payload: bytes) -> None:
+        number, site = pipe.CALL_HEAD.unpack_from(payload)
+        self.calls += 1
+        self._caller = self._worlds[number]
+        if site in self._timesteps:
+            head, numbers = payload[: pipe.CALL_HEAD.size], payload[pipe.CALL_HEAD.size :]
+            values = np.frombuffer(numbers).copy()
+            values[self._timesteps[site]] /= self._finer
+            payload = head + values.tobytes()
+        self._called = site
+        self._caller.add_call(self.calls, site, payload)
+
+    def _put(self, payload: bytes) -> Put:
+        number, step = pipe.HEAD.unpack_from(payload)
+        known = self._bodies[number]
+        values = np.frombuffer(payload, np.float64, offset=pipe.HEAD.size)
+        return known.put(self._at(known.world, step), values)
+
+    # -- notes ------------------------------------------------------------------------------------
+
+    def _on_python(self, **note: Any) -> None:  # noqa: ANN401
+        self.python.update(note)
+
+    def _on_pybullet(self, version: int, **_: object) -> None:
+        self.python["pybullet_api"] = version
+
+    def _on_world(
+        self, world: int, client: int, first_step: int, first_time_s: float, **_: object
+    ) -> None:
+        if not math.isfinite(first_time_s):
+            times_s = [known.time_s(known.step) for known in self._worlds.values()]
+            first_time_s = max(times_s, default=0.0)
+        self._worlds[world] = World(client, first_step, first_time_s)
+
+    def _on_site(self, names: list[str], whole: list[bool], **note: Any) -> Iterator[Event]:  # noqa: ANN401
+        at = next((names.index(name) for name in TIMESTEPS if name in names), None)
+        if self._finer > 1 and at is not None:
+            self._timesteps[note["number"]] = at
+            whole = [each and number != at for number, each in enumerate(whole)]
+        yield Site(names=tuple(names), whole=tuple(whole), **note)
+
+    def _on_raised(self, error: str) -> Iterator[Event]:
+        world = self._caller
+        if world is not None:
+            at = self._at(world)
+            yield from world.called()
+            self.raised = self._called
+            yield Raised(at, error)
+
+    def _on_solver(self, world: int, **early: Any) -> None:  # noqa: ANN401
+        its = self._worlds[world]
+        self._solvers[world, early["iterations"]] = Solver(self._at(its), its.client, **early)
+
+    def _on_over(self, world: int, **_: object) -> Iterator[Event]:
+        yield from self._worlds[world].gathered()
+
+    def _on_engine(
+        self, world: int, step: int, time_s: float, settings: dict[str, Any]
+    ) -> Iterator[Event]:
+        its = self._worlds[world]
+        yield from its.gathered()
+        its.step = step
+        timestep_s = settings["fixedTimeStep"]
+        if timestep_s != its.timestep_s:
+            # A time that added up a non-finite timestep is useless.
+            its.since_s = time_s if math.isfinite(time_s) else its.time_s(step)
+            its.since_step, its.timestep_s = step, counted_s(timestep_s)
+        if not math.isfinite(timestep_s) and not its.timeless:
+            its.timeless = True
+            self.faults.append(
+                Message(
+                    "from step {step} on the timestep is {timestep} s: such steps take no time",
+                    step=step,
+                    timestep=timestep_s,
+                )
+            )
+        yield Settings(self._at(its, step), its.client, settings)
+
+    def _on_body(self, world: int, body: int, dynamics: list[Any], **note: Any) -> Iterator[Event]:  # noqa: ANN401
+        its = self._worlds[world]
+        yield from its.gathered()
+        described = self._numbering.described(its.client, dynamics, note)
+        known = Known(described, its, dynamics, note["visual"], note["joints"], note["inertial"])
+        self._bodies[body] = its.ids[note["id"]] = known
+        at = self._at(its)
+        yield Appearance(at, known.body, there=True, came=True, sampled=its.sampled)
+        yield from surfaces_of(at, known.body)
+        if not known.body.soft:
+            yield Dynamics(at, known.body, reported_of(dynamics))
+
+    def _on_look(self, body: int, visual: list[Any]) -> Iterator[Event]:
+        known = self._bodies[body]
+        known.visual = visual
+        yield from self._changed(known, shapes=shapes_of(visual, known.dynamics, known.inertial))
+        yield Appearance(self._at(known.world), known.body, there=True)
+
+    def _on_gone(self, body: int) -> Iterator[Event]:
+        known = self._bodies.pop(body)
+        world = known.world
+        yield from world.gathered()
+        if world.ids.get(known.body.engine_id) is known:
+            del world.ids[known.body.engine_id]
+        yield Appearance(self._at(world), known.body, there=False)
+
+    def _on_dynamics(self, body: int, dynamics: list[Any]) -> Iterator[Event]:
+        known = self._bodies[body]
+        known.dynamics = dynamics
+        moving = {*known.body.moving, *moving_links(dynamics[0][0] != 0, known.joints)}
+        yield from self._changed(
+            known,
+            moving=tuple(sorted(moving)),
+            shapes=shapes_of(known.visual, dynamics, known.inertial),
+        )
+        yield Dynamics(self._at(known.world), known.body, reported_of(dynamics))
+
+    def _on_carried(self, body: int) -> Iterator[Event]:
+        known = self._bodies[body]
+        yield from self._changed(known, moving=moving_links(True, known.joints))
+        yield Appearance(self._at(known.world), known.body, there=True)
+
+    def _changed(self, known: Known, **what: Any) -> Iterator[Event]:  # noqa: ANN401
+        """Yield what was gathered before something about a body changes."""
+        yield from known.world.gathered()
+        known.body = replace(known.body, **what)
+
+    def _on_layout(
+        self, world: int, bodies: list[tuple[int, bool]], constraints: list[tuple[int, int]]
+    ) -> Iterator[Event]:
+        its = self._worlds[world]
+        yield from its.gathered()
+        layout = [(self._bodies[number], has_base) for number, has_base in bodies]
+        its.lay_out(layout, constraints)
+
+    def _on_real_time(self, **_: object) -> None:
+        self.real_time = True
+
+    def _on_timing(self, file: str, line: int) -> None:
+        self.timing = f"{file}:{line}"
+
+    def _on_unseeded(self, called: str, file: str, line: int) -> None:
+        self.unseeded.append(f"{called} at {file}:{line}")
+
+    def _on_fault(self, world: int, step: int, error: str) -> Iterator[Event]:
+        self.faults.append(
+            Message(
+                "from step {step} on the simulation could not be read: {error}",
+                step=step,
+                error=error,
+            )
+        )
+        yield from self._worlds[world].gathered()
+
+    def _on_running(self) -> None:
+        self._ends_early(Message("threads that step the simulation outlive the block"))
+
+    def _on_stop(self, why: str) -> None:
+        self.stopped = why
+
+    def _on_end(self, **note: Any) -> None:  # noqa: ANN401
+        self.ended = note
+
+    def _on_cut(self) -> None:
+        self._is_cut_off(Message("the script closed drop's pipe"))
+
+    def _on_image(self, payload: bytes) -> Iterator[Event]:
+        (length,) = pipe.IMAGE_HEAD.unpack_from(payload)
+        start = pipe.IMAGE_HEAD.size + length
+        note = json.loads(payload[pipe.IMAGE_HEAD.size : start])
+        size = note["height"], note["width"], 4
+        world = self._worlds[note["world"]]
+        yield from world.called()
+        yield Image(
+            self._at(world, note["step"]),
+            world.client,
+            f"{note['file']}:{note['line']} {note['width']}x{note['height']}",
+            np.frombuffer(payload, np.uint8, offset=start).reshape(size),
+            tuple(note["view"] or ()),
+            tuple(note["projection"] or ()),
+        )
+
+    def _at(self, world: World, step: int | None = None) -> At:
+        step = world.step if step is None else step
+        return At(step, world.time_s(step), self.calls)

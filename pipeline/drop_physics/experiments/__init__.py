@@ -1,0 +1,1 @@
+"""Runs of a script with something changed, compared with its own run."""

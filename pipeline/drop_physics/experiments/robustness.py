@@ -1,0 +1,238 @@
+"""What variations of a run tell of it: growth of a displacement, convergence, digits that stand."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.drop.convergence import SAFETY_FACTOR, richardson, solution_order
+from drop_physics.experiments.run_distance import APART, Apart, Track
+
+Float64 = NDArray[np.float64]
+
+LOST = 1e-3
+"""Where a displacement has grown so far, the outcome is one of many [m, rad]."""
+LEAST_GROWTH = 100.0
+"""Factor below which growth has no rate: a displacement also drifts."""
+LEAST_ORDER, MOST_ORDER = 0.5, 2.5
+"""Engines' methods are of order 1 or 2: another is a chance of these timesteps."""
+ROUNDED = 1e-12
+"""Changes below this share of a position are its rounding [1]."""
+
+
+@dataclass(frozen=True)
+class Growth:
+    """How a small displacement grows."""
+
+    rate_per_s: float | None
+    """As exp(rate t); None where it does not grow like that."""
+    from_s: float | None
+    """From here on the rate is fitted."""
+    until_s: float | None
+    """Until here the rate is fitted."""
+    lost_s: float | None
+    """From when on the outcome is one of many: it has grown beyond 1e-3 [m, rad]."""
+    start: float
+    """The displacement [m, rad]."""
+    most: float
+    """The largest distance [m, rad]."""
+    unit: str
+    """Of that, `m` or `rad`."""
+
+
+def growth(nudged: Apart, nudge: float) -> Growth | None:
+    """Return how a displacement grows; None if it does not, a hundredfold.
+
+    Least squares of ln d = c + rate t, between ten times the displacement and `LOST`; where
+    ln d = c + n ln t fits as well, it drifts.
+    """
+    t, d = nudged.furthest
+    if not len(d) or d.max() < LEAST_GROWTH * nudge:
+        return None
+    over = np.flatnonzero(d > LOST)
+    last = int(over[0]) if len(over) else len(d)
+    lost_s = float(t[last]) if len(over) else None
+    started = np.flatnonzero(d > 10 * nudge)
+    within = (np.arange(len(d)) >= started[0]) & (np.arange(len(d)) < last) & (t > 0)
+    log, times = np.log(d[within]), t[within]
+    rate: float | None = None
+    if len(log) >= 8 and log.max() - log[0] > math.log(LEAST_GROWTH):
+        rate, residual = _line(times, log)
+        spread = float(((log - log.mean()) ** 2).sum())
+        # A step, as of an impact, is no exponential.
+        if rate <= 0 or residual >= min(_line(np.log(times), log)[1], spread / 4):
+            rate = None
+    first_s, last_s = (None, None) if rate is None else (float(times[0]), float(times[-1]))
+    unit = max(nudged.curves, key=lambda each: float(nudged.curves[each][1].max()))
+    return Growth(rate, first_s, last_s, lost_s, nudge, float(d.max()), unit)
+
+
+def _line(x: Float64, y: Float64) -> tuple[float, float]:
+    """Return the slope of a line by least squares, and the sum of its squared residuals."""
+    dx, dy = x - x.mean(), y - y.mean()
+    slope = float(dx @ dy / (dx @ dx))
+    return slope, float(((dy - slope * dx) ** 2).sum())
+
+
+# -- the timestep ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Converging:
+    """How an end state converges as the timestep shrinks."""
+
+    body: str
+    """Its label."""
+    joint: str | None
+    """Its name; None of a base."""
+    axis: str | None
+    """`x`, `y` or `z` of a base's position; else None."""
+    unit: str
+    """`m` or `rad`."""
+    ends: tuple[float, float, float]
+    """Where it ends with each timestep, the coarsest first [m, rad]."""
+    order: float | None
+    """Observed; None where it does not converge."""
+    extrapolated: float | None
+    """Where it would end with a timestep of 0 [m, rad]."""
+    uncertainty: float | None
+    """Of that: Roache's safety factor times its distance from the finest [m, rad]."""
+
+
+def converging(timesteps_s: Sequence[float], runs: Sequence[Apart | None]) -> list[Converging]:
+    """Return how each end position converges, the one that changes most first.
+
+    Parameters
+    ----------
+    timesteps_s
+        Three, the coarsest first, of one ratio.
+    runs
+        How far the runs with each are from the script's own; None for that itself.
+    """
+    found: list[tuple[float, Converging]] = []
+    held = [
+        {(each.body, each.joint, each.unit): each for each in run.tracks}
+        for run in runs
+        if run is not None
+    ]
+    for key, track in held[0].items():
+        if len({each[key].end_s for each in held if key in each}) != 1 or not all(
+            key in each for each in held
+        ):  # one has ended earlier
+            continue
+        mine = iter(held)
+        ends = np.array([track.last if run is None else next(mine)[key].theirs for run in runs])
+        if ends.shape[1] == 4 or not np.isfinite(ends).all():  # a quaternion is not extrapolated
+            continue
+        at = int(np.argmax(np.ptp(ends, axis=0)))
+        change = float(np.ptp(ends[:, at]))
+        if change > max(APART * 1e-6, ROUNDED * float(np.abs(ends).max())):
+            axis = "xyz"[at] if track.joint is None else None
+            found.append((change, _converging(timesteps_s, ends[:, at], track, axis)))
+    return [each for _, each in sorted(found, key=lambda pair: -pair[0])]
+
+
+def _converging(
+    timesteps_s: Sequence[float], ends: Float64, track: Track, axis: str | None
+) -> Converging:
+    coarse, middle, fine = map(float, ends)
+    part = track.body, track.joint, axis, track.unit, (coarse, middle, fine)
+    order = solution_order(timesteps_s, [coarse, middle, fine])
+    if order is None or not LEAST_ORDER <= order <= MOST_ORDER:
+        return Converging(*part, None, None, None)
+    ratio = timesteps_s[1] / timesteps_s[2]
+    limit = richardson(middle, fine, ratio=ratio, order=order)
+    return Converging(*part, order, limit, SAFETY_FACTOR * abs(limit - fine))
+
+
+# -- what stands ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Standing:
+    """To how many digits a position is the same in all variations."""
+
+    body: str
+    """Its label."""
+    joint: str | None
+    """Its name; None of a base."""
+    unit: str
+    """`m`, or `rad` of an orientation or a joint that turns."""
+    moved: float
+    """The largest distance from its start [m, rad]: what digits count of."""
+    end: float
+    """The largest distance between a variation and the script's own run, at the end."""
+    end_digits: int | None
+    """To how many digits the end stands; None where it is the same to the bit."""
+    end_by: str | None
+    """The variation that ends farthest."""
+    most: float
+    """The largest distance at any time."""
+    most_digits: int | None
+    """To how many digits it stands at any time."""
+    most_by: str | None
+    """The variation that is farthest at any time."""
+
+
+MATTERS = 1e-3
+"""A position that moves less than this share of what moves most does not matter, nor does one that
+moves less than `APART`, unless a variation moves it as much."""
+
+
+def standing(runs: Mapping[str, Apart]) -> list[Standing]:
+    """Return what stands of each position that matters, the least first."""
+    by_part: dict[tuple[str, str | None, str], dict[str, Track]] = {}
+    for name, run in runs.items():
+        for track in run.tracks:
+            by_part.setdefault((track.body, track.joint, track.unit), {})[name] = track
+    largest: dict[str, float] = {}
+    for (_, _, unit), tracks in by_part.items():
+        for track in tracks.values():
+            reach = min(max(track.moved, track.most), 1e300)
+            largest[unit] = max(largest.get(unit, 0.0), reach)
+    found = []
+    for part, tracks in by_part.items():
+        moved = max(each.moved for each in tracks.values())
+        ends = max(tracks, key=lambda name: tracks[name].end)
+        most = max(tracks, key=lambda name: tracks[name].most)
+        end, worst = tracks[ends].end, tracks[most].most
+        if max(moved, worst) < max(APART, MATTERS * largest[part[2]]):
+            continue
+        found.append(
+            Standing(
+                *part,
+                moved,
+                end,
+                _digits(moved, end),
+                ends if end else None,
+                worst,
+                _digits(moved, worst),
+                most if worst else None,
+            )
+        )
+    return sorted(
+        found, key=lambda each: (99 if each.most_digits is None else each.most_digits, -each.most)
+    )
+
+
+def _digits(moved: float, off: float) -> int | None:
+    """Return how many digits of a distance stand."""
+    if not off:
+        return None
+    if not math.isfinite(off) or not moved:
+        return 0
+    return min(15, max(0, math.floor(math.log10(moved / off))))
+
+
+def geometric(factors: Sequence[int]) -> tuple[int, int, int] | None:
+    """Return the three finest of some refinements that have one ratio, coarse first."""
+    ordered = sorted({1, *factors}, reverse=True)
+    for fine, middle, coarse in itertools.combinations(ordered, 3):
+        if middle * middle == fine * coarse:
+            return coarse, middle, fine
+    return None

@@ -1,0 +1,223 @@
+"""How far two runs of one script are apart."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.compare.motions import NOTHING, Motion, motions, together
+from drop_physics.compare.pairing import pairing
+from drop_physics.explain.times import Times
+from drop_physics.trace.events import Body
+from drop_physics.trace.history import Seen
+from drop_physics.trace.poses import MOTION_COLUMNS
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+APART = 1e-6
+"""Runs count as apart from here on [m, rad]."""
+MOST_POINTS = 4096
+"""Of a curve."""
+STEPS = 4096
+"""Of the script's own run, that are compared at a time."""
+
+
+@dataclass(frozen=True)
+class Distance:
+    """A distance between two runs."""
+
+    value: float
+    """Infinite where a run has no finite state."""
+    unit: str
+    """`m`, of positions; `rad`, of orientations and joints that turn."""
+    body: str
+    """Its label."""
+    joint: str | None
+    """Its name; null of a base."""
+    time_s: float
+    """Of the script's own run."""
+
+
+@dataclass
+class Track:
+    """One position of both runs: of a base, its orientation, or of a joint."""
+
+    number: int
+    """Of the body, in the script's own run."""
+    other: int
+    """The same in the other run."""
+    body: str
+    joint: str | None
+    unit: str
+    start: Float64
+    last: Float64
+    """Where the script's own run ends, as far as both go."""
+    theirs: Float64
+    """Where the other one ends."""
+    moved: float = 0.0
+    """The largest distance of the script's own run from its start."""
+    most: float = 0.0
+    most_s: float = 0.0
+    end: float = 0.0
+    end_s: float = 0.0
+    from_step: int | None = None
+    """Of the script's own run: the first where they are more than `APART` apart."""
+    from_s: float = math.inf
+    first: float = 0.0
+    """How far they are apart then."""
+    same: bool = True
+
+    def add(self, steps: Int64, times_s: Float64, mine: Float64, theirs: Float64) -> Float64:
+        """Add some steps, and return how far apart they are."""
+        off = distances(mine, theirs)
+        self.moved = max(self.moved, float(distances(mine, self.start[None]).max()))
+        self.last, self.theirs = mine[-1], theirs[-1]
+        self.end, self.end_s = float(off[-1]), float(times_s[-1])
+        row = int(np.argmax(off))
+        if off[row] > self.most or not self.most:
+            self.most, self.most_s = float(off[row]), float(times_s[row])
+        beyond = np.flatnonzero(off > APART)
+        if self.from_step is None and len(beyond):
+            self.from_step, self.from_s = int(steps[beyond[0]]), float(times_s[beyond[0]])
+            self.first = float(off[beyond[0]])
+        self.same &= not off.any()
+        return off
+
+    def distance(self, value: float, time_s: float) -> Distance:
+        """Return a distance of this position."""
+        return Distance(value, self.unit, self.body, self.joint, time_s)
+
+
+@dataclass(frozen=True)
+class Apart:
+    """How far two runs are apart."""
+
+    tracks: list[Track]
+    curves: Mapping[str, tuple[Float64, Float64]] = field(repr=False)
+    """By unit, times [s] and the largest distance then."""
+
+    @property
+    def end(self) -> list[Distance]:
+        """The farthest at the end, one for each unit that there is."""
+        return [each.distance(each.end, each.end_s) for each in self._farthest("end")]
+
+    @property
+    def most(self) -> list[Distance]:
+        """The farthest at worst, one for each unit that there is."""
+        return [each.distance(each.most, each.most_s) for each in self._farthest("most")]
+
+    def _farthest(self, name: str) -> Iterator[Track]:
+        for unit in sorted({each.unit for each in self.tracks}):
+            of_unit = [each for each in self.tracks if each.unit == unit]
+            yield max(of_unit, key=lambda each: float(getattr(each, name)))
+
+    @property
+    def first(self) -> Track | None:
+        """What is first more than `APART` apart, of several the farthest; None if nothing is."""
+        apart = [each for each in self.tracks if each.from_step is not None]
+        return min(apart, key=lambda each: (each.from_s, -each.first), default=None)
+
+    @property
+    def from_s(self) -> float | None:
+        """When they are first more than `APART` apart."""
+        return None if self.first is None else self.first.from_s
+
+    @property
+    def same(self) -> bool:
+        """Whether every position is the same to the bit."""
+        return all(each.same for each in self.tracks)
+
+    @property
+    def furthest(self) -> tuple[Float64, Float64]:
+        """Times [s], and the largest distance then, of either unit."""
+        if not self.curves:
+            return np.empty(0), np.empty(0)
+        times_s, _ = next(iter(self.curves.values()))
+        return times_s, np.maximum.reduce([off for _, off in self.curves.values()])
+
+
+def apart(base: Seen, other: Seen, *, finer: int = 1) -> Apart:
+    """Return how far a run is from another, which makes so many steps for each of its own.
+
+    Both are read in pieces.
+    """
+    numbers = {
+        theirs: mine
+        for theirs, mine in sorted(pairing(other, base).numbers.items())
+        if theirs in base.bodies and mine in other.bodies
+    }
+    times = {client: Times(base, client) for client in {b.client for b in base.bodies.values()}}
+    tracks: dict[tuple[int, str | None, str], Track] = {}
+    size = base.sampled.last + 1
+    times_s, curves = np.zeros(size), {"m": np.zeros(size), "rad": np.zeros(size)}
+    for piece in base.pieces(STEPS):
+        read = other.sampled.piece(piece.first * finer, (piece.end - 1) * finer + 1)
+        found = motions(piece.bases, piece.joints), motions(read.bases, read.joints)
+        for theirs in numbers.keys() & found[0].keys():
+            body, number = base.bodies[theirs], numbers[theirs]
+            both = together(found[0][theirs], found[1].get(number, NOTHING), finer=finer)
+            was, values = (_positions(body, each) for each in both)
+            for joint, unit in was.keys() & values.keys():
+                start = was[joint, unit]
+                rows = np.flatnonzero(np.isfinite(start).all(axis=1))
+                if not len(rows):
+                    continue
+                key, steps = (theirs, joint, unit), both[0].steps[rows]
+                at = start[rows[0]]
+                track = tracks.setdefault(
+                    key, Track(theirs, number, body.label, joint, unit, at, at, at)
+                )
+                now_s = times[body.client].of_all(steps)
+                off = track.add(steps, now_s, start[rows], values[joint, unit][rows])
+                times_s[steps] = np.maximum(times_s[steps], now_s)
+                curves[unit][steps] = np.maximum(curves[unit][steps], off)
+    units = {unit for _, _, unit in tracks}
+    return Apart(
+        [track for _, track in sorted(tracks.items(), key=_order)],
+        {unit: _thinned(times_s, curve) for unit, curve in curves.items() if unit in units},
+    )
+
+
+def _order(item: tuple[tuple[int, str | None, str], Track]) -> tuple[int, bool, str, str]:
+    number, joint, unit = item[0]
+    return number, joint is not None, unit if joint is None else "", joint or ""
+
+
+def _thinned(times_s: Float64, off: Float64) -> tuple[Float64, Float64]:
+    """Return a curve in a bounded number of points, of several the largest."""
+    edges = np.arange(0, len(off), -(-len(off) // MOST_POINTS))
+    return np.maximum.reduceat(times_s, edges), np.maximum.reduceat(off, edges)
+
+
+def _positions(body: Body, motion: Motion) -> dict[tuple[str | None, str], Float64]:
+    """Return the positions of a body, by joint and unit."""
+    found: dict[tuple[str | None, str], Float64] = {}
+    if motion.base is not None:
+        numbers = motion.base.select(MOTION_COLUMNS[:7]).to_numpy()
+        found |= {(None, "m"): numbers[:, :3], (None, "rad"): numbers[:, 3:]}
+    if motion.joints is not None:
+        for name, unit, columns, _ in joints_of(body):
+            found[name, unit] = motion.joints.position[:, columns]
+    return found
+
+
+def joints_of(body: Body) -> Iterator[tuple[str, str, slice, slice]]:
+    """Yield name and unit of each joint that moves, and where its position and its rate are."""
+    for joint, at, rate in zip(body.joints, body.coordinates, body.rates, strict=True):
+        if joint.widths[0]:
+            yield joint.name, "m" if joint.kind == "prismatic" else "rad", at, rate
+
+
+def distances(mine: Float64, theirs: Float64) -> Float64:
+    """Return lengths of vectors' differences [m, rad]; of quaternions, the angles between."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        off = np.linalg.norm(mine - theirs, axis=1)
+        if mine.shape[1] == 4:  # |q - p| = 2 sin(angle / 4)
+            off = np.minimum(off, np.linalg.norm(mine + theirs, axis=1))
+            off = 4 * np.arcsin(np.minimum(off / 2, 1.0))
+    return np.where(np.isnan(off), np.inf, off)

@@ -1,0 +1,131 @@
+"""Steps of a rigid body without joints that the sum does not cover: what its own law says of them.
+
+A btRigidBody follows another law than a tree, and of several substeps PyBullet reports the last
+one's contacts only: flight is then checked against the law of free fall, contact against its
+balance, where there is one (`segments`).
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.explain import segments
+from drop_physics.explain.balance import Pushes
+from drop_physics.explain.bodies import Epoch
+from drop_physics.explain.touching import Touches
+from drop_physics.physics.base import Law, Motion
+from drop_physics.physics.bullet import BulletLaw
+from drop_physics.physics.bullet_air import EPSILON, effective_damping
+from drop_physics.physics.bullet_tree import Reason, Reported
+from drop_physics.physics.impulses import Forces
+from drop_physics.physics.tree import States
+from drop_physics.physics.vectors import lengths, summed
+from drop_physics.scenario import Coordinates
+
+Float64 = NDArray[np.float64]
+Int8 = NDArray[np.int8]
+
+ALONE: frozenset[Reason] = frozenset(("engine", "substeps", "maximal", "massless"))
+"""Why the sum does not cover a body whose own law does, if it has no joints."""
+
+
+def motion_of(states: States) -> Motion:
+    """Return the motion of the base of bodies that can move."""
+    turning, moving = states.velocity[:, :3], states.velocity[:, 3:6]
+    return Motion(
+        *map(np.ascontiguousarray, (states.position_m, states.orientation, moving, turning))
+    )
+
+
+def law_of(epoch: Epoch, timestep_s: float, gravity_m_s2: Float64) -> Law | None:
+    """Return the law of free flight of a body without links; None where there is none.
+
+    `gravity_m_s2` has the shape (3,).
+    """
+    tree, mass_kg = epoch.law.tree, float(epoch.law.tree.masses_kg[0])
+    if tree.fixed or tree.links or not (mass_kg > 0 and np.isfinite(1 / mass_kg)):
+        return None
+    if epoch.other is not None:
+        return epoch.other
+    if not EPSILON <= timestep_s < np.inf:  # the engine takes no other
+        return None
+    kind: Coordinates = "maximal" if "maximal" in epoch.reasons else "reduced"
+    linear, angular = (effective_damping(each, kind) for each in epoch.damping)
+    x, y, z = gravity_m_s2.tolist()
+    ix, iy, iz = tree.inertias_kg_m2[0].tolist()
+    return BulletLaw(
+        timestep_s=timestep_s,
+        substeps=max(1, epoch.substeps),
+        gravity_m_s2=(x, y, z),
+        mass_kg=mass_kg,
+        inertia_kg_m2=(ix, iy, iz),
+        linear_damping=linear,
+        angular_damping=angular,
+        coordinates=kind,
+        velocity_limit=epoch.law.velocity_limit,
+    )
+
+
+def explained(
+    epoch: Epoch,
+    before: States,
+    after: States,
+    reported: Reported,
+    touches: Touches,
+    *,
+    exact: bool,
+) -> Int8:
+    """Return what steps are by the law of a body alone, as `segments` counts, shape (n,).
+
+    `exact`: whether the machine rounds each operation once.
+    """
+    codes = np.full(len(before), segments.UNEXPLAINED, np.int8)
+    timestep_s, gravity_m_s2 = reported.timestep_s, reported.gravity_m_s2
+    changed = (np.diff(timestep_s) != 0) | (np.diff(gravity_m_s2, axis=0) != 0).any(axis=1)
+    bounds = [0, *(np.flatnonzero(changed) + 1).tolist(), len(before)]
+    for first, end in pairwise(bounds):
+        law = law_of(epoch, float(timestep_s[first]), gravity_m_s2[first])
+        if law is None or end == first:
+            continue
+        rows = slice(first, end)
+        points = slice(*np.searchsorted(touches.step, [first, end]))
+        then = motion_of(before).at(rows)
+        found = segments.segments_of(
+            motion_of(after).at(rows),
+            law,
+            touches.since(first, points),
+            exact=exact,
+            pushes=_pushes(reported.applied.between(first, end), then),
+            placed=np.zeros(end - first, np.bool_),
+            before=then,
+            rolls=_rolling(reported.contacts.between(first, end), end - first),
+        )
+        codes[rows] = found.code
+    return codes
+
+
+def _rolling(contacts: Forces, steps: int) -> NDArray[np.bool_]:
+    """Return in which steps contact may have given a torque that is not reported."""
+    rolls = np.zeros(steps, np.bool_)
+    rolls[contacts.step[contacts.rolling]] = True
+    return rolls
+
+
+def _pushes(applied: Forces, before: Motion) -> Pushes | None:
+    """Return forces and torques of calls about the centre of mass."""
+    if not len(applied):
+        return None
+    n, step = len(before), applied.step
+    arm_m = applied.point_m - before.position_m[step]
+    torque_n_m = applied.torque_n_m + np.cross(arm_m, applied.force_n)
+    force, torque = (lengths(each) for each in (applied.force_n, applied.torque_n_m))
+    reach = lengths(applied.point_m) + lengths(before.position_m[step])
+    return Pushes(
+        summed(step, applied.force_n, count=n),
+        summed(step, torque_n_m, count=n),
+        summed(step, force[:, None], count=n)[:, 0],
+        summed(step, (torque + force * reach)[:, None], count=n)[:, 0],
+    )

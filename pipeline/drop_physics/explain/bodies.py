@@ -1,0 +1,275 @@
+"""What a body is in each step: a tree of links, under settings that calls change."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.physics.base import Law
+from drop_physics.physics.bullet_air import MAX_COORDINATE_VELOCITY_M_S
+from drop_physics.physics.bullet_tree import DAMPING, BulletTree, Reason, Settings, not_covered
+from drop_physics.physics.lookup import RIGID
+from drop_physics.physics.tree import Tree
+from drop_physics.trace import events
+from drop_physics.trace.calls import Given
+from drop_physics.trace.events import GIVEN, Appearance, Body, Dynamics, Put, order
+from drop_physics.trace.history import Seen
+from drop_physics.trace.poses import inertial_frames, tree_of
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+DISABLE_SLEEPING = 2
+"""Of `activationState`."""
+AT_ORIGIN = np.array([0.0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0])
+"""A base of which nothing was told."""
+KEPT = frozenset(
+    (
+        "linearDamping",
+        "angularDamping",
+        "jointDamping",
+        "jointLowerLimit",
+        "jointUpperLimit",
+        "maxJointVelocity",
+        "activationState",
+    )
+)
+"""What calls set of a body that the engine does not report, and a step depends on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Epoch:
+    """A body under constant settings."""
+
+    life: int
+    """Which of the bodies with its number it is, from 0: a script may load it again."""
+    law: BulletTree
+    reasons: tuple[Reason, ...]
+    """Why its steps need not be a sum; what only the contacts tell is not among them."""
+    cone_friction: bool
+    """`enableConeFriction`."""
+    substeps: int
+    """`numSubSteps`; 0 and 1 mean the same."""
+    damping: tuple[float | None, float | None]
+    """Linear and angular, as calls set it; None where none did."""
+    other: Law | None
+    """The law of one body in flight in another engine; None in PyBullet."""
+
+
+@dataclass(eq=False)
+class Record:
+    """What was told of one body, in the order of events."""
+
+    body: Body
+    came: list[Appearance] = field(default_factory=list)
+    dynamics: list[Dynamics] = field(default_factory=list)
+    puts: list[Put] = field(default_factory=list)
+    given: list[Given] = field(default_factory=list)
+    """Properties that calls have set and that matter (KEPT); more come with each piece."""
+    given_steps: list[int] = field(default_factory=list)
+    """The steps of these."""
+
+    def give(self, given: Given) -> None:
+        """Note properties that a call has set."""
+        if KEPT & given.values.keys():
+            self.given.append(given)
+            self.given_steps.append(given.at.step)
+
+    def __post_init__(self) -> None:
+        self._known: Int64 | None = None
+
+    def told(self, steps: Int64) -> Float64:
+        """Return where calls had put the base at samples, shape (n, 13).
+
+        What was set at a step follows its sample, unless that is the first of all.
+        """
+        if not self.puts:
+            return np.tile(AT_ORIGIN, (len(steps), 1))
+        if self._known is None:
+            self._known = np.array([each.at.step + each.counts for each in self.puts], np.int64)
+        which = np.maximum(np.searchsorted(self._known, steps, side="right") - 1, 0)
+        used, rows = np.unique(which, return_inverse=True)
+        return np.array([self.puts[one].base for one in used.tolist()])[rows]
+
+    def coefficients(self, name: str, steps: Int64, links: Int64) -> Float64:
+        """Return what the engine reported of links as the steps to samples began, shape (n,).
+
+        Not a number where it reports none.
+        """
+        held = [each for each in self.dynamics if name in each.reported]
+        if not held:
+            return np.full(len(steps), np.nan)
+        told, reported = [each.at.step for each in held], [each.reported[name] for each in held]
+        which = np.maximum(np.searchsorted(told, steps - 1, side="right") - 1, 0)
+        numbers = np.array(reported)
+        return np.asarray(numbers[which, np.minimum(links + 1, numbers.shape[1] - 1)])
+
+    def puts_between(self, first: int, end: int) -> list[Put]:
+        """Return the states that calls set at the steps from `first` to before `end`."""
+        at = [bisect_left(self.puts, step, key=_step_of) for step in (first, end)]
+        return self.puts[at[0] : at[1]]
+
+    def lives(self, steps: Int64) -> Int64:
+        """Return to which of the bodies with this number each sample belongs.
+
+        The sample at the step at which a body appeared is its own if none was taken before.
+        """
+        first = [each.at.step + each.sampled for each in self.came]
+        return np.maximum(np.searchsorted(first, steps, side="right") - 1, 0)
+
+
+def _step_of(put: Put) -> int:
+    return put.at.step
+
+
+def records_of(seen: Seen) -> dict[int, Record]:
+    """Return what was told of each body that is not soft, by its number."""
+    records = {
+        number: Record(body) for number, body in sorted(seen.bodies.items()) if not body.soft
+    }
+    for appearance in seen.appearances:
+        if appearance.came and appearance.body.number in records:
+            records[appearance.body.number].came.append(appearance)
+    for dynamics in seen.dynamics:
+        if dynamics.body.number in records:
+            records[dynamics.body.number].dynamics.append(dynamics)
+    for put in seen.puts:
+        if put.body.number in records:
+            records[put.body.number].puts.append(put)
+    return records
+
+
+class Epochs:
+    """The epochs of one body, in a simulation with these settings."""
+
+    def __init__(
+        self, record: Record, settings: Sequence[events.Settings], other: Law | None = None
+    ) -> None:
+        self._record, self._other = record, other
+        self._told = [each.at.step for each in settings]
+        kinds = [_kind(each.values) for each in settings]
+        self._kinds = sorted(set(kinds))
+        self._which = np.array([self._kinds.index(each) for each in kinds])
+        self._made: tuple[tuple[int, ...], Epoch] | None = None
+
+    def of(self, began: Int64) -> Iterator[tuple[slice, Epoch]]:
+        """Yield the epochs of steps that began after so many others, shape (n,), in order.
+
+        What was set before a step began applies to it. The same epoch is the same object.
+        """
+        record = self._record
+        dynamics, given = [each.at.step for each in record.dynamics], record.given_steps
+        engine, body, calls = (
+            np.searchsorted(steps, began, side="right") - 1
+            for steps in (self._told, dynamics, given)
+        )
+        kind = self._which[np.maximum(engine, 0)]
+        which = np.array([kind, body, calls, record.lives(began + 1)])
+        changes = np.flatnonzero((np.diff(which, axis=1) != 0).any(axis=0)) + 1
+        for first, end in pairwise([0, *changes.tolist(), len(began)]):
+            if end > first:
+                yield slice(first, end), self._epoch(tuple(which[:, first].tolist()))
+
+    def _epoch(self, key: tuple[int, ...]) -> Epoch:
+        if self._made is None or self._made[0] != key:
+            self._made = key, self._make(*key)
+        return self._made[1]
+
+    def _make(self, kind: int, of_body: int, given: int, life: int) -> Epoch:
+        record, (substeps, cone) = self._record, self._kinds[kind]
+        came = order(record.came[life].at)
+        latest = record.dynamics[max(of_body, 0)]
+        if order(latest.at) < came:
+            latest = next(each for each in record.dynamics if order(each.at) >= came)
+        reported = latest.reported
+        calls = [each for each in record.given[: given + 1] if order(each.at) >= came]
+        if known_from_start := {
+            name: float(reported[key][0]) for key, name in GIVEN.items() if key in reported
+        }:
+            calls.insert(0, Given(latest.at, record.body, known_from_start))
+        law = law_of(record.body, reported, calls)
+        settings = Settings(
+            other_engine=self._other is not None,
+            substeps=substeps,
+            may_sleep=_may_sleep(record.body, calls),
+            maximal="kind" in reported and int(reported["kind"][0]) == RIGID,
+            planar=any(joint.kind == "planar" for joint in record.body.joints),
+        )
+        known = not (settings.planar or settings.maximal or settings.other_engine)
+        reasons = not_covered(settings, law.tree if known else None)
+        return Epoch(life, law, reasons, cone, substeps, _damping(calls), self._other)
+
+
+def _damping(calls: Sequence[Given]) -> tuple[float | None, float | None]:
+    """Return linear and angular damping that calls have set; PyBullet ignores a negative one."""
+    given = [
+        [_number(call.values.get(f"{which}Damping", -1.0)) for call in calls]
+        for which in ("linear", "angular")
+    ]
+    linear, angular = (
+        next((value for value in reversed(values) if value >= 0), None) for values in given
+    )
+    return linear, angular
+
+
+def _kind(engine: Mapping[str, float | Sequence[float]]) -> tuple[int, bool]:
+    """Return what of the engine's settings decides whether a step is the sum."""
+    cone = _number(engine.get("set_enableConeFriction", 1.0)) != 0
+    return int(_number(engine["numSubSteps"])), cone
+
+
+def law_of(body: Body, reported: Mapping[str, Float64], calls: Sequence[Given]) -> BulletTree:
+    """Return a body as its tree, with what calls have set of it.
+
+    PyBullet ignores a negative damping or limit of velocities, and a lower limit above the upper
+    one (`pybullet_changeDynamicsInfo`). Damping of joints and their limits are those of the named
+    link, all else is the whole body's.
+    """
+    tree: Tree = replace(
+        tree_of(body.joints, inertial_frames(reported)),
+        fixed=bool(reported["mass_kg"][0] == 0),
+        masses_kg=np.asarray(reported["mass_kg"], np.float64),
+        inertias_kg_m2=np.asarray(reported["inertia_kg_m2"], np.float64),
+    )
+    damping = [joint.damping for joint in body.joints]
+    limits = [joint.limits for joint in body.joints]
+    whole = {
+        "linearDamping": DAMPING,
+        "angularDamping": DAMPING,
+        "maxJointVelocity": MAX_COORDINATE_VELOCITY_M_S,
+    }
+    for call in calls:
+        numbers = {name: _number(value) for name, value in call.values.items()}
+        link = int(numbers.get("linkIndex", -1))
+        whole |= {name: numbers[name] for name in whole if numbers.get(name, -1.0) >= 0}
+        if not 0 <= link < len(damping):
+            continue
+        damping[link] = given if (given := numbers.get("jointDamping", -1)) >= 0 else damping[link]
+        asked = numbers.get("jointLowerLimit", 1.0), numbers.get("jointUpperLimit", -1.0)
+        limits[link] = asked if asked[0] <= asked[1] else limits[link]
+    counts = [rate.stop - rate.start for rate in tree.rates]
+    lower, upper = np.reshape(limits, (-1, 2)).T.astype(np.float64)
+    return BulletTree(
+        tree=tree,
+        joint_damping=np.repeat(np.array(damping, np.float64), counts),
+        lower=np.repeat(lower, counts),
+        upper=np.repeat(upper, counts),
+        linear_damping=whole["linearDamping"],
+        angular_damping=whole["angularDamping"],
+        velocity_limit=whole["maxJointVelocity"],
+    )
+
+
+def _may_sleep(body: Body, calls: Sequence[Given]) -> bool:
+    states = [int(_number(each.values.get("activationState", 0))) for each in calls]
+    last = next((state for state in reversed(states) if state > 0), 0)
+    return (body.can_sleep or last > 0) and not last & DISABLE_SLEEPING
+
+
+def _number(value: float | Sequence[float]) -> float:
+    return float(np.ravel(value)[0])

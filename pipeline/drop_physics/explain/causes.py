@@ -1,0 +1,166 @@
+"""What a recording comes to for one body: samples explained, energy and momentum by cause."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.explain.changes import energy_of
+from drop_physics.explain.judged import SEGMENTS, UNEXPLAINED, WHYS, Judged, Why
+from drop_physics.explain.steps import Steps
+from drop_physics.physics.bullet_tree import BulletTree
+from drop_physics.physics.tree import States
+from drop_physics.trace.events import Body
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+CAUSES = (
+    "gravity", "damping", "joint damping", "motors", "applied", "contacts", "rolling",
+    "constraints", "stops", "set", "clamp", "integrator", "remainder",
+)  # fmt: skip
+"""Of changes of momentum. Those of energy are the same without gravity, which only moves energy
+between potential and kinetic."""
+
+
+@dataclass
+class Left:
+    """Samples that are unexplained for one reason."""
+
+    samples: int = 0
+    first_step: int = -1
+    remainder: float = 0.0
+    """The largest over the largest term of its step; infinite where the law has no sum."""
+
+
+def _no_energy() -> dict[str, float]:
+    return {cause: 0.0 for cause in CAUSES if cause != "gravity"}
+
+
+def _no_momentum() -> dict[str, Float64]:
+    return {cause: np.zeros(3) for cause in CAUSES}
+
+
+@dataclass
+class Totals:
+    """One body over a whole recording; grows piece by piece."""
+
+    body: Body
+    samples: int = 0
+    segments: Int64 = field(default_factory=lambda: np.zeros(len(SEGMENTS), np.int64))
+    """Samples of each, in the order of SEGMENTS."""
+    unexplained: dict[Why, Left] = field(default_factory=dict)
+    remainder: float = 0.0
+    """The largest of an explained sample, over the largest term of its step."""
+    start_j: float = 0.0
+    """Kinetic and potential energy at the start; heights count from the origin."""
+    changed_j: float = 0.0
+    energy_j: dict[str, float] = field(default_factory=_no_energy)
+    """Changes of energy by cause: their sum is `changed_j`."""
+    start_kg_m_s: Float64 = field(default_factory=lambda: np.zeros(3))
+    moved_kg_m_s: Float64 = field(default_factory=lambda: np.zeros(3))
+    momentum_kg_m_s: dict[str, Float64] = field(default_factory=_no_momentum)
+    """Changes of linear momentum by cause, (3,) each; 0 while the base cannot move."""
+    covered: bool = True
+    """Whether the law has a sum for all steps: else causes are not known."""
+    _last: _End | None = None
+
+    @property
+    def end_j(self) -> float:
+        """Kinetic and potential energy at the end."""
+        return self.start_j + self.changed_j
+
+    @property
+    def end_kg_m_s(self) -> Float64:
+        """Linear momentum at the end."""
+        return self.start_kg_m_s + self.moved_kg_m_s
+
+    @property
+    def explained(self) -> int:
+        """How many samples are explained."""
+        return self.samples - int(self.segments[UNEXPLAINED])
+
+    def add(self, judged: Judged) -> None:
+        """Add a piece."""
+        self.samples += len(judged.steps)
+        self.segments += np.bincount(judged.segment, minlength=len(SEGMENTS))
+        kept = judged.unexplained[judged.explained]
+        self.remainder = max(self.remainder, float(kept.max(initial=0.0)))
+        for number in np.unique(judged.why[judged.why >= 0]).tolist():
+            rows = np.flatnonzero(judged.why == number)
+            left = self.unexplained.setdefault(WHYS[number], Left())
+            if not left.samples:
+                left.first_step = int(judged.steps[rows[0]])
+            left.samples += len(rows)
+            left.remainder = max(left.remainder, float(judged.unexplained[rows].max()))
+        for steps in judged.stretches:
+            self._jump_to(steps)
+            self._add(steps)
+
+    def _jump_to(self, steps: Steps) -> None:
+        """Add what changed between two stretches: calls set it, or another body has the number."""
+        begin, last = _End.first(steps), self._last
+        if last is not None and last.same(begin):
+            return
+        energy, momentum = begin.energy()
+        if last is None:
+            self.start_j, self.start_kg_m_s = energy, momentum
+            return
+        end_j, end_kg_m_s = last.energy()
+        self._set(energy - end_j, momentum - end_kg_m_s)
+
+    def _set(self, energy_j: float, momentum_kg_m_s: Float64) -> None:
+        self.changed_j += energy_j
+        self.energy_j["set"] += energy_j
+        self.moved_kg_m_s = self.moved_kg_m_s + momentum_kg_m_s
+        self.momentum_kg_m_s["set"] = self.momentum_kg_m_s["set"] + momentum_kg_m_s
+
+    def _add(self, steps: Steps) -> None:
+        changes = steps.changes
+        self.covered &= steps.covered or not steps.law.tree.size
+        self._set(changes.set_j, changes.set_kg_m_s)
+        self.changed_j += changes.changed_j - changes.set_j
+        self.moved_kg_m_s = self.moved_kg_m_s + (changes.moved_kg_m_s - changes.set_kg_m_s)
+        for name, each in changes.energy_j.items():
+            self.energy_j[name] += float(each.sum())
+        for name, impulses in changes.momentum_kg_m_s.items():
+            self.momentum_kg_m_s[name] = self.momentum_kg_m_s[name] + impulses.sum(axis=0)
+        self._last = _End.last(steps)
+
+
+@dataclass(frozen=True, eq=False)
+class _End:
+    """Where a stretch begins or ends."""
+
+    law: BulletTree
+    state: States
+    gravity_m_s2: Float64
+    """Shape (1, 3)."""
+
+    @staticmethod
+    def first(steps: Steps) -> _End:
+        """Return where the first step begins."""
+        one = np.zeros(1, np.intp)
+        return _End(steps.law, steps.before.at(one), steps.reported.gravity_m_s2[one])
+
+    @staticmethod
+    def last(steps: Steps) -> _End:
+        """Return where the last step ends."""
+        one = np.array([len(steps) - 1])  # no view of all
+        return _End(steps.law, steps.after.at(one), steps.reported.gravity_m_s2[one])
+
+    def energy(self) -> tuple[float, Float64]:
+        """Return energy [J] and linear momentum, shape (3,)."""
+        energy, momentum = energy_of(self.law, self.state, self.gravity_m_s2)
+        return float(energy[0]), momentum[0]
+
+    def same(self, other: _End) -> bool:
+        """Whether nothing lies between them, to the bit."""
+        names = "position_m", "orientation", "joints", "velocity"
+        return (
+            self.law is other.law
+            and np.array_equal(self.gravity_m_s2, other.gravity_m_s2)
+            and all(np.array_equal(getattr(self.state, x), getattr(other.state, x)) for x in names)
+        )

@@ -1,0 +1,132 @@
+"""How energy and momentum of a body change in its steps, by cause, and by what calls set."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.physics.bullet_tree import BulletTree
+from drop_physics.physics.dynamics import lifted_j, mass_matrix
+from drop_physics.physics.impulses import Sum
+from drop_physics.physics.kinematics import Kinematics, kinematics
+from drop_physics.physics.tree import BASE, States
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Transitions:
+    """What leads from each of m + 1 states to the next: n steps, and what calls set between."""
+
+    real: Flags
+    """Whether it is a step, shape (m,)."""
+    gravity_m_s2: Float64
+    """Of each step, shape (n, 3)."""
+
+    @property
+    def where(self) -> Int64:
+        """The transitions that are steps, shape (n,)."""
+        return np.flatnonzero(self.real)
+
+    @property
+    def gravity_then(self) -> Float64:
+        """Gravity in each transition, shape (m, 3): until the next step that of the last one."""
+        return np.asarray(self.gravity_m_s2[np.maximum(np.cumsum(self.real) - 1, 0)])
+
+
+@dataclass(frozen=True, eq=False)
+class Changes:
+    """Changes in n steps and between them."""
+
+    energy_j: Mapping[str, Float64]
+    """Of kinetic and potential energy by cause, shape (n,) each."""
+    set_j: float
+    """What calls changed of it between these steps: states, and gravity."""
+    changed_j: float
+    """The whole change."""
+    momentum_kg_m_s: Mapping[str, Float64]
+    """Of linear momentum by cause, shape (n, 3) each; empty if the base cannot move."""
+    set_kg_m_s: Float64
+    moved_kg_m_s: Float64
+    """The whole change, shape (3,)."""
+    begin_j: float
+    """Kinetic and potential energy before the first step; heights count from the origin."""
+    after_j: Float64
+    """The same after each step, shape (n,)."""
+
+
+def changes_of(law: BulletTree, states: States, steps: Transitions, added: Sum | None) -> Changes:
+    """Return how energy and momentum change; without a sum all of it is the remainder's."""
+    real = steps.real
+    if added is None:
+        changed, moved = _changed(law, states, steps)
+        energy, momentum = {"remainder": changed}, {"remainder": moved}
+    else:
+        energy, changed = added.energy_j(), added.energy_change_j()
+        if not law.tree.fixed:
+            momentum, moved = added.momentum_kg_m_s(), added.momentum_change_kg_m_s()
+    if law.tree.fixed:
+        momentum, moved = {}, np.zeros((len(real), 3))
+    weighed = _weighed(law, states, steps)
+    begin_j, _ = energy_of(law, states.at(np.zeros(1, np.intp)), steps.gravity_m_s2[:1])
+    # Gravity that changes counts from the step on that it acts in.
+    after_j = begin_j + np.cumsum(changed)[real] + np.cumsum(weighed)
+    return Changes(
+        energy_j={name: each[real] for name, each in energy.items()},
+        set_j=float(changed[~real].sum() + weighed.sum()),
+        changed_j=float(changed.sum() + weighed.sum()),
+        momentum_kg_m_s={name: each[real] for name, each in momentum.items()},
+        set_kg_m_s=moved[~real].sum(axis=0),
+        moved_kg_m_s=moved.sum(axis=0),
+        begin_j=float(begin_j[0]),
+        after_j=after_j,
+    )
+
+
+def energy_of(law: BulletTree, states: States, gravity_m_s2: Float64) -> tuple[Float64, Float64]:
+    """Return kinetic and potential energy [J], shape (n,), and linear momentum, shape (n, 3).
+
+    Heights count from the origin; the momentum of a tree whose base is fixed is taken as 0.
+    `gravity_m_s2` has the shape (n, 3).
+    """
+    kin = kinematics(law.tree, states)
+    kinetic, momenta = _moving(kin, states)
+    return kinetic + _potential(kin, gravity_m_s2), momenta
+
+
+def _changed(law: BulletTree, states: States, steps: Transitions) -> tuple[Float64, Float64]:
+    kin = kinematics(law.tree, states)
+    kinetic, momenta = _moving(kin, states)
+    return np.diff(kinetic) + lifted_j(kin, steps.gravity_then), np.diff(momenta, axis=0)
+
+
+def _moving(kin: Kinematics, states: States) -> tuple[Float64, Float64]:
+    """Return kinetic energy, shape (n,), and linear momentum, shape (n, 3)."""
+    momenta = np.einsum("nij,nj->ni", mass_matrix(kin), states.velocity)
+    kinetic = 0.5 * np.einsum("ni,ni->n", states.velocity, momenta)
+    return kinetic, np.zeros((len(states), 3)) if kin.tree.fixed else momenta[:, 3:6]
+
+
+def _potential(kin: Kinematics, gravity_m_s2: Float64) -> Float64:
+    """Return -Σ m g·c [J], shape (n,)."""
+    out = np.zeros(len(kin))
+    for link in range(0 if kin.tree.fixed else BASE, kin.tree.links):
+        pull = np.einsum("ni,ni->n", kin.position_m(link), gravity_m_s2)
+        out -= kin.tree.masses_kg[link + 1] * pull
+    return out
+
+
+def _weighed(law: BulletTree, states: States, steps: Transitions) -> Float64:
+    """Return what setting gravity before each step changed of the potential energy [J], (n,)."""
+    turned = np.diff(steps.gravity_m_s2, axis=0)
+    rows = np.flatnonzero(turned.any(axis=1))
+    weighed = np.zeros(len(steps.gravity_m_s2))
+    if len(rows):
+        kin = kinematics(law.tree, states.at(steps.where[rows + 1]))
+        weighed[rows + 1] = _potential(kin, turned[rows])
+    return weighed

@@ -1,0 +1,398 @@
+"""Contact points of a piece, both sides of each, and what they come to per pair of bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from drop_physics.explain.bodies import Record
+from drop_physics.explain.recording import Explained
+from drop_physics.explain.steps import Steps
+from drop_physics.explain.touching import vectors_of
+from drop_physics.physics.kinematics import kinematics, motion
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+COMMON = 0.99
+"""Normals share a line if the cosine of the angle between them is at least this."""
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """k contact points, ordered by step and pair; side 0 is the body with the lower number."""
+
+    step: Int64
+    """The sample that the step of the contact led to, shape (k,)."""
+    body: Int64
+    """Numbers of the bodies on both sides, shape (k, 2)."""
+    link: Int64
+    at_m: Float64
+    """Where it is on each side, shape (k, 2, 3)."""
+    normal: Float64
+    """Towards side 0, shape (k, 3)."""
+    distance_m: Float64
+    """Negative where they overlap, as the step began."""
+    normal_n: Float64
+    tangential_n: Float64
+    """Friction on side 0, shape (k, 3)."""
+    friction: Float64
+    """Coefficient: the product of both sides'."""
+    restitution: Float64
+    """Likewise."""
+    began_m_s: Float64
+    """Velocities of both sides' points as the step began, shape (k, 2, 3)."""
+    ended_m_s: Float64
+    """As it ended."""
+    carried_m_s: Float64
+    """The same, with links turned on as they then are: what a point of a wheel was given."""
+    timestep_s: Float64
+    explained: Flags
+    """Whether the step of each side is explained, shape (k, 2); so is what cannot move."""
+    moves: Flags
+    """Whether time can move that side, shape (k, 2)."""
+
+    def __len__(self) -> int:
+        """Return the number of points."""
+        return len(self.step)
+
+    @property
+    def force_n(self) -> Float64:
+        """On side 0, shape (k, 3)."""
+        return np.asarray(self.normal * self.normal_n[:, None] + self.tangential_n)
+
+    @property
+    def energy_j(self) -> Float64:
+        """Given to each side: force · mean velocity · timestep, shape (k, 2)."""
+        mean = 0.5 * (self.began_m_s + self.ended_m_s)
+        worked = np.einsum("ki,ksi->ks", self.force_n, mean) * self.timestep_s[:, None]
+        return np.where(self.moves, worked * [1.0, -1.0], 0.0)
+
+    @cached_property
+    def approach_m_s(self) -> Float64:
+        """How fast the sides approached along the normal as the step began, shape (k,)."""
+        return -_along(self.began_m_s[:, 0] - self.began_m_s[:, 1], self.normal)
+
+    @cached_property
+    def parting_m_s(self) -> Float64:
+        """How fast the sides part along the normal as the step ended, shape (k,)."""
+        return _along(self.ended_m_s[:, 0] - self.ended_m_s[:, 1], self.normal)
+
+    @cached_property
+    def slip_m_s(self) -> Float64:
+        """Tangential velocity of side 0 relative to side 1 as the step ended, shape (k, 3)."""
+        return _across(self.ended_m_s[:, 0] - self.ended_m_s[:, 1], self.normal)
+
+    @cached_property
+    def slipped_m_s(self) -> Float64:
+        """The same as the step began."""
+        return _across(self.began_m_s[:, 0] - self.began_m_s[:, 1], self.normal)
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """m steps of pairs of bodies, ordered by step and pair; sums over their points."""
+
+    points: Points
+    starts: Int64
+    """The first point of each, shape (m,)."""
+
+    @cached_property
+    def step(self) -> Int64:
+        """The sample that each step led to, shape (m,)."""
+        return self.points.step[self.starts]
+
+    @cached_property
+    def body(self) -> Int64:
+        """Numbers of both bodies, shape (m, 2)."""
+        return self.points.body[self.starts]
+
+    @cached_property
+    def timestep_s(self) -> Float64:
+        """Shape (m,)."""
+        return self.points.timestep_s[self.starts]
+
+    @cached_property
+    def row(self) -> Int64:
+        """To which of these each point belongs, shape (k,)."""
+        counts = np.diff([*self.starts, len(self.points)])
+        return np.repeat(np.arange(len(self.starts)), counts)
+
+    @cached_property
+    def normal_n(self) -> Float64:
+        """Sum of the normal forces, shape (m,)."""
+        return self.summed(self.points.normal_n)
+
+    @cached_property
+    def available_n(self) -> Float64:
+        """Σ μN, shape (m,)."""
+        return self.summed(self.points.friction * self.points.normal_n)
+
+    @cached_property
+    def tangential_n(self) -> Float64:
+        """Friction on side 0, shape (m, 3)."""
+        return self.summed(self.points.tangential_n)
+
+    @cached_property
+    def force_n(self) -> Float64:
+        """On side 0, shape (m, 3)."""
+        return self.summed(self.points.force_n)
+
+    @cached_property
+    def pressed_n(self) -> Float64:
+        """Sum of the normal forces as vectors, shape (m, 3): 0 in a grip from two sides."""
+        return self.summed(self.points.normal * self.points.normal_n[:, None])
+
+    @cached_property
+    def energy_j(self) -> Float64:
+        """Given to each body, shape (m, 2)."""
+        return self.summed(self.points.energy_j)
+
+    @cached_property
+    def depth_m(self) -> Float64:
+        """The deepest overlap, shape (m,); 0 where there is none."""
+        return np.maximum(self.most(-self.points.distance_m), 0.0)
+
+    @cached_property
+    def line(self) -> Float64:
+        """The normal of the point that is pressed most, shape (m, 3)."""
+        order = np.lexsort((self.points.normal_n, self.row))
+        return np.asarray(self.points.normal[order[np.append(self.starts[1:], len(order)) - 1]])
+
+    @cached_property
+    def one_line(self) -> Flags:
+        """Whether the normals of all points with a force share a line, shape (m,)."""
+        cosine = np.abs(_along(self.points.normal, self.line[self.row]))
+        alike = np.where(self.points.normal_n > 0, cosine, 1.0) >= COMMON
+        return np.asarray(-self.most(-alike.astype(float)) > 0)
+
+    @cached_property
+    def slip_m_s(self) -> Float64:
+        """How fast the points slip as the step ended: mean over their normal forces, (m,)."""
+        return self._weighted(np.linalg.norm(self.points.slip_m_s, axis=1))
+
+    @cached_property
+    def began_slip_m_s(self) -> Float64:
+        """The same as the step began."""
+        return self._weighted(np.linalg.norm(self.points.slipped_m_s, axis=1))
+
+    @cached_property
+    def approach_m_s(self) -> Float64:
+        """How fast they approach along the normals as the step began, likewise."""
+        return self._weighted(self.points.approach_m_s)
+
+    @cached_property
+    def parting_m_s(self) -> Float64:
+        """How fast they part as the step ended, likewise."""
+        return self._weighted(self.points.parting_m_s)
+
+    @cached_property
+    def gap_m(self) -> Float64:
+        """How far from each other their points still were as the step began, likewise."""
+        return self._weighted(np.maximum(self.points.distance_m, 0.0))
+
+    @cached_property
+    def centre_m(self) -> Float64:
+        """Where they touch, on each side, likewise, shape (m, 2, 3)."""
+        return self._weighted(self.points.at_m)
+
+    @cached_property
+    def began_m_s(self) -> Float64:
+        """How each side moves there as the step began, likewise, shape (m, 2, 3)."""
+        return self._weighted(self.points.began_m_s)
+
+    @cached_property
+    def ended_m_s(self) -> Float64:
+        """The same, given the velocities with which it ended."""
+        return self._weighted(self.points.ended_m_s)
+
+    @cached_property
+    def carried_m_s(self) -> Float64:
+        """The same, where the points have then gone."""
+        return self._weighted(self.points.carried_m_s)
+
+    @cached_property
+    def held_n_m(self) -> Float64:
+        """The moment that friction can give about the contact, on each side, shape (m, 2)."""
+        points = self.points
+        arms_m = np.cross(points.at_m - self.centre_m[self.row], points.normal[:, None])
+        return self.summed(
+            (points.friction * points.normal_n)[:, None] * np.linalg.norm(arms_m, axis=2)
+        )
+
+    @cached_property
+    def restitution(self) -> Float64:
+        """The greatest product of both sides' coefficients, shape (m,)."""
+        return self.most(self.points.restitution)
+
+    @cached_property
+    def explained(self) -> Flags:
+        """Whether the steps of both bodies are explained, shape (m, 2)."""
+        return self.points.explained[self.starts]
+
+    def by_pair(self, which: Flags | None = None) -> Iterator[tuple[int, int, Int64]]:
+        """Yield the numbers of each pair, the lower first, and its rows, or those of `which`."""
+        rows = np.arange(len(self.starts)) if which is None else np.flatnonzero(which)
+        keys = self.body[rows] @ [self.body.max(initial=0) + 1, 1]
+        order = np.argsort(keys, kind="stable")
+        firsts = np.flatnonzero(np.diff(keys[order], prepend=-1))
+        for its in np.split(rows[order], firsts[1:]) if len(rows) else ():
+            first, second = self.body[its[0]].tolist()
+            yield first, second, its
+
+    def summed(self, values: Float64) -> Float64:
+        """Return the sums of a number of each point, shape (m, …)."""
+        if not len(self.starts):
+            return np.zeros((0, *values.shape[1:]))
+        return np.asarray(np.add.reduceat(values, self.starts, axis=0))
+
+    def most(self, values: Float64) -> Float64:
+        """Return the greatest of a number of each point, shape (m,)."""
+        if not len(self.starts):
+            return np.zeros(0)
+        return np.asarray(np.maximum.reduceat(values, self.starts))
+
+    def _weighted(self, values: Float64) -> Float64:
+        total = self.normal_n.reshape(-1, *[1] * (values.ndim - 1))
+        weighted = self.summed((values.T * self.points.normal_n).T)
+        return np.divide(weighted, total, out=np.zeros_like(weighted), where=total > 0)
+
+
+def pairs_of(explained: Explained) -> Pairs:
+    """Return the contact points of a piece, per pair of bodies."""
+    points = _points(explained)
+    keys = np.column_stack((points.step, points.body))
+    new = np.ones(len(keys), np.bool_)
+    new[1:] = (keys[1:] != keys[:-1]).any(axis=1)
+    return Pairs(points, np.flatnonzero(new))
+
+
+def _points(explained: Explained) -> Points:
+    table, records = explained.piece.contacts, explained.records
+    bodies, links = (
+        np.column_stack([table[f"{what}_{side}"].to_numpy() for side in "ab"])
+        for what in ("body", "link")
+    )
+    swapped = bodies[:, 0] > bodies[:, 1]
+    # The points that the engine could name by their bodies, in the order of steps and pairs.
+    low, high = bodies.min(axis=1, initial=1 << 30), bodies.max(axis=1, initial=-1)
+    order = np.lexsort((high, low, table["step"].to_numpy()))
+    order = order[np.isin(bodies[order], [*records]).all(axis=1)]
+    sides = _Sides(explained, bodies)
+    flip = np.where(swapped, -1.0, 1.0)[order]
+    which = np.where(swapped[:, None], [1, 0], [0, 1])[order]
+    rows = order[:, None]
+    friction = (
+        sum(
+            vectors_of(table, f"f{k}x") * table[f"friction_{k}_n"].to_numpy()[:, None]
+            for k in (1, 2)
+        )
+        * (table["normal_force_n"].to_numpy() != 0)[:, None]
+    )  # as in `Touching`
+    return Points(
+        step=table["step"].to_numpy()[order],
+        body=bodies[rows, which],
+        link=links[rows, which],
+        at_m=sides.at_m[rows, which],
+        normal=vectors_of(table, "nx")[order] * flip[:, None],
+        distance_m=table["distance_m"].to_numpy()[order],
+        normal_n=table["normal_force_n"].to_numpy()[order],
+        tangential_n=np.asarray(friction)[order] * flip[:, None],
+        friction=_product(records, "lateral_friction", table, bodies, links)[order],
+        restitution=_product(records, "restitution", table, bodies, links)[order],
+        began_m_s=sides.began_m_s[rows, which],
+        ended_m_s=sides.ended_m_s[rows, which],
+        carried_m_s=sides.carried_m_s[rows, which],
+        timestep_s=sides.timestep_s[order],
+        explained=sides.explained[rows, which],
+        moves=sides.moves[rows, which],
+    )
+
+
+class _Sides:
+    """How both sides of k contact points move, in the engine's order: shapes (k, 2, …)."""
+
+    def __init__(self, explained: Explained, bodies: Int64) -> None:
+        table, records = explained.piece.contacts, explained.records
+        count = len(table)
+        self.at_m = np.stack([vectors_of(table, "ax_m"), vectors_of(table, "bx_m")], axis=1)
+        self.began_m_s, self.ended_m_s, self.carried_m_s = np.zeros((3, count, 2, 3))
+        self.timestep_s = np.zeros(count)
+        self.explained = np.ones((count, 2), np.bool_)
+        self.moves = np.zeros((count, 2), np.bool_)
+        ends = table["step"].to_numpy()
+        for number in np.unique(bodies).tolist():
+            if number in explained.bodies:
+                judged = explained.bodies[number]
+                for steps in judged.stretches:
+                    if len(steps.sides.step) and steps.law.tree.size:
+                        its = np.searchsorted(judged.steps, steps.steps)
+                        self._take(steps, judged.explained[its])
+            if number not in records:
+                continue
+            for side in (0, 1):  # what only calls move, while it has no mass
+                rows = np.flatnonzero((bodies[:, side] == number) & ~self.moves[:, side])
+                if not len(rows):
+                    continue
+                base = records[number].told(ends[rows])
+                arm = self.at_m[rows, side] - base[:, :3]
+                moved = base[:, 7:10] + np.cross(base[:, 10:13], arm)
+                for each in (self.began_m_s, self.ended_m_s, self.carried_m_s):
+                    each[rows, side] = moved
+
+    def _take(self, steps: Steps, explained: Flags) -> None:
+        used, rows = np.unique(steps.reported.contacts.step, return_inverse=True)
+        kin, then = (
+            kinematics(steps.law.tree, each.at(used)) for each in (steps.before, steps.after)
+        )
+        point, side = steps.sides.point, np.where(steps.sides.is_a, 0, 1)
+        at_m = self.at_m[point, side]
+        for here, states, out in (
+            (kin, steps.before, self.began_m_s),
+            (kin, steps.after, self.ended_m_s),
+            (then, steps.after, self.carried_m_s),
+        ):
+            moved = motion(here, states.velocity[used])
+            for link in np.unique(steps.sides.link).tolist():
+                its = np.flatnonzero(steps.sides.link == link)
+                k = min(link, steps.law.tree.links - 1) + 1
+                arm = at_m[its] - kin.centres[k].T[rows[its]]
+                if here is then:
+                    turn = then.matrix(k - 1) @ kin.matrix(k - 1).swapaxes(1, 2)
+                    arm = np.einsum("nij,nj->ni", turn[rows[its]], arm)
+                turned = np.cross(moved.spins[k].T[rows[its]], arm)
+                out[point[its], side[its]] = moved.velocities[k].T[rows[its]] + turned
+        row = steps.reported.contacts.step
+        self.timestep_s[point] = steps.reported.timestep_s[row]
+        self.explained[point, side] = explained[row]
+        self.moves[point, side] = True
+
+
+def _product(
+    records: Mapping[int, Record], name: str, table: pl.DataFrame, bodies: Int64, links: Int64
+) -> Float64:
+    """Return the product of both sides' coefficients, as each step began, shape (k,).
+
+    Not a number where an engine reports none.
+    """
+    product, ends = np.ones(len(table)), table["step"].to_numpy()
+    for number in np.unique(bodies).tolist():
+        for side in (0, 1):
+            rows = np.flatnonzero(bodies[:, side] == number)
+            if number in records:
+                product[rows] *= records[number].coefficients(name, ends[rows], links[rows, side])
+    return product
+
+
+def _along(vectors: Float64, axes: Float64) -> Float64:
+    return np.asarray(np.einsum("ki,ki->k", vectors, axes))
+
+
+def _across(vectors: Float64, axes: Float64) -> Float64:
+    return np.asarray(vectors - _along(vectors, axes)[:, None] * axes)

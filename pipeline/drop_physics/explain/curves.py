@@ -1,0 +1,138 @@
+"""Curves of a recording, for plots and the viewer: joints, friction, and energy by cause."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.explain.causes import CAUSES
+from drop_physics.explain.contact_points import Pairs
+from drop_physics.explain.joints import Driven, JointTable, target_of
+from drop_physics.explain.judged import Judged
+from drop_physics.explain.recording import Explained
+from drop_physics.explain.times import Times
+from drop_physics.explain.touches import PRESSED, TouchTable
+from drop_physics.trace.history import Seen
+from drop_physics.trace.motors import POSITION, VELOCITY
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+POINTS = 2000
+"""Of a curve at most: more than a screen has pixels."""
+NUMBERS = 1 << 20
+"""Points of the same kind of curve of all bodies together."""
+FORCES = CAUSES[1:]
+"""What changes energy."""
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """Some curves over n samples."""
+
+    steps: Int64
+    """Shape (n,)."""
+    columns: dict[str, Float64]
+    """Shape (n,), of joints (n, joint_rates); nan where there is nothing."""
+
+    @staticmethod
+    def of(parts: Sequence[Curves]) -> Curves:
+        """Return parts as one."""
+        names = parts[0].columns
+        return Curves(
+            np.concatenate([part.steps for part in parts]),
+            {name: np.concatenate([part.columns[name] for part in parts]) for name in names},
+        )
+
+
+class CurveTable:
+    """Grows piece by piece; of long recordings every second, third … step is kept."""
+
+    def __init__(self, seen: Seen, times: Mapping[int, Times]) -> None:
+        self._times = {
+            number: times[body.client]
+            for number, body in seen.bodies.items()
+            if body.client in times
+        }
+        points = min(POINTS, NUMBERS // max(1, len(seen.bodies)))
+        self._every = 1 + max(seen.samples.values(), default=0) // points
+        self._parts: dict[tuple[str, int, int], list[Curves]] = {}
+        self._given: dict[int, Float64] = {}
+        """By body, what each of FORCES has given it of energy so far."""
+        self._start_j: dict[int, float] = {}
+
+    def add(self, explained: Explained, joints: JointTable, touches: TouchTable) -> None:
+        """Take a piece, after the tables of joints and touches have."""
+        for number, judged in explained.bodies.items():
+            self._energy(number, judged)
+        for number, found in joints.latest.items():
+            for driven in found:
+                self._joint(number, driven)
+        self._friction(touches.pairs)
+
+    def times_s(self, body: int, steps: Int64) -> Float64:
+        """Return the times of steps of a body [s]."""
+        return self._times[body].of_all(steps)
+
+    def joints(self, body: int) -> Curves | None:
+        """Return `position`, `target`, `rate`, `target_rate`, `torque`, `limit` of its joints."""
+        return self._whole("joints", body)
+
+    def energy(self, body: int) -> Curves | None:
+        """Return how its energy has changed since its first sample [J]: `whole`, and by cause."""
+        return self._whole("energy", body)
+
+    def friction(self, body: int, other: int) -> Curves | None:
+        """Return friction `used` and `available` between two bodies [N]."""
+        return self._whole("friction", *sorted((body, other)))
+
+    def _whole(self, kind: str, body: int, other: int = -1) -> Curves | None:
+        parts = self._parts.get((kind, body, other))
+        return None if parts is None else Curves.of(parts)
+
+    def _keep(self, key: tuple[str, int, int], steps: Int64, columns: dict[str, Float64]) -> None:
+        due = steps % self._every == 0
+        if due.any():
+            kept = {name: values[due] for name, values in columns.items()}
+            self._parts.setdefault(key, []).append(Curves(steps[due], kept))
+
+    def _joint(self, number: int, driven: Driven) -> None:
+        asked = driven.asked
+        turns = (asked.mode == VELOCITY) & (asked.impulse > 0)
+        columns = {
+            "position": driven.after,
+            "target": target_of(driven),
+            "rate": driven.rate,
+            "target_rate": np.where(turns, asked.target_velocity, np.nan),
+            "torque": driven.torque,
+            "limit": np.where(turns | (asked.mode == POSITION), driven.limit, np.nan),
+        }
+        parts = self._parts.get(("joints", number, -1))
+        if parts is None or parts[0].columns["rate"].shape[1] == driven.rate.shape[1]:
+            self._keep(("joints", number, -1), driven.steps.steps, columns)
+
+    def _energy(self, number: int, judged: Judged) -> None:
+        for steps in judged.stretches:
+            changes = steps.changes
+            start_j = self._start_j.setdefault(number, changes.begin_j)
+            given = np.stack(
+                [changes.energy_j.get(name, np.zeros(len(steps))) for name in FORCES], axis=1
+            )
+            given = np.cumsum(given, axis=0) + self._given.get(number, 0.0)
+            self._given[number] = given[-1]
+            columns = {name: given[:, k] for k, name in enumerate(FORCES)}
+            columns["whole"] = changes.after_j - start_j
+            # What no step did, calls set between two of them.
+            columns["set"] = columns["whole"] - given.sum(axis=1)
+            self._keep(("energy", number, -1), steps.steps, columns)
+
+    def _friction(self, pairs: Pairs) -> None:
+        for first, second, rows in pairs.by_pair(pairs.normal_n > PRESSED):
+            columns = {
+                "used": np.linalg.norm(pairs.tangential_n[rows], axis=1),
+                "available": pairs.available_n[rows],
+            }
+            self._keep(("friction", first, second), pairs.step[rows], columns)

@@ -1,0 +1,143 @@
+"""Break down the error of a flight through the air.
+
+    simulated - free fall = timestep + damping + interaction + rounding
+
+Timestep is the discretisation error of semi-implicit Euler in free fall, exact. Damping is the
+difference of two models, both in continuous time: it does not vanish with the timestep.
+Interaction is what the damped discrete law adds to these two when it is evaluated in exact
+arithmetic. Rounding is what the simulation's double precision adds to that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from decimal import Decimal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.physics import theory
+from drop_physics.physics.base import Law, Motion, exactly
+from drop_physics.physics.theory import Fall
+from drop_physics.physics.vectors import triple
+
+Float64 = NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+TERMS = ("timestep", "damping", "interaction", "rounding")
+STIFF = 1e3
+"""How often drag could stop a throw within its flight: beyond, integrating it never ends."""
+
+
+@dataclass(frozen=True)
+class VectorTerms:
+    """The four terms of an error along x, y and z [m]; they add up to it."""
+
+    timestep: Vector
+    """Error of semi-implicit Euler without damping."""
+    damping: Vector
+    """Effect of damping in continuous time."""
+    interaction: Vector
+    """Interaction of the two."""
+    rounding: Vector
+    """Rounding of double precision."""
+
+
+@dataclass(frozen=True)
+class Decomposition:
+    """The error of each sample and its four terms [m], all of shape (samples, 3): x, y, z."""
+
+    free_fall_m: Float64
+    total_m: Float64
+    timestep_m: Float64
+    damping_m: Float64
+    interaction_m: Float64
+    rounding_m: Float64
+
+
+Path = Iterator[Sequence[Decimal]]
+
+
+def decompose(
+    law: Law, fall: Fall, simulated_m: Float64, *, first: int = 0, path: Path | None = None
+) -> Decomposition:
+    """Break down simulated minus free-fall position, sample by sample.
+
+    Parameters
+    ----------
+    law
+        The discrete law that the engine follows.
+    fall
+        The start and the drag: what the simulation was given.
+    simulated_m
+        Simulated positions of consecutive samples [m], shape (samples, 3). All of them must be in
+        the air.
+    first
+        Step number of the first of them; 0 is the start.
+    path
+        The law's exact path, which has come to that sample; None begins it.
+
+    Returns
+    -------
+    The error and its terms, which add up to it except for the last bit of the largest.
+    """
+    if not len(simulated_m):
+        return Decomposition(*[np.empty((0, 3))] * len(fields(Decomposition)))
+    last = first + len(simulated_m) - 1
+    time_s = np.arange(first, last + 1, dtype=np.float64) * law.timestep_s
+    free_fall_m = theory.free_fall_position(fall, time_s)
+    timestep_m = np.zeros_like(free_fall_m)
+    if law.semi_implicit:
+        timestep_m = theory.timestep_displacement(fall, time_s, law.step_s)
+    damping_m = theory.damping_displacement(fall, time_s)
+    path = path or law.exact_path(fall.position_m, fall.velocity_m_s, first=first)
+    law_m = exactly(path, len(simulated_m), fall.position_m)
+    explained_m = free_fall_m + timestep_m + damping_m
+    return Decomposition(
+        free_fall_m=free_fall_m,
+        total_m=simulated_m - free_fall_m,
+        timestep_m=timestep_m,
+        damping_m=damping_m,
+        interaction_m=-law_m.difference(explained_m),
+        rounding_m=law_m.difference(simulated_m),
+    )
+
+
+def error_and_terms(
+    start: Motion, position_m: Float64, law: Law, *, steps: int
+) -> tuple[Vector, VectorTerms | None]:
+    """Return the error of a flight after some steps, and its terms [m].
+
+    Parameters
+    ----------
+    start
+        The sample that it starts from.
+    position_m
+        Where the body is after these steps, shape (3,).
+    law
+        Its law. Where gravity is not along z, or the drag of a throw is `STIFF`, there are none.
+    steps
+        At least 1.
+    """
+    time_s, velocity_m_s = steps * law.timestep_s, start.velocity_m_s[0]
+    stops = law.drag.quadratic_per_m * float(np.linalg.norm(velocity_m_s)) * time_s
+    if any(law.gravity_m_s2[:2]) or (velocity_m_s[:2].any() and stops > STIFF):
+        g = np.array(law.gravity_m_s2)
+        free_fall_m = start.position_m[0] + (start.velocity_m_s[0] + g * time_s / 2) * time_s
+        return triple(position_m - free_fall_m), None
+    return _row(decompose(law, _fall_from(start, law), position_m[None], first=steps), 0)
+
+
+def _fall_from(start: Motion, law: Law) -> Fall:
+    return Fall(
+        position_m=triple(start.position_m[0]),
+        velocity_m_s=triple(start.velocity_m_s[0]),
+        gravity_m_s2=law.gravity_m_s2[2],
+        drag=law.drag,
+    )
+
+
+def _row(parts: Decomposition, row: int) -> tuple[Vector, VectorTerms]:
+    terms = (triple(getattr(parts, f"{name}_m")[row]) for name in TERMS)
+    return triple(parts.total_m[row]), VectorTerms(*terms)

@@ -1,0 +1,172 @@
+"""Constraints between bodies: what calls said of them, and what they do to each of their bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.explain.touching import rows_of
+from drop_physics.physics.bullet_reports import constraint_forces, frame_axes, gear_impulses
+from drop_physics.physics.impulses import Forces
+from drop_physics.physics.kinematics import Kinematics, kinematics
+from drop_physics.physics.tree import States, Tree
+from drop_physics.trace.calls import Call
+from drop_physics.trace.events import At
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+Vector = tuple[float, ...]
+
+FIXED, POINT, GEAR = 4, 5, 6
+"""`jointType` of `createConstraint`."""
+Poses = Callable[[int, Int64], tuple[Tree, States]]
+"""Returns a body and the states that its steps to some samples began with."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """A constraint, from a moment on."""
+
+    at: At
+    kind: int
+    bodies: tuple[int, int]
+    """Numbers of parent and child."""
+    links: tuple[int, int]
+    pivots_m: tuple[Vector, Vector]
+    """In the axes of each link, or of the world."""
+    parent_orientation: Vector
+    """Of the parent's frame in its link's axes: quaternion x, y, z, w."""
+    ratio: float = 1.0
+    """Of a gear."""
+
+
+class Acting(NamedTuple):
+    """What constraints do to one body in its steps."""
+
+    forces: Forces
+    geared: Float64 | None
+    """Impulses of gears, shape (n, joint_rates); None without gears."""
+    unknown: Flags
+    """In which steps one holds it that the law does not cover, shape (n,)."""
+
+
+class Constraints:
+    """The constraints of a recording, whose calls come piece by piece."""
+
+    def __init__(self) -> None:
+        self._told: dict[tuple[int, int], list[Held]] = {}
+        """By client and the engine's id, in order."""
+        self._forces: Mapping[tuple[int, int], tuple[Int64, Float64]] = {}
+
+    def begin(self, forces: Mapping[tuple[int, int], tuple[Int64, Float64]]) -> None:
+        """Take the forces of a piece, and forget what no step of a further piece needs."""
+        self._forces = forces
+        self._told = {key: told[-1:] for key, told in self._told.items()}
+
+    def create(self, call: Call, at: At, bodies: tuple[int, int]) -> None:
+        """Note a call of `createConstraint`; `bodies` are the numbers of parent and child."""
+        values = call.values
+        roles = "parent", "child"
+        parent, child = (int(values.get(f"{role}LinkIndex", (-1,))[0]) for role in roles)
+        pivots = [values.get(f"{role}FramePosition", (0.0,) * 3) for role in roles]
+        turned = values.get("parentFrameOrientation", ())
+        # PyBullet passes over an orientation that is not four numbers.
+        turned = turned if len(turned) == 4 else (0.0, 0.0, 0.0, 1.0)
+        held = Held(
+            at,
+            int(values.get("jointType", (-1,))[0]),
+            bodies,
+            (parent, child),
+            (pivots[0], pivots[1]),
+            turned,
+        )
+        self._told.setdefault((call.client, int(call.result)), []).append(held)
+
+    def change(self, call: Call) -> None:
+        """Note a call of `changeConstraint`."""
+        values = call.values
+        told = self._told.get((call.client, int(values.get("userConstraintUniqueId", (-1,))[0])))
+        if not told:
+            return
+        held, pivot = told[-1], values.get("jointChildPivot", ())
+        if len(pivot) == 3:
+            held = replace(held, pivots_m=(held.pivots_m[0], pivot))
+        if "gearRatio" in values:
+            held = replace(held, ratio=values["gearRatio"][0])
+        if held != told[-1]:
+            told.append(replace(held, at=call.at))
+
+    def acting(self, sample: int) -> list[Held]:
+        """Return the constraints that acted in the step to a sample of the piece."""
+        found = []
+        for key, told in self._told.items():
+            before = [held for held in told if held.at.step < sample]
+            if before and key in self._forces and sample in self._forces[key][0]:
+                found.append(before[-1])
+        return found
+
+    def on(
+        self, body: int, tree: Tree, ends: Int64, before: States, timestep_s: Float64, poses: Poses
+    ) -> Acting:
+        """Return what constraints do to a body in the steps to samples `ends`, shape (n,)."""
+        acting, geared, unknown = Forces(), None, np.zeros(len(ends), np.bool_)
+        for key, told in self._told.items():
+            if not any(body in held.bodies for held in told) or key not in self._forces:
+                continue
+            sampled, forces = self._forces[key]
+            # A series has no number for what was not there.
+            found, rows = rows_of(sampled, ends)
+            which = np.searchsorted([h.at.step for h in told], sampled[found], side="left") - 1
+            for number, held in enumerate(told):
+                its = which == number
+                if not its.any() or body not in held.bodies:
+                    continue
+                at, reported = rows[its], forces[found[its]]
+                for side in range(2):
+                    if held.bodies[side] != body:
+                        continue
+                    if held.kind == GEAR:
+                        impulses = np.zeros((len(ends), tree.joint_rates))
+                        impulses[at] = gear_impulses(
+                            tree,
+                            as_parent=side == 0,
+                            link=held.links[side],
+                            ratio=held.ratio,
+                            reported=reported[:, 0],
+                            timestep_s=timestep_s[at],
+                        )
+                        geared = impulses if geared is None else geared + impulses
+                    elif held.kind in (FIXED, POINT):
+                        kin = kinematics(tree, before.at(at))
+                        axes = _axes(held, side, kin, ends[at], poses)
+                        forces_on = _forces(held, side, kin, axes, reported)
+                        acting = acting.then(replace(forces_on, step=at))
+                    else:
+                        unknown[at] = True
+        return Acting(acting, geared, unknown)
+
+
+def _axes(held: Held, side: int, kin: Kinematics, ends: Int64, poses: Poses) -> Float64:
+    """Return the parent's frame in the world, shape (n, 3, 3)."""
+    if held.kind == POINT:
+        return np.zeros((len(ends), 3, 3))
+    if side == 1:
+        kin = kinematics(*poses(held.bodies[0], ends))
+    return frame_axes(kin, held.links[0], held.parent_orientation)
+
+
+def _forces(held: Held, side: int, kin: Kinematics, axes: Float64, reported: Float64) -> Forces:
+    return constraint_forces(
+        kin,
+        kind="fixed" if held.kind == FIXED else "point2point",
+        as_parent=side == 0,
+        link=held.links[side],
+        pivot_m=held.pivots_m[side],
+        axes=axes,
+        reported=reported,
+    )

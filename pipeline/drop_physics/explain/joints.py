@@ -1,0 +1,308 @@
+"""The joints of a recording: how each was driven, where it got, and what that takes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.explain.commands import DEFAULT, Commanded
+from drop_physics.explain.needs import Holding, holding
+from drop_physics.explain.recording import Explained
+from drop_physics.explain.steps import Steps
+from drop_physics.physics.tree import Tree
+from drop_physics.trace.events import Body, Site
+from drop_physics.trace.history import Seen
+from drop_physics.trace.motors import POSITION
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+Control = Literal["position", "velocity", "torque", "pd", "default", "off", "unknown"]
+
+REST_STEPS = 10
+REST_SHARE, REST, NEVER_MOVED = 1e-3, 1e-3, 1e-5
+"""At rest is a rate below that share of the greatest in the run, or below REST [SI] if that is
+less; one that was never above NEVER_MOVED is."""
+AT_LIMIT = 1 - 1e-6
+STOPPED = 1e-6
+"""A stop whose impulse is below this share of the step's largest does nothing."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointRow:
+    """One degree of freedom at the last sample; torques [N m] or [N] have the joint's sign."""
+
+    name: str
+    """As in the body's file."""
+    index: int
+    """Of its link, as PyBullet counts joints."""
+    axis: int | None
+    """Of a spherical joint, 0 to 2; else None."""
+    kind: str
+    """`revolute`, `prismatic` or `spherical`."""
+    control: Control
+    """What drives it: the last call's mode; `default` is the motor that PyBullet gives it."""
+    target: float | None
+    """[rad] or [m]; of a velocity motor [rad/s] or [m/s]."""
+    reached: float | None
+    """In the target's unit."""
+    off: float | None
+    """Reached minus target."""
+    torque: float | None
+    """Its motor's in the last step."""
+    force_limit: float | None
+    """Its motor's largest in the last step."""
+    needs: float | None
+    """What holding the last pose takes; None where that is not defined."""
+    needs_at_target: float | None
+    """The same where the joint is at its target."""
+    at_force_limit_steps: int
+    """In how many steps its motor was at its limit."""
+    at_stop_steps: int
+    """In how many steps one of its limits pushed it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Driven:
+    """The joints of a body in n of its steps; shape (n, joint_rates) if not said otherwise."""
+
+    body: Body
+    steps: Steps
+    before: Float64
+    """Positions of the joints [rad] or [m] before each step; nan of spherical joints."""
+    after: Float64
+    rate: Float64
+    """After each step."""
+    torque: Float64
+    """Of the motors."""
+    limit: Float64
+    """The largest that each motor could give in the step."""
+    at_limit: Flags
+    at_stop: Flags
+    """Whether a stop pushed."""
+    resting: Flags
+    """Whether the joint was at rest: the last ten steps were."""
+    all_resting: Flags
+    """Whether the body was, shape (n,)."""
+
+    @property
+    def asked(self) -> Commanded:
+        """What calls asked of them."""
+        return self.steps.asked
+
+
+@dataclass(eq=False)
+class _Track:
+    """A body so far."""
+
+    body: Body
+    greatest: Float64
+    """The greatest rate of each entry of u."""
+    quiet: Int64
+    """For how many steps each has been at rest."""
+    at_limit: Int64
+    at_stop: Int64
+    last: Driven | None = None
+    needs: Float64 = field(default_factory=lambda: np.empty(0))
+    needs_at_target: Float64 = field(default_factory=lambda: np.empty(0))
+    numbers: Mapping[str, Float64] = field(default_factory=dict)
+
+
+class JointTable:
+    """Grows piece by piece."""
+
+    def __init__(self, seen: Seen) -> None:
+        self._seen = seen
+        self._sites: Mapping[int, Site] = {}
+        self._tracks: dict[int, _Track] = {}
+        self._explained: Explained | None = None
+        self.latest: dict[int, list[Driven]] = {}
+        """Of the latest piece, by the body's number."""
+
+    def add(self, explained: Explained) -> None:
+        """Take a piece."""
+        self._sites = explained.piece.calls.sites
+        self._explained, self.latest = explained, {}
+        for number, judged in explained.bodies.items():
+            rates = sum(joint.widths[1] for joint in judged.body.joints)
+            found = [
+                self._driven(judged.body, steps)
+                for steps in judged.stretches
+                if rates and steps.law.tree.joint_rates == rates
+            ]
+            if found:
+                self.latest[number] = found
+        for number, found in self.latest.items():
+            self._end(self._tracks[number], found[-1])
+
+    def forget(self) -> None:
+        """Free the latest piece."""
+        self._explained, self.latest = None, {}
+
+    def site(self, number: float) -> Site | None:
+        """Return a call's site by its number in a `Commanded`."""
+        return None if np.isnan(number) else self._sites.get(int(number))
+
+    def holding(self, driven: Driven, row: int) -> Holding:
+        """Return what holds a body after a step of the latest piece."""
+        assert self._explained is not None
+        return holding(
+            self._explained,
+            self._seen.bodies,
+            driven.steps,
+            row,
+            number=driven.body.number,
+            resting=bool(driven.all_resting[row]),
+        )
+
+    def rows(self, body: int) -> Sequence[JointRow]:
+        """Return the joints of a body, by its number."""
+        track = self._tracks.get(body)
+        if track is None:
+            return []
+        return [
+            _row_of(track, joint.link, k, k - place.start if joint.widths[1] > 1 else None)
+            for joint, place in zip(track.body.joints, track.body.rates, strict=True)
+            for k in range(place.start, place.stop)
+        ]
+
+    def _driven(self, body: Body, steps: Steps) -> Driven:
+        size = steps.law.tree.size
+        track = self._tracks.get(body.number)
+        if track is None or len(track.greatest) != size:
+            zeros = np.zeros(steps.law.tree.joint_rates, np.int64)
+            track = _Track(body, np.zeros(size), np.zeros(size, np.int64), zeros, zeros.copy())
+            self._tracks[body.number] = track
+        track.body = body
+        driven = _driven(body, steps, track)
+        track.at_limit += driven.at_limit.sum(axis=0)
+        track.at_stop += driven.at_stop.sum(axis=0)
+        return driven
+
+    def _end(self, track: _Track, driven: Driven) -> None:
+        """Note how the joints are at the end of a piece."""
+        row = len(driven.steps) - 1
+        tree = driven.steps.law.tree
+        held, target = self.holding(driven, row), target_of(driven)[row]
+        track.numbers = {
+            name: getattr(driven, name)[row].copy() for name in ("after", "rate", "torque", "limit")
+        } | {name: getattr(driven.asked, name)[row].copy() for name in vars(driven.asked)}
+        positions = driven.steps.after.joints[row].copy()
+        for k, place in enumerate(_coordinates(tree)):
+            if place is not None and np.isfinite(target[k]):
+                positions[place] = target[k]
+        track.needs, track.needs_at_target = held.needs, held.at(positions)
+
+
+def target_of(driven: Driven) -> Float64:
+    """Return the positions that are asked for, nan where none is, shape (n, joint_rates)."""
+    asked = driven.asked
+    motor = np.where((asked.mode == POSITION) & (asked.impulse > 0), asked.target, np.nan)
+    return np.where(asked.pd == 1, asked.pd_target, motor)
+
+
+def _driven(body: Body, steps: Steps, track: _Track) -> Driven:
+    tree, asked = steps.law.tree, steps.asked
+    places = _coordinates(tree)
+    before, after = (
+        np.stack(
+            [np.full(len(steps), np.nan) if at is None else states.joints[:, at] for at in places],
+            axis=1,
+        )
+        for states in (steps.before, steps.after)
+    )
+    pd = asked.pd == 1
+    with np.errstate(divide="ignore", invalid="ignore"):
+        limit = asked.impulse / steps.reported.timestep_s[:, None]
+    limit = np.where(pd, asked.pd_force, limit)
+    torque = steps.reported.motors + steps.reported.pd
+    resting = _resting(np.abs(steps.after.velocity), track)
+    joint = slice(tree.first_rate, None)
+    if steps.covered:
+        stopped = np.abs(steps.terms["stops"]) > STOPPED * steps.largest[:, None]
+        at_stop = stopped[:, joint]
+    else:
+        bounded = steps.law.lower <= steps.law.upper
+        at_stop = bounded & ((before <= steps.law.lower) | (before >= steps.law.upper))
+    return Driven(
+        body=body,
+        steps=steps,
+        before=before,
+        after=after,
+        rate=steps.after.velocity[:, joint],
+        torque=torque,
+        limit=limit,
+        at_limit=(limit > 0) & (np.abs(torque) >= AT_LIMIT * limit),
+        at_stop=at_stop,
+        resting=resting[:, joint],
+        all_resting=np.asarray(resting.all(axis=1)),
+    )
+
+
+def _coordinates(tree: Tree) -> list[int | None]:
+    """Return where the position of each rate is among those of the joints; None if nowhere."""
+    found: list[int | None] = []
+    for rates, at in zip(tree.rates, tree.coordinates, strict=True):
+        width = rates.stop - rates.start
+        found += [at.start] if width == 1 else [None] * width
+    return found
+
+
+def _resting(rates: Float64, track: _Track) -> Flags:
+    """Return which entries of u are at rest after each step, shape (n, size)."""
+    greatest = np.maximum(np.maximum.accumulate(rates, axis=0), track.greatest)
+    slow = rates < np.clip(REST_SHARE * greatest, NEVER_MOVED, REST)
+    number = np.arange(1, len(rates) + 1)[:, None]
+    moved = np.maximum.accumulate(np.where(slow, 0, number), axis=0)
+    run = np.where(moved == 0, number + track.quiet, number - moved)
+    track.greatest, track.quiet = greatest[-1], run[-1]
+    return np.asarray(run >= REST_STEPS)
+
+
+def _row_of(track: _Track, index: int, k: int, axis: int | None) -> JointRow:
+    joint, now = track.body.joints[index], {n: float(v[k]) for n, v in track.numbers.items()}
+    control = _control(track.body, now)
+    position = control == "position" or control == "pd"
+    target = {
+        "position": now["target"],
+        "pd": now["pd_target"],
+        "velocity": now["target_velocity"],
+    }.get(control, np.nan)
+    reached = now["rate"] if control == "velocity" else now["after"]
+    return JointRow(
+        name=joint.name,
+        index=index,
+        axis=axis,
+        kind=joint.kind,
+        control=control,
+        target=_known(target),
+        reached=_known(reached),
+        off=_known(reached - target),
+        torque=_known(now["torque"]),
+        force_limit=None if control == "unknown" else _known(now["limit"]),
+        needs=_known(float(track.needs[k])),
+        needs_at_target=_known(float(track.needs_at_target[k])) if position else None,
+        at_force_limit_steps=0 if control == "unknown" else int(track.at_limit[k]),
+        at_stop_steps=int(track.at_stop[k]),
+    )
+
+
+def _control(body: Body, now: Mapping[str, float]) -> Control:
+    if now["pd"] == 1:
+        return "pd"
+    if not np.isnan(now["torque_since"]):
+        return "torque"
+    if now["mode"] == DEFAULT:
+        return "unknown" if body.before else "default"
+    if not now["impulse"] > 0:
+        return "off"
+    return "position" if now["mode"] == POSITION else "velocity"
+
+
+def _known(value: float) -> float | None:
+    return value + 0.0 if np.isfinite(value) else None  # no -0.0

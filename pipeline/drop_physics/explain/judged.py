@@ -1,0 +1,169 @@
+"""What each sample of a body is: the kind of step that led to it, or why nothing explains it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.explain import segments
+from drop_physics.explain.steps import EXPLAINED, WITHOUT_SUM, Steps
+from drop_physics.physics.bullet_air import EPSILON
+from drop_physics.physics.bullet_tree import Reason
+from drop_physics.physics.moving import moved_on
+from drop_physics.trace.events import Body
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Int8 = NDArray[np.int8]
+Flags = NDArray[np.bool_]
+
+Segment = Literal[
+    "set", "unexplained", "still", "pushed", "constrained", "contact", "driven", "flight"
+]
+SEGMENTS: tuple[Segment, ...] = get_args(Segment)
+"""The first that applies to a sample."""
+(SET, UNEXPLAINED, STILL, PUSHED, CONSTRAINED, CONTACT, DRIVEN, FLIGHT) = range(len(SEGMENTS))
+
+ALONE = {segments.FLIGHT: FLIGHT, segments.CONTACT: CONTACT, segments.PUSHED: PUSHED}
+"""What the law of a body alone calls a step, and what it is here."""
+
+Why = Reason | Literal["timestep", "not finite", "before the recording", "remainder"]
+WHYS: tuple[Why, ...] = (
+    *get_args(Reason),
+    "timestep",
+    "not finite",
+    "before the recording",
+    "remainder",
+)
+"""Why a sample is unexplained: what the law says, from settings, before what was only seen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """One body in a piece; arrays have one row per sample, shape (n,)."""
+
+    body: Body
+    steps: Int64
+    segment: Int8
+    """Indices into SEGMENTS."""
+    kind: Int8
+    """What acted in the step that led to it, whether calls had set its start or not: indices into
+    SEGMENTS; SET where no step did, or nothing but the velocity that a call had given it."""
+    why: Int8
+    """Indices into WHYS; -1 where it is explained."""
+    unexplained: Float64
+    """The remainder of the step that led to it, over the largest term; 0 where none did."""
+    stretches: Sequence[Steps]
+    """The steps that led to samples, in order, each under constant settings."""
+
+    @property
+    def explained(self) -> Flags:
+        """Whether each sample is explained."""
+        return np.asarray(self.segment != UNEXPLAINED)
+
+
+def judged(
+    body: Body, sampled: Int64, stretches: Sequence[Steps], *, soft_there: bool = False
+) -> Judged:
+    """Return what each of some samples is; `soft_there`: whether there are soft bodies."""
+    segment, kind = np.full((2, len(sampled)), SET, np.int8)
+    why = np.full(len(sampled), -1, np.int8)
+    unexplained = np.zeros(len(sampled))
+    for steps in stretches:
+        rows = np.searchsorted(sampled, steps.steps)
+        reasons = _whys(steps, body, soft_there=soft_there)
+        # What another law explains has no sum, and what sleeps need not close it.
+        other = (reasons < 0) & ~(steps.unexplained <= EXPLAINED)
+        why[rows], unexplained[rows] = reasons, np.where(other, 0.0, steps.unexplained)
+        kind[rows] = _kinds(steps)
+        held = np.where(steps.put, SET, kind[rows])
+        segment[rows] = np.where(reasons >= 0, UNEXPLAINED, held)
+    return Judged(body, sampled, segment, kind, why, unexplained, stretches)
+
+
+def _kinds(steps: Steps) -> Int8:
+    """Return what acted in each step."""
+    kinds = np.full(len(steps), FLIGHT if steps.law.tree.size else SET, np.int8)
+    if steps.alone is not None and not steps.covered:
+        for code, kind in ALONE.items():
+            kinds[steps.alone == code] = kind
+    for kind, names in (
+        (DRIVEN, ("motors",)),
+        (CONTACT, ("contacts", "rolling")),
+        (CONSTRAINED, ("constraints",)),
+        (PUSHED, ("applied",)),
+    ):
+        for name in names:
+            if name in steps.terms:
+                kinds[steps.terms[name].any(axis=1)] = kind
+    if steps.covered:  # even those that cancel
+        applied = steps.reported.applied
+        acts = applied.force_n.any(axis=1) | applied.torque_n_m.any(axis=1)
+        kinds[applied.step[acts]] = PUSHED
+    kinds[_same(steps)] = STILL
+    return kinds
+
+
+def _same(steps: Steps) -> Flags:
+    """Return where nothing moved: the same state, to the bit, without velocity."""
+    before, after = steps.before, steps.after
+    moved = before.velocity.any(axis=1) | after.velocity.any(axis=1)
+    for name in ("position_m", "orientation", "joints"):
+        moved |= (getattr(before, name) != getattr(after, name)).any(axis=1)
+    return np.asarray(~moved)
+
+
+def _whys(steps: Steps, body: Body, *, soft_there: bool) -> Int8:
+    """Return why each step is unexplained; -1 where it is explained."""
+    why = np.full(len(steps), -1, np.int8)
+    same, reasons = _same(steps), steps.epoch.reasons
+    outright = next((each for each in reasons if each in WITHOUT_SUM), None)
+    off = ~(steps.unexplained <= EXPLAINED)
+    if not steps.law.tree.size:  # it cannot move, but for the velocity that a call gave it
+        outright, off = "massless", off & ~same
+    elif outright is not None:
+        off = ~(_followed(steps) | same)
+    else:
+        off |= ~moved_on(steps.law.tree, steps.before, steps.after, steps.reported.timestep_s)
+        if steps.alone is not None:  # in flight to the bit, as the law of a body alone is
+            off |= (_kinds(steps) == FLIGHT) & (steps.alone != segments.FLIGHT)
+            off &= ~_followed(steps)
+        if "asleep" in reasons:  # nothing acts on what sleeps
+            off &= ~same
+    finite = np.isfinite(
+        np.hstack(
+            [
+                getattr(state, name)
+                for state in (steps.before, steps.after)
+                for name in ("position_m", "orientation", "joints", "velocity")
+            ]
+        )
+    ).all(axis=1)
+    timely = (steps.reported.timestep_s >= EPSILON) & np.isfinite(steps.reported.timestep_s)
+    why[off] = WHYS.index("before the recording" if body.before else "remainder")
+    for reason, holds in (
+        ("soft", soft_there),
+        ("constraint", steps.unknown),
+        *((each, True) for each in reversed(reasons)),
+        *([(outright, True)] if outright is not None else []),
+        ("not finite", ~finite),
+    ):
+        why[off & holds] = WHYS.index(reason)
+    if steps.law.tree.size:
+        why[~timely] = WHYS.index("timestep")
+    if not steps.epoch.cone_friction:  # a torque that is not reported may hide what is wrong
+        rolls = np.zeros(len(steps), np.bool_)
+        rolls[steps.reported.contacts.step[steps.reported.contacts.rolling]] = True
+        why[rolls] = WHYS.index("rolling unreported")
+    return why
+
+
+def _followed(steps: Steps) -> Flags:
+    """Return which steps the law of a body alone explains."""
+    if steps.alone is None:
+        return np.zeros(len(steps), np.bool_)
+    return np.isin(steps.alone, [*ALONE])

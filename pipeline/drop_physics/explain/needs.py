@@ -1,0 +1,302 @@
+"""What it takes to hold a pose: the torque of each joint's motor that keeps a body as it is.
+
+Minus gravity, what calls apply, and what a body carries by constraints or contacts. What the pose
+would not need is left out: a table or a stop that the body leans on. Where a load has other
+supports too, or is pressed from several sides, what a joint must give is not determined.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.explain.joined import GEAR, POINT
+from drop_physics.explain.recording import Explained
+from drop_physics.explain.steps import EXPLAINED, Steps
+from drop_physics.physics.dynamics import gravity
+from drop_physics.physics.impulses import impulses_of
+from drop_physics.physics.kinematics import Kinematics, generalised_at_points, kinematics
+from drop_physics.physics.tree import BASE, States, Tree
+from drop_physics.trace.events import Body
+
+Float64 = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Place = tuple[int, int]
+"""Number of a body, and its link."""
+
+ACTS = 1e-9
+"""A force below this share of the largest is none."""
+
+
+@dataclass(eq=False)
+class Load:
+    """Bodies that hang together and can move, and that a body carries."""
+
+    bodies: set[int]
+    anchored: bool = False
+    """Whether something else holds them too."""
+    links: set[int] = field(default_factory=set)
+    """Of the body that carries them: where they touch it or are joined to it."""
+    joined: dict[int, int] = field(default_factory=dict)
+    """The links that constraints join them to, each with the constraint's kind."""
+
+
+@dataclass(frozen=True, eq=False)
+class Holding:
+    """What holds a body in its pose after a step; shape (joint_rates,) if not said otherwise."""
+
+    needs: Float64
+    """[N] or [N m]; nan where it is not determined."""
+    contacts: Mapping[int, Float64]
+    """What the contacts of each other body do, by its number."""
+    constraints: Float64
+    stops: Float64
+    _steps: Steps
+    _row: int
+    _loads: tuple[Load, ...]
+    _masses: Mapping[int, tuple[float, Float64]]
+    """Of each load's bodies together, by the load's place in the tuple: mass, centre of mass."""
+
+    def from_one_side(self, body: int, joint_rate: int) -> Load | None:
+        """Return a body's load if only links that the joint moves, and what is fixed, hold it."""
+        tree = self._steps.law.tree
+        moved = _beyond(tree, tree.first_rate + joint_rate)
+        its = (load for load in self._loads if load.bodies == {body} and load.links <= moved)
+        return next(its, None)
+
+    def at(self, positions: Float64) -> Float64:
+        """Return what holding other positions of the joints takes, with the loads that are joined.
+
+        Base as it is; `positions` shape (joint_coordinates,).
+        """
+        tree, row = self._steps.law.tree, np.array([self._row])
+        state = _still(self._steps.after.at(row))
+        there = States(state.position_m, state.orientation, positions[None], state.velocity)
+        kin, here = kinematics(tree, there), kinematics(tree, state)
+        pull = self._steps.reported.gravity_m_s2[row]
+        acting = gravity(kin, pull)[0]
+        unknown = np.zeros(tree.size, np.bool_)
+        for number, load in enumerate(self._loads):
+            rows = _rows_moved(tree, load.links)
+            if number not in self._masses or len(load.links) > 1 or not load.joined:
+                unknown |= rows
+                continue
+            mass, centre = self._masses[number]
+            (link,) = load.links
+            if load.joined[link] == POINT:  # it hangs: below its pivot, wherever that is
+                held = self._steps.reported.constraints
+                centre = held.point_m[(held.step == self._row) & (held.link == link)].mean(axis=0)
+            local = (centre - here.position_m(link)[0]) @ here.matrix(link)[0]
+            acting = acting + _pulled(kin, link, mass * pull, kin.point_m(link, local))
+        acting = np.where(unknown, np.nan, acting)
+        return np.asarray(-acting[tree.first_rate :])
+
+
+def holding(
+    explained: Explained,
+    bodies: Mapping[int, Body],
+    steps: Steps,
+    row: int,
+    *,
+    number: int,
+    resting: bool,
+) -> Holding:
+    """Return what holds a body after a step of it.
+
+    Parameters
+    ----------
+    explained
+        The piece that the step is in.
+    bodies
+        All bodies, by number.
+    steps, row
+        Steps of the body, and which of them.
+    number
+        The body's.
+    resting
+        Whether it is at rest: loads are known only then.
+    """
+    tree, sample = steps.law.tree, int(steps.steps[row])
+    contacts, other = _touching(steps, row)
+    on_rates = {one: contacts[other == one] for one in np.unique(other).tolist()}
+    loads, fixed = _loads(explained, bodies, number, sample)
+    kin = kinematics(tree, _still(steps.after.at(np.array([row]))))
+    acting = gravity(kin, steps.reported.gravity_m_s2[row : row + 1])[0]
+    known = np.full(tree.size, bool(tree.fixed or not fixed))
+    constraints = stops = np.zeros(tree.size)
+    timestep_s = float(steps.reported.timestep_s[row])
+    if steps.covered and steps.unexplained[row] <= EXPLAINED and timestep_s > 0:
+        applied, constraints, stops = (
+            steps.terms[name][row] / timestep_s for name in ("applied", "constraints", "stops")
+        )
+        acting = acting + applied + constraints
+        known &= resting | (applied == 0)
+    elif steps.covered or loads or fixed or len(contacts):
+        known[:] = False
+    for load in loads:
+        for one in load.bodies & on_rates.keys():
+            acting = acting + on_rates[one].sum(axis=0)
+    known &= _alone(tree, loads, on_rates, constraints, resting=resting)
+    if steps.reported.geared is not None:
+        known[tree.first_rate :] &= steps.reported.geared[row] == 0
+    joint = slice(tree.first_rate, None)
+    return Holding(
+        needs=np.where(known, -acting, np.nan)[joint],
+        contacts={one: each.sum(axis=0)[joint] for one, each in on_rates.items()},
+        constraints=constraints[joint],
+        stops=stops[joint],
+        _steps=steps,
+        _row=row,
+        _loads=tuple(loads),
+        _masses=_masses(explained, loads, sample),
+    )
+
+
+def _alone(
+    tree: Tree,
+    loads: Iterable[Load],
+    contacts: Mapping[int, Float64],
+    constraints: Float64,
+    *,
+    resting: bool,
+) -> Flags:
+    """Return which rates alone carry what acts on them, shape (size,)."""
+    sizes = [np.abs(each).max(initial=0.0) for each in (constraints, *contacts.values())]
+    least = ACTS * max(float(max(sizes)), 1e-300)
+    alone, pulled = np.ones(tree.size, np.bool_), np.abs(constraints) > least
+    held = np.zeros(tree.size, np.bool_)
+    for load in loads:
+        joined = _rows_moved(tree, load.joined)
+        held |= joined
+        carried = pulled & joined
+        for one in load.bodies & contacts.keys():
+            carried |= np.abs(contacts[one]).max(axis=0) > least
+        for rate in np.flatnonzero(carried).tolist():
+            alone[rate] &= resting and not load.anchored and load.links <= _beyond(tree, rate)
+    # What a constraint to the world, or within the body, takes is not one motor's to give.
+    return np.asarray(alone & (held | ~pulled))
+
+
+def _still(state: States) -> States:
+    return States(state.position_m, state.orientation, state.joints, state.velocity * 0.0)
+
+
+def _touching(steps: Steps, row: int) -> tuple[Float64, NDArray[np.int64]]:
+    """Return what each contact point of a step does to the rates, and the other body."""
+    contacts, sides = steps.reported.contacts, steps.sides
+    first, end = np.searchsorted(contacts.step, (row, row + 1))
+    rows = np.arange(first, end)
+    kin = kinematics(steps.law.tree, steps.before.at(np.array([row])))
+    here = contacts.between(row, row + 1)
+    forces = impulses_of(kin, here, np.ones(1))
+    other = sides.other_body[rows]
+    return forces, other
+
+
+def _loads(
+    explained: Explained, bodies: Mapping[int, Body], number: int, sample: int
+) -> tuple[list[Load], bool]:
+    """Return what a body carries, and whether anything fixed touches it."""
+    edges, fixed = _edges(explained, sample), False
+    groups: dict[int, Load] = {}
+    for (a, link_a), (b, link_b), kind in edges:
+        for (body, link), (other, other_link) in (
+            ((a, link_a), (b, link_b)),
+            ((b, link_b), (a, link_a)),
+        ):
+            held = not _moves(bodies, other, other_link)
+            if body == number:
+                fixed |= held and kind is None and other != number
+            elif _moves(bodies, body, link):
+                load = groups.setdefault(body, Load({body}))
+                load.anchored |= held or not bodies[body].base_moves
+                if other == number:
+                    load.links.add(other_link)
+                    if kind is not None:
+                        load.joined[other_link] = kind
+                elif not held and groups.get(other) is not load:
+                    more = groups.get(other, Load({other}))
+                    load.bodies |= more.bodies
+                    load.anchored |= more.anchored or not bodies[other].base_moves
+                    load.links |= more.links
+                    load.joined |= more.joined
+                    groups |= dict.fromkeys(more.bodies, load)
+    loads = {id(load): load for load in groups.values() if load.links}
+    return [*loads.values()], fixed
+
+
+def _edges(explained: Explained, sample: int) -> Iterable[tuple[Place, Place, int | None]]:
+    """Return what touches or is joined in the step to a sample; a constraint with its kind."""
+    points = explained.piece.contacts
+    steps = points["step"].to_numpy()
+    first, end = np.searchsorted(steps, (sample, sample + 1)).tolist()
+    here = points.slice(first, end - first)
+    force = np.abs(here["normal_force_n"].to_numpy())
+    names = ("body_a", "link_a", "body_b", "link_b")
+    acts = force > ACTS * force.max(initial=0.0)
+    edges: list[tuple[Place, Place, int | None]] = [
+        ((a, link_a), (b, link_b), None)
+        for a, link_a, b, link_b in here.select(names).filter(acts).rows()
+    ]
+    for held in explained.constraints.acting(sample):
+        if held.kind != GEAR:
+            first, second = zip(held.bodies, held.links, strict=True)
+            edges.append((first, second, held.kind))
+    return edges
+
+
+def _moves(bodies: Mapping[int, Body], number: int, link: int) -> bool:
+    return number in bodies and link in bodies[number].moving
+
+
+def _beyond(tree: Tree, rate: int) -> set[int]:
+    """Return the links that a rate moves; all of them if it is the base's."""
+    if rate < tree.first_rate:
+        return {BASE, *range(tree.links)}
+    joint = next(one for one, at in enumerate(tree.rates) if at.start <= rate < at.stop)
+    return {link for link in range(tree.links) if joint in tree.branch(link)}
+
+
+def _rows_moved(tree: Tree, links: Iterable[int]) -> Flags:
+    """Return which rates move any of some links, shape (size,)."""
+    rows = np.zeros(tree.size, np.bool_)
+    for link in links:
+        rows[: tree.first_rate] = True
+        for joint in tree.branch(link):
+            rows[tree.rates[joint]] = True
+    return rows
+
+
+def _pulled(kin: Kinematics, link: int, force: Float64, point_m: Float64) -> Float64:
+    one = np.zeros(1, np.int64)
+    acting = generalised_at_points(kin, one, one + link, force, point_m, np.zeros((1, 3)))
+    return np.asarray(acting[0])
+
+
+def _masses(
+    explained: Explained, loads: Iterable[Load], sample: int
+) -> dict[int, tuple[float, Float64]]:
+    """Return mass and centre of mass of each load that is known, by its place."""
+    found = {}
+    for number, load in enumerate(loads):
+        mass, moment = 0.0, np.zeros(3)
+        for body in load.bodies:
+            judged = explained.bodies.get(body)
+            steps = (
+                next((s for s in judged.stretches if sample in s.steps), None) if judged else None
+            )
+            if steps is None:
+                break
+            (row,) = np.flatnonzero(steps.steps == sample)
+            tree = steps.law.tree
+            kin = kinematics(tree, steps.after.at(np.array([row])))
+            for link in range(BASE, tree.links):
+                mass += tree.masses_kg[link + 1]
+                moment += tree.masses_kg[link + 1] * kin.position_m(link)[0]
+        else:
+            if mass > 0 and not load.anchored:
+                found[number] = mass, moment / mass
+    return found

@@ -1,0 +1,112 @@
+"""Forces and torques that calls applied to a body, for one step each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.explain.bodies import Record
+from drop_physics.explain.chain import Chain, put_states
+from drop_physics.explain.touching import rows_of
+from drop_physics.physics.bullet_reports import pushes
+from drop_physics.physics.impulses import Forces
+from drop_physics.physics.kinematics import kinematics
+from drop_physics.physics.tree import BASE, Tree
+from drop_physics.trace.calls import Push
+from drop_physics.trace.events import Put, order
+
+Int64 = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+def pushed(
+    given: Sequence[Push],
+    record: Record,
+    tree: Tree,
+    chain: Chain,
+    begins: Int64,
+    ends: Int64,
+    *,
+    refreshed: Int64,
+) -> Forces:
+    """Return what pushes do to a body in its steps.
+
+    PyBullet takes the pose of a link that it computed last: that of one step earlier, unless a call
+    has refreshed it, some of which no recording has (`bullet_reports.pushes`).
+
+    Parameters
+    ----------
+    given
+        All pushes of this body.
+    record, tree
+        The body.
+    chain
+        Its states.
+    begins, ends
+        Which of them the steps began with, and which samples they led to, shape (n,).
+    refreshed
+        After how many pushes of links in each of these steps their poses were computed: those
+        before have the pose of one step earlier, shape (n,).
+    """
+    found, rows = rows_of([each.at.step + 1 for each in given], ends)
+    within = np.array([BASE <= given[k].link < tree.links for k in found], np.bool_)
+    told, rows = [given[k] for k in found[within]], rows[within]
+    if not told:
+        return Forces()
+    link = np.array([each.link for each in told], np.int64)
+    late = (link != BASE) & (_numbers(rows, link) < refreshed[rows])
+    used = chain.at(begins[rows]).then(_poses(told, record, chain, begins[rows], late))
+    kin = kinematics(tree, used.states(tree))
+    numbers = np.arange(len(told))
+    vector, torque = np.array([each.vector for each in told]), np.array([[p.torque] for p in told])
+    local = np.array([not each.in_world_axes for each in told])
+    point = np.where(torque, 0.0, np.array([each.position_m for each in told]))
+    for one in np.unique(link):  # at the centre, so that it has no moment
+        turning = np.flatnonzero(torque[:, 0] & ~local & (link == one))
+        point[turning] = kin.position_m(int(one))[len(told) + turning]
+    acting = pushes(
+        kin,
+        step=numbers,
+        link=link,
+        force_n=np.where(torque, 0.0, vector),
+        point_m=point,
+        torque_n_m=np.where(torque, vector, 0.0),
+        in_link_frame=local,
+        pose=len(told) + numbers,
+    )
+    return replace(acting, step=rows)
+
+
+def _numbers(rows: Int64, link: Int64) -> Int64:
+    """Return how many pushes of links precede each in its step; rows in ascending order."""
+    before = np.cumsum(link != BASE) - (link != BASE)
+    return np.asarray(before - before[np.searchsorted(rows, rows)])
+
+
+def _poses(told: Sequence[Push], record: Record, chain: Chain, begins: Int64, late: Flags) -> Chain:
+    """Return the states whose poses pushes use.
+
+    The state that the body had at the call, or that with which the step before it began.
+    """
+    steps = np.array([each.at.step for each in told], np.int64)
+    sampled = np.flatnonzero(chain.sampled)
+    found = sampled[np.minimum(np.searchsorted(chain.steps[sampled], steps), len(sampled) - 1)]
+    found = np.where(chain.steps[found] == steps, found, begins)
+    rows = np.where(late & chain.stepped[found], found - 1, found)
+    more: list[Put] = []
+    places: list[int] = []
+    put = {each.at.step for each in record.puts_between(int(steps.min()), int(steps.max()) + 1)}
+    for number in np.flatnonzero(~late & np.isin(steps, [*put])).tolist():
+        push = told[number]
+        puts = record.puts_between(push.at.step, push.at.step + 1)
+        earlier = [each for each in puts if order(each.at) <= order(push.at)]
+        if earlier:  # what was set after the push is not where it acted
+            more.append(earlier[-1])
+            places.append(number)
+    if more:
+        rows[places] = len(chain) + np.arange(len(more))
+        chain = chain.then(put_states(more, chain))
+    return chain.at(rows)

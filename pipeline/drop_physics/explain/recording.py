@@ -1,0 +1,174 @@
+"""Goes through a recording piece by piece, and explains every body of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.explain.bodies import Epochs, Record, records_of
+from drop_physics.explain.causes import Totals
+from drop_physics.explain.chain import Chain, chain_of, stretches_of
+from drop_physics.explain.commands import Commands
+from drop_physics.explain.joined import Constraints
+from drop_physics.explain.judged import Judged, judged
+from drop_physics.explain.steps import Around, steps_of
+from drop_physics.explain.touching import Touching, rows_of
+from drop_physics.physics.base import EXACT_MACHINES, Law
+from drop_physics.physics.tree import States, Tree
+from drop_physics.trace.calls import Call, Push
+from drop_physics.trace.events import Settings, order
+from drop_physics.trace.history import Piece, Seen
+from drop_physics.trace.log import Log
+
+Int64 = NDArray[np.int64]
+
+MOST_STEPS, LEAST_STEPS, NUMBERS = 1 << 12, 1 << 8, 1 << 17
+"""Steps in a piece, and degrees of freedom of all bodies over its steps: some 200 MB."""
+NOBODY = -1
+"""In place of a body's number: the world."""
+
+
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """A piece of a recording, explained."""
+
+    piece: Piece
+    bodies: Mapping[int, Judged]
+    """By number, of those that have samples in it."""
+    chains: Mapping[int, Chain]
+    """The states of the same bodies, which begin with the last ones of the piece before."""
+    constraints: Constraints
+    """As they are told until its end."""
+    records: Mapping[int, Record]
+    """What was told of each body that is not soft, by its number."""
+
+
+class Explanation:
+    """Explains a recording; `totals` grow as its pieces are taken.
+
+    What a call set before the recording, and the engine does not report, is taken for PyBullet's
+    default; where that does not explain a step, so it says. `other` is the law of one body in
+    flight in another engine.
+    """
+
+    def __init__(self, seen: Seen, other: Law | None = None) -> None:
+        self._seen = seen
+        self._records = records_of(seen)
+        self._settings: dict[int, list[Settings]] = {}
+        for settings in seen.settings:
+            self._settings.setdefault(settings.client, []).append(settings)
+        self._epochs = {
+            number: Epochs(record, self._settings[record.body.client], other)
+            for number, record in self._records.items()
+        }
+        self._soft = {body.client for body in seen.bodies.values() if body.soft}
+        self._constraints = Constraints()
+        self._commands = Commands(seen)
+        self._pushes: dict[int, list[Push]] = {}
+        self._lasts: dict[int, Chain] = {}
+        self.totals: dict[int, Totals] = {}
+        """By the number of a body."""
+
+    def pieces(self, steps: int = 0) -> Iterator[Explained]:
+        """Yield the pieces of the recording, each once; of so many steps, if that is not 0."""
+        bodies = [each.body for each in self._records.values()]
+        freedoms = sum(
+            6 * body.base_moves + sum(joint.widths[1] for joint in body.joints) for body in bodies
+        )
+        steps = steps or min(MOST_STEPS, max(LEAST_STEPS, NUMBERS // max(freedoms, 1)))
+        # `map` keeps no piece while the next is read.
+        yield from map(self._explained, self._seen.pieces(steps))
+
+    def _explained(self, piece: Piece) -> Explained:
+        pushes = self._pushes = self._told(piece)
+        chains = self._chained(piece)
+        touching = Touching(piece.contacts, self._records)
+        bodies: dict[int, Judged] = {}
+        for number, (chain, first) in chains.items():
+            record = self._records[number]
+            around = Around(
+                record=record,
+                chain=chain,
+                settings=self._settings[record.body.client],
+                pushes=pushes.get(number, []),
+                commands=self._commands,
+                constraints=self._constraints,
+                touching=touching,
+                sides=touching.of(number),
+                poses=lambda body, ends: self._poses(chains, body, ends),
+                exact=self._seen.machine in ("", *EXACT_MACHINES),
+            )
+            stretches = [
+                steps_of(each, around) for each in stretches_of(chain, first, self._epochs[number])
+            ]
+            sampled = chain.steps[first:][chain.sampled[first:]]
+            soft = record.body.client in self._soft
+            bodies[number] = judged(record.body, sampled, stretches, soft_there=soft)
+            self.totals.setdefault(number, Totals(record.body)).add(bodies[number])
+            self._lasts[number] = chain.at(np.arange(len(chain))[-2:])  # a copy
+        held = {number: chain for number, (chain, _) in chains.items()}
+        return Explained(piece, bodies, held, self._constraints, self._records)
+
+    def _chained(self, piece: Piece) -> dict[int, tuple[Chain, int]]:
+        """Return the states of each body, and how many of them were in the piece before."""
+        parts = piece.bases.partition_by("body", as_dict=True, maintain_order=True)
+        bases = {int(key[0]): rows for key, rows in parts.items()}
+        chains = {}
+        for number, record in self._records.items():
+            last = self._lasts.get(number)
+            chain = chain_of(record, bases.get(number), piece.joints.get(number), last)
+            if chain is not None:
+                chains[number] = chain, 0 if last is None else len(last)
+        return chains
+
+    def _poses(
+        self, chains: Mapping[int, tuple[Chain, int]], number: int, ends: Int64
+    ) -> tuple[Tree, States]:
+        """Return a body and the states that its steps to samples began with."""
+        record = self._records[number]
+        _, epoch = next(self._epochs[number].of(ends[:1] - 1))
+        tree = epoch.law.tree
+        if number not in chains:
+            chain = Chain.of_base(record.told(ends), ends)
+        else:
+            chain, _ = chains[number]
+            sampled = np.flatnonzero(chain.sampled)
+            _, rows = rows_of(ends, chain.steps[sampled])
+            chain = chain.at(np.maximum(sampled[rows] - 1, 0))
+        return tree, chain.states(tree)
+
+    # -- calls ------------------------------------------------------------------------------------
+
+    def _told(self, piece: Piece) -> dict[int, list[Push]]:
+        """Take the calls of a piece; return the pushes that steps of it need, by body."""
+        pushes = {
+            number: [each for each in held if each.at.step + 1 >= piece.first]
+            for number, held in self._pushes.items()
+        }
+        for given in piece.calls.given():
+            if given.body.number in self._records:
+                self._records[given.body.number].give(given)
+        for push in piece.calls.pushes():
+            pushes.setdefault(push.body.number, []).append(push)
+        self._commands.take(piece)
+        self._constraints.begin(piece.forces)
+        for call in piece.calls.of("createConstraint", "changeConstraint"):
+            self._join(call, piece.calls)
+        return pushes
+
+    def _join(self, call: Call, calls: Log) -> None:
+        """Note a call that makes or changes a constraint."""
+        if call.function == "changeConstraint":
+            self._constraints.change(call)
+        elif call.function == "createConstraint" and np.isfinite(call.result):
+            ids = [
+                int(call.values.get(f"{role}BodyUniqueId", (-1,))[0])
+                for role in ("parent", "child")
+            ]
+            held = [None if each < 0 else calls.body_at(call, each) for each in ids]
+            moments = [call.at, *(each.at for each in held if each is not None)]
+            first, second = (NOBODY if each is None else each.body.number for each in held)
+            self._constraints.create(call, max(moments, key=order), (first, second))

@@ -1,0 +1,180 @@
+"""What each sample of a body is: the step of a law that led to it, or unexplained.
+
+    x' = x + v' dt        holds in every phase to the last bit, and so does the turn by ω'
+    v', ω'                follow from the law in flight, else from law and contacts (`balance`)
+
+The segment of a sample is that of the step which led to it, so it depends on two samples and the
+contacts between them. Not covered, so `unexplained`: contact in a timestep of several substeps, of
+which PyBullet reports only the last; rolling and spinning friction, which it does not report, or,
+without cone friction, in place of sliding friction; and the first step of a btRigidBody that
+touches something after it was turned or given another mass, since it is pushed with the inertia it
+was loaded with. Bodies with joints are not covered at all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.explain.balance import ULPS, Pushes, balance_of
+from drop_physics.explain.touching import Touches
+from drop_physics.physics.base import FUSED, Law, Motion
+from drop_physics.physics.rotations import same_way
+from drop_physics.physics.vectors import any_of, largest, lengths
+
+Float64 = NDArray[np.float64]
+
+Segment = Literal["flight", "contact", "pushed", "set", "unexplained"]
+SEGMENTS: tuple[Segment, ...] = get_args(Segment)
+FLIGHT, CONTACT, PUSHED, SET, UNEXPLAINED = range(len(SEGMENTS))
+
+BLOCK = 1 << 14
+"""Samples judged at a time, few enough for the processor's cache."""
+
+
+@dataclass(frozen=True)
+class Segments:
+    """What the samples of a body are, shape (samples,) each."""
+
+    code: NDArray[np.int8]
+    """Indices into `SEGMENTS`."""
+    held: NDArray[np.bool_]
+    """Whether the engine clamped a velocity in the step to each sample.
+
+    Where law and contacts do not lead to a sample: whether it reached the limit to the bit.
+    """
+
+
+def segments_of(
+    motion: Motion,
+    law: Law,
+    touches: Touches,
+    *,
+    exact: bool = True,
+    pushes: Pushes | None = None,
+    placed: NDArray[np.bool_] | None = None,
+    before: Motion | None = None,
+    rolls: NDArray[np.bool_] | None = None,
+) -> Segments:
+    """Return the segment of every sample of one rigid body that was stepped.
+
+    Parameters
+    ----------
+    motion
+        The recorded motion of a body without joints.
+    law
+        The law that it follows where nothing touches it.
+    touches
+        Its contact points, in the order of the samples.
+    exact
+        Whether the engine's machine rounds each operation once.
+    pushes
+        What a script applied in the step which led to each sample; None without any.
+    placed
+        Which samples a call, not a step, led to; the first one if None.
+    before
+        What each step began with; None where that is the sample before.
+    rolls
+        In which samples contact may have given an unreported torque: these are `contact` or
+        `pushed` if their linear momentum balances, regardless of spin; None where that is not
+        enough.
+    """
+    before = motion.before() if before is None else before
+    placed = np.arange(len(motion)) == 0 if placed is None else placed
+    blocks = []
+    for first in range(0, max(1, len(motion)), BLOCK):
+        rows = slice(first, first + BLOCK)
+        points = slice(*np.searchsorted(touches.step, [first, first + BLOCK]))
+        block = _of_block(
+            motion.at(rows),
+            law,
+            touches.since(first, points),
+            exact=exact,
+            pushes=None if pushes is None else pushes.at(rows),
+            placed=placed[rows],
+            before=before.at(rows),
+            rolls=None if rolls is None else rolls[rows],
+        )
+        blocks.append(block)
+    return Segments(
+        *(np.concatenate([getattr(each, name) for each in blocks]) for name in ("code", "held"))
+    )
+
+
+def _of_block(
+    motion: Motion,
+    law: Law,
+    touches: Touches,
+    *,
+    exact: bool,
+    pushes: Pushes | None,
+    placed: NDArray[np.bool_],
+    before: Motion,
+    rolls: NDArray[np.bool_] | None,
+) -> Segments:
+    """Return the segments of some samples in a row."""
+    balance = balance_of(motion, law, touches, pushes, before=before)
+    several, bits = law.substeps > 1, law.bits(before)
+    exactly, ulps = 0.0 if exact else FUSED, ULPS * law.epsilon
+
+    # With one step per sample its own velocities moved it, whatever their cause.
+    alone = balance.law
+    moved = alone if several else law.moved(before, motion.velocity_m_s, motion.spin_rad_s)
+    position, orientation = motion.position_m, same_way(motion.orientation, moved.orientation)
+    terms_m_s, terms_rad_s = law.terms(before)
+    exactly_there = bits | law.moves_exactly
+    turns = np.where(exactly_there, exactly, ulps)
+    aside = np.where(exactly_there, 0.0, law.oriented)
+    place_m, turn = _off(position, moved.position_m), _off(orientation, moved.orientation)
+    way_m = law.timestep_s * terms_m_s
+    # An orientation that deviates leads aside.
+    there = place_m <= (
+        turns * (largest(position) + way_m) + aside * way_m + law.clock_s * terms_m_s
+    )
+    # As uncertain as the spin that turned it, which may have been read back through a rotation.
+    dt, spin_rad_s = law.timestep_s, lengths(motion.spin_rad_s)
+    there &= turn <= law.oriented + exactly + dt * (ulps * spin_rad_s + turns * terms_rad_s)
+
+    sum_m_s = terms_m_s + largest(motion.velocity_m_s)
+    sum_rad_s = terms_rad_s + largest(motion.spin_rad_s)
+    near = balance.near
+    rounded = np.where(bits & ~near, exactly, ulps)
+    fall_m_s = _off(motion.velocity_m_s, alone.velocity_m_s)
+    fall_rad_s = _off(motion.spin_rad_s, alone.spin_rad_s)
+    pull_m_s2 = float(np.linalg.norm(law.gravity_m_s2))
+    free = fall_m_s <= rounded * (sum_m_s + balance.tried_m_s) + law.clock_s * pull_m_s2
+    free &= fall_rad_s <= rounded * (sum_rad_s + balance.tried_rad_s)
+    closes, closes_linear = balance.closes(motion), balance.closes_linear(motion)
+    balanced = closes & (not several)
+
+    forced = np.zeros(len(motion), dtype=bool) if pushes is None else pushes.acted
+    code = np.full(len(motion), UNEXPLAINED, np.int8)
+    code[there & free & ~balance.touched & ~forced] = FLIGHT
+    code[there & balanced & balance.touched] = CONTACT
+    code[there & balanced & forced] = PUSHED
+    if rolls is not None and not several:
+        rolling = (code == UNEXPLAINED) & there & near & rolls & closes_linear
+        code[rolling] = np.where(forced, PUSHED, CONTACT)[rolling]
+    code[placed] = SET
+    follows = (code == FLIGHT) | (np.isin(code, (CONTACT, PUSHED)) & balanced)
+    held = np.where(follows, law.limited(before) | balance.held, _at_limit(law, before, motion))
+    return Segments(code, held)
+
+
+def _at_limit(law: Law, before: Motion, motion: Motion) -> NDArray[np.bool_]:
+    """Return which samples have a velocity newly at the engine's limit, (n,)."""
+    limited = np.zeros(len(motion), dtype=bool)
+    for name in ("velocity_m_s", "spin_rad_s"):
+        was, now = getattr(before, name), getattr(motion, name)
+        beyond = np.nextafter(now, np.copysign(np.inf, now))
+        reached = np.isfinite(now) & (law.held(beyond) == now) & (now != was)
+        limited |= any_of(reached)
+    return limited
+
+
+def _off(values: Float64, reference: Float64) -> Float64:
+    """Return the largest difference in each sample, shape (samples,)."""
+    return largest(values - reference)

@@ -1,0 +1,294 @@
+"""The steps of one body under constant settings, each as a sum of named impulses."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.explain import alone
+from drop_physics.explain.bodies import Epoch, Record
+from drop_physics.explain.chain import Chain, Stretch
+from drop_physics.explain.changes import Changes, Transitions, changes_of
+from drop_physics.explain.commands import Commanded, Commands
+from drop_physics.explain.joined import Acting, Constraints, Poses
+from drop_physics.explain.pushed import pushed
+from drop_physics.explain.touching import Sides, Touching, rows_of
+from drop_physics.physics.bullet_tree import BulletTree, Reason, Reported, sum_of
+from drop_physics.physics.impulses import Forces, Sum, impulses_of
+from drop_physics.physics.kinematics import kinematics
+from drop_physics.physics.moving import moved_on
+from drop_physics.physics.tree import BASE, States
+from drop_physics.trace import events
+from drop_physics.trace.calls import Push
+from drop_physics.trace.events import counted_s, order
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Int8 = NDArray[np.int8]
+Flags = NDArray[np.bool_]
+
+EXPLAINED = 1e-9
+"""A remainder up to this share of the largest term is rounding."""
+ENGINE = ("fixedTimeStep", *(f"gravityAcceleration{axis}" for axis in "XYZ"))
+NEVER, TRIALS = 1 << 30, 8
+"""After how many of a step's pushes a call refreshed the poses of links: not at all, or after less
+than so many; which calls did is not recorded."""
+WITHOUT_SUM: frozenset[Reason] = frozenset(
+    ("engine", "substeps", "soft", "maximal", "massless", "planar")
+)
+"""Where the law has no sum. Elsewhere the sum holds until what the reason names happens."""
+
+
+@dataclass(frozen=True, eq=False)
+class Around:
+    """What was seen of a piece, for one body."""
+
+    record: Record
+    chain: Chain
+    settings: Sequence[events.Settings]
+    """Of its simulation."""
+    pushes: Sequence[Push]
+    commands: Commands
+    constraints: Constraints
+    touching: Touching
+    sides: Sides
+    """Its contact points."""
+    poses: Poses
+    exact: bool
+    """Whether the machine rounds each operation once."""
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """Steps of one body; arrays have one row per step, shape (n,) if not said otherwise."""
+
+    epoch: Epoch
+    law: BulletTree
+    """As in the epoch, unless the law does not know its joints: then as if they did not move."""
+    steps: Int64
+    """The samples that they led to."""
+    before: States
+    after: States
+    put: Flags
+    """Whether calls had set the state that a step began with."""
+    asked: Commanded
+    """What calls asked of its joints."""
+    reported: Reported
+    """What is known of them; a row of Forces names its step by its row here."""
+    sides: Sides
+    """The contact points, in the order of `reported.contacts`."""
+    terms: Mapping[str, Float64]
+    """Impulses by cause [N s, N m s], shape (n, size) each; empty where the law has no sum."""
+    remainder: Float64
+    """What the terms do not explain, shape (n, size)."""
+    largest: Float64
+    """The largest entry of any term, or impulse of a single force."""
+    unexplained: Float64
+    """The largest entry of the remainder over `largest`; infinite where the law has no sum."""
+    unknown: Flags
+    """Where a constraint acts that the law does not cover."""
+    changes: Changes
+    """How energy and momentum change, by cause."""
+    alone: Int8 | None
+    """What they are by the law of a body without links (`alone`); None of other bodies."""
+
+    def __len__(self) -> int:
+        """Return the number of steps."""
+        return len(self.steps)
+
+    @property
+    def covered(self) -> bool:
+        """Whether the law has a sum for these steps."""
+        return bool(self.terms)
+
+    @cached_property
+    def point_energy_j(self) -> Float64:
+        """What each contact point gave of the body's energy: ½ (u' + u)·P, shape (points,)."""
+        contacts, tree = self.reported.contacts, self.law.tree
+        if not len(contacts) or not tree.size:
+            return np.zeros(len(contacts))
+        used, rows = np.unique(contacts.step, return_inverse=True)
+        kin = kinematics(tree, self.before.at(used))
+        timestep_s = self.reported.timestep_s[used]
+        impulses = impulses_of(kin, replace(contacts, step=rows), timestep_s)
+        mean = 0.5 * (self.before.velocity + self.after.velocity)[contacts.step]
+        return np.asarray(np.einsum("ki,ki->k", mean, impulses))
+
+
+def steps_of(stretch: Stretch, around: Around) -> Steps:
+    """Return the steps of a stretch."""
+    chain, law, reasons = stretch.chain, stretch.epoch.law, stretch.epoch.reasons
+    if "planar" in reasons:  # the states are not those of its tree
+        chain, law = chain.without_joints(), _still(law)
+    real = chain.stepped[1:]
+    where = np.flatnonzero(real)
+    begins, ends = chain.at(where), chain.at(where + 1)
+    before, states = begins.states(law.tree), chain.states(law.tree)
+    asked = around.commands.asked(around.record.body, ends.steps)
+    found, acting, sides = _reported(around, law, ends, before, asked)
+    rows, added = Transitions(real, found.gravity_m_s2), None
+    n, size = len(where), law.tree.size
+    unexplained, without = np.full(n, np.inf), {*reasons} & WITHOUT_SUM
+    if not size:
+        unexplained[_coasts(law, begins, ends, found.timestep_s)] = 0.0
+    elif not without:
+        added, found = _closing(stretch, around, rows, states, found)
+        unexplained = added.unexplained[real]
+    after, codes = ends.states(law.tree), None
+    if size and not law.tree.links and without and {*reasons} & alone.ALONE == without:
+        found = replace(found, applied=_pushed(stretch, around, rows, np.full(n, NEVER)))
+        touches = around.touching.touches(sides, found.contacts)
+        codes = alone.explained(stretch.epoch, before, after, found, touches, exact=around.exact)
+    return Steps(
+        epoch=stretch.epoch,
+        law=law,
+        steps=ends.steps,
+        before=before,
+        after=after,
+        put=~begins.sampled,
+        asked=asked,
+        reported=found,
+        sides=sides,
+        terms={} if added is None else {name: each[real] for name, each in added.terms.items()},
+        remainder=np.zeros((n, size)) if added is None else added.remainder[real],
+        largest=np.zeros(n) if added is None else added.largest[real],
+        unexplained=unexplained,
+        unknown=acting.unknown,
+        changes=changes_of(law, states, rows, added),
+        alone=codes,
+    )
+
+
+def _coasts(law: BulletTree, begins: Chain, ends: Chain, timestep_s: Float64) -> Flags:
+    """Return in which steps a base that nothing pushes keeps its velocity, and moves with it."""
+    free = replace(law.tree, fixed=False)
+    before, after = begins.states(free), ends.states(free)
+    kept = (before.velocity == after.velocity).all(axis=1)
+    return np.asarray(kept & moved_on(free, before, after, timestep_s))
+
+
+def _reported(
+    around: Around, law: BulletTree, ends: Chain, before: States, asked: Commanded
+) -> tuple[Reported, Acting, Sides]:
+    """Return what is known of the steps to samples but for pushes, and the contact points."""
+    tree, body = law.tree, around.record.body
+    timestep_s, gravity_m_s2 = _of_engine(around.settings, ends.steps - 1)
+    found, at = rows_of(around.sides.step, ends.steps)
+    sides = around.sides.at(found)
+    acting = around.constraints.on(body.number, tree, ends.steps, before, timestep_s, around.poses)
+    reported = Reported(
+        timestep_s=timestep_s,
+        gravity_m_s2=gravity_m_s2,
+        motors=asked.motors(tree, ends.effort[:, : tree.joint_rates]),
+        commanded=around.commands.torques(body, tree, ends.steps),
+        pd=asked.servos(law, before),
+        contacts=around.touching.forces(sides, at),
+        constraints=acting.forces,
+        geared=acting.geared,
+    )
+    return reported, acting, sides
+
+
+def _of_engine(settings: Sequence[events.Settings], began: Int64) -> tuple[Float64, Float64]:
+    """Return timestep [s] and gravity [m/s²] of each step, shapes (n,) and (n, 3)."""
+    told = [each.at.step for each in settings]
+    first, last = (max(bisect_right(told, step) - 1, 0) for step in (began[0], began[-1]))
+    numbers = [
+        [float(np.ravel(each.values[name])[0]) for name in ENGINE]
+        for each in settings[first : last + 1]
+    ]
+    which = np.maximum(np.searchsorted(told, began, side="right") - 1, 0) - first
+    timestep_s, *gravity = np.array(numbers)[which].T
+    return np.array([*map(counted_s, timestep_s.tolist())]), np.stack(gravity, axis=1)
+
+
+# -- pushes, whose pose is not known --------------------------------------------------------------
+
+
+def _pushes(stretch: Stretch, around: Around) -> list[Push]:
+    """Return the pushes of a body in its present life."""
+    came = order(around.record.came[stretch.epoch.life].at)
+    return [each for each in around.pushes if order(each.at) >= came]
+
+
+def _pushed(stretch: Stretch, around: Around, rows: Transitions, refreshed: Int64) -> Forces:
+    """Return what pushes do in the steps of a stretch."""
+    begins = stretch.first + rows.where
+    ends = around.chain.steps[begins + 1]
+    return pushed(
+        _pushes(stretch, around),
+        around.record,
+        stretch.epoch.law.tree,
+        around.chain,
+        begins,
+        ends,
+        refreshed=refreshed,
+    )
+
+
+def _closing(
+    stretch: Stretch, around: Around, rows: Transitions, states: States, found: Reported
+) -> tuple[Sum, Reported]:
+    """Return the sum, with pushes at those poses of links with which each step closes best."""
+    law, pushes = stretch.epoch.law, _pushes(stretch, around)
+
+    def added(refreshed: Int64) -> tuple[Sum, Reported]:
+        known = found
+        if pushes:
+            known = replace(found, applied=_pushed(stretch, around, rows, refreshed))
+        return sum_of(law, states, _spread(known, rows)), known
+
+    refreshed = np.full(len(rows.where), NEVER)
+    best, known = added(refreshed)
+    off = best.unexplained[rows.real]
+    _, counts = np.unique(
+        [each.at.step for each in pushes if each.link != BASE], return_counts=True
+    )
+    for trial in range(min(int(counts.max(initial=0)), TRIALS)):
+        if not (off > EXPLAINED).any():
+            break
+        tried, _ = added(np.where(off > EXPLAINED, trial, refreshed))
+        better = tried.unexplained[rows.real] < off
+        refreshed[better] = trial
+        off = np.minimum(off, tried.unexplained[rows.real])
+        best, known = added(refreshed)
+    return best, known
+
+
+def _spread(reported: Reported, rows: Transitions) -> Reported:
+    """Return the same for all transitions of a stretch; one that is no step takes no time."""
+    if rows.real.all():
+        return reported
+    m, where = len(rows.real), rows.where
+
+    def spread(values: Float64) -> Float64:
+        out = np.zeros((m, *values.shape[1:]))
+        out[where] = values
+        return out
+
+    def moved(forces: Forces) -> Forces:
+        return replace(forces, step=where[forces.step])
+
+    return Reported(
+        timestep_s=spread(reported.timestep_s),
+        gravity_m_s2=rows.gravity_then,
+        motors=spread(reported.motors),
+        commanded=spread(reported.commanded),
+        pd=spread(reported.pd),
+        applied=moved(reported.applied),
+        contacts=moved(reported.contacts),
+        constraints=moved(reported.constraints),
+        geared=None if reported.geared is None else spread(reported.geared),
+    )
+
+
+def _still(law: BulletTree) -> BulletTree:
+    """Return a body as if none of its joints moved."""
+    nothing = np.empty(0)
+    tree = replace(law.tree, joints=tuple("fixed" for _ in law.tree.joints))
+    return replace(law, tree=tree, joint_damping=nothing, lower=nothing, upper=nothing)

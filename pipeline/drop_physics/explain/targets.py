@@ -1,0 +1,230 @@
+"""Targets of the joints' position motors, each while it stood: where it left its joint.
+
+A motor's law, off its limit, with e the position minus the target (`btMultiBodyJointMotor.cpp`):
+
+    e' = (1 - kp) e + dt (kd v + (1 - kd) q̇_free)
+
+so a target that stood for n steps, at kd = 1, leaves (1 - kp)^n of the gap before, and what its
+velocity v adds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.explain.joints import REST_STEPS, Driven, target_of
+from drop_physics.trace.motors import POSITION
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+KEYS = ("target", "target_velocity", "kp", "kd", "mode", "pd")
+"""With any other of these it is another target."""
+SETTLED_STEPS, SETTLED = 60, 1e-3
+"""A joint that stays within so much [rad] or [m] over so many steps is at rest too: it may bounce
+off its stop, or creep."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stood:
+    """Targets of one rate of a body that stood, one after the other, m of them; shape (m,)."""
+
+    k: int
+    """The rate, among those of all joints."""
+    first: Int64
+    """The first sample that each led to."""
+    last: Int64
+    row: Int64
+    """Of the last, in the steps at hand; -1 if it is not among them."""
+    steps: Int64
+    at_limit: Int64
+    """In how many of these steps its motor was at its limit."""
+    target: Float64
+    """Where PyBullet sends the joint: a target beyond its limits is moved to them."""
+    gap: Float64
+    """Position minus target at the last."""
+    before: Float64
+    """Position minus target when it was given."""
+    lawful: Float64
+    """The gap that the motor's law leaves of it; nan where it is not known."""
+    kp: Float64
+    rate: Float64
+    """At the last."""
+    resting: Flags
+    """Whether the joint came to rest while it stood."""
+    left: Flags
+    """Whether calls put the joint where it began, and gave the target before, not again."""
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self.first)
+
+    def only(self, which: Int64) -> Stood:
+        """Return some of them."""
+        return Stood(
+            **{name: value if name == "k" else value[which] for name, value in vars(self).items()}
+        )
+
+
+@dataclass(eq=False)
+class _Open:
+    """The target that stands at the end of the steps so far."""
+
+    key: Float64
+    first: int
+    last: int
+    position: float
+    """When it was given."""
+    at_limit: int
+    placed: bool
+    """Whether a call had put the joint there."""
+
+
+class Targets:
+    """The targets of one body; its steps come in order."""
+
+    def __init__(self) -> None:
+        self._open: dict[int, _Open] = {}
+        self._tail = np.empty((0, 0))
+        """Positions before these steps."""
+        self._tail_step = -1
+        self._path = self._tail
+
+    def see(self, driven: Driven) -> Iterator[tuple[Stood, bool]]:
+        """Yield, per rate, the targets that ended before or in some steps, and the last of them.
+
+        The last one comes by itself, with True: it may go on.
+        """
+        asked, steps = driven.asked, driven.steps
+        target = target_of(driven)
+        keys = np.stack([getattr(asked, name) for name in KEYS])
+        keys[0] = target
+        if len(self._tail) and steps.steps[0] != self._tail_step + 1:
+            self._tail = self._tail[:0]
+        came = np.concatenate((self._tail[-1:].reshape(-1, target.shape[1]), driven.after[:-1]))
+        came = came if len(self._tail) else np.concatenate((driven.before[:1], came))
+        put = steps.put[:, None] & (driven.before != came)
+        self._path = np.concatenate((self._tail.reshape(-1, target.shape[1]), driven.after))
+        for k in range(target.shape[1]):
+            if np.isnan(target[:, k]).all() and k not in self._open:
+                continue
+            ended, going = self._of(driven, k, keys[:, :, k], put[:, k])
+            if len(ended):
+                yield ended, False
+            if going is not None:
+                yield going, True
+        self._tail, self._tail_step = self._path[-SETTLED_STEPS:].copy(), int(steps.steps[-1])
+
+    def _settled(self, stood: Stood, end: int) -> Flags:
+        """Return whether each joint hardly moved before its target ended; `end` of these steps."""
+        settled = stood.resting.copy()
+        for i in np.flatnonzero(~settled & (stood.steps >= SETTLED_STEPS)).tolist():
+            last = len(self._path) - end + int(stood.row[i]) + 1
+            path = self._path[max(last - SETTLED_STEPS, 0) : last, stood.k]
+            settled[i] = len(path) == SETTLED_STEPS and np.ptp(path) < SETTLED
+        return settled
+
+    def _of(self, driven: Driven, k: int, keys: Float64, put: Flags) -> tuple[Stood, Stood | None]:
+        ends = driven.steps.steps
+        new = np.ones(len(ends), np.bool_)
+        same = (keys[:, 1:] == keys[:, :-1]) | (np.isnan(keys[:, 1:]) & np.isnan(keys[:, :-1]))
+        new[1:] = ~same.all(axis=0) | (np.diff(ends) != 1) | put[1:]
+        held = self._open.pop(k, None)
+        if held is not None and held.last + 1 == ends[0] and not put[0]:
+            new[0] = not np.array_equal(held.key, keys[:, 0], equal_nan=True)
+        begins = np.flatnonzero(new)
+        rows = np.append(begins, len(ends))[1:] - 1
+        position, total = driven.before[:, k], np.append(0, np.cumsum(driven.at_limit[:, k]))
+        first, start = ends[begins], position[begins]
+        counts = total[rows + 1] - total[begins]
+        placed = put[begins]
+        if not new[0]:  # the one that stood goes on
+            assert held is not None
+            until = begins[0] - 1 if len(begins) else len(ends) - 1
+            rows = np.append(until, rows) if len(begins) else np.array([until])
+            first, start = np.append(held.first, first), np.append(held.position, start)
+            counts = np.append(total[until + 1] + held.at_limit, counts)
+            placed = np.append(held.placed, placed)
+        left = placed & (driven.asked.told[rows, k] < first - 1)
+        found = _stood(driven, k, rows, first, start, counts, left)
+        found = replace(found, resting=self._settled(found, len(ends)))
+        if np.isfinite(found.target[-1]):
+            self._open[k] = _Open(
+                keys[:, -1].copy(),
+                int(first[-1]),
+                int(ends[-1]),
+                float(start[-1]),
+                int(counts[-1]),
+                bool(placed[-1]),
+            )
+        kept = np.isfinite(found.target)
+        kept[-1] = False
+        going = found.only(np.array([len(found) - 1])) if np.isfinite(found.target[-1]) else None
+        return found.only(np.flatnonzero(kept)), going
+
+
+def _stood(
+    driven: Driven, k: int, rows: Int64, first: Int64, start: Float64, counts: Int64, left: Flags
+) -> Stood:
+    asked = driven.asked
+    target, kp, kd, rate = (
+        getattr(asked, name)[rows, k] for name in ("target", "kp", "kd", "target_velocity")
+    )
+    pd = asked.pd[rows, k] == 1
+    law = driven.steps.law
+    lower, upper = law.lower[k], law.upper[k]
+    clipped = np.clip(target, lower, upper) if lower <= upper else target
+    n = driven.steps.steps[rows] - first + 1
+    timestep_s = driven.steps.reported.timestep_s[rows]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        remains = (1 - kp) ** n
+        added = np.where(kp > 0, (1 - remains) / kp, n) * timestep_s * rate
+    gap_law = remains * (start - clipped) + added
+    sure = (kd == 1) & np.isnan(asked.max_velocity[rows, k]) & ~pd & driven.steps.covered
+    aim = np.where(pd, asked.pd_target[rows, k], clipped)
+    aim = np.where(np.isfinite(target_of(driven)[rows, k]), aim, np.nan)
+    return Stood(
+        k=k,
+        first=first,
+        last=driven.steps.steps[rows],
+        row=rows,
+        steps=n,
+        at_limit=counts,
+        target=aim,
+        gap=driven.after[rows, k] - aim,
+        before=start - aim,
+        lawful=np.where(sure, gap_law, np.nan),
+        kp=kp,
+        rate=driven.rate[rows, k],
+        resting=driven.resting[rows, k] & (n >= REST_STEPS),
+        left=left,
+    )
+
+
+def rings_with(kp: Float64, kd: Float64) -> Flags:
+    """Return whether a root of z² - (2 - kp - kd) z + 1 - kd is negative, complex, or 1 or more."""
+    half, last = (2 - kp - kd) / 2, 1 - kd
+    inside = half**2 - last
+    with np.errstate(invalid="ignore"):
+        root = np.sqrt(inside)
+    low, high = half - root, half + root
+    with np.errstate(invalid="ignore"):
+        return np.asarray((kp > 0) & ((inside < -1e-12) | (low < -1e-9) | (high >= 1)))
+
+
+def flips(driven: Driven) -> Flags:
+    """Return where the gains of a motor turn its joint around with every step, (n, joint_rates)."""
+    kp, kd = driven.asked.kp, driven.asked.kd
+    rings = rings_with(kp, kd) & (driven.asked.mode == POSITION) & (driven.asked.pd != 1)
+    return np.asarray(rings & ((kp + kd > 2) | (kd > 1)))
+
+
+def grows_with(kp: Float64, kd: Float64) -> Flags:
+    """Return whether a root is of magnitude 1 or more: Jury's criterion of these roots."""
+    middle, last = kp + kd - 2, 1 - kd
+    return np.asarray((kp > 0) & ((np.abs(last) >= 1) & (kd > 0) | (1 - middle + last <= 0)))

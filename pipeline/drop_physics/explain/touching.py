@@ -1,0 +1,164 @@
+"""Contact points, seen from each of the bodies that touch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from drop_physics.explain.bodies import Record
+from drop_physics.physics.bullet_reports import contact_forces
+from drop_physics.physics.impulses import Forces
+from drop_physics.physics.rowed import Rowed
+from drop_physics.physics.tree import BASE
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+VECTORS = ("ax_m", "bx_m", "nx", "f1x", "f2x")
+"""The x components of a contact point's vectors: where it is on each body, and directions."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sides(Rowed):
+    """Contact points, one row for each of their two sides; in step order."""
+
+    step: Int64
+    """The sample that the step of the contact led to."""
+    body: Int64
+    link: Int64
+    other_body: Int64
+    other_link: Int64
+    is_a: Flags
+    point: Int64
+    """Row of the contact point in the piece."""
+    rolling: Flags
+    """Whether either link has a coefficient of rolling or spinning friction."""
+
+
+@dataclass(frozen=True)
+class Touches(Rowed):
+    """The contact points of one part, one row each; vectors in world axes, (points, 3)."""
+
+    step: Int64
+    position_m: Float64
+    """On this part."""
+    force_n: Float64
+    """Normal force and both frictions on this part."""
+    distance_m: Float64
+    """Negative where they overlap, (points,)."""
+    other_body: Int64
+    """The other body, (points,)."""
+    other_link: Int64
+
+    def since(self, first: int, points: slice) -> Touches:
+        """Return some of the points, whose steps count from `first`."""
+        some = self.at(points)
+        return replace(some, step=some.step - first)
+
+
+class Touching:
+    """The contact points of a piece."""
+
+    def __init__(self, contacts: pl.DataFrame, records: Mapping[int, Record]) -> None:
+        self._points = {first: vectors_of(contacts, first) for first in VECTORS}
+        self._normal_n = contacts["normal_force_n"].to_numpy()
+        self._distance_m = contacts["distance_m"].to_numpy()
+        self._friction_n = np.column_stack(
+            [contacts[name].to_numpy() for name in ("friction_1_n", "friction_2_n")]
+        )
+        # Farther apart than contactProcessingThreshold, Bullet reports the friction of another
+        # point; DART's points in contact may have friction alone.
+        self._friction_n[(self._normal_n == 0) & (self._distance_m > 0)] = 0.0
+        step, a, b, link_a, link_b = (
+            contacts[name].to_numpy() for name in ("step", "body_a", "body_b", "link_a", "link_b")
+        )
+        points = np.arange(len(step))
+        rolling = _rolls(records, step, a, link_a) | _rolls(records, step, b, link_b)
+        is_a = np.repeat([True, False], len(step))
+        both = Sides(
+            np.tile(step, 2),
+            np.concatenate((a, b)),
+            np.concatenate((link_a, link_b)),
+            np.concatenate((b, a)),
+            np.concatenate((link_b, link_a)),
+            is_a,
+            np.tile(points, 2),
+            np.tile(rolling, 2),
+        )
+        self._sides = both.at(np.lexsort((both.point, both.body)))
+
+    def of(self, body: int) -> Sides:
+        """Return the contact points of a body."""
+        first, end = (
+            np.searchsorted(self._sides.body, body, side=side) for side in ("left", "right")
+        )
+        return self._sides.at(np.arange(first, end))
+
+    def forces(self, sides: Sides, row: Int64) -> Forces:
+        """Return what some contact points do to their body; `row` are their steps."""
+        points = sides.point
+        at_a, at_b, normal, first, second = (self._points[name][points] for name in VECTORS)
+        return contact_forces(
+            step=row,
+            link=sides.link,
+            is_a=sides.is_a,
+            point_m=np.where(sides.is_a[:, None], at_a, at_b),
+            normal=normal,
+            normal_force_n=self._normal_n[points],
+            friction_n=self._friction_n[points],
+            directions=np.stack((first, second), axis=1),
+            rolling=sides.rolling,
+        )
+
+    def touches(self, sides: Sides, forces: Forces) -> Touches:
+        """Return contact points, and the forces at them, as those of a body alone."""
+        return Touches(
+            step=forces.step,
+            position_m=forces.point_m,
+            force_n=forces.force_n,
+            distance_m=self.distance_m(sides),
+            other_body=sides.other_body,
+            other_link=sides.other_link,
+        )
+
+    def distance_m(self, sides: Sides) -> Float64:
+        """Return the distance at contact points, negative where bodies overlap, shape (k,)."""
+        return np.asarray(self._distance_m[sides.point])
+
+
+def touches_of(contacts: pl.DataFrame, body: int, link: int = BASE) -> Touches:
+    """Return the contact points of one part of a body, in their order."""
+    touching = Touching(contacts, {})
+    sides = touching.of(body)
+    sides = sides.at(np.flatnonzero(sides.link == link))
+    return touching.touches(sides, touching.forces(sides, sides.step))
+
+
+def vectors_of(points: pl.DataFrame, first: str) -> Float64:
+    """Return vectors by the name of their x component, shape (n, 3)."""
+    return np.column_stack([points[first.replace("x", axis)].to_numpy() for axis in "xyz"])
+
+
+def _rolls(records: Mapping[int, Record], step: Int64, body: Int64, link: Int64) -> Flags:
+    """Return which links resist rolling or spinning, in the steps that led to these samples."""
+    rolls = np.zeros(len(step), np.bool_)
+    for number in np.unique(body).tolist():
+        if number in records:
+            rows = np.flatnonzero(body == number)
+            for kind in ("rolling", "spinning"):
+                held = records[number].coefficients(f"{kind}_friction", step[rows], link[rows])
+                rolls[rows] |= np.nan_to_num(held) != 0  # other engines report none
+    return rolls
+
+
+def rows_of(steps: Sequence[int] | Int64, ends: Int64) -> tuple[NDArray[np.intp], Int64]:
+    """Return which of some samples are among others, and where; `ends` in ascending order."""
+    asked = np.asarray(steps, np.int64)
+    rows = np.minimum(np.searchsorted(ends, asked), len(ends) - 1)
+    found = np.flatnonzero(ends[rows] == asked) if len(ends) else np.empty(0, np.intp)
+    return found, rows[found] if len(ends) else np.empty(0, np.int64)

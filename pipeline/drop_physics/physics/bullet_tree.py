@@ -1,0 +1,299 @@
+"""Bullet's step of a btMultiBody: what it adds to a tree's dynamics, and what it reports of it.
+
+Measured with PyBullet 3.2.7 (`docs/validation.md`). File names and line numbers are bullet3's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.physics.bullet_air import DEFAULT_DAMPING, EPSILON, MAX_COORDINATE_VELOCITY_M_S
+from drop_physics.physics.columns import length
+from drop_physics.physics.dynamics import angular_momenta, bias, gravity, lifted_j, mass_matrix
+from drop_physics.physics.impulses import (
+    Forces,
+    Sum,
+    change_of,
+    impulses_of,
+    largest_per_step,
+    per_step,
+)
+from drop_physics.physics.kinematics import Kinematics, Motion, generalised, kinematics, motion
+from drop_physics.physics.tree import States, Tree
+from drop_physics.physics.unreported import Unreported, shared_out
+
+Float64 = NDArray[np.float64]
+Rows = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+DAMPING = DEFAULT_DAMPING["reduced"]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BulletTree:
+    """A btMultiBody: a tree, and what Bullet does to it besides."""
+
+    tree: Tree
+    joint_damping: Float64
+    """[N s/m or N m s/rad] of each joint's rate, shape (joint_rates,)."""
+    lower: Float64
+    """Limits of each joint's position, shape (joint_rates,); none where lower > upper."""
+    upper: Float64
+    linear_damping: float = DAMPING
+    angular_damping: float = DAMPING
+    velocity_limit: float = MAX_COORDINATE_VELOCITY_M_S
+    """To which each entry of u is clamped (`maxJointVelocity`)."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Reported:
+    """What is known of n steps besides the states; each row of Forces names its step."""
+
+    timestep_s: Float64
+    """Shape (n,)."""
+    gravity_m_s2: Float64
+    """World axes, shape (n, 3)."""
+    motors: Float64
+    """`appliedJointMotorTorque` after each step [N or N m], shape (n, joint_rates)."""
+    commanded: Float64
+    """Sum of TORQUE_CONTROL's efforts in each step, shape (n, joint_rates)."""
+    pd: Float64
+    """PD_CONTROL's efforts (`pd_effort`), shape (n, joint_rates)."""
+    applied: Forces = field(default_factory=Forces)
+    """Pushes of calls (`pushes`)."""
+    contacts: Forces = field(default_factory=Forces)
+    """Of `getContactPoints` after each step (`contact_forces`)."""
+    constraints: Forces = field(default_factory=Forces)
+    """Of `getConstraintState` after each step (`constraint_forces`)."""
+    geared: Float64 | None = None
+    """Impulses of gears [N m s], shape (n, joint_rates) (`gear_impulses`); None without gears."""
+
+    def between(self, first: int, last: int) -> Reported:
+        """Return the steps from `first` up to `last`, counted from 0."""
+        numbers: dict[str, Any] = {
+            each.name: value.between(first, last)
+            if isinstance(value, Forces)
+            else value[first:last]
+            for each in fields(self)
+            if (value := getattr(self, each.name)) is not None
+        }
+        return Reported(**numbers)
+
+
+# -- the sum --------------------------------------------------------------------------------------
+
+
+def sum_of(body: BulletTree, states: States, reported: Reported) -> Sum:
+    """Return n steps as a sum of impulses, from the n + 1 states before and after them.
+
+    Memory grows with n: feed long recordings in pieces, each from the last state of the one before.
+    Where a state is not finite, the remainder is not either.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If M has no inverse (`massless`).
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _sum_of(body, states, reported)
+
+
+def _sum_of(body: BulletTree, states: States, reported: Reported) -> Sum:
+    tree = body.tree
+    everywhere = kinematics(tree, states)
+    matrices, before = mass_matrix(everywhere), everywhere.at(slice(0, len(states) - 1))
+    dt = reported.timestep_s
+    terms = _free_terms(body, before, states.velocity[:-1], reported)
+    pd = _on_joints(tree, reported.pd * dt[:, None])
+    terms["clamp"] = _clamped(body, matrices[:-1], states.velocity[:-1], terms, pd)
+    terms["motors"] = pd + _on_joints(tree, reported.motors * dt[:, None])
+    for name, forces in (("contacts", reported.contacts), ("constraints", reported.constraints)):
+        terms[name] = per_step(forces, impulses_of(before, forces, dt), steps=len(before))
+    if reported.geared is not None:
+        terms["constraints"] = terms["constraints"] + _on_joints(tree, reported.geared)
+    left = change_of(matrices, states.velocity) - sum(terms.values())
+    found = shared_out(left, matrices[:-1], before, _unreported(body, states, reported))
+    terms["clamp"] = terms["clamp"] + found.clamp
+    terms |= {"rolling": found.rolling, "stops": found.stops}
+    lifted = lifted_j(everywhere, reported.gravity_m_s2)
+    every = reported.contacts.then(reported.applied).then(reported.constraints)
+    largest = largest_per_step(tree, every, reported.gravity_m_s2, dt)
+    return Sum(matrices, states.velocity, terms, found.remainder, lifted, largest)
+
+
+def _free_terms(
+    body: BulletTree, kin: Kinematics, velocity: Float64, reported: Reported
+) -> dict[str, Float64]:
+    """Return what acts before the solver, but for PD_CONTROL."""
+    tree, dt = body.tree, reported.timestep_s[:, None]
+    moved = motion(kin, velocity)
+    joint_damping = -body.joint_damping * velocity[:, tree.first_rate :]
+    pushes = per_step(
+        reported.applied, impulses_of(kin, reported.applied, reported.timestep_s), steps=len(kin)
+    )
+    return {
+        "gravity": dt * gravity(kin, reported.gravity_m_s2),
+        "bias": dt * bias(kin, moved, velocity),
+        "damping": dt * damping(body, kin, moved),
+        "joint damping": dt * _on_joints(tree, joint_damping),
+        "applied": pushes + dt * _on_joints(tree, reported.commanded),
+    }
+
+
+def damping(body: BulletTree, kin: Kinematics, moved: Motion) -> Float64:
+    """Return the generalised force of Bullet's damping, shape (n, size).
+
+    -m v (k + k |v|) and -I ω (k' + k' |ω|) on each link (`btMultiBody.cpp` 754-758, 841-843).
+    """
+    tree, k, turning = kin.tree, body.linear_damping, body.angular_damping
+    forces = (
+        {
+            link: moved.velocities[link + 1]
+            * (-tree.masses_kg[link + 1] * k * (1.0 + length(moved.velocities[link + 1])))
+            for link in tree.moving
+        }
+        if k
+        else {}
+    )
+    torques = (
+        {
+            link: momentum * (-turning * (1.0 + length(moved.spins[link + 1])))
+            for link, momentum in angular_momenta(kin, moved).items()
+        }
+        if turning
+        else {}
+    )
+    return generalised(kin, forces, torques)
+
+
+def _clamped(
+    body: BulletTree,
+    matrices: Float64,
+    velocity: Float64,
+    terms: Mapping[str, Float64],
+    pd: Float64,
+) -> Float64:
+    """Return the impulse of the clamp before the solver: M (clip(free) - free), shape (n, size).
+
+    `btMultiBody.h` 483-487: each entry of u after the forces, before motors and contacts.
+    """
+    force = sum(terms.values()) + pd
+    free = velocity + np.linalg.solve(matrices, force[:, :, None])[:, :, 0]
+    beyond = np.clip(free, -body.velocity_limit, body.velocity_limit) - free
+    if not beyond.any():
+        return np.zeros_like(free)
+    return np.asarray((matrices @ beyond[:, :, None])[:, :, 0])
+
+
+def _on_joints(tree: Tree, efforts: Float64) -> Float64:
+    """Return efforts of the joints, (n, joint_rates), as generalised ones, (n, size)."""
+    out = np.zeros((len(efforts), tree.size))
+    out[:, tree.first_rate :] = efforts
+    return out
+
+
+def _unreported(body: BulletTree, states: States, reported: Reported) -> Unreported:
+    """Return where Bullet reports nothing of an impulse: stops, the second clamp, rolling."""
+    tree = body.tree
+    pushes = np.zeros((len(states) - 1, tree.size), np.int64)
+    for link, joint in enumerate(tree.joints):
+        at, rate = tree.coordinates[link], tree.rates[link]
+        lower, upper = (
+            limits[rate.start - tree.first_rate : rate.stop - tree.first_rate]
+            for limits in (body.lower, body.upper)
+        )
+        if joint in ("revolute", "prismatic") and lower[0] <= upper[0]:
+            q = states.joints[:-1, at.start]
+            pushes[q <= lower[0], rate.start] |= Unreported.UP
+            pushes[q >= upper[0], rate.start] |= Unreported.DOWN
+        elif joint == "spherical" and min(lower[0], upper[0]) > 0:  # `URDF2Bullet.cpp` 434
+            pushes[:, rate] = Unreported.UP | Unreported.DOWN
+    clamped = np.abs(states.velocity[1:]) >= body.velocity_limit
+    rows = reported.contacts.rolling
+    return Unreported(pushes, clamped, reported.contacts.step[rows], reported.contacts.link[rows])
+
+
+# -- where the sum does not hold ------------------------------------------------------------------
+
+Reason = Literal[
+    "engine",
+    "substeps",
+    "asleep",
+    "soft",
+    "maximal",
+    "massless",
+    "planar",
+    "constraint",
+    "rolling unreported",
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What decides whether a step of a body is the sum: of the engine, and of the body."""
+
+    other_engine: bool = False
+    """Whether another engine steps it, whose law is its own."""
+    substeps: int = 0
+    """`numSubSteps`."""
+    may_sleep: bool = False
+    """Whether `changeDynamics(activationState)` allows any body to be put to sleep."""
+    maximal: bool = False
+    """Whether it was made with `useMaximalCoordinates`."""
+    planar: bool = False
+    """Whether it has a planar joint."""
+
+
+def not_covered(settings: Settings, tree: Tree | None = None) -> tuple[Reason, ...]:
+    """Return why a body's step need not be the sum; empty where it is, as far as settings say.
+
+    - engine: another engine's step is not this sum; its law of one body in flight may be known.
+    - substeps: only the last substep's motors and contacts are reported.
+    - asleep: a sleeping body is not stepped, whatever acts on it.
+    - maximal: a btRigidBody, whose law is `bullet`.
+    - massless: something can move that has neither mass nor inertia, so M has no inverse; Bullet
+      leaves a free body without mass or without some moment of inertia at the spin that it has.
+    - planar: two of the three numbers of a planar joint are reported.
+
+    Not from settings alone, and so said of single steps:
+
+    - soft: a soft body is near, which is no tree.
+    - constraint: the force of a prismatic constraint is reported along axes that are not.
+    - rolling unreported: with `enableConeFriction=0` the torque against rolling is reported in
+      place of sliding friction.
+    """
+    reasons: dict[Reason, bool] = {
+        "engine": settings.other_engine,
+        "substeps": settings.substeps > 1,
+        "asleep": settings.may_sleep,
+        "maximal": settings.maximal,
+        "massless": tree is not None and massless(tree),
+        "planar": settings.planar,
+    }
+    return tuple(reason for reason, holds in reasons.items() if holds)
+
+
+def massless(tree: Tree) -> bool:
+    """Whether something can move that has neither mass nor, where it turns, inertia.
+
+    Where the joints are at 0. Bullet takes an inertia below EPSILON for none
+    (`btMultiBody::solveImatrix`).
+    """
+    q = np.zeros((1, tree.joint_coordinates))
+    for link, at in enumerate(tree.coordinates):
+        if tree.joints[link] == "spherical":
+            q[0, at.stop - 1] = 1.0
+    still = States(np.zeros((1, 3)), np.array([[0.0, 0, 0, 1]]), q, np.zeros((1, tree.size)))
+    (matrix,) = mass_matrix(kinematics(tree, still))
+    least = np.diagonal(matrix)
+    if not tree.size or (least < EPSILON).any():
+        return bool(tree.size)
+    if not np.isfinite(matrix).all():  # a mass or inertia that is no number
+        return False
+    scaled = matrix / np.sqrt(np.outer(least, least))
+    return bool(np.linalg.eigvalsh(scaled)[0] < tree.size * EPSILON)

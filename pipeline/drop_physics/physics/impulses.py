@@ -1,0 +1,197 @@
+"""A step of a tree as a sum of named impulses, whatever the engine.
+
+    M (u' - u) = the sum of all terms + remainder
+
+with M and all that depends on the pose taken before the step. What an engine adds to its step, and
+what it reports of it, is in that engine's law (`bullet_tree`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.physics.kinematics import Kinematics, generalised_at_points
+from drop_physics.physics.rowed import Rowed
+from drop_physics.physics.tree import RATES, Tree
+from drop_physics.physics.vectors import summed
+
+Float64 = NDArray[np.float64]
+Rows = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+MOVED = "bias"
+"""The term that becomes the integrator's share once the pose has moved."""
+PULLED = "gravity"
+"""The term whose energy is potential energy."""
+
+
+def _no_rows() -> Rows:
+    return np.empty(0, np.int64)
+
+
+def _no_vectors() -> Float64:
+    return np.empty((0, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class Forces(Rowed):
+    """Forces and torques on single links, one row each, in world axes, for one step."""
+
+    step: Rows = field(default_factory=_no_rows)
+    """Number of the step, shape (k,)."""
+    link: Rows = field(default_factory=_no_rows)
+    """On which they act, shape (k,); `tree.BASE` for the base."""
+    force_n: Float64 = field(default_factory=_no_vectors)
+    point_m: Float64 = field(default_factory=_no_vectors)
+    """Where the force acts, shape (k, 3)."""
+    torque_n_m: Float64 = field(default_factory=_no_vectors)
+    """In addition to the force's moment, shape (k, 3)."""
+    rolling: Flags = field(default_factory=lambda: np.empty(0, np.bool_))
+    """Of contacts: whether bodies resist rolling or spinning there, which is not in the force."""
+
+    def between(self, first: int, last: int) -> Forces:
+        """Return the rows of the steps from `first` up to `last`, counted from 0."""
+        kept = self.at((self.step >= first) & (self.step < last))
+        return replace(kept, step=kept.step - first)
+
+
+def impulses_of(kin: Kinematics, forces: Forces, timestep_s: Float64) -> Float64:
+    """Return the generalised impulse of each row [N s, N m s], shape (k, size).
+
+    `timestep_s` is that of each step, shape (n,).
+    """
+    acting = generalised_at_points(
+        kin, forces.step, forces.link, forces.force_n, forces.point_m, forces.torque_n_m
+    )
+    return acting * timestep_s[forces.step, None]
+
+
+def per_step(forces: Forces, impulses: Float64, *, steps: int) -> Float64:
+    """Return the impulses of rows, (k, size), summed over each step, shape (steps, size)."""
+    if not impulses.size:
+        return np.zeros((steps, impulses.shape[1]))
+    return summed(forces.step, impulses, count=steps)
+
+
+def largest_per_step(
+    tree: Tree, forces: Forces, gravity_m_s2: Float64, timestep_s: Float64
+) -> Float64:
+    """Return the largest impulse of a single force on a link that moves [N s], shape (n,).
+
+    Of its weight too; `gravity_m_s2` has the shape (n, 3).
+    """
+    free = [not tree.fixed]
+    for link, parent in enumerate(tree.parents):
+        free.append(free[parent + 1] or RATES[tree.joints[link]] > 0)
+    moves = np.array(free)[forces.link + 1]
+    impulses = np.linalg.norm(forces.force_n, axis=1) * timestep_s[forces.step]
+    heaviest_kg = float(tree.masses_kg[free].max(initial=0.0))
+    largest: Float64 = heaviest_kg * np.linalg.norm(gravity_m_s2, axis=1) * timestep_s
+    np.maximum.at(largest, forces.step[moves], impulses[moves])
+    return largest
+
+
+ROUNDED = 1e-6
+"""Of a momentum: its last bits, 1e-15 of it, are within 1e-9 of this, as of the largest term."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sum:
+    """n steps of a tree, each as a sum of impulses; arrays have one row per step."""
+
+    matrices: Float64
+    """M before each step and after the last, shape (n + 1, size, size)."""
+    velocity: Float64
+    """u before each step and after the last, shape (n + 1, size)."""
+    terms: Mapping[str, Float64]
+    """Impulses by cause [N s, N m s], shape (n, size) each."""
+    remainder: Float64
+    """What the terms do not explain, shape (n, size)."""
+    lifted_j: Float64
+    """Changes of potential energy [J], shape (n,)."""
+    forces_n_s: Float64
+    """The largest impulse of a single force in each step [N s], shape (n,)."""
+
+    @property
+    def matrix(self) -> Float64:
+        """M before each step, shape (n, size, size)."""
+        return self.matrices[:-1]
+
+    @property
+    def largest(self) -> Float64:
+        """The largest entry of any term, or impulse of a single force, in each step, shape (n,).
+
+        A force may pass through all axes, or be balanced by another: then no term shows how large
+        the numbers are that were added. Nor where next to nothing acts: the momentum itself is
+        rounded, so that a share of it counts.
+        """
+        entries = [np.abs(term).max(axis=1, initial=0.0) for term in self.terms.values()]
+        momentum = np.abs(_applied(self.matrices[1:], self.velocity[1:])).max(axis=1, initial=0.0)
+        return np.asarray(np.max([*entries, self.forces_n_s, ROUNDED * momentum], axis=0))
+
+    @property
+    def unexplained(self) -> Float64:
+        """The largest entry of the remainder over the largest of any term, shape (n,).
+
+        0 where there is neither; not finite where a state is not.
+        """
+        left, largest = np.abs(self.remainder).max(axis=1, initial=0.0), self.largest
+        return np.asarray(
+            np.divide(left, largest, out=np.where(left == 0, 0.0, np.inf), where=largest > 0)
+        )
+
+    def energy_j(self) -> dict[str, Float64]:
+        """Return the change of kinetic and potential energy by cause [J], shape (n,) each.
+
+        An impulse P changes kinetic energy by ½ (u' + u)·P at one pose; moving to the next pose
+        changes it by ½ u'·(M' - M) u'. Of the latter, the bias and gravity, what remains is the
+        integrator's: 0 for an exact one.
+        """
+        mean = 0.5 * (self.velocity[1:] + self.velocity[:-1])
+        worked = {name: _rowwise(mean, term) for name, term in self.terms.items()}
+        worked["remainder"] = _rowwise(mean, self.remainder)
+        after, turned = self.velocity[1:], self._turned()
+        integrator = 0.5 * _rowwise(after, turned) + self.lifted_j
+        for name in (MOVED, PULLED):
+            integrator = integrator + worked.pop(name, 0.0)
+        return worked | {"integrator": integrator}
+
+    def energy_change_j(self) -> Float64:
+        """Return the change of kinetic and potential energy [J], shape (n,)."""
+        kinetic = 0.5 * _rowwise(self.velocity, _applied(self.matrices, self.velocity))
+        return np.asarray(np.diff(kinetic) + self.lifted_j)
+
+    def momentum_kg_m_s(self) -> dict[str, Float64]:
+        """Return the change of the tree's linear momentum by cause, shape (n, 3) each.
+
+        The rows of the base's velocity in M u; only of a tree whose base moves.
+        """
+        changes = {name: term[:, 3:6] for name, term in self.terms.items()}
+        changes["remainder"] = self.remainder[:, 3:6]
+        moved = changes.pop(MOVED, np.zeros((len(self.remainder), 3)))
+        return changes | {"integrator": moved + self._turned()[:, 3:6]}
+
+    def momentum_change_kg_m_s(self) -> Float64:
+        """Return the change of the tree's linear momentum, shape (n, 3)."""
+        return np.diff(_applied(self.matrices, self.velocity)[:, 3:6], axis=0)
+
+    def _turned(self) -> Float64:
+        """Return (M' - M) u', shape (n, size)."""
+        return _applied(self.matrices[1:] - self.matrices[:-1], self.velocity[1:])
+
+
+def change_of(matrices: Float64, velocity: Float64) -> Float64:
+    """Return M (u' - u), shape (n, size), from n + 1 matrices and velocities."""
+    return _applied(matrices[:-1], np.diff(velocity, axis=0))
+
+
+def _applied(matrices: Float64, vectors: Float64) -> Float64:
+    return np.asarray((matrices @ vectors[:, :, None])[:, :, 0])
+
+
+def _rowwise(a: Float64, b: Float64) -> Float64:
+    return np.asarray(np.einsum("ni,ni->n", a, b))

@@ -1,0 +1,149 @@
+"""A body of any kind: a tree of rigid links, of which a free body is the one without joints.
+
+A link's axes are its principal axes of inertia, and its origin is its centre of mass. Links are
+numbered from 0, each after its parent; the base is `BASE`. Where several joints stand in a row
+between two links, the links between them have no mass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import accumulate, pairwise
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.physics.rowed import Rowed
+
+Float64 = NDArray[np.float64]
+Joint = Literal["fixed", "revolute", "prismatic", "spherical"]
+
+BASE = -1
+"""The number of the base among the links."""
+RATES: dict[Joint, int] = {"fixed": 0, "revolute": 1, "prismatic": 1, "spherical": 3}
+"""Degrees of freedom of a joint; those of a spherical joint turn about the link's axes."""
+COORDINATES: dict[Joint, int] = RATES | {"spherical": 4}
+"""Numbers that give a joint's position: an angle, a distance, or a unit quaternion x, y, z, w."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Tree:
+    """Links and the joints that hold them; row k of what describes links is about link k - 1.
+
+    The generalised velocity u of a tree is: spin and velocity of the base's centre of mass, in
+    world axes, unless the base is fixed; then the rates of the joints, in the order of the links.
+
+    Raises
+    ------
+    ValueError
+        If a link precedes its parent, a joint is of an unknown kind, or a shape is wrong.
+    """
+
+    fixed: bool
+    """Whether the base never moves."""
+    masses_kg: Float64
+    """Of base and links, shape (links + 1,)."""
+    inertias_kg_m2: Float64
+    """Principal moments of base and links, shape (links + 1, 3)."""
+    parents: tuple[int, ...] = ()
+    """Of each link, the link that its joint hangs on."""
+    joints: tuple[Joint, ...] = ()
+    """Of each link, the kind of its joint."""
+    axes: Float64 = field(default_factory=lambda: np.empty((0, 3)))
+    """Along which joints slide or about which they turn, in the link's axes, shape (links, 3).
+
+    One that is no unit vector scales how far the link slides and how fast it turns per unit of the
+    joint's rate, but not by which angle: so does Bullet (`btMultiBodyLink`, `m_axes`).
+    """
+    positions_m: Float64 = field(default_factory=lambda: np.empty((0, 3)))
+    """From the parent's centre of mass to the joint, in the parent's axes, shape (links, 3)."""
+    orientations: Float64 = field(default_factory=lambda: np.empty((0, 4)))
+    """From the link's axes to the parent's where the joint is at 0, quaternions x, y, z, w."""
+    centres_m: Float64 = field(default_factory=lambda: np.empty((0, 3)))
+    """From the joint to the link's centre of mass, in the link's axes, shape (links, 3)."""
+
+    def __post_init__(self) -> None:
+        links = len(self.parents)
+        widths = {"axes": 3, "positions_m": 3, "orientations": 4, "centres_m": 3}
+        shapes: dict[str, tuple[int, ...]] = {name: (links, k) for name, k in widths.items()}
+        shapes |= {"masses_kg": (links + 1,), "inertias_kg_m2": (links + 1, 3)}
+        for name, shape in shapes.items():
+            if getattr(self, name).shape != shape:
+                raise ValueError(f"{name} of {links} links has the shape {shape}")
+        if any(not BASE <= parent < link for link, parent in enumerate(self.parents)):
+            raise ValueError(f"each link follows its parent; received the parents {self.parents}")
+        if len(self.joints) != links or not {*self.joints} <= {*get_args(Joint)}:
+            raise ValueError(f"each link has one of the joints {get_args(Joint)}")
+
+    @property
+    def links(self) -> int:
+        """How many links the tree has besides its base."""
+        return len(self.parents)
+
+    @property
+    def first_rate(self) -> int:
+        """How many degrees of freedom the base has."""
+        return 0 if self.fixed else 6
+
+    @cached_property
+    def rates(self) -> tuple[slice, ...]:
+        """Where the rates of each link's joint are in u."""
+        return places([RATES[joint] for joint in self.joints], self.first_rate)
+
+    @cached_property
+    def coordinates(self) -> tuple[slice, ...]:
+        """Where the position of each link's joint is in the joints' positions."""
+        return places([COORDINATES[joint] for joint in self.joints])
+
+    @property
+    def size(self) -> int:
+        """The number of degrees of freedom."""
+        return self.rates[-1].stop if self.rates else self.first_rate
+
+    @property
+    def joint_rates(self) -> int:
+        """The number of degrees of freedom of the joints."""
+        return self.size - self.first_rate
+
+    @property
+    def joint_coordinates(self) -> int:
+        """The number of numbers that give the joints' positions."""
+        return self.coordinates[-1].stop if self.coordinates else 0
+
+    @cached_property
+    def moving(self) -> tuple[int, ...]:
+        """The links with mass or inertia, and the base unless it is fixed."""
+        heavy = (self.masses_kg > 0) | (self.inertias_kg_m2 > 0).any(axis=1)
+        return tuple(
+            k for k in range(BASE, self.links) if heavy[k + 1] and (k >= 0 or not self.fixed)
+        )
+
+    def branch(self, link: int) -> tuple[int, ...]:
+        """Return a link and those between it and the base, from the outermost to the first."""
+        found = []
+        while link != BASE:
+            found.append(link)
+            link = self.parents[link]
+        return tuple(found)
+
+
+@dataclass(frozen=True, eq=False)
+class States(Rowed):
+    """States of a tree, one row each."""
+
+    position_m: Float64
+    """Of the base's centre of mass, world axes, shape (n, 3)."""
+    orientation: Float64
+    """World from the base's axes: unit quaternions x, y, z, w, shape (n, 4)."""
+    joints: Float64
+    """Positions of the joints, shape (n, joint_coordinates)."""
+    velocity: Float64
+    """The generalised velocity u, shape (n, size)."""
+
+
+def places(widths: Iterable[int], first: int = 0) -> tuple[slice, ...]:
+    """Return where each of several stretches lies, one after the other."""
+    return tuple(slice(a, b) for a, b in pairwise(accumulate(widths, initial=first)))

@@ -1,0 +1,129 @@
+"""The part of a step's remainder that belongs to causes of which the engine reports no impulse.
+
+Such a cause can act only in some directions: a stop on its joint, inwards; a clamp on one entry of
+u; rolling and spinning friction as torques on the links that touch. What of the remainder lies in
+these directions is theirs, and what lies outside of them stays the remainder. Of a tree with few
+degrees of freedom they may span everything: then they explain everything, and prove nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.physics.kinematics import Kinematics, spin_jacobian
+
+Float64 = NDArray[np.float64]
+Rows = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+DEPENDENT = 1e-13
+"""Directions whose singular value is below this share of the largest are one direction."""
+
+
+@dataclass(frozen=True, eq=False)
+class Unreported:
+    """Where impulses may be that nobody reports, in n steps."""
+
+    UP: ClassVar[int] = 1
+    DOWN: ClassVar[int] = 2
+
+    stops: Rows
+    """Ways in which a stop may push each entry of u: UP, DOWN, both or 0; shape (n, size)."""
+    clamped: Flags
+    """Entries of u that are at the engine's limit after the step, shape (n, size)."""
+    step: Rows
+    """Steps of contacts that resist rolling, shape (k,)."""
+    link: Rows
+    """Their links, shape (k,)."""
+
+
+class Shared(NamedTuple):
+    """A remainder, shared out; shape (n, size) each."""
+
+    rolling: Float64
+    stops: Float64
+    clamp: Float64
+    remainder: Float64
+
+
+def shared_out(left: Float64, matrices: Float64, kin: Kinematics, may: Unreported) -> Shared:
+    """Return whose the rest of each step is; `left` (n, size), `matrices` M, (n, size, size)."""
+    shared = Shared(*(np.zeros_like(left) for _ in range(4)))
+    stops, touching = may.stops.copy(), _touching(may, len(left), kin.tree.links)
+    # With stops alone each entry is its own.
+    shared.stops[stops != 0] = left[stops != 0]
+    finite = np.isfinite(left).all(axis=1) & np.isfinite(matrices).all(axis=(1, 2))
+    open_to_several = (may.clamped.any(axis=1) | touching.any(axis=1)) & finite
+    while open_to_several.any():
+        keys = np.hstack((touching, stops != 0, may.clamped))
+        _fit(left, matrices, kin, keys, np.flatnonzero(open_to_several), shared)
+        # A stop that would have to pull does nothing: fit again without it.
+        outwards = _outwards(shared.stops, stops)
+        stops[outwards] = 0
+        open_to_several &= outwards.any(axis=1)
+    shared.stops[_outwards(shared.stops, stops)] = 0.0
+    shared.remainder[:] = left - shared.rolling - shared.stops - shared.clamp
+    return shared
+
+
+def _outwards(pushed: Float64, stops: Rows) -> Flags:
+    """Return which entries push in a way in which no stop pushes, shape (n, size)."""
+    up, down = stops & Unreported.UP != 0, stops & Unreported.DOWN != 0
+    return np.asarray(((pushed > 0) & ~up) | ((pushed < 0) & ~down))
+
+
+def _touching(may: Unreported, steps: int, links: int) -> Flags:
+    """Return which links may be kept from rolling in each step, shape (steps, links + 1)."""
+    touching = np.zeros((steps, links + 1), np.bool_)
+    touching[may.step, may.link + 1] = True
+    return touching
+
+
+def _fit(
+    left: Float64, matrices: Float64, kin: Kinematics, keys: Flags, steps: Rows, shared: Shared
+) -> None:
+    """Fit these steps by all directions at once, those with the same directions together.
+
+    `keys` tells the directions of each step: links that touch, stops and clamped entries.
+    """
+    size, links = left.shape[1], kin.tree.links
+    kinds, which = np.unique(keys[steps], axis=0, return_inverse=True)
+    for number, kind in enumerate(kinds):
+        rows = steps[which.ravel() == number]
+        touching, stops, clamped = np.split(kind, (links + 1, links + 1 + size))
+        turning = [
+            np.swapaxes(spin_jacobian(kin, int(link) - 1, rows), 1, 2)
+            for link in np.flatnonzero(touching)
+        ]
+        pushed = np.broadcast_to(np.eye(size)[:, stops], (len(rows), size, stops.sum()))
+        rolling = np.concatenate(turning, axis=2) if turning else pushed[:, :, :0]
+        parts = rolling, pushed, matrices[rows][:, :, clamped]
+        found = _parts(left[rows], parts)
+        shared.rolling[rows], shared.stops[rows], shared.clamp[rows] = found
+
+
+def _parts(left: Float64, parts: tuple[Float64, ...]) -> list[Float64]:
+    """Return the least-squares share of each group of directions, shape (k, size) each.
+
+    Directions that nearly depend on each other have large coefficients, whose rounding would end in
+    the remainder; the projection on all of them together has none, so the first group takes it.
+    """
+    directions = np.concatenate(parts, axis=2)
+    sizes = np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = directions / np.where(sizes > 0, sizes, 1.0)
+    left_ones, values, right_ones = np.linalg.svd(directions, full_matrices=False)
+    kept = values > DEPENDENT * values[:, :1]
+    along = np.where(kept, np.einsum("nij,ni->nj", left_ones, left), 0.0)
+    share = np.einsum("nji,nj->ni", right_ones, np.divide(along, values, out=along * 0, where=kept))
+    found, first = [], 0
+    for part in parts:
+        last = first + part.shape[2]
+        found.append(np.einsum("nij,nj->ni", directions[:, :, first:last], share[:, first:last]))
+        first = last
+    if parts[0].shape[2]:
+        found[0] += np.einsum("nij,nj->ni", left_ones, along) - sum(found)
+    return found

@@ -1,0 +1,228 @@
+"""What an answer is, and what it is read from."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Hashable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, TypeVar, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.explain.joints import Driven, JointTable
+from drop_physics.explain.judged import Judged
+from drop_physics.explain.recording import Explained
+from drop_physics.explain.steps import Steps
+from drop_physics.explain.times import Times
+from drop_physics.explain.touches import TouchTable
+from drop_physics.messages import Message, joined
+from drop_physics.rules.arguments import site_of
+from drop_physics.rules.asked_of_bodies import AskedOfBodies
+from drop_physics.rules.placing import Placing
+from drop_physics.trace.calls import Call
+from drop_physics.trace.events import Body
+from drop_physics.trace.history import Piece, Seen
+
+Level = Literal["broken", "asked", "model", "repeat", "note"]
+LEVELS: tuple[Level, ...] = get_args(Level)
+"""Not physics any more; asked for one thing and got another; true to the engine, perhaps not to
+you; another run may differ; worth knowing. The gravest first."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """How much it is: a magnitude."""
+
+    value: float
+    """Not negative."""
+    unit: str
+    """SI."""
+
+
+@dataclass(frozen=True)
+class Span:
+    """The steps that it covers."""
+
+    first: int
+    """The first of them."""
+    last: int
+    """The last of them."""
+    count: int
+    """Of these, how many it holds in."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """What was asked and what happened instead, why, and what changes it."""
+
+    code: str
+    """A stable name, for scripts."""
+    level: Level
+    """How grave it is, the gravest first: `broken` is no physics any more; `asked`: one thing was
+    asked, another happened; `model`: true to the engine, perhaps not to you; `repeat`: another run
+    may differ; `note`."""
+    message: str
+    """What was seen, with numbers, and why."""
+    advice: str | None = None
+    """The call that changes it."""
+    body: str | None = None
+    """Label of the body that it is about; of the worst, where it is about several."""
+    bodies: int = 1
+    """How many it stands for."""
+    joint: str | None = None
+    """Name of the joint that it is about."""
+    other: str | None = None
+    """Label of the other body, in JSON `with`."""
+    effect: Effect | None = None
+    """How much it is."""
+    share: float = 0.0
+    """The effect over what is normal for it: ranks findings of one level."""
+    steps: Span | None = None
+    """The steps that it covers."""
+    site: str | None = None
+    """File and line of the call that caused it."""
+
+    @property
+    def said(self) -> str:
+        """The message, which names what it is about."""
+        if self.body is None or self.joint is not None or self.body in self.message:
+            return self.message
+        return joined(": ", [self.body, self.message])
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """Where it stands among others: the gravest first."""
+        return LEVELS.index(self.level), -self.share
+
+
+@dataclass(kw_only=True)
+class Scene:
+    """What answers may read besides the pieces of a recording.
+
+    The tables grow piece by piece, and are complete when answers are asked for.
+    """
+
+    seen: Seen
+    """Bodies, settings, puts: nothing that has to be read from the samples."""
+    origin: Mapping[str, Any]
+    """The script, and how it ended."""
+    times: Mapping[int, Times]
+    """By client."""
+    joints: JointTable
+    touches: TouchTable
+    asked: AskedOfBodies = field(init=False)
+    placing: Placing = field(init=False)
+    piece: Piece = field(init=False)
+    """The latest, and what its bodies did in it, by their numbers."""
+    judged: Mapping[int, Judged] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.asked, self.placing = AskedOfBodies(self.seen.appearances), Placing(self.seen)
+
+    def see(self, explained: Explained) -> None:
+        """Take a piece, before any answer does."""
+        self.piece, self.judged = explained.piece, explained.bodies
+        self.joints.add(explained)
+        self.touches.add(explained)
+        self.asked.see(self.piece)
+        self.placing.see(self.piece)
+
+    def forget(self) -> None:
+        """Free the latest piece."""
+        del self.piece, self.judged
+        self.joints.forget()
+        self.touches.forget()
+
+    def calls_of(self, *functions: str) -> Iterator[tuple[Call, Body]]:
+        """Yield calls of the latest piece by the beginning of their names, each with its body."""
+        for call, _, came in self.piece.calls.of_bodies(*functions):
+            yield call, came.body
+
+    def driven(self) -> Iterator[Driven]:
+        """Yield the joints of each body in the steps of the latest piece."""
+        for found in self.joints.latest.values():
+            yield from found
+
+    def stretches(self, *bodies: int) -> Iterator[tuple[Judged, Steps]]:
+        """Yield bodies of the latest piece, all or those of some numbers, each with its steps."""
+        for number in bodies or self.judged:
+            for steps in self.judged[number].stretches if number in self.judged else ():
+                if len(steps):
+                    yield self.judged[number], steps
+
+    def body(self, number: int) -> Body:
+        """Return a body by its number."""
+        return self.seen.bodies[number]
+
+    def site(self, number: float) -> str | None:
+        """Return file and line of a call that commanded joints, by the number of its site."""
+        site = self.joints.site(number)
+        return None if site is None else site_of(site)
+
+
+Key = TypeVar("Key", bound=Hashable)
+
+
+@dataclass
+class Noted:
+    """Steps in which something holds, and what was there in the worst of them."""
+
+    first: int
+    last: int = 0
+    count: int = 0
+    most: float = -np.inf
+    at: dict[str, Any] = field(default_factory=dict)
+
+    def go_on(self, steps: NDArray[np.int64]) -> None:
+        """Add some steps, in order and not none."""
+        self.last, self.count = int(steps[-1]), self.count + len(steps)
+
+    @property
+    def span(self) -> Span:
+        """These steps, as a finding says them."""
+        return Span(self.first, self.last, self.count)
+
+
+class Notes(dict[Key, Noted]):
+    """By what they are about."""
+
+    def add(
+        self,
+        key: Key,
+        steps: NDArray[np.int64],
+        sizes: NDArray[np.float64],
+        numbers: Mapping[str, NDArray[Any]] | None = None,
+        **about: object,
+    ) -> None:
+        """Add some steps, in order and not none; of the largest, keep what is told about it."""
+        noted = self.setdefault(key, Noted(int(steps[0])))
+        noted.go_on(steps)
+        worst = int(np.argmax(sizes))
+        if not sizes[worst] <= noted.most:  # nan too
+            told = {name: each[worst].tolist() for name, each in (numbers or {}).items()}
+            noted.most, noted.at = float(sizes[worst]), {**about, **told}
+
+
+class Answer(ABC):
+    """One question. It sees each piece of a recording once, in order, and then speaks."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+
+    def see(self) -> None:  # noqa: B027
+        """Take the scene's latest piece; by default nothing of it is needed."""
+
+    @abstractmethod
+    def findings(self) -> Iterator[Finding]:
+        """Yield what is sure, after the last piece."""
+
+
+def and_more(number: int) -> str:
+    """Return what follows the name of one of so many."""
+    return Message(" (and {n} more)", n=number - 1) if number > 1 else ""
+
+
+def so_many(steps: int) -> str:
+    """Return a number of steps as text."""
+    return Message("{n:,} steps", n=steps) if steps != 1 else Message("one step")

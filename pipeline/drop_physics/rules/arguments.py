@@ -1,0 +1,25 @@
+"""Which of a call's numbers are which argument, and where it stands."""
+
+from __future__ import annotations
+
+import math
+
+from drop_physics.trace.calls import Call
+from drop_physics.trace.events import Site
+
+
+def given(call: Call, name: str) -> tuple[float, ...]:
+    """Return the numbers of an argument; none if it was not given."""
+    place = call.site.places.get(name)
+    return () if place is None else call.numbers[place]
+
+
+def number(call: Call, name: str, default: float = math.nan) -> float:
+    """Return the number of an argument that is one."""
+    numbers = given(call, name)
+    return numbers[0] if numbers else default
+
+
+def site_of(where: Call | Site) -> str:
+    """Return file and line of a call, as findings cite it."""
+    return f"{where.file}:{where.line}"

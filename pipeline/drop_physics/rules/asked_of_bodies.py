@@ -1,0 +1,94 @@
+"""Which calls loaded bodies and set their properties, and how large bodies are."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Collection
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drop_physics.rules.arguments import site_of
+from drop_physics.trace.calls import Call
+from drop_physics.trace.events import Appearance, Body
+from drop_physics.trace.history import Piece, Seen
+from drop_physics.trace.log import MAKES
+
+
+@dataclass
+class Asked:
+    """What calls of `changeDynamics` made of a property; all by the number of a body."""
+
+    values: dict[int, float] = field(default_factory=dict)
+    """The greatest that a call set."""
+    since: dict[int, int] = field(default_factory=dict)
+    """After which step it was set first."""
+    sites: dict[int, str] = field(default_factory=dict)
+    """File and line of the last call."""
+    changed: set[int] = field(default_factory=set)
+    """Bodies of which calls set different values, one after the other."""
+
+    def site(self, *bodies: int) -> str | None:
+        """Return file and line of the call for the first of some bodies that has one."""
+        return next((self.sites[each] for each in bodies if each in self.sites), None)
+
+
+class AskedOfBodies:
+    """Grows piece by piece, for all answers."""
+
+    def __init__(self, appearances: list[Appearance]) -> None:
+        self._came = {each.body.number: each.at.call for each in appearances if each.came}
+        self._loads: dict[tuple[int, int], list[Call]] = {}
+        """By client and the engine's id."""
+        self.of: defaultdict[str, Asked] = defaultdict(Asked)
+        """By the name of an argument."""
+
+    def see(self, piece: Piece) -> None:
+        """Take a piece."""
+        for call in piece.calls.of(*MAKES):
+            if np.isfinite(call.result):
+                self._loads.setdefault((call.client, int(call.result)), []).append(call)
+        for call, _, came in piece.calls.of_bodies("changeDynamics"):
+            body = came.body
+            for name, numbers in call.values.items():
+                asked, value = self.of[name], float(numbers[0])
+                asked.sites[body.number] = site_of(call)
+                asked.since.setdefault(body.number, call.at.step)
+                if value != asked.values.get(body.number, value):
+                    asked.changed.add(body.number)
+                asked.values[body.number] = max(asked.values.get(body.number, value), value)
+
+    def load(self, body: Body) -> Call | None:
+        """Return the call that made a body: ids are used again."""
+        came = self._came.get(body.number, -1)
+        made = self._loads.get((body.client, body.engine_id), [])
+        return next((each for each in reversed(made) if each.at.call <= came), None)
+
+    def loaded(self, body: Body) -> str | None:
+        """Return file and line of the call that made a body."""
+        call = self.load(body)
+        return None if call is None else site_of(call)
+
+
+def size_m(body: Body) -> float:
+    """Return the longest edge of the box around a body, as it was added; 1 if it is unknown."""
+    boxes = np.reshape(body.bounds_m, (-1, 2, 3))
+    return float(np.max(boxes[:, 1] - boxes[:, 0], initial=0.0)) or 1.0
+
+
+def strained_by(seen: Seen, bodies: Collection[Body]) -> float:
+    """Return how much heavier one of some bodies is than another, if the solver cannot bear that.
+
+    0 where it does not use up its iterations, and of bodies with joints, whose masses act as one.
+    """
+    numbers = {each.number for each in bodies}
+    told = {
+        each.body.number: float(each.reported["mass_kg"][0])
+        for each in seen.dynamics
+        if each.body.number in numbers
+    }
+    masses_kg = [each for each in told.values() if each > 0]
+    plain = masses_kg and all(len(each.links) == 1 for each in bodies)
+    clients = {each.client for each in seen.solvers if each.steps}
+    early = all(each.client in clients for each in bodies)
+    return max(masses_kg) / min(masses_kg) if plain and early else 0.0

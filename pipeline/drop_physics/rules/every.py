@@ -1,0 +1,126 @@
+"""All answers, and in which order a reader sees what they found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from drop_physics.messages import Message
+from drop_physics.rules.answer import Answer, Finding
+from drop_physics.rules.asleep import Asleep
+from drop_physics.rules.beyond_urdf import BeyondUrdf
+from drop_physics.rules.collides_as_hull import CollidesAsHull
+from drop_physics.rules.creeps import Creeps
+from drop_physics.rules.deep_penetration import DeepPenetration
+from drop_physics.rules.default_damping import DefaultDamping
+from drop_physics.rules.default_motor import DefaultMotor
+from drop_physics.rules.dragged_by_nothing import DraggedByNothing
+from drop_physics.rules.energy_gained import EnergyGained
+from drop_physics.rules.force_off_centre import ForceOffCentre
+from drop_physics.rules.friction_pyramid import FrictionPyramid
+from drop_physics.rules.ik_off import IkOff
+from drop_physics.rules.impossible_inertia import ImpossibleInertia
+from drop_physics.rules.inertia_from_shape import InertiaFromShape
+from drop_physics.rules.inertia_without_mass import InertiaWithoutMass
+from drop_physics.rules.joined import Joined
+from drop_physics.rules.joint_damping import JointDamping
+from drop_physics.rules.massless import Massless
+from drop_physics.rules.mimic_ignored import MimicIgnored
+from drop_physics.rules.momentum_drift import MomentumDrift
+from drop_physics.rules.motor_gain import MotorGain
+from drop_physics.rules.no_gravity import NoGravity
+from drop_physics.rules.no_inertial import NoInertial
+from drop_physics.rules.no_restitution import NoRestitution
+from drop_physics.rules.not_finite import NotFinite
+from drop_physics.rules.not_stepped import NotStepped
+from drop_physics.rules.off_target import OffTarget
+from drop_physics.rules.push_lasted_a_step import PushLastedAStep
+from drop_physics.rules.rates_left import RatesLeft
+from drop_physics.rules.real_time import RealTime
+from drop_physics.rules.reset_leaves import ResetLeaves
+from drop_physics.rules.restore_differs import RestoreDiffers
+from drop_physics.rules.script_failed import ScriptFailed
+from drop_physics.rules.slides import Slides
+from drop_physics.rules.starts_in_contact import StartsInContact
+from drop_physics.rules.substeps_scale_motors import SubstepsScaleMotors
+from drop_physics.rules.target_clamped import TargetClamped
+from drop_physics.rules.teleported import Teleported
+from drop_physics.rules.timestep_after_motor import TimestepAfterMotor
+from drop_physics.rules.timestep_changed import TimestepChanged
+from drop_physics.rules.timestep_too_long import TimestepTooLong
+from drop_physics.rules.too_slow import TooSlow
+from drop_physics.rules.tunnelled import Tunnelled
+from drop_physics.rules.unseeded import Unseeded
+from drop_physics.rules.unstable import Unstable
+from drop_physics.rules.wheel_slip import WheelSlip
+
+ANSWERS: tuple[type[Answer], ...] = (
+    # joints
+    OffTarget,
+    TooSlow,
+    DefaultMotor,
+    SubstepsScaleMotors,
+    TimestepAfterMotor,
+    MotorGain,
+    ResetLeaves,
+    RatesLeft,
+    JointDamping,
+    BeyondUrdf,
+    MimicIgnored,
+    IkOff,
+    WheelSlip,
+    # contacts
+    StartsInContact,
+    Slides,
+    Creeps,
+    NoRestitution,
+    DeepPenetration,
+    EnergyGained,
+    FrictionPyramid,
+    DraggedByNothing,
+    CollidesAsHull,
+    Tunnelled,
+    # calls and files
+    ScriptFailed,
+    NotStepped,
+    NoGravity,
+    TimestepChanged,
+    RealTime,
+    Unseeded,
+    PushLastedAStep,
+    ForceOffCentre,
+    InertiaFromShape,
+    NoInertial,
+    ImpossibleInertia,
+    InertiaWithoutMass,
+    TargetClamped,
+    Joined,
+    Massless,
+    TimestepTooLong,
+    DefaultDamping,
+    Teleported,
+    RestoreDiffers,
+    # the whole
+    Asleep,
+    MomentumDrift,
+    NotFinite,
+    Unstable,
+)
+
+
+def ranked(findings: Iterable[Finding]) -> list[Finding]:
+    """Return findings, the gravest first; the same one on many bodies is one, the worst of them."""
+    groups: dict[tuple[str, str], list[Finding]] = {}
+    for each in findings:
+        text = each.message.template if isinstance(each.message, Message) else each.message
+        groups.setdefault((each.code, text), []).append(each)
+    return sorted((_one_of(group) for group in groups.values()), key=lambda each: each.rank)
+
+
+def _one_of(group: list[Finding]) -> Finding:
+    worst = min(group, key=lambda each: each.rank)
+    if worst.body is None:
+        return worst
+    # One that stands for several bodies already counts them.
+    counts = {each.body: each.bodies for each in group}
+    return replace(worst, bodies=sum(counts.values()))

@@ -1,0 +1,161 @@
+"""Why a joint that is at rest is not at its target: its limit, what holds it, its gains."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from drop_physics.explain.joints import Driven, target_of
+from drop_physics.explain.needs import Holding
+from drop_physics.explain.targets import Stood
+from drop_physics.messages import Message
+from drop_physics.physics.dynamics import mass_matrix
+from drop_physics.physics.kinematics import kinematics
+from drop_physics.rules.answer import Level, Scene
+from drop_physics.rules.joint import effort, units_of
+from drop_physics.trace.motors import POSITION
+
+FREE = ("gravity", "bias", "damping", "joint damping", "applied", "clamp")
+"""Terms that act before the motors do."""
+CLOSE, MOST = 0.05, 0.5
+"""A gap is that of a law if they differ by less than this share; most of a motor's torque."""
+SPARE = 1.3
+"""What a motor should have over what it needs."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Why."""
+
+    why: Message
+    advice: Message | None = None
+    level: Level = "asked"
+    other: str | None = None
+
+
+def cause_of(scene: Scene, driven: Driven, held: Holding, stood: Stood) -> Cause | None:
+    """Return why the target left its joint where it is; None if that is not sure."""
+    row, k = int(stood.row[0]), stood.k
+    if not driven.at_limit[row, k]:
+        return _gains(driven, row, k, float(stood.gap[0]))
+    if abs(float(held.needs[k])) > driven.limit[row, k]:
+        return _too_weak(driven, held, stood)
+    holds = _held(scene, driven, held, row, k, math.copysign(1.0, float(stood.gap[0])))
+    if holds is None and math.isnan(held.needs[k]):  # others share its load
+        return Cause(_weak(driven, stood), Message("give it more force"))
+    return holds
+
+
+def at_limit(limit: str, count: int, steps: int) -> Message:
+    """Return that a motor is at its limit in some of its steps."""
+    return Message(
+        "its motor is at its limit of {limit} in {count} of {steps} steps",
+        limit=limit,
+        count=count,
+        steps=steps,
+    )
+
+
+def _weak(driven: Driven, stood: Stood) -> Message:
+    limit = effort(float(driven.limit[stood.row[0], stood.k]), units_of(driven, stood.k)[1])
+    return at_limit(limit, int(stood.at_limit[0]), int(stood.steps[0]))
+
+
+def _too_weak(driven: Driven, held: Holding, stood: Stood) -> Cause:
+    row, k = int(stood.row[0]), stood.k
+    unit, here = units_of(driven, k)[1], abs(float(held.needs[k]))
+    positions = driven.steps.after.joints[row].copy()
+    aims, tree = target_of(driven)[row], driven.steps.law.tree
+    for link, at in enumerate(tree.coordinates):
+        rate = tree.rates[link].start - tree.first_rate
+        if at.stop - at.start == 1 and np.isfinite(aims[rate]):
+            positions[at] = aims[rate]
+    there = abs(float(held.at(positions)[k]))
+    need = np.fmax(here, there)
+    weak = _weak(driven, stood)
+    why = Message("{weak}; holding it here takes {here}", weak=weak, here=effort(here, unit))
+    if not math.isnan(there):
+        why = Message(
+            "{weak}; the target takes {there}, here it takes {here}",
+            weak=weak,
+            there=effort(there, unit),
+            here=effort(here, unit).removesuffix(f" {unit}"),
+        )
+    return Cause(why, give_at_least(need, unit, float(driven.asked.force[row, k])))
+
+
+def give_at_least(need: float, unit: str, force: float) -> Message:
+    """Return the advice to give a motor a round force limit that leaves some to spare.
+
+    `force` is what it was given: if that is enough, its call came before that of the timestep.
+    """
+    if force > abs(need):
+        return Message("call p.setTimeStep before the motors are commanded")
+    wanted = SPARE * abs(need)
+    step = 10.0 ** (math.floor(math.log10(wanted)) - (wanted < 20))
+    digit = 10.0 ** min(0, math.floor(math.log10(abs(need))) - 1)  # the last that is written
+    return Message(
+        "give it at least {need}: p.setJointMotorControl2(…, force={force})",
+        need=effort(math.ceil(abs(need) / digit) * digit, unit),
+        force=f"{math.ceil(wanted / step) * step:g}",
+    )
+
+
+def _held(
+    scene: Scene, driven: Driven, held: Holding, row: int, k: int, away: float
+) -> Cause | None:
+    """Return which contact or constraint takes most of what the motor gives."""
+    torque, unit = abs(float(driven.torque[row, k])), units_of(driven, k)[1]
+    most = max(held.contacts, key=lambda one: away * held.contacts[one][k], default=None)
+    share = MOST if abs(held.constraints[k]) < CLOSE * torque else MOST / 2  # a gear has the rest
+    if most is not None and away * held.contacts[most][k] > share * torque * (1 - CLOSE):
+        body = scene.body(most)
+        if most == driven.body.number:
+            return Cause(Message("its own links meet"))
+        limit = effort(float(driven.limit[row, k]), unit)
+        why = Message(
+            "its motor is at its limit of {limit} against {other}", limit=limit, other=body.label
+        )
+        if body.joints or not body.base_moves:
+            return Cause(why, other=body.label)
+        load = held.from_one_side(most, k)
+        if load is not None:
+            advice = None if load.anchored else Message("give it more force")
+            return Cause(why, advice, other=body.label)
+        force = effort(float(held.contacts[most][k]), unit)
+        holds = Message("it holds {other} with {force}", other=body.label, force=force)
+        return Cause(holds, level="note", other=body.label)
+    if away * held.constraints[k] > MOST * torque:
+        return Cause(Message("a constraint holds it"))
+    return None
+
+
+def _gains(driven: Driven, row: int, k: int, gap: float) -> Cause | None:
+    """Return which of its gains leaves the gap, where the motor's law says so."""
+    asked, steps = driven.asked, driven.steps
+    if not steps.covered or asked.mode[row, k] != POSITION:
+        return None
+    kp, kd, rate = (float(getattr(asked, name)[row, k]) for name in ("kp", "kd", "target_velocity"))
+    if kp == 0:
+        advice = Message("p.setJointMotorControl2(…, positionGain=0.1)")
+        return Cause(Message("its positionGain is {kp:g}", kp=kp), advice)
+    timestep_s = float(steps.reported.timestep_s[row])
+    (matrix,) = mass_matrix(kinematics(steps.law.tree, steps.before.at(np.array([row]))))
+    pull = sum(steps.terms[name][row] for name in FREE)
+    free = (steps.before.velocity[row] + np.linalg.solve(matrix, pull))[
+        steps.law.tree.first_rate + k
+    ]
+    pushed, sags = timestep_s * kd * rate / kp, timestep_s * (1 - kd) * free / kp
+    if abs(pushed + sags - gap) > CLOSE * abs(gap):
+        return None
+    if abs(pushed) > abs(sags):
+        return Cause(
+            Message("its targetVelocity of {rate:.3g} pushes it past", rate=rate),
+            Message("p.setJointMotorControl2(…, targetVelocity=0)"),
+        )
+    return Cause(
+        Message("with a velocityGain of {kd:.3g} its motor gives way to the load", kd=kd),
+        Message("p.setJointMotorControl2(…, velocityGain=1)"),
+    )

@@ -1,0 +1,319 @@
+"""Constraints: whether they meet where they join, and whether they are strong enough."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.explain.commands import TIMESTEPS
+from drop_physics.explain.joined import FIXED, POINT
+from drop_physics.messages import Message
+from drop_physics.physics.kinematics import kinematics
+from drop_physics.physics.rotations import matrix
+from drop_physics.physics.tree import BASE
+from drop_physics.rules.answer import Answer, Effect, Finding, Scene, Span
+from drop_physics.rules.arguments import given, number, site_of
+from drop_physics.rules.asked_of_bodies import size_m, strained_by
+from drop_physics.trace.calls import Call
+from drop_physics.trace.events import Body
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+ROLES = "parent", "child"
+DEFAULT_N_S = 500.0
+"""The largest impulse of a step where no call gives a force."""
+DEFAULT_TIMESTEP_S = 1 / 240
+TAIL = 10
+"""Steps in which something must stay as it is."""
+STILL_M_S = 1e-3
+APART = 0.05
+"""Of a body's size: frames that do not meet."""
+FULL = 1 - 1e-6
+RATIO = 10.0
+"""Of masses, beyond which it takes the solver many iterations."""
+STAYS = 0.99
+"""Share of a gap that is left, ten steps on, where nothing closes it: what hangs there swings."""
+
+
+@dataclass
+class _Joined:
+    """A constraint that closes all distance between its two points."""
+
+    call: Call
+    bodies: tuple[Body | None, Body | None]
+    """None is the world."""
+    links: tuple[int, int]
+    pivots_m: list[tuple[float, ...]]
+    """Of each link's centre of mass, in its axes; or of the world."""
+    impulse_n_s: float = DEFAULT_N_S
+    force_call: Call | None = None
+    changed: int = -1
+    """Steps before the last call that moved it."""
+    since: int = -1
+    """Steps before its limit was changed last."""
+    gap_m: float | None = None
+    """At its first step."""
+    first_pivots_m: list[list[tuple[float, ...]]] = field(default_factory=list)
+    """As it was created, and as it was at its first step."""
+    tail: Float64 = field(default_factory=lambda: np.empty((0, 2, 3)))
+    """Where its points were at the last samples."""
+    forces: Float64 = field(default_factory=lambda: np.empty((0, 3)))
+    last: int = -1
+    full: int = 0
+    timestep_s: float = DEFAULT_TIMESTEP_S
+
+
+class Joined(Answer):
+    """Follows the points that each constraint joins."""
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        self._now: dict[tuple[int, int], _Joined] = {}
+        self._all: list[_Joined] = []
+        self._timestep_s: dict[int, float] = {}
+        self._touched: dict[int, int] = {}
+        """By the number of a body, the last sample that a contact led to."""
+
+    def see(self) -> None:
+        """Take calls, then the points' ways."""
+        self._told()
+        pairs = self.scene.touches.pairs
+        for step, bodies in zip(pairs.step.tolist(), pairs.body.tolist(), strict=True):
+            self._touched |= dict.fromkeys(bodies, step)
+        for key, (steps, forces) in self.scene.piece.forces.items():
+            joined = self._now.get(key)
+            if joined is not None and len(steps):
+                self._follow(joined, steps, forces)
+
+    def _told(self) -> None:
+        for call in self.scene.piece.calls.of(*TIMESTEPS, "createConstraint", "changeConstraint"):
+            if call.function in TIMESTEPS:
+                name = TIMESTEPS[call.function]
+                if given(call, name):
+                    self._timestep_s[call.client] = number(call, name)
+                    for key, joined in self._now.items():
+                        if key[0] == call.client:
+                            joined.since, joined.full = call.at.step, 0
+            elif call.function == "createConstraint" and np.isfinite(call.result):
+                self._create(call)
+            else:
+                key = call.client, int(number(call, "userConstraintUniqueId", -1.0))
+                if key in self._now:
+                    self._change(call, self._now[key])
+
+    def _create(self, call: Call) -> None:
+        key = call.client, int(call.result)
+        self._now.pop(key, None)
+        if int(number(call, "jointType", -1.0)) not in (FIXED, POINT):
+            return
+        ids = [int(number(call, f"{role}BodyUniqueId", -1.0)) for role in ROLES]
+        came = [None if each < 0 else self.scene.piece.calls.body_at(call, each) for each in ids]
+        if any(each >= 0 and found is None for each, found in zip(ids, came, strict=True)):
+            return
+        links = [int(number(call, f"{role}LinkIndex", -1.0)) for role in ROLES]
+        pivots = [given(call, f"{role}FramePosition") or (0.0,) * 3 for role in ROLES]
+        parent, child = (None if each is None else each.body for each in came)
+        joined = _Joined(call, (parent, child), (links[0], links[1]), pivots, changed=call.at.step)
+        joined.first_pivots_m = [[*pivots]]
+        self._now[key] = joined
+        self._all.append(joined)
+
+    def _change(self, call: Call, joined: _Joined) -> None:
+        if force := given(call, "maxForce"):
+            timestep_s = self._timestep_s.get(call.client, DEFAULT_TIMESTEP_S)
+            impulse_n_s = force[0] * timestep_s
+            if impulse_n_s != joined.impulse_n_s:
+                joined.impulse_n_s, joined.force_call = impulse_n_s, call
+                joined.since, joined.full = call.at.step, 0
+        pivot = given(call, "jointChildPivot")
+        if len(pivot) == 3 and pivot != joined.pivots_m[1]:
+            joined.pivots_m = [joined.pivots_m[0], pivot]
+            joined.changed = call.at.step
+            if call.at.step == joined.call.at.step:
+                joined.first_pivots_m.append([*joined.pivots_m])
+
+    def _follow(self, joined: _Joined, steps: Int64, forces: Float64) -> None:
+        if joined.gap_m is None and steps[0] == joined.call.at.step + 1:
+            gaps = []
+            for pivots in joined.first_pivots_m:
+                points = [
+                    self._point(joined, side, steps[:1], pivots[side], after=False)
+                    for side in range(2)
+                ]
+                if points[0] is not None and points[1] is not None:
+                    gaps.append(float(np.linalg.norm(points[0] - points[1])))
+            joined.gap_m = min(gaps, default=0.0)
+        timestep_s = self._timestep_s.get(joined.call.client, DEFAULT_TIMESTEP_S)
+        joined.timestep_s, joined.last = timestep_s, int(steps[-1])
+        full = np.abs(forces[:, :3]).max(axis=1) >= joined.impulse_n_s / timestep_s * FULL
+        joined.full += int((full & (steps > joined.since)).sum())
+        tail = steps[-TAIL - 1 :]
+        points = [
+            self._point(joined, side, tail, joined.pivots_m[side], after=True) for side in range(2)
+        ]
+        if points[0] is None or points[1] is None:
+            joined.tail = joined.tail[:0]
+            return
+        now = np.stack((points[0], points[1]), axis=1)
+        joined.tail = np.concatenate((joined.tail, now))[-TAIL - 1 :]
+        joined.forces = np.concatenate((joined.forces, forces[-TAIL:, :3]))[-TAIL:]
+
+    def _point(
+        self,
+        joined: _Joined,
+        side: int,
+        ends: Int64,
+        pivot_m: tuple[float, ...],
+        *,
+        after: bool,
+    ) -> Float64 | None:
+        """Return where a point is at samples, or at the beginning of the steps to them, (n, 3)."""
+        body, link = joined.bodies[side], joined.links[side]
+        if body is None:
+            return np.tile(pivot_m, (len(ends), 1))
+        found: list[Float64] = []
+        for _, steps in self.scene.stretches(body.number):
+            rows = np.flatnonzero(np.isin(steps.steps, ends))
+            if len(rows) and link < steps.law.tree.links:
+                states = (steps.after if after else steps.before).at(rows)
+                found.append(kinematics(steps.law.tree, states).point_m(link, pivot_m))
+        if body.number not in self.scene.judged and link == BASE:  # it stands where calls put it
+            puts = [each for each in self.scene.seen.puts if each.body.number == body.number]
+            bases = [each.base for each in puts if each.at.step < ends[-1]][-1:]
+            found = [
+                np.tile(base[:3] + matrix(base[3:7].tolist()) @ pivot_m, (len(ends), 1))
+                for base in bases
+            ]
+        whole = np.concatenate(found) if found else np.empty((0, 3))
+        return whole if len(whole) == len(ends) else None
+
+    def findings(self) -> Iterator[Finding]:
+        """Yield the constraints that do not meet, and those that give way."""
+        for each in self._all:
+            apart = _apart(each)
+            if apart is not None:
+                yield apart
+            weak = None if self._leans(each) else _weak(each, self._ratio(each.call.client))
+            if weak is not None:
+                yield weak
+
+    def _ratio(self, client: int) -> float:
+        """Return what the solver has to bear of points that meet and that no call moved."""
+        mine = [each for each in self._all if each.call.client == client]
+        bodies = {body.number: body for each in mine for body in each.bodies if body is not None}
+        meet = all(_meets(each) and each.changed == each.call.at.step for each in mine)
+        return strained_by(self.scene.seen, bodies.values()) if meet else 0.0
+
+    def _leans(self, joined: _Joined) -> bool:
+        """Whether something that one of its bodies touches may hold it off, at the end."""
+        numbers = [body.number for body in joined.bodies if body is not None]
+        return any(self._touched.get(number, -1) >= joined.last - TAIL for number in numbers)
+
+
+def _names(joined: _Joined) -> tuple[str, str | None, str]:
+    """Return the body that is held, the other one, and what the other one is called."""
+    parent, child = joined.bodies
+    held = child or parent
+    other = None if parent is None or child is None else parent.label
+    return ("" if held is None else held.label), other, other or Message("the world")
+
+
+def _size_m(joined: _Joined) -> float:
+    """Return the size of the smaller part: the diagonal of its box, or else its body's size."""
+    sizes: list[float] = []
+    for body, link in zip(joined.bodies, joined.links, strict=True):
+        if body is not None:
+            box = np.array(body.bounds_m[6 * (link + 1) : 6 * (link + 2)])
+            diagonal = float(np.linalg.norm(box[3:] - box[:3])) if len(box) == 6 else 0.0
+            sizes.append(diagonal or size_m(body))
+    return min(sizes)
+
+
+def _meets(joined: _Joined) -> bool:
+    return joined.gap_m is None or not joined.gap_m > APART * _size_m(joined)
+
+
+def _apart(joined: _Joined) -> Finding | None:
+    if _meets(joined) or joined.gap_m is None:
+        return None
+    size = _size_m(joined)
+    held, other, name = _names(joined)
+    message = Message(
+        "{body} is joined to {other} at points that are {gap:.3g} m apart, which the constraint "
+        "pulls together",
+        body=held,
+        other=name,
+        gap=joined.gap_m,
+    )
+    step = joined.call.at.step + 1
+    return Finding(
+        code="constraint-apart",
+        level="asked",
+        message=message,
+        body=held,
+        other=other,
+        advice=Message(
+            "give p.createConstraint the parentFramePosition and childFramePosition of "
+            "one and the same point"
+        ),
+        effect=Effect(joined.gap_m, "m"),
+        share=joined.gap_m / size,
+        steps=Span(step, step, 1),
+        site=site_of(joined.call),
+    )
+
+
+def _weak(joined: _Joined, ratio: float) -> Finding | None:
+    limit_n = joined.impulse_n_s / joined.timestep_s
+    if len(joined.tail) <= TAIL or joined.last - joined.changed <= TAIL:
+        return None
+    gaps = np.linalg.norm(joined.tail[:, 0] - joined.tail[:, 1], axis=1)
+    moved = np.linalg.norm(joined.tail[-1] - joined.tail[0], axis=1)
+    still = moved < STILL_M_S * TAIL * joined.timestep_s
+    strained = (np.abs(joined.forces).max(axis=1) >= limit_n * FULL).all()
+    # What one side drags lags with any force, and what is being pulled back needs time.
+    if not (still.any() and gaps[-1] >= gaps[0] * STAYS and gaps[-1] > 1e-6):
+        return None
+    held, other, name = _names(joined)
+    size, gap_m = _size_m(joined), float(gaps[-1])
+    span = Span(joined.call.at.step + 1, joined.last, joined.full)
+    if strained:
+        why = Message(
+            "that is at its limit of {limit:.3g} N along an axis in {count:,} steps",
+            limit=limit_n,
+            count=joined.full,
+        )
+        advice = Message("give it more: p.changeConstraint(…, maxForce=…)")
+    elif ratio >= RATIO and gap_m > APART * size:
+        why = Message(
+            "of what constraints join, one is {ratio:.3g} times as heavy as another, and the "
+            "solver uses up its iterations",
+            ratio=ratio,
+        )
+        advice = Message("raise p.setPhysicsEngineParameter(numSolverIterations=500)")
+        span = Span(joined.last - TAIL + 1, joined.last, TAIL)
+    else:
+        return None
+    message = Message(
+        "{body} is {gap:.3g} m from where its constraint to {other} wants it: {why}",
+        body=held,
+        gap=gap_m,
+        other=name,
+        why=why,
+    )
+    return Finding(
+        code="weak-constraint",
+        level="asked",
+        message=message,
+        body=held,
+        other=other,
+        advice=advice,
+        effect=Effect(gap_m, "m"),
+        share=gap_m / size,
+        steps=span,
+        site=site_of(joined.force_call or joined.call),
+    )

@@ -1,0 +1,74 @@
+"""When calls placed bodies: loaded them, or set where they are."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.rules.arguments import site_of
+from drop_physics.trace.events import Body
+from drop_physics.trace.history import Piece, Seen
+
+Int64 = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+PLACES = ("load", "createMultiBody", "resetBasePosition", "resetJointState", "restoreState")
+"""Functions, by the beginning of their names, that place bodies."""
+STEPS = 1 << 40
+NEAR = 3
+"""What calls move more often than every so many steps is animated."""
+
+
+class Placing:
+    """The steps that began with a body where a call had placed it, and the calls."""
+
+    def __init__(self, seen: Seen) -> None:
+        came = [(each.body.number, each.at.step + 1) for each in seen.appearances if each.came]
+        moved = [(each.body.number, each.at.step + 1) for each in seen.puts]
+        self._every = np.unique([number * STEPS + step for number, step in [*came, *moved]])
+        self._came = np.unique([number * STEPS + step for number, step in came])
+        self._sites: dict[tuple[int, int], list[tuple[int, str]]] = {}
+        self._restored: set[int] = set()
+        """Keys of bodies and steps that begin with a restored state: no call chose where."""
+        self._bodies = seen.bodies
+
+    def see(self, piece: Piece) -> None:
+        """Take a piece."""
+        self._sites = {key: told[-1:] for key, told in self._sites.items()}
+        for call in piece.calls.of(*PLACES):
+            if call.function == "restoreState":
+                self._restored |= {
+                    body.number * STEPS + call.at.step + 1
+                    for body in self._bodies.values()
+                    if body.client == call.client
+                }
+            values = call.values
+            (number,) = values.get("bodyUniqueId", (call.result,))
+            if np.isfinite(number):
+                told = self._sites.setdefault((call.client, int(number)), [])
+                told.append((call.at.step, site_of(call)))
+
+    def placed(self, bodies: Int64, steps: Int64) -> Flags:
+        """Return whether each body was placed for a step, once: not in those around it, too."""
+        keys = bodies * STEPS + steps
+        once = np.isin(keys, self._every) & ~np.isin(keys, [*self._restored])
+        for near in range(1, NEAR + 1):
+            once &= ~(np.isin(keys - near, self._every) | np.isin(keys + near, self._every))
+        return once
+
+    def moved(self, bodies: Int64, steps: Int64) -> Flags:
+        """Return whether each body was placed for a step."""
+        return np.isin(bodies * STEPS + steps, self._every)
+
+    def restored(self, body: int, steps: Int64) -> Flags:
+        """Return whether each step began with a restored state."""
+        return np.isin(body * STEPS + steps, [*self._restored])
+
+    def came(self, bodies: Int64 | int, steps: Int64 | int) -> Flags:
+        """Return whether each body was loaded for a step."""
+        return np.isin(bodies * STEPS + steps, self._came)
+
+    def site(self, body: Body, step: int) -> str | None:
+        """Return file and line of the last call that placed a body for a step."""
+        told = self._sites.get((body.client, body.engine_id), [])
+        return next((site for at, site in reversed(told) if at < step), None)

@@ -1,0 +1,102 @@
+"""Why a script stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from drop_physics.messages import Message
+from drop_physics.rules.answer import Answer, Finding, Scene, so_many
+from drop_physics.rules.arguments import given, site_of
+from drop_physics.trace.calls import BODY_NAMES, Call
+from drop_physics.trace.events import Body
+from drop_physics.trace.log import Log
+
+NO_JOINT = "Joint index out-of-range."
+"""PyBullet's words also where there is no such body."""
+INDICES = ("jointIndex", "jointIndices", "linkIndex", "linkIndices")
+"""Arguments that name a joint, or the link behind it."""
+NOT_CONNECTED = "Not connected to physics server."
+
+
+class ScriptFailed(Answer):
+    """Says with what a script failed, and which call raised that."""
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        self._raised: Call | None = None
+        self._calls = Log()
+        """Those of its piece."""
+
+    def see(self) -> None:
+        """Keep the last call that raised."""
+        for call in self.scene.piece.calls.failed():
+            self._raised, self._calls = call, self.scene.piece.calls
+
+    def findings(self) -> Iterator[Finding]:
+        """Yield the script's error."""
+        if found := failure(self.scene.origin, self._raised, self._calls):
+            yield found
+
+
+def failure(origin: Mapping[str, Any], raised: Call | None, calls: Log) -> Finding | None:
+    """Return what a script failed with; None if it did not.
+
+    Parameters
+    ----------
+    origin
+        The script, and how it ended.
+    raised
+        The last call that raised something, which the script may have handled.
+    calls
+        Those around it.
+    """
+    error = origin.get("error")
+    if origin.get("ended") != "failed" or not error:
+        return None
+    # The type is written without its module in the one, and with it in the other.
+    said = error.partition(": ")[2]
+    if raised is None or not said or not said.startswith(raised.raised.partition(": ")[2]):
+        message = Message("the script fails: {error}", error=error)
+        if said == NOT_CONNECTED:
+            message = Message(
+                "{message} {why}",
+                message=message,
+                why=Message(
+                    "There is no simulation with that number: p.connect did not make it, or "
+                    "p.disconnect ended it"
+                ),
+            )
+        site = origin.get("error_site")
+        return Finding(code="script-failed", level="broken", message=message, site=site)
+    message = Message(
+        "the script fails after {steps} in p.{function}({arguments}){why}: {error}",
+        steps=so_many(raised.at.step),
+        function=raised.function,
+        arguments=raised.arguments,
+        why=_why(raised, calls),
+        error=error,
+    )
+    return Finding(code="script-failed", level="broken", message=message, site=site_of(raised))
+
+
+def _why(call: Call, calls: Log) -> str:
+    """Return what is behind PyBullet's words, as far as the call tells."""
+    if call.function.startswith("load") and call.arguments.startswith(("'", "fileName='")):
+        return Message(", a file that it cannot find or read")
+    numbers = next((n for name in BODY_NAMES if (n := given(call, name))), ())
+    if not numbers:
+        return ""
+    came = calls.body_at(call, int(numbers[0]))
+    if came is None:
+        return Message(", and there is no body {number}", number=int(numbers[0]))
+    asked = [index for name in INDICES for index in given(call, name)]
+    beyond = max(asked, default=-1) >= len(came.body.joints)
+    return _joints_of(came.body) if beyond or call.raised.endswith(NO_JOINT) else ""
+
+
+def _joints_of(body: Body) -> Message:
+    if not body.joints:
+        return Message(", and {body} has no joints", body=body.label)
+    last = len(body.joints) - 1
+    return Message(", and {body} has the joints 0 to {last}", body=body.label, last=last)

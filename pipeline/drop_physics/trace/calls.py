@@ -1,0 +1,97 @@
+"""A call of the engine, and what it asked for: forces, and properties of bodies.
+
+A recording holds a call as its site and its numbers. Here, in `log` and in `motors`, they get their
+meaning, by the names of PyBullet's functions and arguments; another engine's would stand beside.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from drop_physics.trace.events import At, Body, Site
+
+WORLD_FRAME = 2
+"""The flag of `applyExternalForce`: its vectors are in the world's axes."""
+BODY_NAMES = ("bodyUniqueId", "objectUniqueId", "bodyIndex")
+MOST_WHOLE = 2**53
+"""Larger whole numbers are not all the same as doubles."""
+
+
+@dataclass(frozen=True)
+class Call:
+    """What the script did to the world."""
+
+    at: At
+    """When it was made."""
+    client: int
+    """Number of its client."""
+    site: Site
+    numbers: tuple[float, ...]
+    """All numbers in its arguments, in order."""
+    result: float = math.nan
+    """What it returned, where that is a number."""
+    raised: str = ""
+    """What it raised."""
+
+    @property
+    def function(self) -> str:
+        """Its name."""
+        return self.site.function
+
+    @property
+    def file(self) -> str:
+        """File of the call."""
+        return self.site.file
+
+    @property
+    def line(self) -> int:
+        """Line of the call, from 1."""
+        return self.site.line
+
+    @property
+    def arguments(self) -> str:
+        """The arguments, as the script might have written them; long ones shortened."""
+        return text_of(self.site, self.numbers)
+
+    @cached_property
+    def values(self) -> dict[str, tuple[float, ...]]:
+        """The numbers of each argument."""
+        return {name: self.numbers[place] for name, place in self.site.places.items()}
+
+
+@dataclass(frozen=True)
+class Push:
+    """A force or torque from outside, for one step."""
+
+    at: At
+    body: Body
+    link: int
+    torque: bool
+    vector: tuple[float, ...]
+    """Force [N] or torque [N m]."""
+    position_m: tuple[float, ...]
+    """Where the force acts; nan for a torque."""
+    in_world_axes: bool
+
+
+@dataclass(frozen=True)
+class Given:
+    """Properties of a body that a call has set, some of which the engine never reports."""
+
+    at: At
+    body: Body
+    values: Mapping[str, float | Sequence[float]]
+
+
+def text_of(site: Site, numbers: Sequence[float]) -> str:
+    """Return the arguments of a call as the script might have written them."""
+    texts = [
+        repr(int(number))
+        if whole and abs(number) <= MOST_WHOLE and number.is_integer()
+        else repr(number)
+        for number, whole in zip(numbers, site.whole, strict=True)
+    ]
+    return site.form.format(*texts)

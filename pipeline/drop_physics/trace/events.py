@@ -1,0 +1,426 @@
+"""What was observed of a simulation run by another program, whatever its engine."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.messages import Message
+from drop_physics.physics.tree import places
+from drop_physics.trace.states import Float64, Int64, Joints, Rows
+
+
+@dataclass(frozen=True)
+class At:
+    """When something was seen."""
+
+    step: int
+    """Steps of its simulation before it."""
+    time_s: float
+    """Simulated time: the sum of these steps' timesteps."""
+    call: int
+    """Calls of the script before it."""
+
+
+def order(at: At) -> tuple[int, int]:
+    """Return the sort key of a moment."""
+    return at.step, at.call
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What is drawn of a link."""
+
+    link: int
+    kind: str
+    """`box`, `sphere`, `cylinder`, `capsule`, `mesh`, `plane`, or the engine's number."""
+    size_m: tuple[float, ...]
+    """Whole lengths of a box; radius of a sphere; length and radius; the scale of a mesh; of a
+    plane of which only a part is drawn, its two sides."""
+    file: str
+    """Of a mesh; empty if it has none."""
+    position_m: tuple[float, ...]
+    """Of its centre from the link's centre of mass, in the axes of the link's inertia."""
+    orientation: tuple[float, ...]
+    """Quaternion x, y, z, w, in the same axes."""
+    rgba: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Model:
+    """A shape that can be drawn without the files that it was loaded from."""
+
+    shape: Shape
+    mesh: bytes
+    """Content of a mesh's file; empty if it is not a mesh."""
+    suffix: str
+    """Suffix of that file."""
+
+
+def counted_s(timestep_s: float) -> float:
+    """Return what a step adds to the time [s]: nothing if its timestep is not finite."""
+    return timestep_s if math.isfinite(timestep_s) else 0.0
+
+
+Pose = tuple[tuple[float, ...], tuple[float, ...]]
+"""Position [m], and orientation as a quaternion x, y, z, w."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """What connects a link to its parent."""
+
+    link: int
+    name: str
+    kind: str
+    """`revolute`, `prismatic`, `spherical`, `planar`, `fixed`, or the engine's number."""
+    parent: int
+    """The parent link; -1 is the base."""
+    widths: tuple[int, int, int]
+    """How many positions, velocities and efforts it has; none if it is fixed."""
+    limits: tuple[float, float] = (0.0, -1.0)
+    """Lowest and highest position [rad] or [m]; without limits, the highest is below the lowest."""
+    axis: tuple[float, ...] = (0.0, 0.0, 0.0)
+    """Direction that it turns about or moves along, in the axes of its link's inertia."""
+    parent_position_m: tuple[float, ...] = (0.0, 0.0, 0.0)
+    """From the parent's centre of mass to the joint, in the axes of the parent's inertia."""
+    parent_orientation: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)
+    """What turns the axes of the parent's inertia into those of its link's, at position 0."""
+    damping: float = 0.0
+    """[N m s/rad] or [N s/m]."""
+    friction: float = 0.0
+    effort: float = 0.0
+    """The largest of the real joint, which its file gives [N m] or [N]; 0 if it gives none."""
+    velocity: float = 0.0
+    """Likewise [rad/s] or [m/s]."""
+
+
+@dataclass(frozen=True)
+class Collision:
+    """What is touched of a link."""
+
+    link: int
+    kind: str
+    """As of a `Shape`."""
+    size_m: tuple[float, ...]
+    """As the engine reports it: whole lengths of a box; length and radius; the scale of a mesh."""
+    file: str
+    """Of a mesh, without its folder; empty if there is none."""
+    position_m: tuple[float, ...]
+    """Of its centre from the link's centre of mass, in the axes of the link's inertia."""
+    orientation: tuple[float, ...]
+    hull_m: tuple[float, ...] = ()
+    """Corners of the convex hull that the engine holds in place of a mesh, three numbers each."""
+
+
+@dataclass(frozen=True)
+class FileLink:
+    """What a body's file says of a link."""
+
+    name: str
+    mass_kg: float
+    """nan if it says nothing: there is no `<inertial>`."""
+    inertia_kg_m2: tuple[float, ...]
+    """xx, xy, xz, yy, yz, zz about the centre of mass; empty if it says nothing."""
+    position_m: tuple[float, ...] = (0.0, 0.0, 0.0)
+    """Of the centre of mass, in the link's frame."""
+    rpy_rad: tuple[float, ...] = (0.0, 0.0, 0.0)
+    """Of the axes of that inertia."""
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint that its file wants to follow another."""
+
+    joint: str
+    of: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a body's file asks for that an engine may not do."""
+
+    scale: float = 1.0
+    """By which a call scaled the whole body."""
+    links: tuple[FileLink, ...] = ()
+    mimics: tuple[Mimic, ...] = ()
+
+
+@dataclass(frozen=True)
+class Body:
+    """A body as it was added to the simulation."""
+
+    number: int
+    """In the recording: the engine's own id, unless another body had it before."""
+    label: str
+    """Name and number, as a part of an entity's path."""
+    name: str
+    engine_id: int
+    client: int
+    links: tuple[str, ...]
+    """Names of base and links, in this order: link -1 is the first."""
+    joints: tuple[Joint, ...]
+    moving: tuple[int, ...]
+    """The links that time can move; -1 is the base."""
+    soft: bool
+    shapes: tuple[Shape, ...]
+    can_sleep: bool = False
+    """Whether it was loaded with sleeping enabled."""
+    hides_links: bool = False
+    """Whether it has links that the engine does not report: those of a btRigidBody."""
+    bounds_m: tuple[float, ...] = ()
+    """Axis-aligned boxes around base and links when it was added: low and high corners, six numbers
+    each."""
+    collisions: tuple[Collision, ...] = ()
+    asked: Asked = Asked()
+    flags: int = 0
+    """That it was loaded with; 0 where they are unknown."""
+    before: bool = False
+    """Whether it was there before the recording: what calls set on it is not known."""
+
+    @cached_property
+    def coordinates(self) -> tuple[slice, ...]:
+        """Where the coordinates of each joint are among those of all joints."""
+        return places(joint.widths[0] for joint in self.joints)
+
+    @cached_property
+    def rates(self) -> tuple[slice, ...]:
+        """Where the rates of each joint are among those of all joints."""
+        return places(joint.widths[1] for joint in self.joints)
+
+    @property
+    def base_moves(self) -> bool:
+        """Whether time can move its base: its state is then sampled."""
+        return -1 in self.moving
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """A body was added, removed, began to move, or got other shapes or colours."""
+
+    at: At
+    body: Body
+    there: bool
+    came: bool = False
+    """Whether it was added: a new body, even if it has the number of an earlier one."""
+    sampled: bool = False
+    """Whether its simulation had sampled this step before the body was added."""
+
+
+GIVEN = {"linear_damping": "linearDamping", "angular_damping": "angularDamping"}
+"""What the Dynamics of a drop's body also hold: what it was given, and no engine reports, by the
+argument that gives it."""
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """What the engine reports about a body."""
+
+    at: At
+    body: Body
+    reported: Mapping[str, Float64]
+    """Of base and links, shape (links + 1,) or (links + 1, k)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """The surface of a mesh that the engine holds as its convex hull, where it is hollow."""
+
+    at: At
+    body: int
+    """Its number."""
+    shape: int
+    """Which of its collisions it is."""
+    corners_m: Float64
+    """In the axes of the link's inertia, shape (n, 3)."""
+    triangles: Int64
+    """Which corners each has, shape (m, 3)."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the engine reports about itself, and settings it was given but never reports."""
+
+    at: At
+    client: int
+    values: Mapping[str, float | Sequence[float]]
+
+
+@dataclass(frozen=True)
+class Site:
+    """A place that calls a function of the engine with arguments of one form."""
+
+    number: int
+    """In the recording, in order of the first calls."""
+    function: str
+    file: str
+    """File of the call, without folders of this machine."""
+    line: int
+    """Counted from 1."""
+    form: str
+    """The arguments as written, with `{}` for each number; what is no number stands in it."""
+    names: tuple[str, ...]
+    """The argument that each number belongs to; a vector's numbers have the same one."""
+    whole: tuple[bool, ...]
+    """Whether each number was a whole one in the first call."""
+
+    @cached_property
+    def places(self) -> Mapping[str, slice]:
+        """Where the numbers of each argument are."""
+        places: dict[str, slice] = {}
+        for k, name in enumerate(self.names):
+            places[name] = slice(places[name].start if name in places else k, k + 1)
+        return places
+
+
+@dataclass(frozen=True)
+class Calls:
+    """Consecutive calls that change a simulation, m of them."""
+
+    client: int
+    steps: Int64
+    """Steps of the simulation before each, shape (m,)."""
+    times_s: Float64
+    """Shape (m,)."""
+    calls: Int64
+    """Calls of the script before each, shape (m,)."""
+    sites: Int64
+    """Number of the site of each, shape (m,)."""
+    numbers: Float64
+    """The numbers in all their arguments, one call after the other."""
+    results: Float64
+    """What each returned, where that is a number; else nan."""
+
+
+def widths_of(seen: Calls, sites: Mapping[int, Site]) -> Int64:
+    """Return how many numbers each call has, shape (m,)."""
+    return np.array([len(sites[site].names) for site in seen.sites.tolist()], np.int64)
+
+
+@dataclass(frozen=True)
+class Raised:
+    """A call failed."""
+
+    at: At
+    """Its own."""
+    error: str
+    """Type and message."""
+
+
+@dataclass(frozen=True)
+class Solver:
+    """How often the solver of a simulation stopped before it had converged."""
+
+    at: At
+    client: int
+    iterations: int
+    """Its limit."""
+    looked: int
+    """Steps with that limit whose solver was queried: every eighth."""
+    steps: int
+    """Of these, steps that used all iterations, and changed a velocity by over 0.01 in the last."""
+    first_step: int
+    last_change: float
+    """The largest change of a velocity in a last iteration [m/s or rad/s]."""
+    worst_step: int
+
+
+@dataclass(frozen=True)
+class Put:
+    """The state of a body after calls have moved it, before the next step."""
+
+    at: At
+    body: Body
+    base: Float64
+    """Position, orientation, velocity, spin: shape (13,)."""
+    joints: Joints
+    counts: bool
+    """Whether the next step starts from it; not so if the first sample of all follows it."""
+
+
+@dataclass(frozen=True)
+class Image:
+    """What the script's camera saw."""
+
+    at: At
+    client: int
+    camera: str
+    """File and line that asked for it, and its size: images with the same ones form a sequence."""
+    rgba: NDArray[np.uint8]
+    """Shape (height, width, 4)."""
+    view: tuple[float, ...]
+    """Column by column, 16 numbers; empty if none was given."""
+    projection: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Consecutive samples of one simulation, in which the same bodies move."""
+
+    client: int
+    steps: Int64
+    """Shape (n,)."""
+    times_s: Float64
+    """Shape (n,)."""
+    call: int
+    """Calls of the script before the last sample."""
+    bases: Mapping[int, Float64]
+    """By body number, of those whose base can move: position, orientation (x, y, z, w), velocity,
+    spin; shape (n, 13)."""
+    joints: Mapping[int, Joints]
+    """By body number."""
+    contacts: Rows
+    """Of dtype `CONTACT`."""
+    constraints: Mapping[int, Float64]
+    """By the engine's id, the forces of each [N] or [N m], shape (n, k)."""
+
+
+Event = (
+    Appearance
+    | Surface
+    | Dynamics
+    | Settings
+    | Site
+    | Calls
+    | Raised
+    | Solver
+    | Put
+    | Image
+    | Samples
+)
+
+
+ENDED = {
+    "finished": Message("finished"),
+    "steps": Message("stopped after --steps"),
+    "duration": Message("stopped after --duration"),
+    "idle": Message("stopped after waiting 60 s without a step"),
+    "disk": Message("stopped before the disk was full"),
+    "interrupted": Message("stopped by Ctrl-C"),
+    "failed": Message("failed"),
+}
+"""How a script ends, in words."""
+
+
+@dataclass
+class Ending:
+    """How a watched program ended."""
+
+    how: str = ""
+    """`finished`, `steps`, `duration`, `idle`, `disk`, `interrupted` or `failed`."""
+    error: str = ""
+    """What failed, in a line."""
+    site: str = ""
+    """File and line of the script's own that failed."""
+    notes: list[str] = field(default_factory=list)
+    """What is worth knowing about the recording."""
+    made_with: dict[str, Any] = field(default_factory=dict)
+    """Versions, and whether time was virtual."""

@@ -1,0 +1,214 @@
+"""The calls that a script made between some steps, and which body each is about."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.trace.calls import BODY_NAMES, WORLD_FRAME, Call, Given, Push
+from drop_physics.trace.events import Appearance, At, Calls, Raised, Site, order, widths_of
+from drop_physics.trace.motors import Command, commands_of
+
+Int64 = NDArray[np.int64]
+
+MAKES = ("loadURDF", "loadSoftBody", "createMultiBody")
+"""The functions that make a body and return its id."""
+
+
+class Log:
+    """Calls as they were recorded: of one site each is a row of numbers.
+
+    Parameters
+    ----------
+    rows
+        The calls.
+    sites
+        The places that they name, by number.
+    raised
+        What calls raised.
+    appearances
+        Of the bodies that the simulations had.
+    """
+
+    def __init__(
+        self,
+        rows: Iterable[Calls] = (),
+        sites: Mapping[int, Site] | None = None,
+        raised: Iterable[Raised] = (),
+        appearances: Iterable[Appearance] = (),
+    ) -> None:
+        self.sites = sites or {}
+        self._rows = [(row, widths_of(row, self.sites)) for row in rows]
+        self._errors = {each.at.call: each.error for each in raised}
+        self._came: dict[tuple[int, int], list[Appearance]] = {}
+        """By client and the engine's id, the bodies that had it."""
+        for each in appearances:
+            if each.came:
+                key = each.body.client, each.body.engine_id
+                self._came.setdefault(key, []).append(each)
+        self._lives: dict[tuple[int, int], list[tuple[int, int | None]]] | None = None
+
+    def between(self, first: int, end: int) -> Log:
+        """Return the calls after so many steps, and before so many."""
+        log = Log((), self.sites)
+        log._errors, log._came = self._errors, self._came
+        log._rows = [
+            (_only(row, (row.steps >= first) & (row.steps < end), widths))
+            for row, widths in self._rows
+        ]
+        return log
+
+    # -- calls ------------------------------------------------------------------------------------
+
+    def __iter__(self) -> Iterator[Call]:
+        """Yield all calls in order."""
+        yield from self._made({*self.sites})
+
+    def of(self, *functions: str) -> list[Call]:
+        """Return the calls of functions by the beginning of their names that did not fail."""
+        sites = {n for n, site in self.sites.items() if site.function.startswith(functions)}
+        return [call for call in self._made(sites) if not call.raised]
+
+    def with_argument(self, *names: str) -> list[Call]:
+        """Return the calls that give any of some arguments and did not fail."""
+        sites = {n for n, site in self.sites.items() if {*names} & site.places.keys()}
+        return [call for call in self._made(sites) if not call.raised]
+
+    def failed(self) -> list[Call]:
+        """Return the calls that raised."""
+        return [call for call in self if call.raised] if self._errors else []
+
+    def commands(self) -> Iterator[Command]:
+        """Yield what calls that did not fail ask of joints: per site, not in order."""
+        failed = [*self._errors]
+        for row, widths in self._rows:
+            for each in commands_of(row, self.sites, widths):
+                yield each.only(~np.isin(each.calls, failed)) if failed else each
+
+    def _made(self, sites: set[int]) -> list[Call]:
+        made = []
+        for row, widths in self._rows:
+            which = np.flatnonzero(np.isin(row.sites, [*sites]))
+            ends = np.cumsum(widths)
+            numbers = row.numbers.tolist() if len(which) else []
+            for step, time_s, number, site, result, start, end in zip(
+                *(
+                    each[which].tolist()
+                    for each in (
+                        row.steps,
+                        row.times_s,
+                        row.calls,
+                        row.sites,
+                        row.results,
+                        ends - widths,
+                        ends,
+                    )
+                ),
+                strict=True,
+            ):
+                at, given = At(step, time_s, number), tuple(numbers[start:end])
+                error = self._errors.get(number, "")
+                made.append(Call(at, row.client, self.sites[site], given, result, error))
+        return sorted(made, key=lambda call: call.at.call)
+
+    # -- the bodies that they are about -----------------------------------------------------------
+
+    def of_bodies(self, *functions: str) -> Iterator[tuple[Call, At, Appearance]]:
+        """Yield the calls of functions by the beginning of their names, each with its body.
+
+        A body is listed with the next step: what calls did to it before is dated to that moment.
+        """
+        for call in self.of(*functions):
+            place = next((at for name in BODY_NAMES if (at := call.site.places.get(name))), None)
+            came = None if place is None else self.body_at(call, int(call.numbers[place.start]))
+            if came is not None:
+                yield call, max(call.at, came.at, key=order), came
+
+    def body_at(self, call: Call, engine_id: int) -> Appearance | None:
+        """Return the body that had an id at a call, or got it with the step after it."""
+        came, (which,) = self.bodies_at(call.client, engine_id, np.array([call.at.call]))
+        return None if which < 0 else came[which]
+
+    def bodies_at(
+        self, client: int, engine_id: int, calls: Int64
+    ) -> tuple[Sequence[Appearance], Int64]:
+        """Return the bodies that had an id, and which of them had it at each call.
+
+        -1 stands for none; shape (n,). `calls` are their numbers.
+        """
+        key = client, engine_id
+        came = self._came.get(key, [])
+        began = [each.at.call for each in came]
+        which = np.searchsorted(began, calls, side="right") - 1
+        which = np.maximum(which, 0) if came else np.full(len(calls), -1)
+        lives = self._life().get(key, [])
+        if lives:
+            # One that was removed before the next step was never listed.
+            first = np.searchsorted(began, [made for made, _ in lives], side="left")
+            listed = [
+                k if k < len(came) and (gone is None or began[k] < gone) else -1
+                for k, (_, gone) in zip(first.tolist(), lives, strict=True)
+            ]
+            life = np.searchsorted([made for made, _ in lives], calls, side="left") - 1
+            which = np.where(life >= 0, np.array(listed)[life], which)
+        return came, which
+
+    def _life(self) -> dict[tuple[int, int], list[tuple[int, int | None]]]:
+        """Return, by client and the engine's id, the calls that made a body and removed it."""
+        if self._lives is None:
+            self._lives = {}
+            for call in self.of(*MAKES, "removeBody", "resetSimulation"):
+                if call.function.startswith(MAKES):
+                    if math.isfinite(call.result):
+                        lives = self._lives.setdefault((call.client, int(call.result)), [])
+                        lives.append((call.at.call, None))
+                    continue
+                removed = call.values.get("bodyUniqueId")
+                for (client, engine_id), lives in self._lives.items():
+                    if client == call.client and (removed is None or int(removed[0]) == engine_id):
+                        lives[-1] = lives[-1][0], lives[-1][1] or call.at.call
+        return self._lives
+
+    # -- what they asked for ----------------------------------------------------------------------
+
+    def pushes(self) -> Iterator[Push]:
+        """Yield the forces and torques from outside."""
+        for call, at, came in self.of_bodies("applyExternalForce", "applyExternalTorque"):
+            values = call.values
+            torque = call.function.endswith("Torque")
+            vector = values.get("torqueObj" if torque else "forceObj", ())
+            point = values.get("posObj", ())
+            if len(vector) == 3:
+                where = point if len(point) == 3 and not torque else (math.nan,) * 3
+                link, flags = values.get("linkIndex", (-1,)), values.get("flags", (0,))
+                world = int(flags[0]) == WORLD_FRAME
+                yield Push(at, came.body, int(link[0]), torque, vector, where, in_world_axes=world)
+
+    def given(self) -> Iterator[Given]:
+        """Yield properties of bodies that calls have set."""
+        for call, at, came in self.of_bodies("changeDynamics"):
+            values: dict[str, float | Sequence[float]] = {
+                name: held[0] if len(held) == 1 else list(held)
+                for name, held in call.values.items()
+                if name not in (*BODY_NAMES, "physicsClientId")
+            }
+            if values:
+                yield Given(at, came.body, values)
+
+
+def _only(row: Calls, which: NDArray[np.bool_], widths: Int64) -> tuple[Calls, Int64]:
+    if which.all():
+        return row, widths
+    numbers = row.numbers[np.repeat(which, widths)]
+    return Calls(
+        row.client,
+        row.steps[which],
+        row.times_s[which],
+        row.calls[which],
+        row.sites[which],
+        numbers,
+        row.results[which],
+    ), widths[which]

@@ -1,0 +1,115 @@
+"""Calls that command joints: motors of any kind, torques, PD_CONTROL; a row of numbers each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.trace.calls import BODY_NAMES
+from drop_physics.trace.events import Calls, Site
+
+T = TypeVar("T")
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+MOTORS = "setJointMotorControl"
+"""What the functions that command joints begin with."""
+VELOCITY, TORQUE, POSITION, PD = 0, 1, 2, 3
+"""How they drive a joint: `controlMode`."""
+FORCE = 100000.0
+"""PyBullet's default of a motor's limit [N m] or [N]."""
+ARGUMENTS = {
+    "targetPosition": "targetPositions",
+    "targetVelocity": "targetVelocities",
+    "force": "forces",
+    "positionGain": "positionGains",
+    "velocityGain": "velocityGains",
+    "maxVelocity": "maxVelocities",
+}
+"""Arguments of a call for one joint, and of one for several."""
+
+
+class Command(NamedTuple):
+    """What n calls from one place ask of a joint each."""
+
+    client: int
+    site: Site
+    calls: Int64
+    """Their numbers, shape (n,)."""
+    steps: Int64
+    times_s: Float64
+    bodies: Int64
+    """The engine's ids."""
+    joints: Int64
+    values: Mapping[str, Float64]
+    """By argument of a call for one joint, shape (n, k)."""
+
+    def only(self, which: NDArray[np.bool_]) -> Command:
+        """Return some of them."""
+        held = {name: values[which] for name, values in self.values.items()}
+        return Command(
+            self.client,
+            self.site,
+            self.calls[which],
+            self.steps[which],
+            self.times_s[which],
+            self.bodies[which],
+            self.joints[which],
+            held,
+        )
+
+
+def commands_of(seen: Calls, sites: Mapping[int, Site], widths: Int64) -> Iterator[Command]:
+    """Yield what calls ask of joints, a command per site and joint that it names.
+
+    `widths`: how many numbers each call has.
+    """
+    starts = np.cumsum(widths) - widths
+    for number in np.unique(seen.sites).tolist():
+        site = sites[number]
+        if not site.function.startswith(MOTORS):
+            continue
+        its = np.flatnonzero(seen.sites == number)
+        numbers = seen.numbers[starts[its, None] + np.arange(len(site.names))]
+        places = {name: range(at.start, at.stop) for name, at in site.places.items()}
+        body = next((places[name] for name in BODY_NAMES if name in places), None)
+        joints = places.get("jointIndices", places.get("jointIndex", ()))
+        if body is None or "controlMode" not in places:
+            continue
+        for which, joint in enumerate(joints):
+            values = {"controlMode": places["controlMode"], **of_joint(places, which, len(joints))}
+            yield Command(
+                seen.client,
+                site,
+                seen.calls[its],
+                seen.steps[its],
+                seen.times_s[its],
+                numbers[:, body[0]].astype(np.int64),
+                numbers[:, joint].astype(np.int64),
+                {name: numbers[:, [*columns]] for name, columns in values.items()},
+            )
+
+
+def of_joint(values: Mapping[str, Sequence[T]], number: int, joints: int) -> dict[str, Sequence[T]]:
+    """Return the arguments of a call of motors that are for one of several joints.
+
+    Parameters
+    ----------
+    values
+        What belongs to each argument: numbers, or their places in a row.
+    number
+        Which joint, among those of the call.
+    joints
+        How many the call has.
+    """
+    found: dict[str, Sequence[T]] = {}
+    for name, plural in ARGUMENTS.items():
+        if name in values:
+            found[name] = values[name]
+        elif plural in values and joints:
+            width = max(len(values[plural]) // joints, 1)
+            found[name] = values[plural][number * width : (number + 1) * width]
+    return found

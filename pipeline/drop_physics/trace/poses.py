@@ -1,0 +1,128 @@
+"""Where the links of bodies are: forward kinematics of what was recorded of base and joints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.physics.kinematics import kinematics, motion
+from drop_physics.physics.rotations import products, quaternions, rotate, rotate_inverse
+from drop_physics.physics.tree import Joint as Kind
+from drop_physics.physics.tree import States, Tree
+from drop_physics.trace.events import Joint
+from drop_physics.trace.states import BASE, STATE, Joints, Rows
+
+Float64 = NDArray[np.float64]
+
+MOTION = {
+    "position_m": slice(0, 3), "orientation": slice(3, 7), "velocity_m_s": slice(7, 10),
+    "spin_rad_s": slice(10, 13),
+}  # fmt: skip
+"""Where the numbers of a base's state are."""
+COLUMNS = {
+    "position_m": ("x_m", "y_m", "z_m"),
+    "orientation": ("qx", "qy", "qz", "qw"),
+    "velocity_m_s": ("vx_m_s", "vy_m_s", "vz_m_s"),
+    "spin_rad_s": ("wx_rad_s", "wy_rad_s", "wz_rad_s"),
+}
+"""The columns of each part of a state in a table."""
+MOTION_COLUMNS = [name for names in COLUMNS.values() for name in names]
+KINDS: Mapping[str, Kind] = {
+    "revolute": "revolute",
+    "prismatic": "prismatic",
+    "spherical": "spherical",
+}
+"""Joints that kinematics covers; another is drawn as if it were fixed."""
+
+
+def tree_of(joints: Sequence[Joint], frames: Float64) -> Tree:
+    """Return the links of a body whose base moves, without masses: enough to say where they are.
+
+    Parameters
+    ----------
+    joints
+        What connects each link to its parent.
+    frames
+        Where the inertia of base and links is in their own frames: poses, shape (links + 1, 7).
+    """
+    links = len(joints)
+    orientations = np.reshape([joint.parent_orientation for joint in joints], (-1, 4))
+    return Tree(
+        fixed=False,
+        masses_kg=np.zeros(links + 1),
+        inertias_kg_m2=np.zeros((links + 1, 3)),
+        parents=tuple(joint.parent for joint in joints),
+        joints=tuple(KINDS.get(joint.kind, "fixed") for joint in joints),
+        axes=np.reshape([joint.axis for joint in joints], (-1, 3)).astype(np.float64),
+        positions_m=np.reshape([joint.parent_position_m for joint in joints], (-1, 3)),
+        orientations=orientations * [-1.0, -1.0, -1.0, 1.0],
+        centres_m=rotate_inverse(frames[1:, 3:], frames[1:, :3]),
+    )
+
+
+def inertial_frames(reported: Mapping[str, Float64]) -> Float64:
+    """Return where the inertia of base and links is in their own frames, shape (links + 1, 7)."""
+    frames = np.hstack((reported["inertial_position_m"], reported["inertial_orientation"]))
+    # Those of a btRigidBody are not known, and of a base not needed.
+    return np.where(np.isfinite(frames), frames, 0.0)
+
+
+def links_of(tree: Tree, base: Float64, joints: Joints | None) -> Float64:
+    """Return position, orientation, velocity and spin of base and links, shape (n, links + 1, 13).
+
+    Parameters
+    ----------
+    tree
+        The body.
+    base
+        Of its base, shape (n, 13).
+    joints
+        Of its joints, n samples; None if none moves.
+    """
+    motions = np.empty((len(base), tree.links + 1, 13))
+    motions[:, 0] = base
+    if not tree.links:
+        return motions
+    empty = np.empty((len(base), 0))
+    q, rates = (empty, empty) if joints is None else (joints.position, joints.velocity)
+    q, rates = q[:, : tree.joint_coordinates], rates[:, : tree.joint_rates]
+    velocity = np.hstack((base[:, 10:13], base[:, 7:10], rates))
+    kin = kinematics(tree, States(base[:, :3], base[:, 3:7], q, velocity))
+    moves = motion(kin, velocity)
+    for link in range(tree.links):
+        motions[:, link + 1, 0:3] = kin.position_m(link)
+        motions[:, link + 1, 3:7] = quaternions(kin.rotations[link + 1])
+        motions[:, link + 1, 7:10] = moves.velocities[link + 1].T
+        motions[:, link + 1, 10:13] = moves.spins[link + 1].T
+    return motions
+
+
+def within(frames: Float64, poses: Float64) -> Float64:
+    """Return poses in other frames: position and orientation each, shape (n, 7)."""
+    backwards = frames[:, 3:] * [-1.0, -1.0, -1.0, 1.0]
+    return np.hstack(
+        (
+            rotate_inverse(frames[:, 3:], poses[:, :3] - frames[:, :3]),
+            products(backwards, poses[:, 3:]),
+        )
+    )
+
+
+def placed(frames: Float64, poses: Float64) -> Float64:
+    """Return poses in frames as poses in the world: the inverse of `within`."""
+    return np.hstack(
+        (frames[:, :3] + rotate(frames[:, 3:], poses[:, :3]), products(frames[:, 3:], poses[:, 3:]))
+    )
+
+
+def rows_of(number: int, steps: NDArray[np.int64], motions: Float64) -> Rows:
+    """Return motions of base and links, shape (n, links + 1, 13), as rows of dtype `STATE`."""
+    count = motions.shape[1]
+    rows = np.empty((len(steps), count), STATE)
+    rows["step"], rows["body"] = steps[:, None], number
+    rows["link"] = np.arange(BASE, count - 1)
+    for name, part in MOTION.items():
+        rows[name] = motions[..., part]
+    return rows.reshape(-1)
