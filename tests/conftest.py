@@ -34,7 +34,11 @@ settings.load_profile("drop")
 Drop = Callable[..., subprocess.CompletedProcess[str]]
 
 
-LONGEST = ("test_every_statement_is_confirmed", "test_what_a_page_says_to_type")
+LONGEST = (
+    "test_the_whole_is_answered_no_worse",
+    "test_every_statement_is_confirmed",
+    "test_what_a_page_says_to_type",
+)
 """Tests that take half a minute and more."""
 
 

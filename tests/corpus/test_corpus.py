@@ -1,0 +1,133 @@
+"""The answers to scripts whose truth is known get no worse; `score` says how they are judged."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import score
+from score import Truth, Verdict, fallen, findings_of, judged, read_scores, write_scores
+
+KNOWN = score.truths()
+TENTH, WHOLE = score.FOLDER / "tenth.json", score.FOLDER / "whole.json"
+WEAK = Truth(
+    "It sinks.",
+    "At its limit of 10 N.",
+    cause=["weak-constraint"],
+    words=["maxForce"],
+    numbers=[(10, 0.01), (19.6, 0.03)],
+    joint="hinge",
+    true=["slides"],
+    false=["no-gravity", "off-target: more force"],
+)
+RIGHT = Truth("Is all well?", "nothing is wrong", cause=[], false=["slides"])
+
+
+def said(code: str, message: str = "", **more: Any) -> dict[str, Any]:
+    return {"code": code, "message": message, "advice": None, "effect": None, "joint": None} | more
+
+
+FULL = said("weak-constraint", "its maxForce of 10 N", effect={"value": 19.9}, joint="hinge")
+
+
+def test_the_tenth_is_answered_no_worse() -> None:
+    before = read_scores(TENTH)
+    now = {name: judged(KNOWN[name], findings_of(name)) for name in before}
+    assert fallen(before, now, KNOWN) == []
+
+
+@pytest.mark.long
+def test_the_whole_is_answered_no_worse() -> None:
+    said = score.all_findings(KNOWN)
+    now = {name: judged(KNOWN[name], findings) for name, findings in said.items()}
+    assert fallen(read_scores(WHOLE), now, KNOWN) == []
+
+
+def test_each_script_has_a_truth_and_a_score() -> None:
+    scripts = {path.stem for path in (score.FOLDER / "scripts").glob("*.py")}
+    assert scripts == KNOWN.keys() == read_scores(WHOLE).keys()
+    assert len(read_scores(TENTH)) in range(len(KNOWN) // 10, len(KNOWN) // 10 + 3)
+    assert all("FIX" in _code(name) for name, truth in KNOWN.items() if truth.fix)
+
+
+def _code(name: str) -> str:
+    return (score.FOLDER / "scripts" / f"{name}.py").read_text(encoding="utf-8").upper()
+
+
+@pytest.mark.parametrize(
+    "findings",
+    [
+        [],
+        [said("slides"), said("slides"), FULL],  # a reader looks at two
+        [FULL | {"code": "weak"}],
+        [FULL | {"message": "at most 10 N"}],
+        [FULL | {"message": "its maxForce of 11 N"}],
+        [FULL | {"effect": {"value": 25.0}}],
+        [FULL | {"effect": None}],
+        [FULL | {"joint": "other"}],
+    ],
+)
+def test_a_cause_is_found_where_it_is_said_whole(findings: list[dict[str, Any]]) -> None:
+    assert judged(WEAK, [said("slides"), FULL]) == Verdict(True, [], [], [])
+    assert judged(WEAK, [FULL | {"code": "limit", "reason": "weak-constraint"}]).found
+    assert judged(WEAK, findings).found is False
+
+
+def test_a_false_statement_and_noise_are_counted() -> None:
+    less = said("off-target", "it gets there", advice="with more force")
+    findings = [FULL, said("massless"), less, said("off-target", "too low"), said("no-gravity")]
+    wrong = ["off-target", "no-gravity"]
+    assert judged(WEAK, findings) == Verdict(True, wrong, ["massless"], ["massless"])
+    assert judged(RIGHT, []).in_peace
+    assert judged(RIGHT, [said("off-target")]) == Verdict(None, [], ["off-target"], ["off-target"])
+    assert not judged(RIGHT, [said("off-target")]).in_peace
+    assert not judged(RIGHT, [said("slides")]).in_peace
+
+
+BEST = {"a": Verdict(True, [], [], []), "b": Verdict(None, [], [], [])}
+OF = {"a": WEAK, "b": RIGHT}
+
+
+@pytest.mark.parametrize(
+    ("now", "what"),
+    [
+        ({"a": Verdict(False, [], [], [])}, ["causes found: 1 -> 0", "weak-constraint found"]),
+        ({"a": Verdict(True, ["x"], [], [])}, ["false statements: 0 -> 1", "x false: 0 -> 1"]),
+        ({"a": Verdict(True, [], ["x"], ["x"])}, ["noise: 0 -> 1"]),
+        ({"b": Verdict(None, [], ["x"], ["x"])}, ["noise: 0 -> 1", "right scripts left in peace"]),
+        ({"a": Verdict(True, [], [], ["x"])}, []),
+        ({"c": Verdict(False, ["x"], ["y"], [])}, []),  # it was not scored before
+    ],
+)
+def test_each_figure_may_only_rise(now: dict[str, Verdict], what: list[str]) -> None:
+    down = fallen(BEST, BEST | now, OF | {"c": WEAK})
+    assert len(down) == len(what)
+    assert all(line.startswith(begin) for line, begin in zip(down, what, strict=True))
+    assert fallen(BEST | now, BEST, OF | {"c": WEAK}) == []
+
+
+def test_scores_are_written_where_they_rise_and_only_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    script = '[{}]\nasked = "?"\ntruth = "!"\ncause = ["weak"]\n'
+    (tmp_path / "truth.toml").write_text(script.format("a") + script.format("b"))
+    files = {which: tmp_path / f"{which}.json" for which in ("whole", "tenth")}
+    missed = Verdict(False, [], [], [])
+    write_scores(files["whole"], {"a": missed, "b": missed})
+    write_scores(files["tenth"], {"a": missed})
+    found = {"a": [said("weak")], "b": []}
+    monkeypatch.setattr(score, "FOLDER", tmp_path)
+    monkeypatch.setattr(score, "all_findings", lambda names: {name: found[name] for name in names})
+    monkeypatch.setattr(sys, "argv", ["score.py"])
+    score.main()
+    risen = {which: path.read_text() for which, path in files.items()}
+    assert read_scores(files["tenth"]) == {"a": Verdict(True, [], [], [])}
+    assert '"causes found": 0' in risen["whole"]
+    assert '"causes found": 1' in risen["whole"]
+    assert "causes found                   1 of 2" in capsys.readouterr().out
+    found["a"] = []
+    with pytest.raises(SystemExit, match="causes found: 1 -> 0"):
+        score.main()
+    assert risen == {which: path.read_text() for which, path in files.items()}
