@@ -14,7 +14,7 @@ from drop_physics.physics.base import Law
 from drop_physics.physics.bullet_air import MAX_COORDINATE_VELOCITY_M_S
 from drop_physics.physics.bullet_tree import DAMPING, BulletTree, Reason, Settings, not_covered
 from drop_physics.physics.lookup import RIGID
-from drop_physics.physics.tree import Tree
+from drop_physics.physics.tree import BASE, Tree
 from drop_physics.trace import events
 from drop_physics.trace.calls import Given
 from drop_physics.trace.events import GIVEN, Appearance, Body, Dynamics, Put, order
@@ -191,7 +191,7 @@ class Epochs:
         if known_from_start := {
             name: float(reported[key][0]) for key, name in GIVEN.items() if key in reported
         }:
-            calls.insert(0, Given(latest.at, record.body, known_from_start))
+            calls.insert(0, Given(latest.at, record.body, BASE, known_from_start))
         law = law_of(record.body, reported, calls)
         settings = Settings(
             other_engine=self._other is not None,
@@ -227,8 +227,8 @@ def law_of(body: Body, reported: Mapping[str, Float64], calls: Sequence[Given]) 
     """Return a body as its tree, with what calls have set of it.
 
     PyBullet ignores a negative damping or limit of velocities, and a lower limit above the upper
-    one (`pybullet_changeDynamicsInfo`). Damping of joints and their limits are those of the named
-    link, all else is the whole body's.
+    one (`pybullet_changeDynamicsInfo`). Damping of joints and their limits are those of the link
+    that a call reached, and lost on a base; all else is the whole body's.
     """
     tree: Tree = replace(
         tree_of(body.joints, inertial_frames(reported)),
@@ -245,7 +245,7 @@ def law_of(body: Body, reported: Mapping[str, Float64], calls: Sequence[Given]) 
     }
     for call in calls:
         numbers = {name: _number(value) for name, value in call.values.items()}
-        link = int(numbers.get("linkIndex", -1))
+        link = call.link
         whole |= {name: numbers[name] for name in whole if numbers.get(name, -1.0) >= 0}
         if not 0 <= link < len(damping):
             continue

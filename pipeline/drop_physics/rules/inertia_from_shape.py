@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from drop_physics.explain.joints import Driven
 from drop_physics.explain.steps import Steps
 from drop_physics.messages import Message
+from drop_physics.physics.bullet_calls import link_reached
 from drop_physics.physics.columns import rotation
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.kinematics import Kinematics, kinematics
 from drop_physics.physics.rotations import matrix
 from drop_physics.physics.tree import BASE, Tree
 from drop_physics.rules.answer import Effect, Finding, Scene, and_more
-from drop_physics.rules.arguments import given, number, site_of
+from drop_physics.rules.arguments import given, site_of
 from drop_physics.rules.first_look import FirstLook, told_links
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body, Collision, FileLink
@@ -50,7 +51,7 @@ class InertiaFromShape(FirstLook):
     def see(self) -> None:
         """Look at new bodies, and at all steps of those whose inertia is another."""
         for call, body in self.scene.calls_of("changeDynamics"):
-            key = body.number, int(number(call, "linkIndex", float(BASE)))
+            key = body.number, link_reached(call.values)
             if given(call, "localInertiaDiagonal"):
                 self._inertias.add(key)
             elif given(call, "mass"):

@@ -7,6 +7,7 @@ meaning, by the names of PyBullet's functions and arguments; another engine's wo
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,6 +19,8 @@ WORLD_FRAME = 2
 BODY_NAMES = ("bodyUniqueId", "objectUniqueId", "bodyIndex")
 MOST_WHOLE = 2**53
 """Larger whole numbers are not all the same as doubles."""
+WORDS = re.compile(r"(?:^|, )(\w+)=(True|False)(?=, |$)")
+"""Arguments of a form that are no numbers to it, and are to the engine."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +61,9 @@ class Call:
 
     @cached_property
     def values(self) -> dict[str, tuple[float, ...]]:
-        """The numbers of each argument."""
-        return {name: self.numbers[place] for name, place in self.site.places.items()}
+        """The numbers of each argument; of True or False given by name 1 or 0."""
+        words = {name: (float(word == "True"),) for name, word in WORDS.findall(self.site.form)}
+        return words | {name: self.numbers[place] for name, place in self.site.places.items()}
 
 
 @dataclass(frozen=True)
@@ -83,6 +87,8 @@ class Given:
 
     at: At
     body: Body
+    link: int
+    """The link that the call reached, which need not be the one that it names; -1 is the base."""
     values: Mapping[str, float | Sequence[float]]
 
 

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.physics.bullet_calls import link_reached
 from drop_physics.trace.calls import BODY_NAMES, WORLD_FRAME, Call, Given, Push
 from drop_physics.trace.events import Appearance, At, Calls, Raised, Site, order, widths_of
 from drop_physics.trace.motors import Command, commands_of
@@ -196,7 +197,7 @@ class Log:
                 if name not in (*BODY_NAMES, "physicsClientId")
             }
             if values:
-                yield Given(at, came.body, values)
+                yield Given(at, came.body, link_reached(call.values), values)
 
 
 def _only(row: Calls, which: NDArray[np.bool_], widths: Int64) -> tuple[Calls, Int64]:

@@ -1,0 +1,67 @@
+"""Where a call of PyBullet's `changeDynamics` lands: on the link that it names, or on the base.
+
+PyBullet sends one link with all properties of a call, and each of its setters writes which one it
+is: most write the link that the call names, some the base. So the last setter decides for all of
+them (bullet3 #3314, #4133; `pybullet_changeDynamicsInfo` in `pybullet.c` for the order,
+`b3ChangeDynamicsInfoSet…` in `PhysicsClientC_API.cpp` for the link). Measured with PyBullet 3.2.7
+(`tests/test_bullet_calls.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from drop_physics.physics.tree import BASE
+
+NAMED, TO_BASE = True, False
+ORDER: Mapping[str, bool] = {
+    "jointLimitForce": NAMED,
+    "jointLowerLimit": NAMED,
+    "mass": NAMED,
+    "anisotropicFriction": NAMED,
+    "localInertiaDiagonal": NAMED,
+    "lateralFriction": NAMED,
+    "spinningFriction": NAMED,
+    "rollingFriction": NAMED,
+    "linearDamping": TO_BASE,
+    "angularDamping": TO_BASE,
+    "jointDamping": NAMED,
+    "restitution": NAMED,
+    "contactStiffness": NAMED,
+    "frictionAnchor": NAMED,
+    "ccdSweptSphereRadius": NAMED,
+    "activationState": TO_BASE,
+    "contactProcessingThreshold": NAMED,
+    "maxJointVelocity": TO_BASE,
+    "collisionMargin": TO_BASE,
+}
+"""The setters in PyBullet's order, by their argument, and whether each writes the named link.
+
+`sleepThreshold` writes none.
+"""
+VECTORS = frozenset(("anisotropicFriction", "localInertiaDiagonal"))
+"""What has a setter whatever its numbers are."""
+
+
+def takes(name: str, values: Mapping[str, Sequence[float]]) -> bool:
+    """Return whether PyBullet passes on what a call gives for an argument.
+
+    Negative numbers stand for none; so does a lower limit without an upper one that is as high.
+    """
+    if name not in values:
+        return False
+    if name in ("jointLowerLimit", "jointUpperLimit"):
+        lower, upper = values.get("jointLowerLimit", (1.0,)), values.get("jointUpperLimit", (-1.0,))
+        return lower[0] <= upper[0]
+    return name in VECTORS or (len(values[name]) > 0 and values[name][0] >= 0)
+
+
+def link_reached(values: Mapping[str, Sequence[float]]) -> int:
+    """Return the link whose properties a call changes, from the numbers of its arguments.
+
+    -1 is the base. It is the named link where no argument has a setter.
+    """
+    named = int(first) if math.isfinite(first := values.get("linkIndex", (BASE,))[0]) else BASE
+    setters = [to_named for name, to_named in ORDER.items() if takes(name, values)]
+    return named if not setters or setters[-1] == NAMED else BASE
