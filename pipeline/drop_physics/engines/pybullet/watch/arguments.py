@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,33 @@ CLIENT_AT = {
 }
 """Where each function takes its client as a positional argument."""
 BODY_NAMES = ("bodyUniqueId", "objectUniqueId", "bodyIndex")
+UNNAMED = "setJointMotorControl"
+"""Takes arguments by place alone, and of client 0; their number and the mode say what they are."""
+MODE_AT = 2
+MODES = {
+    0: ("targetVelocity", "velocityGain"),
+    1: ("force", ""),
+    2: ("targetPosition", "positionGain"),
+}
+"""By its mode, what its fourth and sixth argument are."""
+
+
+def names_of(name: str, args: tuple[Any, ...]) -> Sequence[str]:
+    """Return the names of a call's arguments by place; what PyBullet ignores has none."""
+    if name != UNNAMED:
+        return ARGUMENTS.get(name, ())
+    mode = number(args[MODE_AT]) if len(args) > MODE_AT else None
+    target, gain = ("", "") if mode is None else MODES.get(mode, ("", ""))
+    found = ["bodyUniqueId", "jointIndex", "controlMode", target, "force", gain]
+    if len(args) == 8:
+        force = "" if target == "force" else "force"
+        found[3:] = "targetPosition", "targetVelocity", force, "positionGain", "velocityGain"
+    return found
 
 
 def named(name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> dict[str, Any]:
     """Return the arguments of a call by name."""
-    return {**dict(zip(ARGUMENTS.get(name, ()), args)), **kwargs}
+    return {**dict(zip(names_of(name, args), args)), **kwargs}
 
 
 def client_of(name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> int:

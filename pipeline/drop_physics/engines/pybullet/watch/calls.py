@@ -13,7 +13,7 @@ from functools import cache
 from struct import Struct
 from typing import TYPE_CHECKING, Any
 
-from .arguments import ARGUMENTS, CLIENT, CLIENT_AT
+from .arguments import CLIENT, CLIENT_AT, MODE_AT, UNNAMED, names_of
 from .pipe import CALL, HEADER, NOTE, Pipe, encoded, frame
 
 if TYPE_CHECKING:
@@ -101,7 +101,8 @@ class Calls:
             return
         flat, values = None, (*args, *kwargs.values())
         names_client = CLIENT in kwargs or len(args) > CLIENT_AT.get(name, len(args))
-        if names_client or not {int, float}.issuperset(map(type, values)):
+        checked = names_client or name == UNNAMED
+        if checked or not {int, float}.issuperset(map(type, values)):
             flat = numbers_of(name, args, kwargs)
             if flat is None or len(flat(*values)) != len(form.numbers):
                 return
@@ -146,7 +147,7 @@ def numbers_of(
             return None
         if key == CLIENT:
             del terms[-1:]
-        if key in (CLIENT, CLIENT_AT.get(name)):
+        if key in (CLIENT, CLIENT_AT.get(name)) or (name == UNNAMED and key == MODE_AT):
             checks.append(f"{its} == k[{at}]")
     source = f"[{', '.join(terms)}] if {' and '.join(checks) or True} else no_numbers"
     return _compiled(source)((*args, *kwargs.values()))
@@ -166,7 +167,7 @@ class Form:
         self.whole: list[bool] = []
         self.names: list[str] = []
         """The argument of each number."""
-        known = ARGUMENTS.get(name, [])
+        known = names_of(name, args)
         texts = []
         for at, value in enumerate(args):
             texts.append(self._text(value))

@@ -8,72 +8,20 @@ from typing import Any
 from .arguments import ARGUMENTS, body_of, number, values, vector
 from .asked import asked_of
 from .bodies import Loaded
+from .functions import (
+    CONSTRAINS,
+    MAKES_BODIES,
+    MOVES_ALL,
+    RECOLOURS,
+    REMOVES_BODIES,
+    SETS_ENGINE,
+    SHAPES,
+)
 from .links import MODELS, links_in, path_of
 from .worlds import ALL, World
 
-MAKES_BODIES = {
-    "loadURDF",
-    "loadSDF",
-    "loadMJCF",
-    "loadBullet",
-    "loadSoftBody",
-    "createMultiBody",
-    "unsupportedChangeScaling",
-}
-REMOVES_BODIES = {"removeBody", "executePluginCommand", "unloadPlugin", "loadPlugin"}
-MOVES_BODY = {
-    "resetBasePositionAndOrientation",
-    "resetBaseVelocity",
-    "resetJointState",
-    "resetJointStateMultiDof",
-    "resetJointStatesMultiDof",
-}
-MOVES_ALL = {"restoreState", "executePluginCommand"}
-RECOLOURS = {"changeVisualShape", "resetVisualShapeData"}
-SETS_ENGINE = {
-    "setGravity", "setTimeStep", "setPhysicsEngineParameter", "setDefaultContactERP",
-    "setRealTimeSimulation", "setInternalSimFlags", "loadBullet", "loadSDF", "loadMJCF",
-}  # fmt: skip
-PUSHES = {"applyExternalForce", "applyExternalTorque"}
-CONSTRAINS = {"createConstraint", "removeConstraint"}
-SHAPES = {"createCollisionShape", "createCollisionShapeArray"}
 FIELD = 9
 """Type of shape, `GEOM_HEIGHTFIELD`."""
-READ_AGAIN = (
-    MAKES_BODIES
-    | REMOVES_BODIES
-    | MOVES_ALL
-    | RECOLOURS
-    | SETS_ENGINE
-    | CONSTRAINS
-    | SHAPES
-    | {"changeDynamics"}
-)
-"""After these, something is read again; the others set what is known from the call."""
-RETURNS = ("create", "load", "saveState")
-"""What begins like this returns a number that later calls name."""
-
-POLLS = {
-    "getKeyboardEvents",
-    "getMouseEvents",
-    "getVREvents",
-    "readUserDebugParameter",
-    "isConnected",
-    "getDebugVisualizerCamera",
-}
-"""Where a script asks whether the user has done something."""
-CHANGES_NOTHING = {
-    "addUserDebugLine", "addUserDebugPoints", "addUserDebugText", "addUserDebugParameter",
-    "removeUserDebugItem", "removeAllUserDebugItems", "removeAllUserParameters",
-    "setDebugObjectColor", "configureDebugVisualizer", "resetDebugVisualizerCamera",
-    "setVRCameraState", "setAdditionalSearchPath", "setTimeOut", "submitProfileTiming",
-    "startStateLogging", "stopStateLogging", "multiplyTransforms", "invertTransform",
-    "rotateVector", "vhacd", "syncBodyInfo", "syncUserData", "addUserData", "removeUserData",
-    "renderImage", "saveWorld", "saveBullet", "readUserDebugParameter",
-}  # fmt: skip
-READS = ("get", "is", "compute", "calculate", "rayTest")
-"""Prefixes of further functions that change nothing."""
-
 MERGE_FIXED_LINKS, ENABLE_SLEEPING = 1 << 19, 1 << 11
 """Of the flags of `loadURDF`."""
 

@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING, Any
 
 from . import pipe as protocol
 from .arguments import ARGUMENTS, client_of, named, number, vector
-from .changes import (
+from .changes import after_change, before_change
+from .functions import (
     CHANGES_NOTHING,
+    IK,
     MOVES_ALL,
     MOVES_BODY,
     POLLS,
     PUSHES,
     READ_AGAIN,
-    READS,
     RETURNS,
-    after_change,
-    before_change,
+    ROLES,
 )
 from .quiet import Window
 from .worlds import ALL, World
@@ -32,9 +32,6 @@ if TYPE_CHECKING:
 
 Call = Callable[..., Any]
 
-IK = "calculateInverseKinematics"
-"""Changes nothing; what it was asked for is recorded."""
-
 ANSWERED = set(Window(SimpleNamespace(), 0).answers())
 """What a window would answer."""
 
@@ -42,18 +39,18 @@ ANSWERED = set(Window(SimpleNamespace(), 0).answers())
 def handler(watch: Watch, name: str, original: Any) -> Call:
     """Return what stands before a function."""
     special = {
-        "connect": connecting,
-        "disconnect": disconnecting,
-        "stepSimulation": stepping,
-        "resetSimulation": resetting,
-        "getCameraImage": photographing,
-        "setAdditionalSearchPath": searching,
-    }.get(name)
-    if special is not None:
-        return special(watch, name, original)
-    if name != IK and (name in CHANGES_NOTHING or name.startswith(READS)):
-        return passive(watch, name, original)
-    return changing(watch, name, original)
+        "connects": connecting,
+        "disconnects": disconnecting,
+        "steps": stepping,
+        "resets": resetting,
+        "photographs": photographing,
+        "sets a path": searching,
+    }
+    for role, made in special.items():
+        if name == ROLES[role]:
+            return made(watch, name, original)
+    made = passive if name in CHANGES_NOTHING else changing
+    return made(watch, name, original)
 
 
 def stepping(watch: Watch, name: str, original: Any) -> Call:
@@ -150,9 +147,9 @@ def _effects(name: str) -> tuple[Call | None, Call | None]:
         return _before_push, None
     if name in READ_AGAIN:
         return _before_change, _after_change
-    if name == IK:
+    if name in IK:
         return None, _after_ik
-    return None, _after_creation if name.startswith(RETURNS) else None
+    return None, _after_creation if name in RETURNS else None
 
 
 def _after_ik(watch: Watch, _: World, __: str, ___: Any, result: Any) -> None:
@@ -202,7 +199,7 @@ def _after_change(
 
 
 def _after_creation(watch: Watch, _: World, name: str, __: Any, result: Any) -> None:
-    if type(result) is int and name.startswith(RETURNS):
+    if type(result) is int and name in RETURNS:
         watch.pipe.send(protocol.RESULT, protocol.NUMBER.pack(result))
 
 

@@ -10,10 +10,10 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
+from .functions import DRAWS
+
 WINDOW_PX = (1024, 768)
 NEAR_M, FAR_M, FIELD_OF_VIEW_DEG = 0.1, 1000.0, 60.0
-
-DRAWN = ("addUserDebugLine", "addUserDebugPoints", "addUserDebugText")
 
 
 class Window:
@@ -36,7 +36,7 @@ class Window:
         Each takes the arguments by name, and PyBullet's own answer.
         """
         return {
-            **dict.fromkeys(DRAWN, self._draw),
+            **dict.fromkeys(DRAWS, self._draw),
             "addUserDebugParameter": self._add_slider,
             "readUserDebugParameter": self._read_slider,
             "removeUserDebugItem": self._nothing,

@@ -17,11 +17,8 @@ from typing import Any
 
 from .arguments import body_of, client_of, named
 from .bodies import RIGID, SPHERICAL, Body
-from .changes import MAKES_BODIES, SETS_ENGINE
+from .functions import COMMANDS, MAKES_BODIES, PUSHES, SETS_ENGINE
 
-MOTORS = "setJointMotorControl"
-"""What functions that drive joints begin with."""
-PUSHES = ("applyExternalForce", "applyExternalTorque")
 TIMESTEP, ITERATIONS, GRAVITY = "fixedTimeStep", "numSolverIterations", "gravityAcceleration"
 MASS, FRICTION, INERTIA = 0, 1, 2
 """Where `getDynamicsInfo` has them."""
@@ -86,7 +83,7 @@ class Variation:
                 **original(*args, **kwargs),
                 **self._set.get(client_of(name, args, kwargs), {}),
             }
-        if name.startswith(MOTORS) or name in PUSHES:
+        if name in COMMANDS | PUSHES:
             return self._acting(name, original)
         if self._friction != 1.0 or self._mass != 1.0:
             if name in MAKES_BODIES or name == "changeDynamics":
