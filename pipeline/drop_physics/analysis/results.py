@@ -243,6 +243,8 @@ class Analysis(Shown, lines_of=LINES):
     """The layer that shows the analysis."""
     partial: bool = False
     """Whether the recording was never finished, so that only its beginning was analyzed."""
+    lacks: str | None = None
+    """What the recording does not hold, as it is of an earlier schema; None if nothing."""
 
     def as_json(self) -> dict[str, Any]:
         """Return the documented JSON object; what does not exist is null."""

@@ -15,6 +15,8 @@ def show_analysis(analysis: Analysis, *, as_json: bool, verbose: bool = False) -
     """Print what `analyze` found."""
     if analysis.partial:
         note(unfinished(analysis.recording, _samples(analysis)))
+    if analysis.lacks is not None:
+        note(analysis.lacks)
     if as_json:
         print_json(analysis.as_json())
     else:

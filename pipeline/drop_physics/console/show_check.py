@@ -97,6 +97,7 @@ def json_of(check: Check) -> dict[str, Any]:
         "recording": check.recording,
         "golden": check.golden,
         "updated": check.updated,
+        "lacks": check.lacks,
     }
     return dict(jsonable(found))
 
@@ -163,6 +164,8 @@ def _told(check: Check) -> Iterator[Pair]:
             ),
         )
         yield from _compared(check, compared)
+        for lacks in check.lacks:
+            yield Message("lacks"), lacks
     if check.updated:
         yield (
             GOLDEN,

@@ -12,6 +12,7 @@ from drop_physics.messages import Message, shell_command
 from drop_physics.recording import columns, rrd, schema
 from drop_physics.recording.checks import again, damaged, unreadable
 from drop_physics.recording.columns import Properties
+from drop_physics.recording.versions import check_version
 
 MOST_VALUES = 1000
 """Limit of a property; the engine's report has about thirty."""
@@ -135,20 +136,7 @@ def closing_of(properties: Mapping[str, Properties], path: Path) -> Properties |
         if is_part(path):
             return None
         raise _unfinished(path, Message("it lacks the property that is written last"))
-    version = closing.get("schema_version")
-    if version in (1, 2):
-        raise RecordingError(
-            "{path} was made by an earlier version of drop; {again}", path=path, again=again(path)
-        )
-    if version != schema.SCHEMA_VERSION:
-        raise RecordingError(
-            "{path} must be of schema {schema}, got {version}; read it with the drop that wrote "
-            "it, or {again}",
-            path=path,
-            schema=schema.SCHEMA_VERSION,
-            version=shown(version),
-            again=again(path),
-        )
+    check_version(closing.get("schema_version"), path)
     return closing
 
 

@@ -37,6 +37,7 @@ from drop_physics.recording.digest import Digests, ToldDigest, closing_digest, i
 from drop_physics.recording.inputs import Drop, check_inputs, drop_of
 from drop_physics.recording.sampled import RecordedSamples, is_series
 from drop_physics.recording.told import Told
+from drop_physics.recording.versions import lacking
 from drop_physics.report import EngineReport
 from drop_physics.scenario import Camera, Scenario
 from drop_physics.trace.events import At, Dynamics, Joint, order
@@ -65,6 +66,20 @@ class Recording:
     def partial(self) -> bool:
         """Whether it was never finished: it holds what was written until then."""
         return self.ended is None
+
+    @property
+    def lacks(self) -> Message | None:
+        """What it does not hold, as it is of an earlier schema, in a sentence; None if nothing."""
+        version = (self.ended or {}).get("schema_version", schema.SCHEMA_VERSION)
+        what = lacking(version, of_drop=self.drop is not None)
+        if what is None:
+            return None
+        return Message(
+            "{path} is of schema {version}, which lacks {what}",
+            path=str(self.path),
+            version=version,
+            what=what,
+        )
 
     @property
     def origin_and_end(self) -> Properties:

@@ -100,7 +100,13 @@ def analyze(
     progress(ANALYZING, _PARTS, _PARTS)
     if body is not None:
         analysis = analysis.of_body(body_named(read_back.seen.bodies.values(), body).number)
-    return replace(analysis, recording=path, layer=layer, partial=read_back.partial)
+    return replace(
+        analysis,
+        recording=path,
+        layer=layer,
+        partial=read_back.partial,
+        lacks=read_back.lacks,
+    )
 
 
 def _hulls(analysis: Analysis) -> frozenset[str]:

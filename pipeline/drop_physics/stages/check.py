@@ -65,6 +65,8 @@ class Check(Shown, lines_of="drop_physics.console.show_check:check_lines"):
     """Of drops that differ in nothing but the engine: where and why these part."""
     updated: bool = False
     """Whether the recording has been made the golden one."""
+    lacks: tuple[str, ...] = ()
+    """What one of them does not hold, as it is of an earlier schema: that was not compared."""
 
     @property
     def first(self) -> Difference | None:
@@ -182,7 +184,15 @@ def _checked(run: Recording, golden: Recording, tolerance_m: float) -> Check:
         ]
         first = comparison.first
         engines = apart(*flights, parts_at=None if first is None else first.step)
-    return Check(run.path, golden.path, tolerance_m, comparison, pictures, engines)
+    return Check(
+        run.path,
+        golden.path,
+        tolerance_m,
+        comparison,
+        pictures,
+        engines,
+        lacks=tuple(each.lacks for each in (run, golden) if each.lacks is not None),
+    )
 
 
 def _side(recording: Recording) -> Side:

@@ -108,7 +108,7 @@ def info(recording: Path | str) -> Info:
         engine=engine,
         command=command,
         layer=_layer(path, held.recording_id),
-        notes=listed(ended.get("notes")),
+        notes=[*listed(ended.get("notes")), *([held.lacks] if held.lacks else [])],
     )
 
 

@@ -1,0 +1,67 @@
+"""Which recordings can be read: those of today's schema and of earlier ones; what these lack.
+
+Users keep golden recordings, so a landed change of the format raises `schema.SCHEMA_VERSION` and
+adds to `ADDED` what recordings of earlier schemas lack, and to `tests/recordings` some of the
+schema before, which `check`, `analyze` and `info` read ever after. What a change would give another
+name or form, it must still read in the old one: digests are those of the rows as they were written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from drop_physics.errors import RecordingError
+from drop_physics.fields import shown
+from drop_physics.messages import Message, joined
+from drop_physics.recording import schema
+from drop_physics.recording.checks import again
+
+
+class Addition(NamedTuple):
+    """What a schema holds, and those before it do not."""
+
+    what: Message
+    of_drops: bool
+    """Whether recordings of drops hold it, or only those of scripts."""
+
+
+OLDEST = 3
+"""The first schema that is read."""
+ADDED: Mapping[int, Addition] = {}
+"""By the schema that added it."""
+
+
+def check_version(version: object, path: Path) -> None:
+    """Check that recordings of a schema can be read.
+
+    Raises
+    ------
+    RecordingError
+        If they cannot: it is too old, or later than today's.
+    """
+    if isinstance(version, int) and OLDEST <= version <= schema.SCHEMA_VERSION:
+        return
+    if version in range(1, OLDEST):
+        raise RecordingError(
+            "{path} was made by an earlier version of drop; {again}", path=path, again=again(path)
+        )
+    raise RecordingError(
+        "{path} must be of schema {schema}, got {version}; read it with the drop that wrote it, "
+        "or {again}",
+        path=path,
+        schema=schema.SCHEMA_VERSION,
+        version=shown(version),
+        again=again(path),
+    )
+
+
+def lacking(version: int, *, of_drop: bool) -> Message | None:
+    """Return what recordings of a schema lack, in words; None where that is nothing."""
+    what = [
+        added.what
+        for number, added in ADDED.items()
+        if number > version and (added.of_drops or not of_drop)
+    ]
+    return joined(", ", what) if what else None
