@@ -18,6 +18,7 @@ import pytest
 from drop_physics.explain.recording import Explanation
 from drop_physics.physics.bullet_calls import ORDER, link_reached
 from drop_physics.trace import log
+from drop_physics.trace.requests import requests
 from scenes import explanation, record
 
 GIVES: Mapping[str, Mapping[str, Any]] = {
@@ -197,3 +198,74 @@ def test_limits_that_the_base_got_are_not_the_joints(tmp_path: Path) -> None:
         law = piece.bodies[0].stretches[-1].law
         of_file = [joint.limits[1] for joint in piece.bodies[0].body.joints]
         assert law.upper.tolist() == ([0.4] * 7 if on_link else of_file)
+
+
+# -- asked and got ---------------------------------------------------------------------------------
+
+ASKED = """
+p.setGravity(0, 0, -9.81)
+k = p.loadURDF("kuka_iiwa/model_free_base.urdf", [0, 0, 1], useFixedBase=True)
+p.changeDynamics(k, 2, mass=2.5, lateralFriction=0.25)
+b = p.loadURDF("cube_small.urdf", [2, 0, 3])
+p.changeDynamics(b, -1, mass=3)
+steps(3)
+p.setTimeStep(1 / 100)
+p.setPhysicsEngineParameter(numSolverIterations=-3, numSubSteps=0, contactERP=0.3)
+p.changeDynamics(k, 5, lateralFriction=0.75, jointDamping=2, maxJointVelocity=90)
+p.changeDynamics(k, 5, restitution=-1, spinningFriction=0.5)
+p.changeDynamics(k, 4, rollingFriction=0.1)
+p.changeDynamics(k, 4, rollingFriction=0.2)
+steps(3)
+p.changeDynamics(k, 9, mass=1)
+p.changeDynamics(b, -1, mass=3)
+m = p.createMultiBody(2, useMaximalCoordinates=True, basePosition=[5, 0, 5])
+p.changeDynamics(m, -1, mass=0.3, restitution=0.5)
+steps(2)
+p.changeDynamics(b, -1, localInertiaDiagonal=[0.1, 0.2, 0.3])
+"""
+TURNS = (0.1, 0.2, 0.3)
+EXPECTED = {
+    # line, argument: link, link reached, asked, before, got, whether it took
+    (3, "mass"): (2, 2, (2.5,), None, (2.5,), True),
+    (3, "lateralFriction"): (2, 2, (0.25,), None, (0.25,), True),
+    (5, "mass"): (-1, -1, (3.0,), None, (3.0,), True),
+    (9, "lateralFriction"): (5, -1, (0.75,), (0.5,), (0.5,), False),
+    (9, "jointDamping"): (5, -1, (2.0,), None, None, False),
+    (9, "maxJointVelocity"): (5, -1, (90.0,), None, None, True),
+    (10, "restitution"): (5, 5, (-1.0,), (0.0,), (0.0,), False),
+    (10, "spinningFriction"): (5, 5, (0.5,), (0.0,), (0.5,), True),
+    (12, "rollingFriction"): (4, 4, (0.2,), (0.0,), (0.2,), True),
+    (14, "mass"): (9, 9, (1.0,), None, None, False),
+    (15, "mass"): (-1, -1, (3.0,), (3.0,), (3.0,), True),
+    (17, "mass"): (-1, -1, (0.3,), None, (0.3,), True),
+    (17, "restitution"): (-1, -1, (0.5,), None, None, True),
+    (19, "localInertiaDiagonal"): (-1, -1, TURNS, (3 * 0.05**2 / 6,) * 3, TURNS, True),
+    (1, "gravX"): (-1, -1, (0.0,), None, (0.0,), True),
+    (1, "gravY"): (-1, -1, (0.0,), None, (0.0,), True),
+    (1, "gravZ"): (-1, -1, (-9.81,), None, (-9.81,), True),
+    (7, "timeStep"): (-1, -1, (0.01,), (1 / 240,), (0.01,), True),
+    (8, "numSolverIterations"): (-1, -1, (-3.0,), (50.0,), (50.0,), False),
+    (8, "numSubSteps"): (-1, -1, (0.0,), (0.0,), (0.0,), True),
+    (8, "contactERP"): (-1, -1, (0.3,), None, None, True),
+}
+"""As bare PyBullet has it: links have a friction of 0.5, the cube has edges of 5 cm. What was there
+before a body was listed is not known; line 12 repeats line 11; there is no link 9."""
+
+
+def test_what_was_asked_and_what_was_got_are_both_there(tmp_path: Path) -> None:
+    seen = record(ASKED, tmp_path / "asked.rrd").seen
+    found = requests(seen.calls, seen.dynamics, seen.settings)
+    rows = {
+        (each.call.line, each.name): (
+            each.link,
+            each.reached,
+            each.asked,
+            each.before,
+            each.got,
+            each.taken,
+        )
+        for each in found
+    }
+    assert rows == EXPECTED
+    assert len(found) == len(rows)
+    assert [each.elsewhere for each in found if each.elsewhere] == [(0.75,)]

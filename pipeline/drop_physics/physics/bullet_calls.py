@@ -40,6 +40,40 @@ ORDER: Mapping[str, bool] = {
 
 `sleepThreshold` writes none.
 """
+PROPERTIES = ORDER.keys() | {"jointUpperLimit", "contactDamping", "sleepThreshold"}
+"""All that a call of `changeDynamics` can give."""
+OF_BODIES = frozenset(
+    ("linearDamping", "angularDamping", "maxJointVelocity", "activationState", "sleepThreshold")
+)
+"""What a btMultiBody has once, so that it arrives whatever link is named."""
+OF_JOINTS = frozenset(("jointDamping", "jointLowerLimit", "jointUpperLimit", "jointLimitForce"))
+"""What a base does not have, so that a call that lands there loses it."""
+REPORTED: Mapping[str, str] = {
+    "mass": "mass_kg",
+    "lateralFriction": "lateral_friction",
+    "localInertiaDiagonal": "inertia_kg_m2",
+    "restitution": "restitution",
+    "rollingFriction": "rolling_friction",
+    "spinningFriction": "spinning_friction",
+    "contactDamping": "contact_damping",
+    "contactStiffness": "contact_stiffness",
+    "collisionMargin": "collision_margin_m",
+}
+"""Arguments of which `getDynamicsInfo` reports what the engine has, and how that is recorded.
+
+`getJointInfo` and `getConstraintInfo` answer from what the client has been told, not from the
+engine: limits and damping of a joint stay those of its file.
+"""
+REPORTED_SETTINGS: Mapping[str, str] = {
+    "timeStep": "fixedTimeStep",
+    "gravX": "gravityAccelerationX",
+    "gravY": "gravityAccelerationY",
+    "gravZ": "gravityAccelerationZ",
+    "enableRealTimeSimulation": "useRealTimeSimulation",
+}
+"""Arguments that `getPhysicsEngineParameters` reports under another name."""
+SETTERS = ("setGravity", "setTimeStep", "setRealTimeSimulation", "setPhysicsEngineParameter")
+"""The functions with such arguments."""
 VECTORS = frozenset(("anisotropicFriction", "localInertiaDiagonal"))
 """What has a setter whatever its numbers are."""
 
@@ -65,3 +99,10 @@ def link_reached(values: Mapping[str, Sequence[float]]) -> int:
     named = int(first) if math.isfinite(first := values.get("linkIndex", (BASE,))[0]) else BASE
     setters = [to_named for name, to_named in ORDER.items() if takes(name, values)]
     return named if not setters or setters[-1] == NAMED else BASE
+
+
+def arrives(name: str, named: int, reached: int) -> bool:
+    """Return whether a property that PyBullet takes gets to the link that its call names."""
+    if name in OF_BODIES:
+        return True
+    return named == reached and not (name in OF_JOINTS and reached == BASE)

@@ -1,0 +1,134 @@
+"""What calls asked for, beside what the engine reported before the next step: asked and got.
+
+The recorder reads a body again, once, before the step that follows a call about it, and the
+engine's settings likewise; what it read is written where it differs. So both are in any recording.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from drop_physics.physics import bullet_calls as engine
+from drop_physics.physics.tree import BASE
+from drop_physics.trace.calls import Call
+from drop_physics.trace.events import At, Body, Dynamics, Settings, order
+from drop_physics.trace.log import Log
+
+ROUNDING = 1e-9
+"""By which share a report may differ from what was asked for: the mass of a btRigidBody is 1 / (1 /
+m)."""
+Row = TypeVar("Row", Dynamics, Settings)
+Numbers = tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """One property that a call asked for, of a link or of the engine itself."""
+
+    call: Call
+    name: str
+    """The argument."""
+    asked: Numbers
+    body: Body | None = None
+    """None of the engine's settings."""
+    link: int = BASE
+    """The link that the call names."""
+    reached: int = BASE
+    """The link that it reached."""
+    ignored: bool = False
+    """Whether the engine takes such a number for none."""
+    before: Numbers | None
+    """What the engine reported of the named link before the call; None if it reports none, or if
+    the body was not listed yet."""
+    got: Numbers | None
+    """Likewise before the next step."""
+    elsewhere: Numbers | None = None
+    """Likewise of the link that the call reached, if that is another."""
+
+    @property
+    def taken(self) -> bool:
+        """Return whether the named link has what was asked for, as far as the engine reports."""
+        if self.got is not None:
+            same = len(self.got) == len(self.asked)
+            return same and bool(np.allclose(self.got, self.asked, rtol=ROUNDING, atol=0))
+        if self.ignored or self.body is None:
+            return not self.ignored
+        there = self.link < len(self.body.links) - 1 or self.body.hides_links
+        return there and engine.arrives(self.name, self.link, self.reached)
+
+
+def requests(
+    calls: Log, dynamics: Sequence[Dynamics], settings: Sequence[Settings]
+) -> list[Request]:
+    """Return what calls asked for, of bodies and then of the engine, each in order.
+
+    What another call asked anew before the next step is left out: nothing was read in between.
+    """
+    of_body: defaultdict[int, list[Dynamics]] = defaultdict(list)
+    of_client: defaultdict[int, list[Settings]] = defaultdict(list)
+    for dynamic in dynamics:
+        of_body[dynamic.body.number].append(dynamic)
+    for setting in settings:
+        of_client[setting.client].append(setting)
+    latest: dict[object, Request] = {}
+    for call, at, came in calls.of_bodies("changeDynamics"):
+        named = int(call.values.get("linkIndex", (BASE,))[0])
+        reached = engine.link_reached(call.values)
+        before, after = _around(of_body[came.body.number], call, at, order(came.at))
+        for name in engine.PROPERTIES & call.values.keys():
+            whose = BASE if name in engine.OF_BODIES else named
+            latest[came.body.number, whose, name, at.step] = Request(
+                call=call,
+                name=name,
+                asked=call.values[name],
+                body=came.body,
+                link=named,
+                reached=reached,
+                ignored=not engine.takes(name, call.values),
+                before=_of_link(before, name, named),
+                got=_of_link(after, name, named),
+                elsewhere=None if reached == named else _of_link(after, name, reached),
+            )
+    for call in calls.of(*engine.SETTERS):
+        earlier, later = _around(of_client[call.client], call, call.at)
+        for name, asked in call.values.items():
+            latest[call.client, name, call.at.step, "settings"] = Request(
+                call=call,
+                name=name,
+                asked=asked,
+                before=_of_engine(earlier, name),
+                got=_of_engine(later, name),
+            )
+    return [*latest.values()]
+
+
+def _around(
+    rows: Sequence[Row], call: Call, at: At, since: tuple[int, int] = (0, -1)
+) -> tuple[Row | None, Row | None]:
+    """Return the reports before a call and before the next step; None where nothing was read."""
+    first = bisect_left(rows, since, key=lambda row: order(row.at))
+    later = max(first, bisect_left(rows, call.at.call, key=lambda row: row.at.call))
+    before = rows[later - 1] if later > first else None
+    if later == len(rows) or rows[later].at.step > at.step:
+        return before, before
+    return before, rows[later]
+
+
+def _of_link(row: Dynamics | None, name: str, link: int) -> Numbers | None:
+    """Return what was reported of a link's property, if the engine reports it of such a link."""
+    values = None if row is None else row.reported.get(engine.REPORTED.get(name, ""))
+    if values is None or not BASE <= link < len(values) - 1:
+        return None
+    numbers = np.ravel(values[link + 1])
+    return tuple(numbers.tolist()) if np.isfinite(numbers).all() else None
+
+
+def _of_engine(row: Settings | None, name: str) -> Numbers | None:
+    values = None if row is None else row.values.get(engine.REPORTED_SETTINGS.get(name, name))
+    return None if values is None else tuple(np.ravel(values).tolist())
