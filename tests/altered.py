@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 from drop_physics.trace.history import Piece, Seen
+from drop_physics.trace.states import BASE_STATE, CONTACT, between
+from drop_physics.trace.tables import rows_in
 
 
 @dataclass(frozen=True)
@@ -28,12 +30,11 @@ class Held:
 
     def piece(self, first: int, end: int) -> Piece:
         """Return the samples from one step to before another."""
-        within = (pl.col("step") >= first) & (pl.col("step") < end)
         held = self.whole
         return Piece(
             first,
             end,
-            held.bases.filter(within),
+            between(held.bases, first, end),
             {
                 number: joints.at(slice(*np.searchsorted(joints.steps, [first, end])))
                 for number, joints in held.joints.items()
@@ -43,13 +44,19 @@ class Held:
                 for key, (steps, values) in held.forces.items()
                 for rows in [slice(*np.searchsorted(steps, [first, end]))]
             },
-            held.contacts.filter(within),
+            between(held.contacts, first, end),
             held.calls.between(first, end),
         )
 
 
 def otherwise(seen: Seen, **parts: Any) -> Seen:
-    """Return what was seen with other `bases`, `joints`, `forces`, `contacts` or `calls`."""
+    """Return what was seen with other `bases`, `joints`, `forces`, `contacts` or `calls`.
+
+    Bases and contacts may be tables.
+    """
+    for name, kind in (("bases", BASE_STATE), ("contacts", CONTACT)):
+        if isinstance(parts.get(name), pl.DataFrame):
+            parts[name] = rows_in(parts[name], kind)
     sampled = seen.sampled
     whole = sampled.piece(sampled.first, sampled.last + 1)
     return replace(seen, sampled=Held(replace(whole, **parts)))

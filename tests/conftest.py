@@ -23,6 +23,8 @@ from drop_physics.recording.reader import Recording, read
 from drop_physics.recording.viewer import binary
 from drop_physics.rules.answer import Finding
 from drop_physics.stages.run import Run, run
+from drop_physics.trace.states import CONTACT, STATE
+from drop_physics.trace.tables import rows_in
 from dropped import Sampled
 from hypothesis import settings
 
@@ -131,7 +133,9 @@ def judge(
     seen, mine = recording.seen, recording.states if states is None else states
     if states is not None or contacts is not None:
         contacts = recording.contacts if contacts is None else contacts
-        seen = replace(seen, sampled=Sampled(mine, contacts, None))
+        seen = replace(
+            seen, sampled=Sampled(rows_in(mine, STATE), rows_in(contacts, CONTACT), None)
+        )
     return drop_analysis_of(recording.scenario, recording.engine, seen, at_s=at_s)
 
 

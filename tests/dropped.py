@@ -5,41 +5,54 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-import polars as pl
 from drop_physics.drop.case import Case
 from drop_physics.drop.course import Course
 from drop_physics.drop.results import DropAnalysis
 from drop_physics.drop.samples import Samples
 from drop_physics.drop.story import drop_analysis_of
 from drop_physics.engines.pybullet.world import World
-from drop_physics.recording.rows import tables_of
 from drop_physics.stages.recorded import BATCH, bodies_of, made_with
 from drop_physics.trace.events import Appearance, Body, Dynamics, Settings
 from drop_physics.trace.history import Piece, Seen
 from drop_physics.trace.log import Log
-from drop_physics.trace.states import BASE, BODY, Batch, Joints
+from drop_physics.trace.states import (
+    BASE_STATE,
+    BODY,
+    Batch,
+    Joints,
+    Rows,
+    base_of,
+    between,
+)
 
 
 @dataclass(frozen=True)
 class Sampled:
     """Samples of one simulation, in memory."""
 
-    states: pl.DataFrame
-    contacts: pl.DataFrame
+    states: Rows
+    contacts: Rows
     joints: Joints | None
     first: int = 0
 
     @property
     def last(self) -> int:
         """The last step."""
-        return int(self.states["step"].max())  # type: ignore[arg-type]
+        return int(self.states["step"].max())
 
     def piece(self, first: int, end: int) -> Piece:
         """Return what was sampled of some steps."""
-        its = (pl.col("step") >= first) & (pl.col("step") < end)
-        bases = self.states.filter(its & (pl.col("link") == BASE)).drop("link")
+        bases = base_of(between(self.states, first, end))[[*(BASE_STATE.names or ())]]
         joints = {} if self.joints is None else {BODY: self.joints.at(slice(first, end))}
-        return Piece(first, end, bases, joints, {}, self.contacts.filter(its), Log())
+        return Piece(
+            first,
+            end,
+            bases.astype(BASE_STATE),
+            joints,
+            {},
+            between(self.contacts, first, end),
+            Log(),
+        )
 
 
 def departs(case: Case, samples: Iterable[Samples]) -> int | None:
@@ -53,7 +66,6 @@ def departs(case: Case, samples: Iterable[Samples]) -> int | None:
 def analysis_of_world(world: World) -> DropAnalysis:
     """Drop the body of a world, and analyze that."""
     batch, engine = Batch.joined([*world.samples(BATCH)]), made_with(world)
-    states, contacts = tables_of(batch)
     events = [*bodies_of(world, engine)]
     appearances = [each for each in events if isinstance(each, Appearance)]
     bodies: dict[int, Body] = {each.body.number: each.body for each in appearances}
@@ -66,7 +78,7 @@ def analysis_of_world(world: World) -> DropAnalysis:
         solvers=[],
         puts=[],
         samples={},
-        sampled=Sampled(states, contacts, batch.joints),
+        sampled=Sampled(batch.states, batch.contacts, batch.joints),
         real_time=False,
         unseeded=(),
         machine=engine.machine or "",

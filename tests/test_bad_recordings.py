@@ -31,6 +31,7 @@ from drop_physics.recording import columns, reader, rrd, schema, writer
 from drop_physics.recording.digest import FrameDigest, closing_digest
 from drop_physics.recording.frames import frames
 from drop_physics.recording.reader import contents, digests, read
+from drop_physics.trace.tables import columns_of
 from drop_physics.workers import Worker
 from PIL import Image
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader
@@ -40,9 +41,9 @@ FLIPS = 300
 SEED = 6
 ENTITIES = tuple(f"/{entity}" for entity in schema.TABLES)
 NUMBERS = {
-    f"{table.entity}/{component}": len(names)
+    f"{table.entity}/{component}": len(columns_of(component))
     for table in schema.TABLES.values()
-    for component, names in table.columns.items()
+    for component in table.components
     if table.kind[component].base.kind == "f"
 }
 """Components of float64, and how many numbers a part or a contact point has of each."""
@@ -305,7 +306,7 @@ def seal_of(path: Path) -> Chunk:
         digest.update(step, png)
     closing = {
         "schema_version": schema.SCHEMA_VERSION,
-        "samples": held.sampled.table("state", 0, held.sampled.last + 1)["step"].n_unique(),
+        "samples": len(np.unique(held.sampled.table("state", 0, held.sampled.last + 1)["step"])),
         "frames": len(pictures),
         "frames_sha256": digest.hexdigest() if pictures else None,
         **{f"{name}_sha256": value for name, value in digests(held).items()},
@@ -489,7 +490,7 @@ REFUSED: dict[str, Change] = {
     **{
         f"without {table.entity}/{name}": stripped(f"{table.entity}/{name}")
         for table in schema.TABLES.values()
-        for name in table.columns
+        for name in table.components
     },
     **{f"without property {name}": without(f"/__properties/{name}") for name in schema.PROPERTIES
        if name != schema.ORIGIN_PROPERTY},

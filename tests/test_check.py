@@ -40,6 +40,7 @@ from drop_physics.recording.reader import Recording, read
 from drop_physics.stages.check import Check, check
 from drop_physics.stages.record import record_script
 from drop_physics.stages.run import Run
+from drop_physics.trace.tables import table_of
 from jsonschema import Draft202012Validator
 from PIL import Image
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader
@@ -74,14 +75,14 @@ def with_drop(golden: Side, **change: object) -> Side:
 
 
 def altered(golden: Side, column: str, step: int, by: float) -> Side:
-    values = golden.seen.bases[column].to_numpy().copy()
+    values = table_of(golden.seen.bases)[column].to_numpy().copy()
     values[step] += by
-    return with_bases(golden, golden.seen.bases.with_columns(pl.Series(column, values)))
+    return with_bases(golden, table_of(golden.seen.bases).with_columns(pl.Series(column, values)))
 
 
 def touched(golden: Side, column: str, step: int, by: float) -> Side:
     """Alter a number of the last contact point of a step."""
-    contacts = golden.seen.contacts
+    contacts = table_of(golden.seen.contacts)
     values = contacts[column].to_numpy().copy()
     values[np.flatnonzero(contacts["step"] == step)[-1]] += by
     return with_contacts(golden, contacts.with_columns(pl.Series(column, values)))
@@ -231,7 +232,7 @@ def test_what_the_engine_reports_is_compared_where_the_scenario_leaves_it(
 @pytest.mark.parametrize("column", ["x_m", "z_m", "qw", "vz_m_s", "wy_rad_s"])
 def test_one_bit_in_the_air_is_found_and_named(recorded: Recorder, column: str) -> None:
     golden = side(recorded())
-    one_bit = float(np.spacing(golden.seen.bases[column][50])) or 5e-324
+    one_bit = float(np.spacing(table_of(golden.seen.bases)[column][50])) or 5e-324
     result = compare(altered(golden, column, 50, one_bit), golden)
     assert result.first is not None
     assert (result.first.step, result.first.column) == (50, column)
@@ -282,14 +283,15 @@ def test_the_tolerance_of_a_column_is_what_moves_the_body_a_nanometre(
 def test_friction_is_compared_as_one_force(recorded: Recorder) -> None:
     """Its directions are arbitrary where it is small; only the force moves the body."""
     golden = side(recorded())
-    turned = golden.seen.contacts.with_columns(
+    turned = table_of(golden.seen.contacts).with_columns(
         friction_1_n=-pl.col("friction_1_n"),
         f1x=-pl.col("f1x"),
         f1y=-pl.col("f1y"),
         f1z=-pl.col("f1z"),
     )
     assert compare(with_contacts(golden, turned), golden).same
-    allowed_n, (x, y) = 1e-9 * 0.1 * 240**2, golden.seen.contacts.select("f1x", "f1y").row(-1)
+    allowed_n = 1e-9 * 0.1 * 240**2
+    x, y, _ = golden.seen.contacts["friction_1_direction"][-1]
     axis = "x" if abs(x) > abs(y) else "y"
     assert compare(touched(golden, "friction_1_n", 240, 0.9 * allowed_n), golden).same
     beyond = compare(touched(golden, "friction_1_n", 240, 1.1 * allowed_n), golden)
@@ -319,7 +321,7 @@ def test_a_difference_gives_the_value_here_and_in_the_golden_recording(
 ) -> None:
     golden = side(recorded())
     other = altered(golden, "z_m", 50, 0.5)
-    here, there = other.seen.bases["z_m"][50], golden.seen.bases["z_m"][50]
+    here, there = table_of(other.seen.bases)["z_m"][50], table_of(golden.seen.bases)["z_m"][50]
     assert where(compare(other, golden).first) == (50, "z_m", here, there)
     assert where(compare(golden, other).first) == (50, "z_m", there, here)
     (result,) = compare(side(recorded(duration_s=0.5)), golden).differences
@@ -328,23 +330,23 @@ def test_a_difference_gives_the_value_here_and_in_the_golden_recording(
 
 def test_a_contact_that_only_one_of_them_has_differs(recorded: Recorder) -> None:
     golden = side(recorded())
-    early = golden.seen.contacts.head(1).with_columns(step=pl.lit(50, pl.Int64))
-    touching = with_contacts(golden, pl.concat([early, golden.seen.contacts]))
+    early = table_of(golden.seen.contacts).head(1).with_columns(step=pl.lit(50, pl.Int64))
+    touching = with_contacts(golden, pl.concat([early, table_of(golden.seen.contacts)]))
     for mine, theirs, value, there in (
         (touching, golden, 1.0, 0.0),
         (golden, touching, 0.0, 1.0),
     ):
         result = compare(mine, theirs, tolerance_m=1.0)
         assert where(result.first) == (50, "contact_points", value, there)
-    less = with_contacts(golden, golden.seen.contacts.head(-1))
+    less = with_contacts(golden, table_of(golden.seen.contacts).head(-1))
     assert where(compare(less, golden, tolerance_m=1.0).first) == (240, "contact_points", 3.0, 4.0)
-    assert not compare(with_contacts(golden, golden.seen.contacts.clear()), golden).same
+    assert not compare(with_contacts(golden, table_of(golden.seen.contacts).clear()), golden).same
 
 
 def test_what_differs_first_comes_first(recorded: Recorder) -> None:
     """After a step with more points in one recording, points no longer correspond."""
     golden = side(recorded())
-    less = with_contacts(golden, golden.seen.contacts.filter(pl.col("step") != 150))
+    less = with_contacts(golden, table_of(golden.seen.contacts).filter(pl.col("step") != 150))
     assert where(compare(less, golden).first) == (150, "contact_points", 0.0, 4.0)
     for step, column in ((149, "contact_distance_m"), (151, "contact_points")):
         result = compare(touched(less, "distance_m", step, 1e-3), golden).first
@@ -397,7 +399,7 @@ def test_a_tolerance_is_a_length(recorded: Recorder) -> None:
 def test_a_tolerance_takes_a_quaternion_and_its_negative_for_the_same(recorded: Recorder) -> None:
     golden = side(recorded())
     turned = pl.when(pl.col("step") == 50).then(-pl.col("qw")).otherwise(pl.col("qw"))
-    mine = with_bases(golden, golden.seen.bases.with_columns(qw=turned))
+    mine = with_bases(golden, table_of(golden.seen.bases).with_columns(qw=turned))
     assert compare(mine, golden, tolerance_m=1e-9).same
     assert where(compare(mine, golden).first) == (50, "qw", -1.0, 1.0)
 
@@ -997,7 +999,7 @@ def test_joints_and_contact_points_are_compared_to_the_bit(golden: Path) -> None
     first = compare(other, theirs).first
     assert first is not None
     assert (first.step, first.body, first.link, first.column) == (40, "2_arm", 0, "joint_effort")
-    contacts = theirs.seen.contacts
+    contacts = table_of(theirs.seen.contacts)
     assert len(contacts) > 5
     step = contacts["step"][4]
     fewer = with_samples(
@@ -1132,10 +1134,10 @@ def test_two_clients_are_compared_each_by_its_steps(tmp_path: Path) -> None:
         record_script(str(tmp_path / "two.py"), out=paths[-1])
     assert compared(paths[1], paths[0]).same
     theirs = script_side(paths[0])
-    second_first = theirs.seen.contacts.sort(
+    second_first = table_of(theirs.seen.contacts).sort(
         "step", "body_a", descending=[False, True], maintain_order=True
     )
-    assert not second_first.equals(theirs.seen.contacts)
+    assert not second_first.equals(table_of(theirs.seen.contacts))
     swapped = with_samples(theirs, contacts=second_first)
     assert compare(swapped, theirs).same
     result = compared(paths[2], paths[0])
@@ -1158,7 +1160,7 @@ def test_the_numbers_of_clients_do_not_count(tmp_path: Path) -> None:
             p.stepSimulation(physicsClientId=c)
         """
     first, second = (recorded_script(text, tmp_path / f"{n}.rrd", str(n)) for n in range(2))
-    assert len(script_side(first).seen.contacts)
+    assert len(table_of(script_side(first).seen.contacts))
     for run, against in ((first, second), (second, first), (first, first)):
         for tolerance_m in (0.0, 1e-3):
             result = compared(run, against, tolerance_m=tolerance_m)
@@ -1230,7 +1232,7 @@ def test_a_body_that_turns_over_is_the_same_within_a_tolerance(tmp_path: Path) -
             p.stepSimulation()
         """
     one, two = (recorded_script(text, tmp_path / f"{speed}.rrd", speed) for speed in ("5", "4.98"))
-    states = [script_side(path).seen.bases for path in (one, two)]
+    states = [table_of(script_side(path).seen.bases) for path in (one, two)]
     away = (states[0]["qx"] - states[1]["qx"]).abs().max()
     assert isinstance(away, float)
     assert away > 1
@@ -1293,7 +1295,10 @@ def test_contact_of_a_link_that_is_not_shown_is_compared(tmp_path: Path) -> None
         """
     one, two = (recorded_script(text, tmp_path / f"{n}.rrd", str(n)) for n in (10, 11))
     seen = script_side(one).seen
-    assert -1 in seen.contacts["body_a"].to_list() + seen.contacts["body_b"].to_list()
+    assert (
+        -1
+        in table_of(seen.contacts)["body_a"].to_list() + table_of(seen.contacts)["body_b"].to_list()
+    )
     assert not compared(one, two).same
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import scenes
 from drop_physics.recording import rrd
+from drop_physics.trace.tables import table_of
 
 ARM = 'b = p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)\n'
 
@@ -114,7 +115,7 @@ for i in range(20):
     p.stepSimulation()
 """
     seen = scenes.record(scene, tmp_path / "run.rrd").seen
-    there = dict(zip(seen.bases["step"].to_list(), seen.bases["x_m"].to_list(), strict=True))
+    there = dict(table_of(seen.bases).select("step", "x_m").rows())
     put = {each.at.step for each in seen.puts}
     assert 0 < len(put) < 20
     for step in range(2, 20):

@@ -26,12 +26,12 @@ from drop_physics.errors import DropError, ScenarioError
 from drop_physics.explain.decomposition import TERMS
 from drop_physics.recording import other_layer, writer
 from drop_physics.recording.reader import Recording, read, recording_id
-from drop_physics.recording.rows import tables_of
 from drop_physics.scenario import ENGINES
 from drop_physics.stages.check import check
 from drop_physics.stages.recorded import made_with
 from drop_physics.stages.view import view
 from drop_physics.trace.states import Batch
+from drop_physics.trace.tables import table_of
 from dropped import departs
 from engine import shape, urdf_of
 from rerun.chunk import RrdReader
@@ -80,7 +80,7 @@ def drawn(engine: str, seed: int) -> Scenario:
 
 def dropped(scenario: Scenario) -> tuple[Case, Samples]:
     with other_world.OtherWorld(scenario) as world:
-        states, contacts = tables_of(Batch.joined(world.samples(1000)))
+        states, contacts = map(table_of, Batch.joined(world.samples(1000))[:2])
         case, (samples,) = case_of(scenario, made_with(world), states, contacts)
         return case, samples
 
@@ -186,7 +186,7 @@ def test_an_altered_sample_is_noticed(engine: str) -> None:
     assert departs(case, [samples]) is None
     scenario = case.scenario
     with other_world.OtherWorld(scenario) as world:
-        states, contacts = tables_of(Batch.joined(world.samples(1000)))
+        states, contacts = map(table_of, Batch.joined(world.samples(1000))[:2])
         report = made_with(world)
     off = 1e-3 if engine == "physx" else 1e-7
     for column in ("x_m", "vz_m_s", "wy_rad_s", "qx"):

@@ -22,11 +22,11 @@ from drop_physics.physics.mujoco_contact import rest_depth_m
 from drop_physics.physics.rotations import rotate
 from drop_physics.recording.frames import frames
 from drop_physics.recording.reader import Recording, read
-from drop_physics.recording.rows import tables_of
 from drop_physics.scenario import INTEGRATORS
 from drop_physics.stages.check import check
 from drop_physics.stages.recorded import made_with
 from drop_physics.trace.states import Batch
+from drop_physics.trace.tables import table_of
 from dropped import departs
 
 STATE = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "vx_m_s", "vy_m_s", "vz_m_s"]
@@ -62,7 +62,7 @@ def test_every_step_in_the_air_follows_the_law(integrator: str) -> None:
         body = BLOCK if seed % 5 == 0 else {}
         scenario = Scenario(**drawn(seed), **body, integrator=integrator)  # type: ignore[arg-type]
         with other_world.OtherWorld(scenario) as world:
-            states, contacts = tables_of(Batch.joined(world.samples(100)))
+            states, contacts = map(table_of, Batch.joined(world.samples(100))[:2])
             case, (samples,) = case_of(scenario, made_with(world), states, contacts)
         assert departs(case, [samples]) is None, seed
         if seed % 2 or seed % 3 == 0 or integrator == "rk4":

@@ -12,6 +12,7 @@ from drop_physics import analyze
 from drop_physics.recording.other_layer import is_drawn
 from drop_physics.recording.reader import read
 from drop_physics.stages import check, record_block  # noqa: F401  # what a project's tests import
+from drop_physics.trace.tables import table_of
 
 pytest_plugins = ["pytester"]
 
@@ -117,7 +118,7 @@ def test_set_up_after_the_fixture_is_seen(project: pytest.Pytester) -> None:
     (golden,) = project.path.rglob("golden/box.rrd")
     seen = read(golden).seen
     # As the law says: without damping, which the engine does not report, for two steps.
-    assert seen.bases["z_m"][-1] == pytest.approx(1 - 3 * 9.81 / 240**2, abs=1e-15)
+    assert table_of(seen.bases)["z_m"][-1] == pytest.approx(1 - 3 * 9.81 / 240**2, abs=1e-15)
     assert {call.function for piece in seen.pieces() for call in piece.calls} >= {"changeDynamics"}
     assert analyze(golden).explained.samples == 3
     assert not is_drawn(golden)

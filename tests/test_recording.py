@@ -16,6 +16,7 @@ from drop_physics.files.whole import renamed
 from drop_physics.recording import schema, sealing
 from drop_physics.recording.reader import read
 from drop_physics.stages.run import Run
+from drop_physics.trace.tables import columns_of
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 
 
@@ -48,10 +49,10 @@ def test_only_steps_with_contact_points_have_contacts(standard: Run) -> None:
     assert rows["sim_step"].to_list() == list(range(109, 241))
     points = rows["distance_m"].list.len()
     assert points[0] == 4
-    for component, columns in schema.CONTACTS.columns.items():
+    for component in schema.CONTACTS.components:
         whole = component.startswith(("body", "link"))
         assert rows.schema[component] == pl.List(pl.Int64 if whole else pl.Float64)
-        assert rows[component].list.len().equals(points * len(columns))
+        assert rows[component].list.len().equals(points * len(columns_of(component)))
 
 
 def test_a_recording_without_contact_has_no_contacts(tmp_path: Path) -> None:
@@ -65,9 +66,9 @@ def test_a_recording_without_contact_has_no_contacts(tmp_path: Path) -> None:
 
 def test_a_table_has_the_components_of_its_rows() -> None:
     for one in schema.TABLES.values():
-        assert one.kind.names == ("step", *one.columns)
-        for component, columns in one.columns.items():
-            assert len(columns) == int(np.prod(one.kind[component].shape))
+        assert one.kind.names == ("step", *one.components)
+        for component in one.components:
+            assert len(columns_of(component)) == int(np.prod(one.kind[component].shape))
 
 
 def test_each_link_of_a_body_with_joints_is_a_part(tmp_path: Path) -> None:

@@ -26,6 +26,7 @@ from drop_physics.analysis.results import Analysis, BodyAnalysis
 from drop_physics.console.show_analysis import show_analysis
 from drop_physics.recording.reader import Recording
 from drop_physics.trace.history import Seen
+from drop_physics.trace.tables import table_of
 from engine import MODES, ROUNDS_ONCE
 from scenes import analyze, body_of, codes
 
@@ -168,7 +169,7 @@ def steps_with_forces(seen: Seen, number: int) -> set[int]:
     """Return the steps in which PyBullet reports a force on a body."""
     acts = pl.any_horizontal(pl.col("normal_force_n", "friction_1_n", "friction_2_n") != 0)
     its = (pl.col("body_a") == number) | (pl.col("body_b") == number)
-    return set(seen.contacts.filter(its, acts)["step"].to_list())
+    return set(table_of(seen.contacts).filter(its, acts)["step"].to_list())
 
 
 def steps_that_are(analysis: Analysis, number: int, segment: str) -> list[int]:
@@ -367,7 +368,7 @@ steps(240)
     belt = body_of(analysis, 0)
     assert belt.unexplained == []
     assert belt.segments["set"] == 241
-    end = recording.seen.states.filter(pl.col("body") == 0)["x_m"][-1]
+    end = table_of(recording.seen.states).filter(pl.col("body") == 0)["x_m"][-1]
     assert end == pytest.approx(1, abs=1e-9)
     assert "energy-gained" not in codes(analysis)  # the belt gave it
 
@@ -473,7 +474,7 @@ for each in (0, b): p.resetBaseVelocity(each, [1, 0, 0], [0, 0, 1])
 steps(10)
 """)
     for body, start_m in ((0, -0.1), (1, 3.0)):
-        base = recording.seen.bases.filter(body=body)
+        base = table_of(recording.seen.bases).filter(body=body)
         assert base["step"].to_list() == list(range(11, 21))
         assert base["x_m"][0] == pytest.approx(start_m + 1 / 240, abs=1e-3)
     arm = body_of(analysis, 0)  # of which all links are there from the start
@@ -495,7 +496,7 @@ def test_a_btrigidbody_whose_inertia_is_set_is_not_still(analyzed: Analyzed, mas
         "p.changeDynamics(b, -1, localInertiaDiagonal=[.001] * 3)\n" + mass + "steps(5)"
     )
     body = body_of(analysis, 0)
-    finite = recording.seen.states["z_m"].is_finite()
+    finite = table_of(recording.seen.states)["z_m"].is_finite()
     if mass:
         assert finite.all()
         assert (body.segments["flight"], body.unexplained) == (5, [])
@@ -595,7 +596,7 @@ def test_a_flight_begins_where_a_call_put_the_body(analyzed: Analyzed) -> None:
     spans = [(one.first_step, one.last_step) for one in body.flights]
     assert spans == [(0, 30), (30, 60), (60, 100)]
     # From where it was put, where PyBullet lets it rest, and not from where it was.
-    last = recording.seen.states.filter(step=60).row(0, named=True)
+    last = table_of(recording.seen.states).filter(step=60).row(0, named=True)
     z_m = 5.0 - 9.81 * (30 / 240) ** 2 / 2
     assert body.flights[1].error_m == pytest.approx(
         (last["x_m"] - 1.0, last["y_m"], last["z_m"] - z_m), abs=1e-14
@@ -669,7 +670,7 @@ def test_flights_are_those_of_a_world_with_nothing_in_it(
     maximal = coordinates == "maximal"
     scene = FLOOR + ABOVE + "p.resetBaseVelocity(b, [0.5, -0.2, 1])\nsteps(140)"
     recording, analysis = analyzed(scene.replace("{maximal}", str(maximal)))
-    states = recording.seen.states.filter(body=1)
+    states = table_of(recording.seen.states).filter(body=1)
     flown = steps_that_are(analysis, 1, "flight")
     flown = flown[: body_of(analysis, 1).flights[0].last_step]
     assert len(flown) > 50
@@ -696,7 +697,8 @@ def test_a_state_that_was_altered_is_unexplained(analyzed: Analyzed, column: str
     recording, before = analyzed(scene.replace("{maximal}", "False"))
     assert before.explained.samples == before.explained.of
     altered = pl.when(pl.col("step") == 40).then(pl.col(column) + 1e-9).otherwise(pl.col(column))
-    seen = otherwise(recording.seen, bases=recording.seen.bases.with_columns(altered.alias(column)))
+    bases = table_of(recording.seen.bases).with_columns(altered.alias(column))
+    seen = otherwise(recording.seen, bases=bases)
     analysis = analyze(seen)
     # A spin may be off by what moves nothing further.
     assert steps_that_are(analysis, 1, "unexplained") in ([40, 41], [40][: column == "wx_rad_s"])
@@ -707,7 +709,7 @@ def test_a_state_that_was_altered_is_unexplained(analyzed: Analyzed, column: str
 
 def test_a_contact_that_was_altered_is_unexplained(analyzed: Analyzed) -> None:
     recording, _ = analyzed(SCENES["mass"][0].replace("{maximal}", "False"))
-    contacts = recording.seen.contacts
+    contacts = table_of(recording.seen.contacts)
     step = max(steps_with_forces(recording.seen, 1))
     force = pl.col("normal_force_n")
     changed = pl.when(pl.col("step") == step).then(force * (1 + 1e-6)).otherwise(force)
@@ -864,7 +866,7 @@ b = p.createMultiBody(1, box, -1, [.02, 0, .14], useMaximalCoordinates={})
 steps(30)
 """
     recording, analysis = analyzed(scene.format(told, True))
-    deep = recording.seen.contacts.filter(pl.col("distance_m") + 1e-5 <= -SPLIT[told])
+    deep = table_of(recording.seen.contacts).filter(pl.col("distance_m") + 1e-5 <= -SPLIT[told])
     held = body_of(analysis, 1).unexplained
     assert [one.samples for one in held] == [deep["step"].n_unique()] * (
         told != "useSplitImpulse=0"
@@ -891,7 +893,7 @@ def test_rounding_of_impulses_that_are_taken_back_is_no_mismatch(
     analyzed: Analyzed, what: str
 ) -> None:
     recording, analysis = analyzed(ROUNDED[what])
-    assert recording.seen.contacts["distance_m"].min() < -0.05  # type: ignore[operator]
+    assert table_of(recording.seen.contacts)["distance_m"].min() < -0.05  # type: ignore[operator]
     assert body_of(analysis, 0).unexplained == []
 
 
@@ -1081,7 +1083,7 @@ for n in range(3):
 """
     recording, analysis = analyzed(scene)
     body = body_of(analysis, 1)
-    first = int(recording.seen.states["step"].to_numpy().min())
+    first = int(table_of(recording.seen.states)["step"].to_numpy().min())
     starts = [first + 31 * n for n in range(3)]
     assert steps_that_are(analysis, 1, "set") == starts
     assert [one.first_step for one in body.flights] == starts

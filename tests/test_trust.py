@@ -16,6 +16,7 @@ from drop_physics.experiments import run_distance as comparing
 from drop_physics.recording.reader import read
 from drop_physics.stages.trust import Trust, trust
 from drop_physics.stages.variations import lengths_of, variations_of
+from drop_physics.trace.tables import table_of
 
 HEAD = """
 import pybullet as p, pybullet_data
@@ -227,7 +228,7 @@ steps(480)
     found = trusted(tmp_path, scene, vary=["iterations*4", "residual=0", "nudge"])
     way = {}
     for path in (found.recording, *(each.recording for each in found.variations)):
-        x = read(path).seen.bases["x_m"].to_numpy()
+        x = table_of(read(path).seen.bases)["x_m"].to_numpy()
         way[path.stem] = abs(x[-1] - x[-240])
     assert way["base"] == way["iterations_4"] > 5e-6
     assert way["residual_0"] < 1e-9

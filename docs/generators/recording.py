@@ -16,6 +16,7 @@ from drop_physics.fields import Option
 from drop_physics.recording import rrd, schema
 from drop_physics.recording.layer_file import layer_of
 from drop_physics.report import EngineReport
+from drop_physics.trace.tables import columns_of
 
 from generators.typed import run_python
 
@@ -344,7 +345,8 @@ def _element(kind: pa.DataType) -> str:
 
 def _measured(run: Mapping[str, Entity], table: schema.Table) -> str:
     rows = []
-    for component, columns in table.columns.items():
+    for component in table.components:
+        columns = columns_of(component)
         dtype, names = (
             run[table.entity].types[component],
             ", ".join(f"`{name}`" for name in columns),

@@ -5,19 +5,27 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import polars as pl
+from numpy.typing import NDArray
 
 from drop_physics.compare.difference import FIRST, LED, Dated, Difference, When, off
 from drop_physics.compare.pairing import Pairing
 from drop_physics.trace.history import Seen
+from drop_physics.trace.states import CONTACT_COLUMNS, Rows, between, numbers_of
+
+Float64 = NDArray[np.float64]
+NUMBERED = ("step", "body_a", "link_a", "body_b", "link_b")
+MEASURED = ("position_a_m", "position_b_m", "normal", "distance_m", "normal_force_n")
+COLUMNS = [
+    *NUMBERED,
+    *(column for name in MEASURED for column in CONTACT_COLUMNS.get(name, (name,))),
+    *(f"friction_{axis}_n" for axis in "xyz"),
+]
+"""What is compared of a contact point: friction added up to one force, since a small one may have
+large parts."""
 
 
 def first_contact(
-    run: Seen,
-    pairs: Pairing,
-    mine: pl.DataFrame,
-    golden: pl.DataFrame,
-    allowed: Mapping[str, float],
+    run: Seen, pairs: Pairing, mine: Rows, golden: Rows, allowed: Mapping[str, float]
 ) -> Dated | None:
     """Return the first contact point that differs by more than allowed, or step with more of them.
 
@@ -30,55 +38,57 @@ def first_contact(
     allowed
         What is allowed in each column; nothing in the others.
     """
-    if mine.equals(golden):
+    if mine.tobytes() == golden.tobytes():
         return None
-    clients = {body.client for body in run.bodies.values()}
-    if len(clients) > 1:
-        mine, golden = (_by_client(run, table) for table in (mine, golden))
-    x, y = (_points(table) for table in (mine, golden))
+    if len({body.client for body in run.bodies.values()}) > 1:
+        mine, golden = (_by_client(run, points) for points in (mine, golden))
+    x, y = _numbers(mine), _numbers(golden)
     both = min(len(x), len(y))
-    tolerated = np.array([allowed.get(name, 0.0) for name in x.columns])
-    differ = off(x[:both].to_numpy(), y[:both].to_numpy(), tolerated)
+    tolerated = np.array([allowed.get(name, 0.0) for name in COLUMNS])
+    differ = off(x[:both], y[:both], tolerated)
     rows = np.flatnonzero(differ.any(axis=1)).tolist()
     if not rows and len(x) == len(y):
         return None
     row = rows[0] if rows else both
-    step = min(int(table["step"][row]) for table in (mine, golden) if row < len(table))
-    here, there = (table.filter(pl.col("step") == step) for table in (mine, golden))
+    step = min(int(points["step"][row]) for points in (mine, golden) if row < len(points))
+    here, there = (between(points, step, step + 1) for points in (mine, golden))
+    value: float
+    other: float
     if len(here) != len(there):
-        point = (here if len(here) > len(there) else there).row(0, named=True)
+        point = (here if len(here) > len(there) else there)[0]
         column, value, other = "contact_points", len(here), len(there)
     else:
-        point, name = mine.row(row, named=True), x.columns[int(np.argmax(differ[row]))]
-        column, value, other = f"contact_{name}", x[name][row], y[name][row]
+        point, place = mine[row], int(np.argmax(differ[row]))
+        column, kind = f"contact_{COLUMNS[place]}", int if place < len(NUMBERED) else float
+        value, other = kind(x[row, place]), kind(y[row, place])
     body, link = _part(run, pairs, point)
-    client = run.bodies[point["body_a"]].client if point["body_a"] in run.bodies else 0
+    number = int(point["body_a"])
+    client = run.bodies[number].client if number in run.bodies else 0
     difference = Difference(step, body, link, column, value, other)
     return Dated(When(step, LED if step else FIRST), client, difference)
 
 
-def _points(contacts: pl.DataFrame) -> pl.DataFrame:
-    """Return contact points, friction added up to one force: a small one may have large parts."""
-    friction = {
-        f"friction_{axis}_n": pl.col("friction_1_n") * pl.col(f"f1{axis}")
-        + pl.col("friction_2_n") * pl.col(f"f2{axis}")
-        for axis in "xyz"
-    }
-    parts = pl.exclude("friction_1_n", "f1x", "f1y", "f1z", "friction_2_n", "f2x", "f2y", "f2z")
-    return contacts.select(parts, **friction)
+def _numbers(points: Rows) -> Float64:
+    """Return what is compared of contact points, shape (k, numbers)."""
+    friction = sum(
+        points[f"friction_{k}_n"][:, None] * points[f"friction_{k}_direction"] for k in (1, 2)
+    )
+    parts = [numbers_of(points, name) for name in (*NUMBERED, *MEASURED)]
+    return np.hstack([*parts, np.asarray(friction)])
 
 
-def _by_client(run: Seen, contacts: pl.DataFrame) -> pl.DataFrame:
+def _by_client(run: Seen, points: Rows) -> Rows:
     """Return contact points in the order of step and client: each client has its own steps."""
-    numbers = {number: body.client for number, body in run.bodies.items()}
-    client = pl.col("body_a").replace_strict(numbers, default=0, return_dtype=pl.Int64)
-    return contacts.sort("step", client, maintain_order=True)
+    clients = {number: body.client for number, body in run.bodies.items()}
+    client = np.array([clients.get(number, 0) for number in points["body_a"].tolist()], np.int64)
+    ordered: Rows = points[np.lexsort((client, points["step"]))]
+    return ordered
 
 
-def _part(run: Seen, pairs: Pairing, point: Mapping[str, int]) -> tuple[str | None, int | None]:
+def _part(run: Seen, pairs: Pairing, point: np.void) -> tuple[str | None, int | None]:
     """Return label and link of a part that touches; PyBullet hides those of btRigidBodies."""
     for side in "ab":
-        number, link = point[f"body_{side}"], point[f"link_{side}"]
+        number, link = int(point[f"body_{side}"]), int(point[f"link_{side}"])
         if number in run.bodies:
             return run.bodies[number].label, link
         if number in pairs.bodies:

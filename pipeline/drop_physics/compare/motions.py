@@ -6,11 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
-from drop_physics.trace.poses import MOTION_COLUMNS
-from drop_physics.trace.states import Joints
+from drop_physics.trace.states import Joints, Rows, by_body, motion_of
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -21,19 +19,19 @@ class Motion:
     """What was sampled of a body: its base if that can move, its joints if it has any."""
 
     steps: Int64
-    base: pl.DataFrame | None
+    base: Rows | None
     joints: Joints | None
 
     def at(self, rows: NDArray[np.bool_]) -> Motion:
         """Return some of the samples."""
-        base = None if self.base is None else self.base.filter(rows)
+        base = None if self.base is None else self.base[rows]
         joints = None if self.joints is None else self.joints.at(rows)
         return Motion(self.steps[rows], base, joints)
 
     @property
     def numbers(self) -> Float64:
         """All numbers, those of the base first, shape (n, numbers)."""
-        parts = [] if self.base is None else [self.base.select(MOTION_COLUMNS).to_numpy()]
+        parts = [] if self.base is None else [motion_of(self.base)]
         if self.joints is not None:
             parts += [self.joints.position, self.joints.velocity, self.joints.effort]
         return np.hstack(parts) if parts else np.empty((len(self.steps), 0))
@@ -42,12 +40,9 @@ class Motion:
 NOTHING = Motion(np.empty(0, np.int64), None, None)
 
 
-def motions(bases: pl.DataFrame, joints: Mapping[int, Joints]) -> dict[int, Motion]:
+def motions(bases: Rows, joints: Mapping[int, Joints]) -> dict[int, Motion]:
     """Return what was sampled of each body, by number."""
-    tables = bases.partition_by("body", as_dict=True, maintain_order=True)
-    found = {
-        number: Motion(table["step"].to_numpy(), table, None) for (number,), table in tables.items()
-    }
+    found = {number: Motion(rows["step"], rows, None) for number, rows in by_body(bases).items()}
     for number, held in joints.items():
         base = found.get(number)
         if base is None:

@@ -12,10 +12,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-import polars as pl
-
 from drop_physics.trace.events import Body
 from drop_physics.trace.history import Seen
+from drop_physics.trace.states import Rows
 
 
 @dataclass(frozen=True)
@@ -38,11 +37,15 @@ class Pairing:
         """Return the label of a body that at least golden has, by the checked one's number."""
         return (self.common.get(number) or self.bodies[number]).label
 
-    def renumbered(self, table: pl.DataFrame, *columns: str) -> pl.DataFrame:
-        """Return a table of golden's with the checked recording's numbers of bodies."""
+    def renumbered(self, rows: Rows, *fields: str) -> Rows:
+        """Return rows of golden's with the checked recording's numbers of bodies."""
         if all(old == new for old, new in self.numbers.items()):
-            return table
-        return table.with_columns(pl.col(columns).replace(self.numbers))
+            return rows
+        renumbered = rows.copy()
+        for name in fields:
+            for old, new in self.numbers.items():
+                renumbered[name][rows[name] == old] = new
+        return renumbered
 
 
 def pairing(run: Seen, golden: Seen) -> Pairing:

@@ -24,8 +24,7 @@ from drop_physics.compare.tolerance import Tolerance
 from drop_physics.physics.rotations import same_way
 from drop_physics.trace.events import Body
 from drop_physics.trace.history import Piece, Seen
-from drop_physics.trace.poses import MOTION_COLUMNS
-from drop_physics.trace.states import BASE
+from drop_physics.trace.states import BASE, MOTION_COLUMNS, motion_of
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -286,5 +285,5 @@ def _part_of(body: Body, link: int, column: str) -> tuple[str | None, str]:
 def _parts(seen: Seen, body: Body, track: Motion) -> Float64:
     """Return the states of base and links, shape (n, links, 13)."""
     if track.base is not None and (len(body.links) == 1 or body.hides_links):
-        return track.base.select(MOTION_COLUMNS).to_numpy()[:, None]
+        return motion_of(track.base)[:, None]
     return seen.motions(body, track.steps, track.base, track.joints)

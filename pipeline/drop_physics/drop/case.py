@@ -21,6 +21,7 @@ from drop_physics.report import EngineReport
 from drop_physics.scenario import ENGINES, EXACT_INTEGRATORS, Scenario
 from drop_physics.trace.history import PIECE, Piece, Seen, joined
 from drop_physics.trace.states import BODY
+from drop_physics.trace.tables import table_of
 
 Float64 = NDArray[np.float64]
 
@@ -216,13 +217,14 @@ def _sampled(seen: Seen) -> int:
     """Return how many samples of the body there are; joints may have more where it was cut off."""
     end = seen.sampled.last + 1
     while end > 0:
-        rows = seen.sampled.piece(max(end - PIECE, 0), end).bases.filter(pl.col("body") == BODY)
-        if len(rows):
-            return int(rows["step"][-1]) + 1
+        bases = seen.sampled.piece(max(end - PIECE, 0), end).bases
+        steps = bases["step"][bases["body"] == BODY]
+        if len(steps):
+            return int(steps[-1]) + 1
         end -= PIECE
     return 0
 
 
 def samples_seen(seen: Seen, piece: Piece) -> Samples:
     """Return the samples of a piece of a recording."""
-    return samples_of(joined(seen.parts_of(piece)), piece.contacts)
+    return samples_of(table_of(joined(seen.parts_of(piece))), table_of(piece.contacts))

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from drop_physics.explain.touching import Touches, touches_of
 from drop_physics.physics.base import Motion
-from drop_physics.trace.states import BASE, BODY, FLOOR
+from drop_physics.trace.states import BASE, BODY, CONTACT, FLOOR
+from drop_physics.trace.tables import rows_in
 
 Float64 = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -69,7 +70,7 @@ class Samples(Motion):
     @cached_property
     def touches(self) -> Touches:
         """The contact points of the body, or its base, with the rows of their samples."""
-        touches = touches_of(self.contacts, BODY)
+        touches = touches_of(rows_in(self.contacts, CONTACT), BODY)
         return touches.since(self.first, slice(None))
 
 

@@ -14,7 +14,7 @@ from drop_physics.compare.pairing import pairing
 from drop_physics.explain.times import Times
 from drop_physics.trace.events import Body
 from drop_physics.trace.history import Seen
-from drop_physics.trace.poses import MOTION_COLUMNS
+from drop_physics.trace.states import motion_of
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -198,7 +198,7 @@ def _positions(body: Body, motion: Motion) -> dict[tuple[str | None, str], Float
     """Return the positions of a body, by joint and unit."""
     found: dict[tuple[str | None, str], Float64] = {}
     if motion.base is not None:
-        numbers = motion.base.select(MOTION_COLUMNS[:7]).to_numpy()
+        numbers = motion_of(motion.base)[:, :7]
         found |= {(None, "m"): numbers[:, :3], (None, "rad"): numbers[:, 3:]}
     if motion.joints is not None:
         for name, unit, columns, _ in joints_of(body):

@@ -6,15 +6,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.explain.bodies import Epoch, Epochs, Record
 from drop_physics.physics.rowed import Rowed
 from drop_physics.physics.tree import States, Tree
 from drop_physics.trace.events import Put
-from drop_physics.trace.poses import MOTION_COLUMNS
-from drop_physics.trace.states import Joints
+from drop_physics.trace.states import Joints, Rows, motion_of
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -70,7 +68,7 @@ class Chain(Rowed):
 
 
 def chain_of(
-    record: Record, bases: pl.DataFrame | None, joints: Joints | None, last: Chain | None
+    record: Record, bases: Rows | None, joints: Joints | None, last: Chain | None
 ) -> Chain | None:
     """Return the states of a body in a piece; None if it has no sample there.
 
@@ -102,18 +100,16 @@ def chain_of(
     return chain.then(put).at(where)
 
 
-def _samples(record: Record, bases: pl.DataFrame | None, joints: Joints | None) -> Chain | None:
+def _samples(record: Record, bases: Rows | None, joints: Joints | None) -> Chain | None:
     if joints is None and bases is None:
         return None
-    steps = joints.steps if joints is not None else bases["step"].to_numpy()  # type: ignore[index]
+    steps = joints.steps if joints is not None else bases["step"]  # type: ignore[index]
     n = len(steps)
     base = record.told(steps)
     if bases is not None:
-        sampled = bases["step"].to_numpy()
+        sampled = bases["step"]
         within = np.isin(sampled, steps)
-        base[np.searchsorted(steps, sampled[within])] = bases.select(MOTION_COLUMNS).to_numpy()[
-            within
-        ]
+        base[np.searchsorted(steps, sampled[within])] = motion_of(bases)[within]
     nothing = np.empty((n, 0))
     q, u, effort = (
         (nothing,) * 3 if joints is None else (joints.position, joints.velocity, joints.effort)

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.explain.bodies import Record
 from drop_physics.explain.recording import Explained
 from drop_physics.explain.steps import Steps
-from drop_physics.explain.touching import vectors_of
 from drop_physics.physics.kinematics import kinematics, motion
+from drop_physics.trace.states import Rows
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -276,33 +275,29 @@ def pairs_of(explained: Explained) -> Pairs:
 def _points(explained: Explained) -> Points:
     table, records = explained.piece.contacts, explained.records
     bodies, links = (
-        np.column_stack([table[f"{what}_{side}"].to_numpy() for side in "ab"])
-        for what in ("body", "link")
+        np.column_stack([table[f"{what}_{side}"] for side in "ab"]) for what in ("body", "link")
     )
     swapped = bodies[:, 0] > bodies[:, 1]
     # The points that the engine could name by their bodies, in the order of steps and pairs.
     low, high = bodies.min(axis=1, initial=1 << 30), bodies.max(axis=1, initial=-1)
-    order = np.lexsort((high, low, table["step"].to_numpy()))
+    order = np.lexsort((high, low, table["step"]))
     order = order[np.isin(bodies[order], [*records]).all(axis=1)]
     sides = _Sides(explained, bodies)
     flip = np.where(swapped, -1.0, 1.0)[order]
     which = np.where(swapped[:, None], [1, 0], [0, 1])[order]
     rows = order[:, None]
     friction = (
-        sum(
-            vectors_of(table, f"f{k}x") * table[f"friction_{k}_n"].to_numpy()[:, None]
-            for k in (1, 2)
-        )
-        * (table["normal_force_n"].to_numpy() != 0)[:, None]
+        sum(table[f"friction_{k}_direction"] * table[f"friction_{k}_n"][:, None] for k in (1, 2))
+        * (table["normal_force_n"] != 0)[:, None]
     )  # as in `Touching`
     return Points(
-        step=table["step"].to_numpy()[order],
+        step=table["step"][order],
         body=bodies[rows, which],
         link=links[rows, which],
         at_m=sides.at_m[rows, which],
-        normal=vectors_of(table, "nx")[order] * flip[:, None],
-        distance_m=table["distance_m"].to_numpy()[order],
-        normal_n=table["normal_force_n"].to_numpy()[order],
+        normal=table["normal"][order] * flip[:, None],
+        distance_m=table["distance_m"][order],
+        normal_n=table["normal_force_n"][order],
         tangential_n=np.asarray(friction)[order] * flip[:, None],
         friction=_product(records, "lateral_friction", table, bodies, links)[order],
         restitution=_product(records, "restitution", table, bodies, links)[order],
@@ -321,12 +316,12 @@ class _Sides:
     def __init__(self, explained: Explained, bodies: Int64) -> None:
         table, records = explained.piece.contacts, explained.records
         count = len(table)
-        self.at_m = np.stack([vectors_of(table, "ax_m"), vectors_of(table, "bx_m")], axis=1)
+        self.at_m = np.stack([table["position_a_m"], table["position_b_m"]], axis=1)
         self.began_m_s, self.ended_m_s, self.carried_m_s = np.zeros((3, count, 2, 3))
         self.timestep_s = np.zeros(count)
         self.explained = np.ones((count, 2), np.bool_)
         self.moves = np.zeros((count, 2), np.bool_)
-        ends = table["step"].to_numpy()
+        ends = table["step"]
         for number in np.unique(bodies).tolist():
             if number in explained.bodies:
                 judged = explained.bodies[number]
@@ -375,13 +370,13 @@ class _Sides:
 
 
 def _product(
-    records: Mapping[int, Record], name: str, table: pl.DataFrame, bodies: Int64, links: Int64
+    records: Mapping[int, Record], name: str, table: Rows, bodies: Int64, links: Int64
 ) -> Float64:
     """Return the product of both sides' coefficients, as each step began, shape (k,).
 
     Not a number where an engine reports none.
     """
-    product, ends = np.ones(len(table)), table["step"].to_numpy()
+    product, ends = np.ones(len(table)), table["step"]
     for number in np.unique(bodies).tolist():
         for side in (0, 1):
             rows = np.flatnonzero(bodies[:, side] == number)

@@ -21,6 +21,7 @@ from drop_physics.physics.impulses import impulses_of
 from drop_physics.physics.kinematics import Kinematics, generalised_at_points, kinematics
 from drop_physics.physics.tree import BASE, States, Tree
 from drop_physics.trace.events import Body
+from drop_physics.trace.states import between
 
 Float64 = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -230,16 +231,12 @@ def _loads(
 
 def _edges(explained: Explained, sample: int) -> Iterable[tuple[Place, Place, int | None]]:
     """Return what touches or is joined in the step to a sample; a constraint with its kind."""
-    points = explained.piece.contacts
-    steps = points["step"].to_numpy()
-    first, end = np.searchsorted(steps, (sample, sample + 1)).tolist()
-    here = points.slice(first, end - first)
-    force = np.abs(here["normal_force_n"].to_numpy())
-    names = ("body_a", "link_a", "body_b", "link_b")
+    here = between(explained.piece.contacts, sample, sample + 1)
+    force = np.abs(here["normal_force_n"])
+    names = ["body_a", "link_a", "body_b", "link_b"]
     acts = force > ACTS * force.max(initial=0.0)
     edges: list[tuple[Place, Place, int | None]] = [
-        ((a, link_a), (b, link_b), None)
-        for a, link_a, b, link_b in here.select(names).filter(acts).rows()
+        ((a, link_a), (b, link_b), None) for a, link_a, b, link_b in here[names][acts].tolist()
     ]
     for held in explained.constraints.acting(sample):
         if held.kind != GEAR:

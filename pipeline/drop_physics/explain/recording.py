@@ -22,6 +22,7 @@ from drop_physics.trace.calls import Call, Push
 from drop_physics.trace.events import Settings, order
 from drop_physics.trace.history import Piece, Seen
 from drop_physics.trace.log import Log
+from drop_physics.trace.states import by_body
 
 Int64 = NDArray[np.int64]
 
@@ -114,8 +115,7 @@ class Explanation:
 
     def _chained(self, piece: Piece) -> dict[int, tuple[Chain, int]]:
         """Return the states of each body, and how many of them were in the piece before."""
-        parts = piece.bases.partition_by("body", as_dict=True, maintain_order=True)
-        bases = {int(key[0]): rows for key, rows in parts.items()}
+        bases = by_body(piece.bases)
         chains = {}
         for number, record in self._records.items():
             last = self._lasts.get(number)

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.explain.bodies import Record
@@ -14,13 +13,20 @@ from drop_physics.physics.bullet_reports import contact_forces
 from drop_physics.physics.impulses import Forces
 from drop_physics.physics.rowed import Rowed
 from drop_physics.physics.tree import BASE
+from drop_physics.trace.states import Rows
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-VECTORS = ("ax_m", "bx_m", "nx", "f1x", "f2x")
-"""The x components of a contact point's vectors: where it is on each body, and directions."""
+VECTORS = (
+    "position_a_m",
+    "position_b_m",
+    "normal",
+    "friction_1_direction",
+    "friction_2_direction",
+)
+"""A contact point's vectors: where it is on each body, and directions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,18 +70,18 @@ class Touches(Rowed):
 class Touching:
     """The contact points of a piece."""
 
-    def __init__(self, contacts: pl.DataFrame, records: Mapping[int, Record]) -> None:
-        self._points = {first: vectors_of(contacts, first) for first in VECTORS}
-        self._normal_n = contacts["normal_force_n"].to_numpy()
-        self._distance_m = contacts["distance_m"].to_numpy()
+    def __init__(self, contacts: Rows, records: Mapping[int, Record]) -> None:
+        self._points = {name: np.ascontiguousarray(contacts[name]) for name in VECTORS}
+        self._normal_n = contacts["normal_force_n"].copy()
+        self._distance_m = contacts["distance_m"].copy()
         self._friction_n = np.column_stack(
-            [contacts[name].to_numpy() for name in ("friction_1_n", "friction_2_n")]
+            [contacts[name] for name in ("friction_1_n", "friction_2_n")]
         )
         # Farther apart than contactProcessingThreshold, Bullet reports the friction of another
         # point; DART's points in contact may have friction alone.
         self._friction_n[(self._normal_n == 0) & (self._distance_m > 0)] = 0.0
         step, a, b, link_a, link_b = (
-            contacts[name].to_numpy() for name in ("step", "body_a", "body_b", "link_a", "link_b")
+            contacts[name].copy() for name in ("step", "body_a", "body_b", "link_a", "link_b")
         )
         points = np.arange(len(step))
         rolling = _rolls(records, step, a, link_a) | _rolls(records, step, b, link_b)
@@ -131,17 +137,12 @@ class Touching:
         return np.asarray(self._distance_m[sides.point])
 
 
-def touches_of(contacts: pl.DataFrame, body: int, link: int = BASE) -> Touches:
+def touches_of(contacts: Rows, body: int, link: int = BASE) -> Touches:
     """Return the contact points of one part of a body, in their order."""
     touching = Touching(contacts, {})
     sides = touching.of(body)
     sides = sides.at(np.flatnonzero(sides.link == link))
     return touching.touches(sides, touching.forces(sides, sides.step))
-
-
-def vectors_of(points: pl.DataFrame, first: str) -> Float64:
-    """Return vectors by the name of their x component, shape (n, 3)."""
-    return np.column_stack([points[first.replace("x", axis)].to_numpy() for axis in "xyz"])
 
 
 def _rolls(records: Mapping[int, Record], step: Int64, body: Int64, link: Int64) -> Flags:

@@ -9,7 +9,6 @@ from dataclasses import asdict, fields
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.errors import RecordingError
@@ -18,7 +17,7 @@ from drop_physics.messages import Message, shell_command
 from drop_physics.recording import rrd, schema
 from drop_physics.report import LARGEST, EngineReport
 from drop_physics.scenario import STANDARD_CAMERA, Camera, Scenario
-from drop_physics.trace.states import BASE, BODY, FLOOR
+from drop_physics.trace.states import BASE, BODY, FLOOR, Rows, motion_of, numbers_of
 
 SINGLE = 2.0**-22
 """Relative rounding of the values that an engine with float32 is given and reports."""
@@ -166,16 +165,13 @@ def check_camera(camera: Camera, path: Path) -> None:
 
 # -- states ---------------------------------------------------------------------------------------
 
-_COLUMNS = schema.STATES.columns
-_MOTION = tuple(name for names in _COLUMNS.values() if len(names) > 1 for name in names)
-
 ROUNDING = 1e-12
 """Tolerance of a release, which is recorded as it was given."""
 UNIT = 1e-6
 """How far an orientation's length may be from 1; Bullet normalizes it each step."""
 
 
-def check_parts(states: pl.DataFrame, engine: EngineReport, path: Path, *, first: int) -> None:
+def check_parts(states: Rows, engine: EngineReport, path: Path, *, first: int) -> None:
     """Check that no sample is missing from step `first` on, and that each has every part once."""
     parts = 1 + engine.joints
     if not 1 <= parts <= len(states):
@@ -187,7 +183,7 @@ def check_parts(states: pl.DataFrame, engine: EngineReport, path: Path, *, first
         "body": np.full(samples * parts, BODY),
         "link": np.tile(np.arange(BASE, engine.joints), samples),
     }
-    same = (np.array_equal(states[name].to_numpy(), column) for name, column in due.items())
+    same = (np.array_equal(states[name], column) for name, column in due.items())
     if rest or not all(same):
         what = Message("it must hold steps 0, 1, 2, … once each, and does not")
         if parts > 1:
@@ -198,11 +194,9 @@ def check_parts(states: pl.DataFrame, engine: EngineReport, path: Path, *, first
         raise damaged(path, what)
 
 
-def check_states(
-    states: pl.DataFrame, released: pl.DataFrame, scenario: Scenario, path: Path
-) -> None:
+def check_states(states: Rows, released: Rows, scenario: Scenario, path: Path) -> None:
     """Check that states are numbers, and that those of step 0 are the release in the scenario."""
-    steps = states["step"].to_numpy()
+    steps = states["step"]
     _refuse(
         path,
         steps,
@@ -211,7 +205,7 @@ def check_states(
             "its state at step {step} is not a number up to {largest:g}", step=step, largest=LARGEST
         ),
     )
-    length = np.linalg.norm(states.select(_COLUMNS["orientation"]).to_numpy(), axis=1)
+    length = np.linalg.norm(states["orientation"], axis=1)
     no_turn = ~(np.abs(length - 1) <= UNIT)
     _refuse(
         path,
@@ -227,7 +221,7 @@ def check_states(
         "spin_rad_s": scenario.spin_rad_s,
     }
     for component, value in release.items():
-        given, first = np.array(value), np.array(released.select(_COLUMNS[component]).row(0))
+        given, first = np.array(value), released[component][0]
         if component == "orientation" and first @ given < 0:  # its negative is the same orientation
             first = -first
         rounding = ROUNDING if scenario.engine != "physx" else SINGLE
@@ -236,8 +230,8 @@ def check_states(
             what = Message("its state at step 0 is not the release in its scenario")
             raise damaged(path, what)
     if not scenario.stepped:
-        parts = released.select(_MOTION).to_numpy()
-        motion = states.select(_MOTION).to_numpy().reshape(-1, *parts.shape)
+        parts = motion_of(released)
+        motion = motion_of(states).reshape(-1, *parts.shape)
         moves = (motion != parts).any(axis=2).ravel()
         _refuse(
             path,
@@ -251,10 +245,10 @@ def check_states(
 
 
 def check_contacts(
-    contacts: pl.DataFrame, scenario: Scenario, engine: EngineReport, samples: int, path: Path
+    contacts: Rows, scenario: Scenario, engine: EngineReport, samples: int, path: Path
 ) -> None:
     """Check that contacts are numbers, of parts that exist, and of steps that were taken."""
-    steps = contacts["step"].to_numpy()
+    steps = contacts["step"]
     _refuse(
         path,
         steps,
@@ -265,9 +259,7 @@ def check_contacts(
             largest=LARGEST,
         ),
     )
-    sides = [
-        (contacts[f"body_{side}"].to_numpy(), contacts[f"link_{side}"].to_numpy()) for side in "ab"
-    ]
+    sides = [(contacts[f"body_{side}"], contacts[f"link_{side}"]) for side in "ab"]
     known = np.ones(len(steps), dtype=bool)
     for body, link in sides:
         of_floor = (body == FLOOR) & (link == BASE) & scenario.floor
@@ -291,12 +283,12 @@ def check_contacts(
     )
 
 
-def _not_numbers(table: pl.DataFrame) -> NDArray[np.bool_]:
+def _not_numbers(rows: Rows) -> NDArray[np.bool_]:
     """Return which rows have a number that is not finite, or too large."""
-    wrong = np.zeros(len(table), dtype=bool)
-    for column in table.iter_columns():
-        if column.dtype == pl.Float64:
-            wrong |= ~(np.abs(column.to_numpy()) <= LARGEST)
+    wrong = np.zeros(len(rows), dtype=bool)
+    for name in rows.dtype.names or ():
+        if rows.dtype[name].base.kind == "f":
+            wrong |= ~(np.abs(numbers_of(rows, name)) <= LARGEST).all(axis=1)
     return wrong
 
 

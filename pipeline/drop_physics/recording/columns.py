@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import polars as pl
 import pyarrow as pa
 from numpy.typing import NDArray
 
@@ -15,11 +15,11 @@ from drop_physics.fields import shown
 from drop_physics.messages import Message
 from drop_physics.recording import schema
 from drop_physics.recording.checks import damaged, twice, wrong_count
-from drop_physics.recording.rows import named
 from drop_physics.recording.rrd import Chunk
 from drop_physics.recording.schema import Table
 from drop_physics.report import LARGEST
 from drop_physics.trace.events import At, Calls
+from drop_physics.trace.states import Rows
 
 Properties = dict[str, Any]
 
@@ -29,7 +29,7 @@ LONGEST_TEXT = 4096
 """Characters in a property: as many as a path may have."""
 
 
-def rows(chunk: Chunk, table: Table, path: Path) -> pl.DataFrame:
+def rows(chunk: Chunk, table: Table, path: Path) -> Rows:
     """Return the rows of a table that a chunk of it holds.
 
     Raises
@@ -38,23 +38,25 @@ def rows(chunk: Chunk, table: Table, path: Path) -> pl.DataFrame:
         If it holds anything but lists of the table's numbers.
     """
     steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path).to_numpy()
-    read: dict[str, NDArray[Any]] = {}
+    if len(np.unique(steps)) < len(steps):
+        raise damaged(path, twice(chunk.entity))
+    read: Rows | None = None
     counts = np.empty(0, np.int64)
-    for component, names in table.columns.items():
-        whole, width = table.kind[component].base.kind == "i", len(names)
-        is_right = _is_list_of(pa.types.is_int64 if whole else pa.types.is_float64)
-        lists = _column(chunk, component, is_right, path)
+    for component in table.components:
+        kind, width = table.kind[component].base, max(1, math.prod(table.kind[component].shape))
+        is_right = pa.types.is_int64 if kind.kind == "i" else pa.types.is_float64
+        lists = _column(chunk, component, _is_list_of(is_right), path)
         lengths, flat = np.diff(lists.offsets.to_numpy()), _between(lists)
-        if not read:
+        if read is None:
             counts = lengths // width
+            read = np.empty(int(counts.sum()), table.kind)
             read["step"] = np.repeat(steps, counts)
         if flat.null_count or not counts.all() or not np.array_equal(lengths, counts * width):
             raise damaged(path, wrong_count(chunk.entity, width, component))
-        # Copied, so that the rest of the chunk can be freed.
-        read |= named(flat.to_numpy().reshape(-1, width), names)
-    if len(np.unique(steps)) < len(steps):
-        raise damaged(path, twice(chunk.entity))
-    return pl.DataFrame(read)
+        # Copied, so that the chunk can be freed.
+        read[component] = flat.to_numpy().reshape(read[component].shape)
+    assert read is not None
+    return read
 
 
 def told(chunk: Chunk, path: Path) -> Iterator[tuple[At, str]]:

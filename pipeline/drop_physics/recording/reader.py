@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from drop_physics.errors import RecordingError
 from drop_physics.fields import counted
 from drop_physics.messages import Message
-from drop_physics.recording import columns, rows, rrd, schema
+from drop_physics.recording import columns, rrd, schema
 from drop_physics.recording import told as saying
 from drop_physics.recording.checks import (
     check_contacts,
@@ -33,7 +33,13 @@ from drop_physics.recording.checks import (
 )
 from drop_physics.recording.columns import Properties
 from drop_physics.recording.contents import chunks_of, closing_of, gather
-from drop_physics.recording.digest import Digests, ToldDigest, closing_digest, inputs_digest
+from drop_physics.recording.digest import (
+    Digests,
+    RowsDigest,
+    ToldDigest,
+    closing_digest,
+    inputs_digest,
+)
 from drop_physics.recording.inputs import Drop, check_inputs, drop_of
 from drop_physics.recording.sampled import RecordedSamples, is_series
 from drop_physics.recording.told import Told
@@ -42,6 +48,8 @@ from drop_physics.report import EngineReport
 from drop_physics.scenario import Camera, Scenario
 from drop_physics.trace.events import At, Dynamics, Joint, order
 from drop_physics.trace.history import Seen, joined
+from drop_physics.trace.states import Rows, by_body, in_step_order
+from drop_physics.trace.tables import table_of
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -111,17 +119,12 @@ class Recording:
     @cached_property
     def states(self) -> pl.DataFrame:
         """One row per sample and part, in the order of step, body and link."""
-        return by_step(self.seen.states)
+        return table_of(in_step_order(self.seen.states))
 
     @property
     def contacts(self) -> pl.DataFrame:
         """One row per contact point, in step order."""
-        return self.seen.contacts
-
-
-def by_step(states: pl.DataFrame) -> pl.DataFrame:
-    """Return states in the order of step, body and link."""
-    return states if states["step"].is_sorted() else states.sort("step", "body", "link")
+        return table_of(self.seen.contacts)
 
 
 def read(path: Path) -> Recording:
@@ -197,8 +200,8 @@ def contents(path: Path) -> Contents:
         entities.add(entity)
         if entity in schema.TABLES:
             table = columns.rows(chunk, schema.TABLES[entity], path)
-            sampled.add(chunk, table["step"].to_numpy())
-            rows.add(made.tables[entity], rows.in_order(table), schema.TABLES[entity])
+            sampled.add(chunk, table["step"])
+            made.tables[entity].update(in_step_order(table))
             overlaps |= entity == schema.STATES.entity and _overlaps(table, seen)
         elif entity in texts:
             texts[entity] += columns.told(chunk, path)
@@ -213,7 +216,7 @@ def contents(path: Path) -> Contents:
             gather(properties, chunk, path)
     if overlaps:
         states = sampled.table(schema.STATES.entity, sampled.first, sampled.last + 1)
-        if states.select("step", "body").is_duplicated().any():
+        if _repeated(states):
             raise damaged(path, Message("its state has a part twice in a step"))
     for entity, held in texts.items():
         texts[entity] = sorted(dict.fromkeys(held), key=lambda row: order(row[0]))
@@ -226,11 +229,12 @@ def digests(held: Contents) -> dict[str, Any]:
     tables = {entity: digest.hexdigest() for entity, digest in held.made.tables.items()}
     if schema.ORIGIN_PROPERTY not in held.properties:
         # Of one simulation: its rows have one order, whatever a tool made of it.
-        for entity, table in schema.TABLES.items():
+        for entity in schema.TABLES:
             found = held.sampled.entities.get(entity)
             if found is not None and not found.in_order:
-                whole = held.sampled.table(entity, held.sampled.first, held.sampled.last + 1)
-                tables[entity] = rows.digest_of(whole, table)
+                whole = RowsDigest()
+                whole.update(held.sampled.table(entity, held.sampled.first, held.sampled.last + 1))
+                tables[entity] = whole.hexdigest()
     return {
         **tables,
         "told": _told_digest(held.texts),
@@ -281,14 +285,19 @@ def _listed(values: list[str] | None) -> str | list[str] | None:
 # -- checks ---------------------------------------------------------------------------------------
 
 
-def _overlaps(states: pl.DataFrame, last: dict[int, int]) -> bool:
+def _overlaps(states: Rows, last: dict[int, int]) -> bool:
     """Whether a base has a step again, or one before those that it had; `last` is kept."""
-    found = states.select("step", "body").is_duplicated().any()
-    ends = states.group_by("body").agg(pl.col("step").min().alias("first"), pl.col("step").max())
-    for body, first, step in ends.iter_rows():
-        found |= first <= last.get(body, -1)
-        last[body] = max(step, last.get(body, -1))
+    found = False
+    for body, rows in by_body(states).items():
+        steps = np.unique(rows["step"])
+        found |= len(steps) < len(rows) or int(steps[0]) <= last.get(body, -1)
+        last[body] = max(int(steps[-1]), last.get(body, -1))
     return found
+
+
+def _repeated(states: Rows) -> bool:
+    """Whether a base has two states at one step."""
+    return any(len(np.unique(rows["step"])) < len(rows) for rows in by_body(states).values())
 
 
 def _told_digest(texts: Mapping[str, list[tuple[At, str]]]) -> str:
@@ -317,10 +326,10 @@ def _check_drop(recording: Recording) -> None:
     if scenario.engine == "bullet" and not all(map(_reported, recording.seen.dynamics)):
         raise damaged(path, Message("its bodies and calls are not in drop's format"))
     for piece in recording.seen.pieces():
-        states = by_step(joined(recording.seen.parts_of(piece)))
+        states = in_step_order(joined(recording.seen.parts_of(piece)))
         if len(states):
             check_parts(states, engine, path, first=samples)
-            first = states.filter(pl.col("step") == 0) if first is None else first
+            first = states[states["step"] == 0] if first is None else first
             check_states(states, first, scenario, path)
             samples += len(states) // (1 + engine.joints)
         check_contacts(piece.contacts, scenario, engine, samples, path)

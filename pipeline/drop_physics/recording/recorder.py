@@ -41,8 +41,7 @@ from drop_physics.trace.events import (
     Surface,
     widths_of,
 )
-from drop_physics.trace.poses import MOTION
-from drop_physics.trace.states import Rows
+from drop_physics.trace.states import MOTION, Rows
 
 ROWS_TOGETHER = 1024
 """Rows that are held until they become chunks."""

@@ -7,16 +7,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
-from drop_physics.recording import columns, rows, rrd, schema
+from drop_physics.recording import columns, rrd, schema
 from drop_physics.recording.checks import damaged, unreadable
 from drop_physics.recording.rrd import Chunk
 from drop_physics.trace.events import Appearance, Raised, Site
 from drop_physics.trace.history import Piece
 from drop_physics.trace.log import Log
-from drop_physics.trace.states import Joints
+from drop_physics.trace.states import Joints, Rows, between, in_step_order
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -111,7 +110,7 @@ class RecordedSamples:
         contacts = self.table(schema.CONTACTS.entity, first, end)
         if self.partial and schema.STATES.entity in self.entities:
             newest = max(self.entities[schema.STATES.entity].last)
-            contacts = contacts.filter(pl.col("step") <= newest)
+            contacts = contacts[contacts["step"] <= newest]
         joints, forces = {}, {}
         for label, number in self.numbers.items():
             held = [
@@ -128,13 +127,14 @@ class RecordedSamples:
                 forces[int(client), int(constraint)] = self.series(entity, first, end)
         return Piece(first, end, bases, joints, forces, contacts, self.calls(first, end))
 
-    def table(self, entity: str, first: int, end: int) -> pl.DataFrame:
+    def table(self, entity: str, first: int, end: int) -> Rows:
         """Return the rows of states or contacts, in step order."""
         table = schema.TABLES[entity]
-        parts = [columns.rows(each, table, self.path) for each in self.chunks(entity, first, end)]
-        whole = pl.concat([rows.empty(table), *parts], rechunk=False)
-        whole = whole.filter((pl.col("step") >= first) & (pl.col("step") < end))
-        return rows.in_order(whole).rechunk()
+        parts = [
+            between(in_step_order(columns.rows(chunk, table, self.path)), first, end)
+            for chunk in self.chunks(entity, first, end)
+        ]
+        return in_step_order(np.concatenate([np.empty(0, table.kind), *parts]))
 
     def series(self, entity: str, first: int, end: int) -> tuple[Int64, Float64]:
         """Return steps and values of series, in step order."""

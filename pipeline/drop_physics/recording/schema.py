@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drop_physics.trace.poses import COLUMNS
 from drop_physics.trace.states import BASE_STATE, CONTACT
 
 APPLICATION_ID = "drop"
@@ -29,45 +28,23 @@ CALL_TIMELINE = "call"
 
 
 class Table(NamedTuple):
-    """Rows of named numbers, and how they are stored in a recording and in memory."""
+    """Rows of named numbers, and where they are stored in a recording."""
 
     entity: str
     """Has a row per step: lists with the values of that step's rows one after the other."""
     kind: np.dtype[np.void]
-    """The rows as written; their fields other than the step are the entity's components."""
-    columns: dict[str, tuple[str, ...]]
-    """Component -> its columns in the table as read, which also has `step`."""
+    """The rows; their fields other than the step are the entity's components."""
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """The fields that are lists of the entity."""
+        return tuple(name for name in self.kind.names or () if name != "step")
 
 
-STATES = Table(
-    "state",
-    BASE_STATE,
-    {
-        "body": ("body",),
-        **COLUMNS,
-    },
-)
+STATES = Table("state", BASE_STATE)
 """Every base that can move, at every step."""
 
-CONTACTS = Table(
-    "contacts",
-    CONTACT,
-    {
-        "body_a": ("body_a",),
-        "link_a": ("link_a",),
-        "body_b": ("body_b",),
-        "link_b": ("link_b",),
-        "position_a_m": ("ax_m", "ay_m", "az_m"),
-        "position_b_m": ("bx_m", "by_m", "bz_m"),
-        "normal": ("nx", "ny", "nz"),
-        "distance_m": ("distance_m",),
-        "normal_force_n": ("normal_force_n",),
-        "friction_1_n": ("friction_1_n",),
-        "friction_1_direction": ("f1x", "f1y", "f1z"),
-        "friction_2_n": ("friction_2_n",),
-        "friction_2_direction": ("f2x", "f2y", "f2z"),
-    },
-)
+CONTACTS = Table("contacts", CONTACT)
 """Every contact point; a step without any has no row."""
 
 TABLES = {table.entity: table for table in (STATES, CONTACTS)}

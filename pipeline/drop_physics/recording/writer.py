@@ -335,7 +335,7 @@ def rows_chunk(table: schema.Table, rows: Rows, at: Times) -> Chunk:
     """Return rows as lists, one per step and component; `at` has each of their steps once."""
     first = np.unique(rows["step"], return_index=True)[1]
     bounds = np.append(first, len(rows))
-    columns = [_list_column(name, rows[name], bounds) for name in table.columns]
+    columns = [_list_column(name, rows[name], bounds) for name in table.components]
     return Chunk.from_columns(table.entity, times(at), columns)
 
 

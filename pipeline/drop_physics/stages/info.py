@@ -7,7 +7,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Literal
 
-import polars as pl
+import numpy as np
 
 from drop_physics.explain.jsonable import jsonable
 from drop_physics.explain.times import Times
@@ -24,7 +24,7 @@ from drop_physics.shown import Shown
 from drop_physics.sweeping.plan import replay_command
 from drop_physics.trace.events import ENDED, Body, Dynamics
 from drop_physics.trace.history import Seen
-from drop_physics.trace.states import BODY_LABEL, FLOOR_LABEL
+from drop_physics.trace.states import BODY_LABEL, FLOOR_LABEL, by_body
 
 REPLACED = "\ufffd"
 """Recorded for each byte that is not UTF-8; see `drop_physics.stages.program.encodable`."""
@@ -90,7 +90,7 @@ def info(recording: Path | str) -> Info:
     held = read(Path(recording))
     seen, path, ended = held.seen, held.path, held.ended or {}
     what, command, engine = _of_drop(held.drop) if held.drop else _of_script(held)
-    samples = ended.get("samples", seen.bases["step"].n_unique())
+    samples = ended.get("samples", len(np.unique(seen.bases["step"])))
     return Info(
         recording=path,
         recording_id=held.recording_id,
@@ -100,7 +100,7 @@ def info(recording: Path | str) -> Info:
         samples=int(samples),
         duration_s=_duration_s(seen),
         bodies=_bodies(seen),
-        contact_samples=seen.contacts["step"].n_unique(),
+        contact_samples=len(np.unique(seen.contacts["step"])),
         frames=len([*frames(path)])
         if held.drop
         else sum(map(len, frames_of_cameras(path).values())),
@@ -168,7 +168,7 @@ def _duration_s(seen: Seen) -> float:
     """Return the time of the last sample [s], of the longest simulation."""
     last = {client: samples - 1 for client, samples in seen.samples.items()}
     if not last:
-        ends = seen.bases.group_by("body").agg(pl.col("step").max()).iter_rows()
+        ends = ((number, int(rows["step"][-1])) for number, rows in by_body(seen.bases).items())
         found = [*ends, *((number, int(each.steps[-1])) for number, each in seen.joints.items())]
         for body, step in found:
             client = seen.bodies[body].client

@@ -38,8 +38,16 @@ from drop_physics.trace.events import (
     Settings,
     Shape,
 )
-from drop_physics.trace.poses import MOTION
-from drop_physics.trace.states import BASE, BODY, BODY_LABEL, FLOOR, FLOOR_LABEL, Batch, Float64
+from drop_physics.trace.states import (
+    BASE,
+    BODY,
+    BODY_LABEL,
+    FLOOR,
+    FLOOR_LABEL,
+    Batch,
+    Float64,
+    motion_of,
+)
 
 BATCH = 8192
 """Samples in one chunk of a recording: the most that a killed run loses. Longer chunks take memory
@@ -175,7 +183,7 @@ def samples_of(batch: Batch, timestep_s: float) -> Samples:
         steps=steps,
         times_s=np.asarray(steps * timestep_s, dtype=np.float64),
         call=0,
-        bases={BODY: np.hstack([base[name] for name in MOTION])},
+        bases={BODY: motion_of(base)},
         joints={} if batch.joints is None else {BODY: batch.joints},
         contacts=batch.contacts,
         constraints={},

@@ -21,11 +21,11 @@ from drop_physics.drop.results import FallAnalysis, Rest
 from drop_physics.engines.worlds import Worlds
 from drop_physics.messages import Message
 from drop_physics.physics.lookup import law_for
-from drop_physics.recording.rows import tables_of
 from drop_physics.scenario import Engine, Scenario
 from drop_physics.stages.recorded import BATCH, made_with
 from drop_physics.sweeping.plan import Plan
 from drop_physics.trace.states import Batch
+from drop_physics.trace.tables import table_of
 
 Float64 = NDArray[np.float64]
 
@@ -114,7 +114,8 @@ def _order(plan: Plan, fall: Fall, falls: list[Fall]) -> float | None:
 
 def _dropped(worlds: Worlds, run: int, scenario: Scenario) -> Fall:
     world = worlds.world_of(scenario)
-    states, contacts = tables_of(Batch.joined(world.samples(BATCH)))
+    fall = Batch.joined(world.samples(BATCH))
+    states, contacts = table_of(fall.states), table_of(fall.contacts)
     analysis = fall_analysis_of(scenario, made_with(world), states, contacts)
     impact, rest = analysis.impact, analysis.rest
     of_engine = EngineRun(

@@ -201,10 +201,11 @@ class RunShard:
 
     def _analyzed(self, world: LastingWorld | OtherWorld, fall: Batch) -> Moment:
         from drop_physics.drop.analysis import fall_analysis_of
-        from drop_physics.recording.rows import tables_of
         from drop_physics.stages.recorded import made_with
+        from drop_physics.trace.tables import table_of
 
-        engine, (states, contacts) = made_with(world), tables_of(fall)
+        engine = made_with(world)
+        states, contacts = table_of(fall.states), table_of(fall.contacts)
         return fall_analysis_of(world.scenario, engine, states, contacts, at_s=[self.at_s]).at[0]
 
 

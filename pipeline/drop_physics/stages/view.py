@@ -10,8 +10,6 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-import polars as pl
-
 from drop_physics import colours
 from drop_physics.drop.one_sample import DEFAULT_AT_S
 from drop_physics.errors import ScenarioError
@@ -126,8 +124,9 @@ def _poses(seen: Seen) -> Iterator[Chunk]:
     for number, body in seen.bodies.items():
         times = Times(seen, body.client)
         for piece in seen.pieces():
-            base, joints = piece.bases.filter(pl.col("body") == number), piece.joints.get(number)
-            steps = base["step"].to_numpy() if joints is None else joints.steps
+            base = piece.bases[piece.bases["body"] == number]
+            joints = piece.joints.get(number)
+            steps = base["step"] if joints is None else joints.steps
             if not len(steps):
                 continue
             at = writer.Times(steps, times.of_all(steps))

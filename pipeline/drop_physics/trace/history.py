@@ -9,21 +9,13 @@ from pathlib import PurePath
 from typing import Protocol
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.errors import ScenarioError
 from drop_physics.trace.events import Appearance, Body, Dynamics, Put, Settings, Solver, Surface
 from drop_physics.trace.log import Log
-from drop_physics.trace.poses import (
-    COLUMNS,
-    MOTION_COLUMNS,
-    inertial_frames,
-    links_of,
-    rows_of,
-    tree_of,
-)
-from drop_physics.trace.states import BASE, STATE, Joints, Rows
+from drop_physics.trace.poses import inertial_frames, links_of, rows_of, tree_of
+from drop_physics.trace.states import BASE, STATE, Joints, Rows, by_body, motion_of
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -40,14 +32,14 @@ class Piece:
     """The first of these steps."""
     end: int
     """One more than the last."""
-    bases: pl.DataFrame
-    """One row per step and base that can move, in step order: `step`, `body` and its state."""
+    bases: Rows
+    """Of dtype `BASE_STATE`: one row per step and base that can move, in step order."""
     joints: Mapping[int, Joints]
     """By body number."""
     forces: Mapping[tuple[int, int], tuple[Int64, Float64]]
     """Of each constraint, by client and the engine's id: steps, and its forces then."""
-    contacts: pl.DataFrame
-    """One row per contact point, in step order."""
+    contacts: Rows
+    """Of dtype `CONTACT`: one row per contact point, in step order."""
     calls: Log
 
 
@@ -100,8 +92,8 @@ class Seen:
         return self.sampled.piece(self.sampled.first, self.sampled.last + 1)
 
     @property
-    def bases(self) -> pl.DataFrame:
-        """One row per step and base that can move, in step order: `step`, `body` and its state."""
+    def bases(self) -> Rows:
+        """Of dtype `BASE_STATE`: one row per step and base that can move, in step order."""
         return self._whole.bases
 
     @property
@@ -110,8 +102,8 @@ class Seen:
         return self._whole.joints
 
     @property
-    def contacts(self) -> pl.DataFrame:
-        """One row per contact point, in step order."""
+    def contacts(self) -> Rows:
+        """Of dtype `CONTACT`: one row per contact point, in step order."""
         return self._whole.contacts
 
     @property
@@ -120,40 +112,42 @@ class Seen:
         return self._whole.calls
 
     @cached_property
-    def parts(self) -> dict[tuple[int, int], pl.DataFrame]:
-        """The states of each part that can move, by body and link."""
-        parts: dict[tuple[int, int], list[pl.DataFrame]] = {}
+    def states(self) -> Rows:
+        """Of dtype `STATE`: one row per step and part, in the order of body, link and step."""
+        parts: dict[tuple[int, int], list[Rows]] = {}
         for piece in self.pieces():  # contacts of all steps would take four times as much
             for part, states in self.parts_of(piece).items():
                 parts.setdefault(part, []).append(states)
-        return {part: pl.concat(parts[part]) for part in sorted(parts)}
+        return joined({part: np.concatenate(held) for part, held in parts.items()})
 
-    def parts_of(self, piece: Piece) -> dict[tuple[int, int], pl.DataFrame]:
+    def parts_of(self, piece: Piece) -> dict[tuple[int, int], Rows]:
         """Return the states of each part that can move in a piece, by body and link."""
-        bases = piece.bases.partition_by("body", as_dict=True, maintain_order=True)
-        parts = {}
+        bases = by_body(piece.bases)
+        parts: dict[tuple[int, int], Rows] = {}
         for number, body in self.bodies.items():
-            base = bases.get((number,))
-            joints = piece.joints.get(number)
-            if base is None and joints is None:
+            base, joints = bases.get(number), piece.joints.get(number)
+            if joints is not None:
+                steps = joints.steps
+            elif base is not None:
+                steps = base["step"]
+            else:
                 continue
-            steps = joints.steps if joints is not None else base["step"].to_numpy()  # type: ignore[index]
             if len(body.links) == 1 and base is not None:
-                parts[number, BASE] = base.with_columns(pl.lit(BASE, pl.Int64).alias("link"))
+                parts[number, BASE] = rows_of(number, base["step"], motion_of(base)[:, None])
                 continue
             states = rows_of(number, steps, self.motions(body, steps, base, joints))
             by_link = states.reshape(len(steps), -1)
             for link in body.moving:
-                parts[number, link] = table_of(by_link[:, link + 1])
+                parts[number, link] = by_link[:, link + 1]
         return parts
 
     def motions(
-        self, body: Body, steps: Int64, base: pl.DataFrame | None, joints: Joints | None
+        self, body: Body, steps: Int64, base: Rows | None, joints: Joints | None
     ) -> Float64:
         """Return the motions of base and links, shape (n, links, 13)."""
         first = next(each for each in self.dynamics if each.body.number == body.number)
         tree = tree_of(body.joints, inertial_frames(first.reported))
-        sampled = np.empty(0, np.int64) if base is None else base["step"].to_numpy()
+        sampled = np.empty(0, np.int64) if base is None else base["step"]
         motion = np.zeros((len(steps), 13))
         puts = [put for put in self.puts if put.body.number == body.number]
         if puts and len(sampled) < len(steps):  # a base that only calls move, at least at first
@@ -161,31 +155,15 @@ class Seen:
             motion = np.array([put.base for put in puts])[np.maximum(which, 0)]
         if base is not None:
             within = np.isin(sampled, steps)
-            rows = np.searchsorted(steps, sampled[within])
-            motion[rows] = base.select(MOTION_COLUMNS).to_numpy()[within]
+            motion[np.searchsorted(steps, sampled[within])] = motion_of(base)[within]
         if joints is not None and len(joints.steps) != len(steps):
             joints = joints.at(np.isin(joints.steps, steps))
         return links_of(tree, motion, joints)
 
-    @cached_property
-    def states(self) -> pl.DataFrame:
-        """One row per step and part, in the order of body, link and step."""
-        return joined(self.parts)
 
-
-def table_of(rows: Rows) -> pl.DataFrame:
-    """Return rows of dtype `STATE` as a table: step, body, link, and the columns of a state."""
-    columns = {name: rows[name].copy() for name in ("step", "body", "link")}
-    for name, names in COLUMNS.items():
-        columns |= {each: rows[name][:, number].copy() for number, each in enumerate(names)}
-    return pl.DataFrame(columns)
-
-
-def joined(parts: Mapping[tuple[int, int], pl.DataFrame]) -> pl.DataFrame:
-    """Return the states of all parts as one table, in the order of body, link and step."""
-    ordered = [rows for _, rows in sorted(parts.items())]
-    whole = pl.concat([table_of(np.empty(0, STATE)), *ordered], how="diagonal")
-    return whole.select("step", "body", "link", *MOTION_COLUMNS)
+def joined(parts: Mapping[tuple[int, int], Rows]) -> Rows:
+    """Return the states of all parts as one, in the order of body, link and step."""
+    return np.concatenate([np.empty(0, STATE), *(rows for _, rows in sorted(parts.items()))])
 
 
 def body_named(bodies: Iterable[Body], which: str) -> Body:

@@ -12,23 +12,10 @@ from drop_physics.physics.rotations import products, quaternions, rotate, rotate
 from drop_physics.physics.tree import Joint as Kind
 from drop_physics.physics.tree import States, Tree
 from drop_physics.trace.events import Joint
-from drop_physics.trace.states import BASE, STATE, Joints, Rows
+from drop_physics.trace.states import BASE, MOTION, STATE, Joints, Rows
 
 Float64 = NDArray[np.float64]
 
-MOTION = {
-    "position_m": slice(0, 3), "orientation": slice(3, 7), "velocity_m_s": slice(7, 10),
-    "spin_rad_s": slice(10, 13),
-}  # fmt: skip
-"""Where the numbers of a base's state are."""
-COLUMNS = {
-    "position_m": ("x_m", "y_m", "z_m"),
-    "orientation": ("qx", "qy", "qz", "qw"),
-    "velocity_m_s": ("vx_m_s", "vy_m_s", "vz_m_s"),
-    "spin_rad_s": ("wx_rad_s", "wy_rad_s", "wz_rad_s"),
-}
-"""The columns of each part of a state in a table."""
-MOTION_COLUMNS = [name for names in COLUMNS.values() for name in names]
 KINDS: Mapping[str, Kind] = {
     "revolute": "revolute",
     "prismatic": "prismatic",

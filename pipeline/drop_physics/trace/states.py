@@ -41,6 +41,20 @@ a step are ordered by body and link."""
 BASE_STATE = np.dtype([(name, STATE[name]) for name in STATE.names or () if name != "link"])
 """One base before a step: a part that is a body's base."""
 
+MOTION = {
+    "position_m": slice(0, 3), "orientation": slice(3, 7), "velocity_m_s": slice(7, 10),
+    "spin_rad_s": slice(10, 13),
+}  # fmt: skip
+"""Where the numbers of a state are among its 13."""
+STATE_COLUMNS = {
+    "position_m": ("x_m", "y_m", "z_m"),
+    "orientation": ("qx", "qy", "qz", "qw"),
+    "velocity_m_s": ("vx_m_s", "vy_m_s", "vz_m_s"),
+    "spin_rad_s": ("wx_rad_s", "wy_rad_s", "wz_rad_s"),
+}
+"""The columns of each part of a state in a table."""
+MOTION_COLUMNS = [name for names in STATE_COLUMNS.values() for name in names]
+
 CONTACT = np.dtype(
     [
         ("step", "<i8"),
@@ -62,6 +76,15 @@ CONTACT = np.dtype(
 """One contact point of the step that led to sample `step`: two parts, the point on each, the normal
 from b to a, the distance (negative: penetration), and the forces on a. The points of a step are in
 the engine's order."""
+
+CONTACT_COLUMNS = {
+    "position_a_m": ("ax_m", "ay_m", "az_m"),
+    "position_b_m": ("bx_m", "by_m", "bz_m"),
+    "normal": ("nx", "ny", "nz"),
+    "friction_1_direction": ("f1x", "f1y", "f1z"),
+    "friction_2_direction": ("f2x", "f2y", "f2z"),
+}
+"""The columns of each vector of a contact point in a table."""
 
 
 @dataclass(frozen=True)
@@ -126,6 +149,41 @@ def base_of(states: Rows) -> Rows:
     """Return the states of the body's base, a row per sample."""
     rows: Rows = states[(states["body"] == BODY) & (states["link"] == BASE)]
     return rows
+
+
+def in_step_order(rows: Rows) -> Rows:
+    """Return rows in the order of their steps, the same rows where they are."""
+    steps = rows["step"]
+    if (steps[1:] >= steps[:-1]).all():
+        return rows
+    ordered: Rows = rows[np.argsort(steps, kind="stable")]
+    return ordered
+
+
+def between(rows: Rows, first: int, end: int) -> Rows:
+    """Return the rows of the steps from `first` to before `end`; the rows are in step order."""
+    some: Rows = rows[slice(*np.searchsorted(rows["step"], (first, end)))]
+    return some
+
+
+def motion_of(rows: Rows) -> Float64:
+    """Return the 13 numbers of states, as `MOTION` places them: shape (n, 13)."""
+    flat = np.ascontiguousarray(rows).view(np.float64)
+    return np.asarray(flat.reshape(len(rows), rows.dtype.itemsize // 8)[:, -13:])
+
+
+def numbers_of(rows: Rows, field: str) -> NDArray[np.float64 | np.int64]:
+    """Return a field of rows with an axis for its numbers, be it one: shape (n, k)."""
+    values: NDArray[np.float64 | np.int64] = rows[field]
+    return values[:, None] if values.ndim == 1 else values
+
+
+def by_body(rows: Rows) -> dict[int, Rows]:
+    """Return the states of each body, in their order, by its number."""
+    order = np.argsort(rows["body"], kind="stable")
+    numbers, starts = np.unique(rows["body"][order], return_index=True)
+    parts = np.split(rows[order], starts[1:]) if len(rows) else []
+    return dict(zip(numbers.tolist(), parts, strict=True))
 
 
 def poses_of(states: Rows) -> NDArray[np.float64]:

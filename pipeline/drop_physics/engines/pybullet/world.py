@@ -33,8 +33,8 @@ from drop_physics.physics.tree import Tree
 from drop_physics.report import EngineReport
 from drop_physics.scenario import Coordinates, Scenario
 from drop_physics.trace.events import GIVEN, Joint
-from drop_physics.trace.poses import MOTION, links_of, rows_of, tree_of
-from drop_physics.trace.states import BASE, BODY, CONTACT, FLOOR, STATE, Batch
+from drop_physics.trace.poses import links_of, rows_of, tree_of
+from drop_physics.trace.states import BASE, BODY, CONTACT, FLOOR, STATE, Batch, motion_of
 
 Float64 = NDArray[np.float64]
 
@@ -430,7 +430,7 @@ class World:
             if joints.moving:
                 sampled = joints.table(states["step"], np.array(driven), self.scenario.timestep_s)
             if self._links:
-                base = np.hstack([states[name] for name in MOTION])
+                base = motion_of(states)
                 motions = links_of(self._tree, base, sampled)
                 states = rows_of(self._body, states["step"], motions)
                 check_numbers(states)

@@ -1,0 +1,34 @@
+"""States and contact points as tables of named columns, for people and their tools."""
+
+from __future__ import annotations
+
+import numpy as np
+import polars as pl
+
+from drop_physics.trace.states import CONTACT_COLUMNS, STATE_COLUMNS, Rows, numbers_of
+
+VECTORS = STATE_COLUMNS | CONTACT_COLUMNS
+
+
+def columns_of(field: str) -> tuple[str, ...]:
+    """Return the columns of a field of states or contact points; of one number it is the field."""
+    return VECTORS.get(field, (field,))
+
+
+def table_of(rows: Rows) -> pl.DataFrame:
+    """Return rows of states or contact points as a table, a column for each number."""
+    columns = {}
+    for name in rows.dtype.names or ():
+        values = numbers_of(rows, name)
+        for number, column in enumerate(columns_of(name)):
+            columns[column] = values[:, number].copy()
+    return pl.DataFrame(columns)
+
+
+def rows_in(table: pl.DataFrame, kind: np.dtype[np.void]) -> Rows:
+    """Return a table of states or contact points as rows of their dtype."""
+    rows = np.empty(len(table), kind)
+    for name in kind.names or ():
+        values = table.select(columns_of(name)).to_numpy()
+        rows[name] = values.reshape(rows[name].shape)
+    return rows
