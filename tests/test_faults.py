@@ -1066,7 +1066,7 @@ def test_a_ctrl_c_that_rerun_loses_stops_a_script_that_sweeps(
     plan = plan_of({"height_m": "1,2", "duration_s": "0.1"})
     with pytest.raises(KeyboardInterrupt):
         sweep(plan, tmp_path / "s", at_s=0.1, jobs=1)
-    assert not Folder(tmp_path / "s", "").finished()
+    assert not list(Folder(tmp_path / "s").finished(plan))
 
 
 # -- standard output ------------------------------------------------------------------------------

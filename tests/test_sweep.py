@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import math
 import os
 import random
 import resource
@@ -26,7 +25,7 @@ import polars as pl
 import pybullet_data
 import pytest
 from conftest import Drop, descendants_of
-from drop_physics import Scenario, analyze, simulate
+from drop_physics import Scenario, analyze
 from drop_physics.drop.samples import base_of
 from drop_physics.drop.statistics import Moments
 from drop_physics.engines.pybullet.engine import p
@@ -41,7 +40,7 @@ from drop_physics.recording.reader import read
 from drop_physics.stages.sweep import Sweep, sweep
 from drop_physics.stages.sweep_shard import RunShard, ShardDone
 from drop_physics.sweeping import engines
-from drop_physics.sweeping.folder import TERMS, Folder
+from drop_physics.sweeping.folder import TERMS
 from drop_physics.sweeping.plan import plan_of
 from drop_physics.trace.states import Batch
 from drop_physics.workers import Worker
@@ -582,14 +581,6 @@ def test_a_sweep_of_a_body_that_was_edited_is_another(tmp_path: Path) -> None:
         sweep(plan, folder, record=False)
 
 
-@pytest.mark.long
-def test_recordings_of_runs_that_are_not_needed_go(tmp_path: Path) -> None:
-    plan = plan_of({"linear_damping": "0"}, samples=36, seed=1, vary=["gravity=normal:-9.81:1"])
-    swept = sweep(plan, tmp_path, jobs=2, until_ci_m=1.0)
-    assert swept.runs == 30
-    assert len(list((tmp_path / "recordings").iterdir())) == 30
-
-
 def test_recordings_that_were_there_before_are_not_replaced(tmp_path: Path) -> None:
     """`drop run` leaves them under such names, in a folder of that name."""
     theirs = tmp_path / "recordings" / "run-2.rrd"
@@ -598,23 +589,6 @@ def test_recordings_that_were_there_before_are_not_replaced(tmp_path: Path) -> N
     with pytest.raises(OutputError, match="has results of something else"):
         sweep(plan_of({"height_m": "1,2,3"}), tmp_path)
     assert theirs.read_text() == "precious"
-
-
-def test_a_table_of_any_size_is_not_read_to_its_end(tmp_path: Path) -> None:
-    """A sparse file of 100 GB takes no room: reading it would take minutes."""
-    plan = plan_of({"height_m": "1,2"})
-    sweep(plan, tmp_path, record=False)
-    for path in (tmp_path / "results.parquet", *(tmp_path / "parts").glob("*.parquet")):
-        os.truncate(path, 10**11)
-        with path.open("rb+") as file:
-            file.seek(-200, os.SEEK_END)
-            file.write(b"sha256:" + b"0" * 64)
-        with pytest.raises(OutputError, match=r"over [\d,]+ bytes"):
-            sweep(plan, tmp_path, record=False)
-        path.unlink()
-    os.truncate(tmp_path / "sweep.json", 10**11)
-    with pytest.raises(OutputError, match="is damaged"):
-        sweep(plan, tmp_path, record=False)
 
 
 THREE = plan_of({"height_m": "1,2,3"})
@@ -643,39 +617,15 @@ def files_in(folder: Path) -> dict[str, bytes | None]:
     }
 
 
-def edited(path: Path, *, keep: bool = False, **cells: pl.Expr) -> None:
-    """Change cells of a table, and keep the metadata that stands in the file or not."""
-    told = {"drop": pl.read_parquet_metadata(path)["drop"]} if keep else None
-    pl.read_parquet(path).with_columns(**cells).write_parquet(path, metadata=told)
+def test_a_part_can_be_moved_away_and_is_made_again(copied: Path, whole: Path) -> None:
+    (copied / "parts" / "part-000001.parquet").unlink()
+    assert sweep(THREE, copied, record=False).computed == 1
+    assert files_in(copied) == files_in(whole)
 
 
-def flipped(path: Path) -> None:
-    """Change one bit in the middle."""
-    data = bytearray(path.read_bytes())
-    data[len(data) // 3] ^= 1
-    path.write_bytes(data)
-
-
-def of_another_sweep(path: Path) -> None:
-    """Put another sweep's part there: the same but for the gravity."""
-    other = path.parents[2] / "other"
-    sweep(plan_of({"height_m": "1,2,3", "gravity_m_s2": "-5"}), other, record=False)
-    shutil.copy(other / "parts" / path.name, path)
-
-
-ALTERED = {
-    "another sweep's": of_another_sweep,
+NO_PARTS = {
     "another run's": lambda path: shutil.copy(path.with_name("part-000000.parquet"), path),
-    "a value": lambda path: edited(path, height_m=pl.lit(7.0)),
-    "a result": lambda path: edited(path, error_m=pl.lit(1e-3)),
-    "no number": lambda path: edited(path, error_m=pl.lit(math.nan)),
-    "another folder": lambda path: edited(path, recording=pl.lit("../../x")),
-    "an escape": lambda path: edited(path, command=pl.lit("\x1b[2J")),
-    "with the stamp": lambda path: edited(path, keep=True, error_m=pl.lit(1e-3)),
-    "a bit": flipped,
-    "the last words": lambda path: path.write_bytes(
-        path.read_bytes().replace(b"(python)", b"(Python)")
-    ),
+    "cut": lambda path: path.write_bytes(path.read_bytes()[:-100]),
     "no table": lambda path: path.write_bytes(b"no table"),
     "empty": lambda path: path.write_bytes(b""),
     "other columns": lambda path: pl.DataFrame({"run": [1]}).write_parquet(path),
@@ -683,73 +633,40 @@ ALTERED = {
 }
 
 
-@pytest.mark.parametrize("alter", ALTERED.values(), ids=ALTERED)
-def test_a_part_that_this_sweep_did_not_write_is_not_believed(
+@pytest.mark.parametrize("alter", NO_PARTS.values(), ids=NO_PARTS)
+def test_what_is_no_part_of_this_sweep_is_one_line(
     copied: Path, whole: Path, alter: Callable[[Path], object]
 ) -> None:
-    """Whether it is another's or was edited; nothing is rewritten, and --force makes it again."""
-    alter(copied / "parts" / "part-000001.parquet")
-    (copied / "parts" / "part-000002.parquet").unlink()
+    part = copied / "parts" / "part-000001.parquet"
+    alter(part)
     before = files_in(copied)
-    with pytest.raises(
-        OutputError, match=r"part-000001\.parquet is not what this sweep wrote: .*force=True"
-    ):
+    with pytest.raises(OutputError, match=r"part-000001\.parquet does not hold runs of this sweep"):
         sweep(THREE, copied, record=False)
     assert files_in(copied) == before
-    swept = sweep(THREE, copied, record=False, force=True)
-    assert swept.computed == 2
-    assert files_in(copied) == files_in(whole)
-
-
-def test_a_part_that_was_doubled_is_one_line(drop: Drop, tmp_path: Path) -> None:
-    how = ("sweep", "--timestep", "1/240,1/480", "--no-record", "--out", "s")
-    assert drop(*how).returncode == 0
-    parts = tmp_path / "s" / "parts"
-    shutil.copy(parts / "part-000000.parquet", parts / "part-000001.parquet")
-    before = files_in(tmp_path / "s")
-    done = drop(*how)
-    assert (done.returncode, done.stdout, len(done.stderr.splitlines())) == (1, "", 1)
-    assert "its stamp is that of other data or of another sweep; move it away" in done.stderr
-    assert files_in(tmp_path / "s") == before
-    assert drop(*how, "--force").returncode == 0
-
-
-def test_a_part_that_is_too_many_is_not_deleted(copied: Path, whole: Path) -> None:
-    extra = copied / "parts" / "part-000003.parquet"
-    shutil.copy(extra.with_name("part-000000.parquet"), extra)
-    before = files_in(copied)
-    with pytest.raises(OutputError, match=r"part-000003\.parquet is not what this sweep wrote"):
-        sweep(THREE, copied, record=False)
-    assert files_in(copied) == before
-    sweep(THREE, copied, record=False, force=True)
-    assert files_in(copied) == files_in(whole)
-
-
-RESULTS = [name for name in ALTERED if name not in ("another sweep's", "another run's")]
-
-
-@pytest.mark.parametrize("how", RESULTS)
-def test_results_that_this_sweep_did_not_write_are_not_replaced(
-    copied: Path, whole: Path, how: str
-) -> None:
-    """Which is found before a run is made."""
-    ALTERED[how](copied / "results.parquet")
-    (copied / "parts" / "part-000001.parquet").unlink()
-    before = files_in(copied)
-    with pytest.raises(
-        OutputError, match=r"results\.parquet is not what this sweep wrote: .*force=True"
-    ):
-        sweep(THREE, copied, record=False)
-    assert files_in(copied) == before
-    sweep(THREE, copied, record=False, force=True)
-    assert files_in(copied) == files_in(whole)
-
-
-def test_a_part_can_be_moved_away_and_is_made_again(copied: Path, whole: Path) -> None:
-    """And with it its recordings, which are this sweep's own."""
-    (copied / "parts" / "part-000001.parquet").unlink()
+    part.unlink()
     assert sweep(THREE, copied, record=False).computed == 1
     assert files_in(copied) == files_in(whole)
+
+
+def test_parts_that_an_earlier_command_made_wait_until_they_are_needed(tmp_path: Path) -> None:
+    plan = plan_of({"linear_damping": "0"}, samples=36, seed=1, vary=["gravity=normal:-9.81:1"])
+    whole = sweep(plan, tmp_path, record=False, jobs=1).table()
+    enough = sweep(plan, tmp_path, record=False, jobs=1, until_ci_m=1.0)
+    assert (enough.runs, enough.computed) == (30, 0)
+    assert enough.table().equals(whole.head(30))
+    again = sweep(plan, tmp_path, record=False, jobs=1)
+    assert (again.computed, again.table().equals(whole)) == (0, True)
+
+
+def test_what_a_killed_worker_left_is_replaced(tmp_path: Path) -> None:
+    sweep(THREE, tmp_path, jobs=1)
+    path = tmp_path / "recordings" / "run-1.rrd"
+    left, was = part_of(path), read(path).states
+    left.write_bytes(path.read_bytes()[:-5000])
+    (tmp_path / "parts" / "part-000001.parquet").unlink()
+    assert sweep(THREE, tmp_path, jobs=1).computed == 1
+    assert not left.exists()
+    assert read(path).states.equals(was)
 
 
 def test_a_recording_that_is_gone_is_made_again(tmp_path: Path) -> None:
@@ -762,134 +679,10 @@ def test_a_recording_that_is_gone_is_made_again(tmp_path: Path) -> None:
     assert read(path).states.equals(was)
 
 
-def of_the_same_scenario(path: Path) -> None:
-    simulate(Scenario(height_m=3.0), path, camera=None, force=True)
-
-
-ALTERED_RECORDINGS = {
-    "a bit": flipped,
-    "cut": lambda path: path.write_bytes(path.read_bytes()[:-100]),
-    "longer": lambda path: os.truncate(path, 10**11),
-    "empty": lambda path: path.write_bytes(b""),
-    "same scenario": of_the_same_scenario,
-    "another run's": lambda path: shutil.copy(path.with_name("run-0.rrd"), path),
-    "a folder": lambda path: (path.unlink(), path.mkdir()),
-    "nowhere": lambda path: (path.unlink(), path.symlink_to("nowhere")),
-}
-
-
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the folder of a finished sweep with three recordings."""
-    folder = tmp_path_factory.mktemp("recorded") / "s"
-    sweep(THREE, folder)
-    return folder
-
-
-@pytest.mark.parametrize("alter", ALTERED_RECORDINGS.values(), ids=ALTERED_RECORDINGS)
-def test_a_recording_that_was_altered_is_not_believed(
-    recorded: Path, tmp_path: Path, alter: Callable[[Path], object]
-) -> None:
-    """Of a sweep that is finished too; nothing is rewritten, and --force makes it again."""
-    folder = Path(shutil.copytree(recorded, tmp_path / "s"))
-    path = folder / "recordings" / "run-2.rrd"
-    assert sweep(THREE, folder).computed == 0
-    whole = read(path).states
-    alter(path)
-    before = {one: os.lstat(one) for one in folder.rglob("*")}
-    with pytest.raises(
-        OutputError, match=r"run-2\.rrd is not what this sweep wrote: it was altered .*force=True"
-    ):
-        sweep(THREE, folder)
-    assert {one: os.lstat(one).st_size for one in before} == {
-        one: stat.st_size for one, stat in before.items()
-    }
-    if path.is_dir():
-        path.rmdir()  # which is nobody's file to replace
-    assert sweep(THREE, folder, force=True).computed == 1
-    assert read(path).states.equals(whole)
-    assert sweep(THREE, folder).computed == 0
-
-
-@pytest.mark.parametrize("theirs", ["text", "same scenario", "another run", "cut"])
-def test_recordings_that_this_sweep_did_not_make_are_not_replaced(
-    tmp_path: Path, theirs: str
-) -> None:
-    """Its own are: those of a part that was not finished when it was killed."""
-    folder = tmp_path / "s"
-    sweep(THREE, folder)
-    (folder / "parts" / "part-000001.parquet").unlink()
-    assert sweep(THREE, folder).computed == 1
-    (folder / "parts" / "part-000001.parquet").unlink()
-    (folder / "parts" / "part-000002.parquet").unlink()
-    path = folder / "recordings" / "run-2.rrd"
-    if theirs == "text":
-        path.write_text("precious")
-    elif theirs == "same scenario":
-        of_the_same_scenario(path)
-    elif theirs == "another run":
-        shutil.copy(path.with_name("run-0.rrd"), path)
-    else:
-        path.write_bytes(path.read_bytes()[:-100])
-    before = files_in(folder)
-    with pytest.raises(OutputError, match=r"run-2\.rrd must be this sweep's recording of run 2"):
-        sweep(THREE, folder)
-    assert files_in(folder) == before
-    assert sweep(THREE, folder, force=True).computed == 2
-    assert read(path).scenario == Scenario(height_m=3.0)
-
-
-def test_what_comes_while_a_sweep_runs_is_not_replaced(tmp_path: Path) -> None:
-    theirs = tmp_path / "recordings" / "run-2.rrd"
-
-    def meanwhile(done: int, _: int, __: int) -> None:
-        if done == 1:
-            theirs.write_text("precious")
-
-    with pytest.raises(OutputError, match=r"run-2\.rrd must be this sweep's"):
-        sweep(THREE, tmp_path, jobs=1, progress=meanwhile)
-    assert theirs.read_text() == "precious"
-
-
-@pytest.mark.long
-def test_runs_of_an_earlier_command_stay_when_they_are_not_needed(tmp_path: Path) -> None:
-    plan = plan_of({"linear_damping": "0"}, samples=36, seed=1, vary=["gravity=normal:-9.81:1"])
-    whole = sweep(plan, tmp_path, jobs=1).table()
-    theirs = tmp_path / "recordings" / "run-36.rrd"
-    theirs.write_text("precious")
-    enough = sweep(plan, tmp_path, jobs=1, until_ci_m=1.0)
-    assert (enough.runs, enough.computed) == (30, 0)
-    assert enough.table().equals(whole.head(30))
-    assert len(list(theirs.parent.iterdir())) == 37
-    assert theirs.read_text() == "precious"
-    again = sweep(plan, tmp_path, jobs=1)
-    assert (again.computed, again.table().equals(whole)) == (0, True)
-
-
 def test_a_list_of_lists_of_lists_is_no_sweep(copied: Path) -> None:
     (copied / "sweep.json").write_text("[" * 100_000 + "]" * 100_000)
     with pytest.raises(OutputError, match=r"sweep\.json is damaged; choose another out"):
         sweep(THREE, copied, record=False)
-
-
-def test_what_a_killed_worker_left_goes_and_what_others_put_there_stays(tmp_path: Path) -> None:
-    """Its unfinished recording has this sweep's id; any other file under such a name stays."""
-    plan = plan_of({"height_m": "1,2,3"})
-    sweep(plan, tmp_path, jobs=1)
-    home = Folder(tmp_path)
-    runs = [home.recording(plan, run) for run in range(3)]
-    left, of_another, theirs = (part_of(run) for run in runs)
-    left.write_bytes(runs[0].read_bytes()[:-5000])
-    of_another.write_bytes(runs[2].read_bytes())
-    theirs.write_bytes(b"precious")
-    for shard, run in enumerate(runs):
-        home.part(shard).unlink()
-        run.unlink()
-    part_of(home.part(0)).write_bytes(b"precious")
-    assert sweep(plan, tmp_path, jobs=1).computed == 3
-    assert not left.exists()
-    assert set(tmp_path.rglob("*.part")) == {of_another, theirs, part_of(home.part(0))}
-    assert theirs.read_bytes() == part_of(home.part(0)).read_bytes() == b"precious"
 
 
 def test_two_sweeps_at_a_time_do_not_share_a_folder(tmp_path: Path) -> None:

@@ -46,7 +46,7 @@ def write_table(path: Path, samples: pl.DataFrame, *, force: bool) -> None:
 
 
 @contextlib.contextmanager
-def written_by_polars(path: Path, *, force: bool, ours: bool = False) -> Iterator[BinaryIO]:
+def written_by_polars(path: Path, *, force: bool) -> Iterator[BinaryIO]:
     """Yield a file as `written_whole` does, for polars to write to.
 
     Raises
@@ -54,7 +54,7 @@ def written_by_polars(path: Path, *, force: bool, ours: bool = False) -> Iterato
     OutputError
         As for `written_whole`.
     """
-    with written_whole(path, force=force, ours=ours) as file:
+    with written_whole(path, force=force) as file:
         try:
             yield file
         except pl.exceptions.ComputeError as error:

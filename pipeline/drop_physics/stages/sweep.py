@@ -7,7 +7,7 @@ import itertools
 import math
 import platform
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +19,7 @@ from drop_physics.engines.other_world import other_versions
 from drop_physics.engines.pybullet.engine import engine_versions
 from drop_physics.engines.pybullet.found import body_digest, find_body
 from drop_physics.engines.pybullet.probe import verdicts
-from drop_physics.errors import DropError, OutputError, ScenarioError
+from drop_physics.errors import DropError, ScenarioError
 from drop_physics.fields import counted, outside
 from drop_physics.files.outputs import check_apart, check_room, check_target
 from drop_physics.messages import Message
@@ -29,7 +29,7 @@ from drop_physics.stages.sweep_groups import Group, statistics_of, studies_of
 from drop_physics.stages.sweep_ledger import LEAST_SAMPLES, Ledger, Progress
 from drop_physics.stages.sweep_shard import RunShard, ShardDone, release_world
 from drop_physics.sweeping import engines
-from drop_physics.sweeping.folder import Folder, mark_of
+from drop_physics.sweeping.folder import Folder
 from drop_physics.sweeping.plan import Plan, name_of, plan_of
 from drop_physics.workers import cores
 
@@ -129,8 +129,7 @@ def sweep(
     dark
         Whether the plot is for a dark page.
     force
-        Whether files that this sweep did not write may be replaced: the plot, and files with the
-        name of a part, a recording or the results.
+        Whether an existing plot may be replaced.
     progress
         Called while it runs.
 
@@ -139,8 +138,7 @@ def sweep(
     ScenarioError
         If the options cannot be combined.
     OutputError
-        If the folder holds another sweep, or files with this sweep's names that it did not write,
-        or cannot be written.
+        If the folder holds another sweep, or cannot be written.
     DropError
         If all runs fail, workers die repeatedly, or Ray does not answer.
     """
@@ -150,11 +148,9 @@ def sweep(
     bodies = _bodies(plan)
     if plot is not None:
         _check_plot(Path(plot), plan, bodies, force=force)
-    work = RunShard(plan, Path(out).resolve(), at_s, record, camera, verdicts(), force=force)
-    identity = _identity(work)
-    work = replace(work, mark=mark_of(identity))
-    folder = Folder(Path(out), work.mark)
-    with folder.claimed(identity):
+    work = RunShard(plan, Path(out).resolve(), at_s, record, camera, verdicts())
+    folder = Folder(Path(out))
+    with folder.claimed(_identity(work)):
         ledger, computed = _run(work, folder, until_ci_m, progress, jobs=jobs, ray=ray)
         results = folder.merge(len(ledger.kept))
         _check_any(ledger, results)
@@ -200,15 +196,13 @@ def _run(
 ) -> tuple[Ledger, int]:
     """Run the shards that are not yet in the folder; return all, and how many runs were made."""
     plan = work.plan
-    if not work.force:
-        folder.check_replaceable(plan, recorded=work.recorded)
-    before = _done(folder, plan, force=work.force)
+    before = {shard: ShardDone.of(part) for shard, part in folder.finished(plan)}
     if work.recorded and until_ci_m is None:
         runs = plan.runs - sum(len(plan.runs_of(shard)) for shard in before)
         check_room(folder.path / "recordings", runs * LEAST_BYTES)
     ledger = Ledger(plan, dict(before), until_ci_m, progress)
     left = (shard for shard in range(plan.shards) if shard not in before)
-    # Shards under way are finished, and discarded below: a worker leaves nothing half written.
+    # Shards under way are finished: a worker leaves nothing half written.
     todo = itertools.takewhile(lambda _: ledger.needed is None, left)
     try:
         if ledger.needed is None:
@@ -220,7 +214,7 @@ def _run(
         stop.add_note(
             Message(
                 "{done:,} of {runs} done in {folder}; run the same command again to resume",
-                done=sum(len(plan.runs_of(shard)) for shard in folder.finished()),
+                done=ledger.runs,
                 runs=counted(plan.runs, "run"),
                 folder=folder.path,
             )
@@ -228,11 +222,8 @@ def _run(
         raise
     finally:
         release_world()
-    shards = set(range(len(ledger.kept)))
-    # What an earlier command finished stays, though this one needs less.
-    for shard in folder.finished() - shards - set(before):
-        folder.discard(plan, shard)
-    return ledger, sum(ledger.done[shard].runs for shard in shards - set(before))
+    made = set(range(len(ledger.kept))) - set(before)
+    return ledger, sum(ledger.done[shard].runs for shard in made)
 
 
 def _check_any(ledger: Ledger, results: pl.LazyFrame) -> None:
@@ -271,28 +262,6 @@ def _check(plan: Plan, *, until_ci_m: float | None, jobs: int | None, at_s: floa
         raise outside("--jobs", Message("at least {low}", low=1), jobs)
     if not 0 <= at_s < math.inf:
         raise outside("--at", Message("finite and at least {low:g}", low=0), at_s)
-
-
-def _done(folder: Folder, plan: Plan, *, force: bool) -> dict[int, ShardDone]:
-    """Return the shards that are done; those whose recordings are gone are done again.
-
-    With `force`, so are those that were altered.
-
-    Raises
-    ------
-    OutputError
-        If a part or a recording is not what this sweep wrote there, and `force` is not given.
-    """
-    done = {}
-    for shard in sorted(folder.finished()):
-        try:
-            rows = folder.read(shard)
-            if not folder.lacks_recording(plan, rows):
-                done[shard] = ShardDone.of(rows)
-        except OutputError:
-            if not force:
-                raise
-    return done
 
 
 def _bodies(plan: Plan) -> list[Path]:

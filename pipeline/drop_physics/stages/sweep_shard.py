@@ -6,6 +6,7 @@ This is all that a worker does, wherever it runs. It keeps its world from shard 
 from __future__ import annotations
 
 import contextlib
+import uuid
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -75,10 +76,6 @@ class RunShard:
     camera: Camera | None
     tried: Verdicts = field(default_factory=dict)
     """What is known of the plan's bodies, so that they are not tried in every process."""
-    mark: str = ""
-    """The mark of this sweep's own files."""
-    force: bool = False
-    """Whether recordings that are not this sweep's may be replaced."""
 
     def __call__(self, shard: int) -> ShardDone:
         """Run a shard and write its part.
@@ -110,7 +107,7 @@ class RunShard:
         try:
             scenario = Scenario(**values)
             path = self._recording(run) if self.recorded else None
-            moment, end_m = self._fall(scenario, run, path)
+            moment, end_m = self._fall(scenario, path)
         except (OutputError, MemoryError):  # which say nothing about this scenario
             raise
         except DropError as error:
@@ -135,23 +132,20 @@ class RunShard:
 
     @property
     def _home(self) -> Folder:
-        return Folder(self.folder, self.mark)
+        return Folder(self.folder)
 
     def _recording(self, run: int) -> Path:
         path = self._home.recording(self.plan, run)
         make_folder(path.parent, "--out")
-        if not self.force:
-            self._home.check_recording(self.plan, run)
-        self._home.discard_unfinished(self.plan, run)
         return path
 
-    def _fall(self, scenario: Scenario, run: int, path: Path | None) -> tuple[Moment, float]:
+    def _fall(self, scenario: Scenario, path: Path | None) -> tuple[Moment, float]:
         """Return the breakdown of the sample nearest to `at_s`, and the height at the end [m]."""
         step = round(self.at_s / scenario.timestep_s)
         world = _worlds.world_of(scenario)
         engine = world.report()
         if path is not None:
-            fall = self._record(world, run, path, step)
+            fall = self._record(world, path, step)
             moment = _in_the_air(scenario, engine, fall, step)
             return moment or self._analyzed_recording(path), world.height_m()
         batches = world.samples(step + 1)
@@ -162,7 +156,7 @@ class RunShard:
         world.skip(scenario.steps - step)
         return moment, world.height_m()
 
-    def _record(self, world: LastingWorld | OtherWorld, run: int, path: Path, step: int) -> Batch:
+    def _record(self, world: LastingWorld | OtherWorld, path: Path, step: int) -> Batch:
         """Record a fall as `drop simulate` does, and return its samples up to `step` at least."""
         from drop_physics.recording import writer
         from drop_physics.stages.recorded import BATCH, recorded
@@ -184,10 +178,9 @@ class RunShard:
                 # Rerun's writer takes chunks in its own thread. With ready ones it does not wait
                 # for Python's lock, which saves a tenth of a short run's time.
                 chunks = list(chunks)
-            recording_id = self._home.recording_id(run)
-            writer.record(
-                path, chunks, recording_id=recording_id, blueprint=None, force=self.force, ours=True
-            )
+            # What a killed worker left there is replaced.
+            recording_id = uuid.uuid4().hex
+            writer.record(path, chunks, recording_id=recording_id, blueprint=None, force=True)
         return Batch.joined(seen)
 
     def _analyzed_recording(self, path: Path) -> Moment:

@@ -5,32 +5,28 @@ parts/part-000003.parquet   one per shard, written whole or not at all
 results.parquet         all parts in one, in the order of the runs
 recordings/run-12.rrd   one per run, if recordings are kept
 
-Every table is stamped with the sweep and its name, and every recording has an id derived from the
-sweep and its run. A file without them is not this sweep's: it is not used, replaced or deleted.
-A part also holds the digests of its recordings, so that one that was altered later is noticed.
+A folder with a `sweep.json` is its sweep's: what it writes there replaces what has its name.
 """
 
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import polars as pl
 
-from drop_physics.errors import OutputError, RecordingError
+from drop_physics.errors import OutputError
 from drop_physics.fields import Option
-from drop_physics.files.outputs import make_folder, part_of, written
+from drop_physics.files.outputs import make_folder, written
 from drop_physics.files.table import written_by_polars
 from drop_physics.files.whole import lock, opened, written_whole
 from drop_physics.messages import Message
 from drop_physics.scenario import Scenario
 from drop_physics.sweeping.plan import Plan
-from drop_physics.sweeping.stamp import UNSTAMPED, fault_of, stamp
 
 Row = dict[str, Any]
 
@@ -68,9 +64,6 @@ the height in the last sample; `command` repeats the run; `error` says why it fa
 
 TERMS = ("error_m", "timestep_m", "damping_m", "interaction_m", "rounding_m")
 
-_WRITTEN: dict[str, Any] = {"recording_bytes": pl.Int64, "recording_sha256": pl.String}
-"""Columns that only parts have: what the recording was when the part was written."""
-
 EXPLAINED = pl.all_horizontal(pl.col(TERMS).is_not_null())
 """Rows whose error was broken down: the sample was in the air, in simulation and in theory."""
 
@@ -78,23 +71,15 @@ FLAT_RECORDINGS = 1000
 """Up to this many recordings share a folder; more are split into folders of this many."""
 
 
-def mark_of(identity: Mapping[str, Any]) -> str:
-    """Return what identifies a sweep's own files: a digest of all that determines its rows."""
-    return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
-
-
-MOST_PART_BYTES = 1 << 26
-"""A part has a few thousand rows at most, of less than a kilobyte each."""
 MOST_IDENTITY_BYTES = 1 << 22
 """Limit of a sweep's description, including its lists of values."""
 
 
 class Folder:
-    """A sweep's folder; `mark` identifies its own files."""
+    """A sweep's folder."""
 
-    def __init__(self, path: Path, mark: str = "") -> None:
+    def __init__(self, path: Path) -> None:
         self.path = path
-        self.mark = mark
         self.results = path / "results.parquet"
         self.recordings = path / "recordings"
         self._parts = path / "parts"
@@ -160,29 +145,35 @@ class Folder:
         """Return the file of a shard."""
         return self._parts / f"part-{shard:06d}.parquet"
 
-    def finished(self) -> set[int]:
-        """Return the shards whose part exists, whatever is in it."""
-        names = {path.name for path in self._parts.glob("part-*.parquet")}
-        numbers = {name[5:-8] for name in names}
-        shards = {int(number) for number in numbers if number.isdecimal()}
-        return {shard for shard in shards if self.part(shard).name in names}
+    def finished(self, plan: Plan) -> Iterator[tuple[int, pl.DataFrame]]:
+        """Yield the shards of a plan that are finished, each with its part.
 
-    def check_replaceable(self, plan: Plan, *, recorded: bool) -> None:
-        """Make sure that a sweep replaces nothing but its own files.
+        A shard whose recordings are gone is not finished.
 
         Raises
         ------
         OutputError
-            If another file has one of their names.
+            If a part is not one of this plan's.
         """
-        if os.path.lexists(self.results):
-            with self._own(self.results):
-                pass
-        if not (recorded and self.recordings.exists()):
-            return
-        for shard in sorted(set(range(plan.shards)) - self.finished()):
-            for run in plan.runs_of(shard):
-                self.check_recording(plan, run)
+        for shard in range(plan.shards):
+            if os.path.lexists(self.part(shard)):
+                part = self._read(plan, shard)
+                recordings = part["recording"].drop_nulls()
+                if all((self.path / name).exists() for name in recordings):
+                    yield shard, part
+
+    def _read(self, plan: Plan, shard: int) -> pl.DataFrame:
+        path = self.part(shard)
+        try:
+            part = pl.read_parquet(path)
+        except (pl.exceptions.PolarsError, OSError):
+            part = pl.DataFrame()
+        if part.schema != SCHEMA or part["run"].to_list() != [*plan.runs_of(shard)]:
+            raise OutputError(
+                "{path} does not hold runs of this sweep; move it away, and repeat the command",
+                path=path,
+            )
+        return part
 
     def write(self, shard: int, rows: Sequence[Row]) -> pl.DataFrame:
         """Write the part of a shard, and return it.
@@ -192,134 +183,16 @@ class Folder:
         OutputError
             If it cannot be written.
         """
-        part = pl.DataFrame([row | self._written(row) for row in rows], schema=SCHEMA | _WRITTEN)
-        with self._stamped(self.part(shard)) as file:
-            part.write_parquet(file, metadata=UNSTAMPED)
+        part = pl.DataFrame(rows, schema=SCHEMA)
+        with written_by_polars(self.part(shard), force=True) as file:
+            part.write_parquet(file)
         return part
-
-    def read(self, shard: int) -> pl.DataFrame:
-        """Return the part of a shard.
-
-        Raises
-        ------
-        OutputError
-            If any bit of it has changed since this sweep wrote it.
-        """
-        with self._own(self.part(shard)) as file:
-            return pl.read_parquet(file)
-
-    @contextlib.contextmanager
-    def _stamped(self, path: Path) -> Iterator[BinaryIO]:
-        with written_by_polars(path, force=False, ours=True) as file:
-            yield file
-            stamp(file, self._owner(path))
-
-    @contextlib.contextmanager
-    def _own(self, path: Path) -> Iterator[BinaryIO]:
-        """Open a table of this sweep; anything else is rejected unparsed."""
-        fault: Message | None = Message("it is not a file")
-        if path.is_file():
-            with path.open("rb") as file:
-                parts = 1 if path != self.results else max(1, len(self.finished()))
-                fault = fault_of(file, self._owner(path), most_bytes=MOST_PART_BYTES * parts)
-                if fault is None:
-                    file.seek(0)
-                    yield file
-        if fault is not None:
-            raise OutputError(
-                "{path} is not what this sweep wrote: {fault}; move it away and repeat the "
-                "command, or replace it with --force",
-                path=path,
-                fault=fault,
-            )
-
-    def _owner(self, path: Path) -> str:
-        return f"{self.mark} {path.name}"
 
     def recording(self, plan: Plan, run: int) -> Path:
         """Return the file of a run's recording."""
         many = plan.runs > FLAT_RECORDINGS
         folder = self.recordings / f"{run // FLAT_RECORDINGS:06d}" if many else self.recordings
         return folder / f"run-{run}.rrd"
-
-    def recording_id(self, run: int) -> str:
-        """Return the id of a run's recording, the same each time this sweep makes it."""
-        return hashlib.sha256(f"{self.mark} {run}".encode()).hexdigest()[:32]
-
-    def check_recording(self, plan: Plan, run: int) -> None:
-        """Make sure that no recording of a run exists, or one that this sweep made.
-
-        Raises
-        ------
-        OutputError
-            If another file has its name.
-        """
-        path = self.recording(plan, run)
-        if os.path.lexists(path) and not self._is_own(path, run):
-            raise OutputError(
-                "{path} must be this sweep's recording of run {run}, and is something else; move "
-                "it away and repeat the command, or replace it with --force",
-                path=path,
-                run=run,
-            )
-
-    def lacks_recording(self, plan: Plan, rows: pl.DataFrame) -> bool:
-        """Return whether a recording that was made with these rows is gone.
-
-        Raises
-        ------
-        OutputError
-            If one is there that is not, to the last bit, what this sweep wrote.
-        """
-        lacks = False
-        made = rows.filter(pl.col("recording").is_not_null())
-        for run, *known in made["run", *_WRITTEN].rows():
-            path = self.recording(plan, run)
-            if not os.path.lexists(path):
-                lacks = True
-            elif _digest(path, due_bytes=known[0]) != tuple(known):
-                raise OutputError(
-                    "{path} is not what this sweep wrote: {fault}; move it away and repeat the "
-                    "command, or replace it with --force",
-                    path=path,
-                    fault=Message("it was altered or replaced"),
-                )
-        return lacks
-
-    def _written(self, row: Row) -> Row:
-        path = row["recording"] and self.path / row["recording"]
-        size, digest = (None, None) if path is None else _digest(path)
-        return dict(zip(_WRITTEN, (size, digest), strict=True))
-
-    def discard_unfinished(self, plan: Plan, run: int) -> None:
-        """Remove the unfinished recording of a run that a killed worker of this sweep left."""
-        part = part_of(self.recording(plan, run))
-        if not part.is_file() or part.is_symlink():
-            return
-        from drop_physics.recording.reader import recording_id
-
-        with contextlib.suppress(RecordingError):  # not ours
-            if recording_id(part) == self.recording_id(run):
-                part.unlink()
-
-    def _is_own(self, path: Path, run: int) -> bool:
-        from drop_physics.recording.reader import read  # not needed without recordings
-
-        try:
-            return read(path).recording_id == self.recording_id(run)
-        except RecordingError:
-            return False
-
-    def discard(self, plan: Plan, shard: int) -> None:
-        """Remove the part of a shard, and this sweep's own recordings of its runs.
-
-        Their names come from the plan, because a name that is read from a file could be any.
-        """
-        for run in plan.runs_of(shard):
-            path = self.recording(plan, run)
-            if os.path.lexists(path) and self._is_own(path, run):
-                path.unlink()
-        self.part(shard).unlink()
 
     def merge(self, shards: int) -> pl.LazyFrame:
         """Merge the first parts into the results, and return them, without loading all rows.
@@ -329,16 +202,6 @@ class Folder:
         OutputError
             If they cannot be written.
         """
-        with self._stamped(self.results) as file:
-            parts = pl.scan_parquet([self.part(shard) for shard in range(shards)])
-            parts.drop(*_WRITTEN).sink_parquet(file, metadata=UNSTAMPED)
+        with written_by_polars(self.results, force=True) as file:
+            pl.scan_parquet([self.part(shard) for shard in range(shards)]).sink_parquet(file)
         return pl.scan_parquet(self.results)
-
-
-def _digest(path: Path, *, due_bytes: int | None = None) -> tuple[int, str]:
-    """Return a file's size and digest; one of another size than `due_bytes` is not read."""
-    size = path.stat().st_size if path.is_file() else -1
-    if due_bytes is not None and size != due_bytes:
-        return size, ""
-    with path.open("rb") as file:
-        return size, hashlib.file_digest(file, "sha256").hexdigest()
