@@ -1,7 +1,8 @@
 """The size of each room of the package, in what formatting cannot squeeze.
 
     python tests/sizes.py            prints statements and tokens of each room, and its limits
-    python tests/sizes.py --lower    lowers the budgets in `tests/budgets.toml` to what was reached
+    python tests/sizes.py --lower    lowers the budgets in `tests/budgets.toml` to what was reached;
+                                     with names, --lower trace rules, only those of these rooms
 
 A statement is any statement of Python but a docstring or an import. Tokens are those of the code,
 without comments, docstrings and line ends. A room's limit is its budget and what `CHANGELOG.md`
@@ -129,11 +130,11 @@ def limits_of(budgets: dict[str, dict], changes: str) -> dict[str, Size]:
 
 
 def lowered(text: str, changes: str, sizes: dict[str, Size]) -> str:
-    """Return the text of a budget file with each limit lowered to the size that was reached."""
-    for room, limit in limits_of(tomllib.loads(text)["rooms"], changes).items():
-        reached = Size(
-            min(limit.statements, sizes[room].statements), min(limit.tokens, sizes[room].tokens)
-        )
+    """Return the text of a budget file with limits lowered to the sizes that were reached."""
+    limits = limits_of(tomllib.loads(text)["rooms"], changes)
+    for room, size in sizes.items():
+        limit = limits[room]
+        reached = Size(min(limit.statements, size.statements), min(limit.tokens, size.tokens))
         budget = reached - declared(changes).get(room, Size())
         text = re.sub(
             rf"(\[rooms\.{room}\].*?\nstatements = )-?\d+(\ntokens = )-?\d+",
@@ -181,8 +182,10 @@ def main() -> None:
     text, changes = BUDGETS.read_text(encoding="utf-8"), CHANGES.read_text(encoding="utf-8")
     budgets = tomllib.loads(text)["rooms"]
     sizes = sizes_of(budgets)
-    if "--lower" in sys.argv[1:]:
-        text = shortened(lowered(text, changes, sizes), exceptions_in(), classes_twice())
+    if sys.argv[1:2] == ["--lower"]:
+        rooms = sys.argv[2:] or list(sizes)
+        text = lowered(text, changes, {room: sizes[room] for room in rooms})
+        text = shortened(text, exceptions_in(), classes_twice())
         BUDGETS.write_text(text, encoding="utf-8")
     limits = limits_of(tomllib.loads(text)["rooms"], changes)
     sizes["together"] = sum(sizes.values(), Size())
