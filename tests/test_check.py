@@ -1399,5 +1399,5 @@ def test_a_summary_is_a_table_in_markdown_after_what_is_there(
     assert "`drop check 'a|b.rrd' --against golden.rrd --update`" in text
     done = drop("check", "a|b.rrd", "--against", "golden.rrd", "--summary", "golden.rrd")
     assert (done.returncode, done.stdout) == (1, "")
-    done = drop("check", "a|b.rrd", "--against", "golden.rrd", "--summary", "nowhere/s.md")
+    done = drop("check", "a|b.rrd", "--against", "golden.rrd", "--summary", "golden.rrd/s.md")
     assert (done.returncode, done.stdout) == (1, "")

@@ -36,8 +36,8 @@ FILE = LOCALE / "ja/LC_MESSAGES/drop.mo"
 AGAIN = "translate it in locale/ja/LC_MESSAGES/drop.po; python docs/regenerate.py drop.po"
 TEMPLATES = {
     "Message": 0, "joined": 0, "localized": 0, "words": 0, "counted": 1, "DropError": 0,
-    "ScenarioError": 0, "RecordingError": 0, "OutputError": 0, "ViewerError": 0, "StreamError": 0,
-    "WorkerDiedError": 0,
+    "ScenarioError": 0, "RecordingError": 0, "OutputError": 0, "ForeignError": 0, "ViewerError": 0,
+    "StreamError": 0, "WorkerDiedError": 0,
 }  # fmt: skip
 """What takes a template, and as which argument."""
 JAPANESE = re.compile("[\u3040-\u30ff\u4e00-\u9fff]")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typer
 from drop_physics.cli import app
+from drop_physics.console.help import SCRIPT
 from typer.testing import CliRunner
 
 _HEAD = """# Commands
@@ -12,11 +13,12 @@ _HEAD = """# Commands
 
 Results go to standard output, everything else to standard error. Exit codes: 0 done, 1 failed,
 2 wrong usage, 3 a check did not pass, 130 stopped by Ctrl-C (143 by SIGTERM). A sweep fails
-if one of its runs does; `record` finishes its recording on Ctrl-C and exits with 0. With `--json`
-standard output is exactly one JSON object, described in [json.md](json.md). Lines are as wide as
-the terminal, from 50 to 100 columns. With `LANG=ja_JP.UTF-8` or `DROP_LANG=ja` results, notes and
-errors are in Japanese, and so are plots where a Japanese font is installed; help and JSON stay
-English.
+if one of its runs does; `record` finishes its recording on Ctrl-C and exits with 0;
+`drop SCRIPT.py` exits as `record` does, else as `analyze`. Folders of outputs are made where they
+are missing. With `--json` standard output is exactly one JSON object, described in
+[json.md](json.md). Lines are as wide as the terminal, from 50 to 100 columns. With
+`LANG=ja_JP.UTF-8` or `DROP_LANG=ja` results, notes and errors are in Japanese, and so are plots
+where a Japanese font is installed; help and JSON stay English.
 """
 WIDTH = 90
 
@@ -24,7 +26,8 @@ WIDTH = 90
 def made() -> dict[str, str]:
     """Return the page."""
     names = typer.main.get_command(app).commands  # type: ignore[attr-defined]
-    sections = [_section("drop"), *(_section("drop", name) for name in names)]
+    # A script has no help of ours: all that stands after it is its own.
+    sections = [_section("drop"), *(_section("drop", name) for name in names if name != SCRIPT)]
     return {"commands.md": "\n".join([_HEAD, *sections])}
 
 

@@ -27,6 +27,7 @@ TEMPLATES = dict.fromkeys(
         "ScenarioError",
         "RecordingError",
         "OutputError",
+        "ForeignError",
         "ViewerError",
         "StreamError",
         "WorkerDiedError",

@@ -6,18 +6,21 @@ Each command imports what it needs when it runs, so that `drop --help` is quick.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from drop_physics import cli_options as given
 from drop_physics.cli_options import flag, takes
 from drop_physics.console import output
-from drop_physics.console.help import App, Commands
+from drop_physics.console.help import BOX, OWN, RECORDINGS, SCRIPT, App, Commands
 from drop_physics.console.progress import progress, sweep_progress
 from drop_physics.console.running import main as main
 from drop_physics.options import an_integer, takes_scenario, takes_scenario_lists
 from drop_physics.scenario import Camera, Scenario
+
+if TYPE_CHECKING:
+    from drop_physics.stages.record import Recorded
 
 app = App(
     cls=Commands,
@@ -25,9 +28,11 @@ app = App(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["--help", "-h"]},
-    help="Drop a box in PyBullet, keep everything in one Rerun recording, and learn where each "
-    "millimetre of error comes from.",
-    epilog="Start with: drop run",
+    help="Why did my simulation do that? Record a PyBullet script, unchanged, and read what moved "
+    "its bodies: the worst first, with the line of the script and the call that changes it. Or "
+    "drop a box, and learn where each millimetre of error comes from. Everything is kept in one "
+    "Rerun recording.",
+    epilog="Start with: drop my_script.py, or: drop run",
 )
 
 
@@ -46,6 +51,7 @@ def _drop(
 
 
 @app.command(
+    rich_help_panel=BOX,
     short_help="Drop the body and record it.",
     epilog="Example: drop simulate --out moon.rrd --gravity moon --duration 2",
 )
@@ -86,11 +92,12 @@ def simulate(
 
 
 @app.command(
+    rich_help_panel=RECORDINGS,
     short_help="Explain the error, millimetre by millimetre.",
     epilog="Example: drop analyze recordings/run.rrd --at 0.1 --at 0.3 --table run.csv",
 )
 def analyze(
-    run: given.Run,
+    run: given.RunOrNewest = None,
     *,
     at: given.At = None,
     out: given.Layer = None,
@@ -105,14 +112,17 @@ def analyze(
     For a script's recording: why it did that, the worst first, with the call that changes it; then
     its joints and bodies. With --at the steps at these times, each as a sum of named impulses.
     """
-    from drop_physics.console.show_analysis import show_analysis
     from drop_physics.kinds import times
+    from drop_physics.stages.found import recording_of
+
+    at_s, recording = times(at or []), recording_of(run, output.note)
+    from drop_physics.console.show_analysis import show_analysis  # takes a second to load
     from drop_physics.stages.analyze import analyze
 
     with progress() as report:
         analysis = analyze(
-            run,
-            at_s=times(at or []),
+            recording,
+            at_s=at_s,
             body=body,
             out=out,
             table=table,
@@ -123,11 +133,12 @@ def analyze(
 
 
 @app.command(
+    rich_help_panel=RECORDINGS,
     short_help="Make a gif of the frames, and a plot.",
     epilog="Example: drop render recordings/run.rrd --with-plot --out fall.webp",
 )
 def render(
-    run: given.Run,
+    run: given.RunOrNewest = None,
     *,
     out: given.Film = None,
     fps: given.Fps = None,
@@ -146,6 +157,9 @@ def render(
     With --camera, or if a script took no images, the gif shows the recorded poses; the plot of a
     script is about its findings.
     """
+    from drop_physics.stages.found import recording_of
+
+    recording = recording_of(run, output.note)
     from drop_physics.console.show_run import show_rendering
     from drop_physics.figures.playback import Animation
     from drop_physics.stages.render import render
@@ -153,7 +167,7 @@ def render(
     animation = Animation(fps=fps, speed=speed, caption=caption, with_plot=with_plot)
     with progress() as report:
         rendering = render(
-            run,
+            recording,
             out=out,
             animation=animation,
             plot=plot,
@@ -163,10 +177,11 @@ def render(
             force=force,
             progress=report,
         )
-    show_rendering(rendering, run, as_json=json)
+    show_rendering(rendering, recording, as_json=json)
 
 
 @app.command(
+    rich_help_panel=BOX,
     short_help="Simulate, analyze and render: the whole story.",
     epilog="Example: drop run --timestep 1/480",
 )
@@ -206,6 +221,7 @@ def run(
 
 
 @app.command(
+    rich_help_panel=RECORDINGS,
     short_help="Compare with a golden recording.",
     epilog="Example: drop check run.rrd --against recordings/golden/standard.rrd",
 )
@@ -236,6 +252,7 @@ def check(
 
 
 @app.command(
+    rich_help_panel=BOX,
     short_help="Run many scenarios, and show how the error behaves.",
     epilog="Example: drop sweep --timestep 1/240,1/480,1/960 --out sweep",
 )
@@ -293,6 +310,35 @@ def sweep(
 
 
 @app.command(
+    SCRIPT,
+    rich_help_panel=OWN,
+    short_help="Record it with its arguments, then analyze the recording.",
+    add_help_option=False,
+    context_settings={"allow_interspersed_args": False},
+)
+def script(context: typer.Context, program: given.Program) -> None:
+    """Record a script as `record` does, and analyze the recording."""
+    from drop_physics.stages.program import digest_of_script
+
+    target, *arguments = program
+    digest_of_script(target, is_module=False)
+    from drop_physics.console.show_analysis import show_analysis
+    from drop_physics.console.show_record import note_ours, show_record
+
+    note_ours(target, arguments, _options(context, "record", "analyze"), verb="record")
+
+    recorded = _recorded(target, arguments)
+    code = show_record(recorded, as_json=False, analyzed=True)
+    from drop_physics.stages.analyze import analyze
+
+    with progress() as report:
+        analysis = analyze(recorded.recording, progress=report)
+    show_analysis(analysis, as_json=False)
+    raise typer.Exit(code)
+
+
+@app.command(
+    rich_help_panel=OWN,
     short_help="Record anyone's PyBullet script, unchanged.",
     epilog="Example: drop record --duration 10 my_script.py --its-own option",
     context_settings={"allow_interspersed_args": False},
@@ -310,6 +356,7 @@ def record(
     python: given.Python = None,
     keep_sleeping: given.KeepSleeping = False,
     force: given.Force = False,
+    keep: given.Keep = False,
     json: given.Json = False,
 ) -> None:
     """Run a PyBullet script, and record everything that happens.
@@ -318,36 +365,64 @@ def record(
     come before the script; everything after it is passed to the script. Standard output is left to
     the script.
     """
-    import sys
-
-    from drop_physics.console.progress import script_progress
-    from drop_physics.console.show_record import note_ours, show_record
-    from drop_physics.stages.record import record_script
+    from drop_physics.stages.program import digest_of_script
 
     target, *arguments = program
-    note_ours(target, arguments, [name for one in context.command.params for name in one.opts])
-    sys.stdout.flush()
-    with script_progress() as (progress, note):
-        recorded = record_script(
-            target,
-            arguments,
-            is_module=module,
-            out=out,
-            steps=steps,
-            duration_s=duration,
-            seed=seed,
-            twice=twice,
-            python=python,
-            keep_sleeping=keep_sleeping,
-            force=force,
-            stdout=output.descriptor(sys.stderr if json else sys.stdout),
-            note=note,
-            progress=progress,
-        )
+    digest_of_script(target, is_module=module)  # before what takes a second to load
+    from drop_physics.console.show_record import note_ours, show_record
+
+    note_ours(target, arguments, _options(context, context.info_name))
+    recorded = _recorded(
+        target,
+        arguments,
+        to_stderr=json,
+        is_module=module,
+        out=out,
+        steps=steps,
+        duration_s=duration,
+        seed=seed,
+        twice=twice,
+        python=python,
+        keep_sleeping=keep_sleeping,
+        force=force,
+        keep=keep,
+    )
     raise typer.Exit(show_record(recorded, as_json=json))
 
 
+def _options(context: typer.Context, *verbs: str | None) -> set[str]:
+    """Return the names of the options of verbs."""
+    commands = context.find_root().command.commands  # type: ignore[attr-defined]
+    return {name for verb in verbs for one in commands[verb].params for name in one.opts}
+
+
+def _recorded(
+    target: str,
+    arguments: list[str],
+    *,
+    to_stderr: bool = False,
+    **how: Any,  # noqa: ANN401 - handed on
+) -> Recorded:
+    """Record a script, whose standard output goes to ours, or to standard error."""
+    import sys
+
+    from drop_physics.console.progress import script_progress
+    from drop_physics.stages.record import record_script
+
+    sys.stdout.flush()
+    with script_progress() as (progress, note):
+        return record_script(
+            target,
+            arguments,
+            stdout=output.descriptor(sys.stderr if to_stderr else sys.stdout),
+            note=note,
+            progress=progress,
+            **how,
+        )
+
+
 @app.command(
+    rich_help_panel=OWN,
     short_help="How far can a script's result be trusted?",
     epilog="Example: drop trust --duration 10 my_script.py --its-own option",
     context_settings={"allow_interspersed_args": False},
@@ -387,7 +462,7 @@ def trust(
 
     target, *arguments = program
     lengths = lengths_of(within)
-    note_ours(target, arguments, [name for one in context.command.params for name in one.opts])
+    note_ours(target, arguments, _options(context, context.info_name))
     with sweep_progress() as report:
         result = trust(
             target,
@@ -413,32 +488,41 @@ def trust(
 
 
 @app.command(
+    rich_help_panel=RECORDINGS,
     short_help="Describe a recording.",
     epilog="Example: drop info recordings/run.rrd",
 )
-def info(run: given.Run, *, json: given.Json = False) -> None:
+def info(run: given.RunOrNewest = None, *, json: given.Json = False) -> None:
     """Describe a recording: what made it, its length, its bodies, and whether it is complete."""
+    from drop_physics.stages.found import recording_of
+
+    recording = recording_of(run, output.note)
     from drop_physics.console.show_info import show_info
     from drop_physics.stages.info import info
 
-    show_info(info(run), as_json=json)
+    show_info(info(recording), as_json=json)
 
 
 @app.command(
+    rich_help_panel=RECORDINGS,
     short_help="Open recordings in the Rerun viewer.",
     epilog="Example: drop view recordings/run.rrd",
 )
 def view(
-    runs: given.Runs,
+    runs: given.RunsOrNewest = None,
     *,
     web: Annotated[bool, flag("Open them in a browser.", "--web")] = False,
     against: given.Beside = None,
     json: given.Json = False,
 ) -> None:
     """Open recordings and their analyses in the Rerun viewer; end when it is closed."""
+    from drop_physics.stages.found import recording_of
+
+    named: list[Path | None] = [*runs] if runs else [None]
+    recordings = [recording_of(each, output.note) for each in named]
     from drop_physics.console.show_view import show_view
     from drop_physics.stages import view
 
-    with view.view(runs, against=against, web=web) as shown:
+    with view.view(recordings, against=against, web=web) as shown:
         show_view(shown, as_json=json)
         view.show(shown)

@@ -22,6 +22,14 @@ def flag(text: str, *names: str) -> Any:  # noqa: ANN401
 
 
 Run = Annotated[Path, typer.Argument(metavar="RUN.rrd", help="The recording to read.")]
+RunOrNewest = Annotated[
+    Path | None,
+    typer.Argument(
+        metavar="RUN.rrd",
+        help="The recording to read, or the script that it is of. [default: the newest in "
+        "recordings/]",
+    ),
+]
 Json = Annotated[bool, flag("Print one JSON object, for scripts.", "--json")]
 Force = Annotated[bool, flag("Replace files that exist.", "--force")]
 Verbose = Annotated[
@@ -131,11 +139,13 @@ Recording = Annotated[
     Path | None,
     takes(
         "RUN.rrd",
-        "The recording to write. [default: recordings/SCRIPT.rrd, numbered]",
+        "The recording to write. [default: recordings/SCRIPT.rrd, in place of the script's "
+        "earlier one]",
         "--out",
         "-o",
     ),
 ]
+Keep = Annotated[bool, flag("Keep earlier recordings of the script: number this one.", "--keep")]
 Seed = Annotated[int | None, takes("N", "Seed random and numpy.random with N.", parser=an_integer)]
 Twice = Annotated[bool, flag("Run it again, and report the first step that differs.", "--twice")]
 KeepSleeping = Annotated[
@@ -169,7 +179,14 @@ TrustTable = Annotated[
     Path | None, takes("FILE", "Also write all distances to a .csv or .parquet file.")
 ]
 TrustPlot = Annotated[Path | None, takes("FILE", "Also plot them over time, as .png or .svg.")]
-Runs = Annotated[list[Path], typer.Argument(metavar="RUN.rrd", help="The recordings to open.")]
+RunsOrNewest = Annotated[
+    list[Path] | None,
+    typer.Argument(
+        metavar="RUN.rrd",
+        help="The recordings to open, or scripts that they are of. [default: the newest in "
+        "recordings/]",
+    ),
+]
 Beside = Annotated[
     Path | None,
     takes("GOLDEN.rrd", "Show this recording in grey beside it, at the first difference."),

@@ -17,6 +17,10 @@ from typer.models import CommandFunctionType
 from drop_physics.errors import ScenarioError
 from drop_physics.messages import joined
 
+SCRIPT = "SCRIPT.py"
+"""The command of a line that begins with a script."""
+GROUPS = OWN, BOX, RECORDINGS = "Your own script", "The falling box", "Recordings"
+"""Of commands, in the order in which help lists them."""
 SHELLS = ("bash", "zsh", "fish")
 
 
@@ -52,7 +56,23 @@ class Command(TyperCommand):
 
 
 class Commands(TyperGroup):
-    """The list of commands."""
+    """The list of commands, by groups; a script in place of a command is recorded and analyzed."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401, ARG002
+        """Write a section for each group, which a command names as its `rich_help_panel`."""
+        sections: dict[str, list[tuple[str, str]]] = {title: [] for title in GROUPS}
+        for name, command in self.commands.items():
+            title = getattr(command, "rich_help_panel")  # noqa: B009 - of Typer's commands only
+            sections[title].append((name, command.get_short_help_str(formatter.width)))
+        for title, records in sections.items():
+            with formatter.section(title):
+                formatter.write_dl(records)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401
+        """Return the command, and its arguments: of a script the whole line."""
+        if args[0].endswith(".py"):
+            return args[0], self.commands[SCRIPT], args
+        return super().resolve_command(ctx, args)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401
         """Parse the options; those of completion may name a shell, by default the current one."""

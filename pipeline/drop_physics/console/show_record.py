@@ -11,36 +11,53 @@ from drop_physics.console.output import (
     counted,
     made,
     note,
+    pasteable,
     print_json,
     print_lines,
     titled,
 )
 from drop_physics.console.words import SCRIPT
 from drop_physics.fields import all_of
-from drop_physics.messages import Message, translated
+from drop_physics.messages import Message, shell_command, translated
 from drop_physics.trace.events import ENDED
 
 if TYPE_CHECKING:
     from drop_physics.stages.record import Recorded
 
+RECORDED, NEXT = Message("recorded"), Message("next")
 
-def note_ours(target: str, arguments: Sequence[str], ours: Collection[str]) -> None:
-    """Say which of a script's arguments are options of ours, too: perhaps they were meant so."""
+
+def note_ours(
+    target: str, arguments: Sequence[str], ours: Collection[str], *, verb: str | None = None
+) -> None:
+    """Say which of a script's arguments are options of ours, too: perhaps they were meant so.
+
+    `verb` is the one that takes them, where none was typed.
+    """
     names = dict.fromkeys(argument.partition("=")[0] for argument in arguments)
     both = [name for name in names if name.startswith("-") and name in ours]
     if both:
+        where = Message("options of drop stand before it")
+        if verb is not None:
+            where = Message(
+                "options of drop stand before it, in: {command}", command=f"drop {verb}"
+            )
         note(
             Message(
-                "what stands after {target} is its own, {names} included; options of drop stand "
-                "before it",
+                "what stands after {target} is its own, {names} included; {where}",
                 target=target,
                 names=all_of(both),
+                where=where,
             )
         )
 
 
-def show_record(recorded: Recorded, *, as_json: bool) -> int:
-    """Print the recording and how the script ended, and return the exit code."""
+def show_record(recorded: Recorded, *, as_json: bool, analyzed: bool = False) -> int:
+    """Print the recording, how the script ended and what to type next; return the exit code.
+
+    Where the analysis follows, it says what the script failed with.
+    """
+    failed = recorded.ended == "failed"
     if as_json:
         again = {"first_difference": recorded.first_difference} if recorded.twice else {}
         print_json(
@@ -60,16 +77,18 @@ def show_record(recorded: Recorded, *, as_json: bool) -> int:
         )
     else:
         print_lines(*record_lines(recorded), stream=sys.stderr)
-    if recorded.ended != "failed":
-        return 0
-    note(
-        Message(
-            "{failure}; what it did until then is in {recording}",
-            failure=recorded.failure,
-            recording=str(recorded.recording),
+    if failed and not analyzed:
+        note(
+            Message(
+                "{failure}; what it did until then is in {recording}",
+                failure=recorded.failure,
+                recording=str(recorded.recording),
+            )
         )
-    )
-    return 1
+    if not as_json and not analyzed and (failed or recorded.samples):
+        command = shell_command("drop", "analyze", recorded.recording)
+        print_lines(*pasteable(NEXT, command, column=_column(), style="dim"), stream=sys.stderr)
+    return int(failed)
 
 
 def record_lines(recorded: Recorded) -> list[str]:
@@ -82,9 +101,12 @@ def record_lines(recorded: Recorded) -> list[str]:
         megabytes=recorded.bytes / 1e6,
         wall_s=recorded.wall_s,
     )
-    title = Message("recorded")
-    column = 2 + max(columns_of(translated(head)) for head in (title, SCRIPT))
+    column = _column()
     return [
         *titled(SCRIPT, ENDED[recorded.ended], column=column, style="dim"),
-        *made(title, recorded.recording, facts, column=column),
+        *made(RECORDED, recorded.recording, facts, column=column),
     ]
+
+
+def _column() -> int:
+    return 2 + max(columns_of(translated(head)) for head in (SCRIPT, RECORDED, NEXT))

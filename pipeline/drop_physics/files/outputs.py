@@ -19,7 +19,7 @@ from pathlib import Path
 from rich.filesize import decimal
 
 from drop_physics.errors import OutputError
-from drop_physics.messages import Message, shell_command
+from drop_physics.messages import Message
 
 MOST_PARTS = 9
 """Unfinished files under one name: a limit to what killed runs leave behind."""
@@ -61,13 +61,13 @@ def is_part(path: Path) -> bool:
 
 
 def check_target(path: Path, *, force: bool) -> None:
-    """Make sure a file can be written, before any work is done for it.
+    """Make sure a file can be written, before any work is done for it; its folder is created.
 
     Raises
     ------
     OutputError
-        If it exists and `force` is not given, is not a regular file, or its folder is missing or
-        read-only.
+        If it exists and `force` is not given, is not a regular file, or its folder cannot be
+        created or written to.
     """
     folder = path.parent
     try:
@@ -91,13 +91,7 @@ def check_target(path: Path, *, force: bool) -> None:
             )
         if folder.exists() and not folder.is_dir():
             raise OutputError("{folder} is a file, not a folder; give another name", folder=folder)
-        _check_home(folder)
-        if not folder.is_dir():
-            raise OutputError(
-                "the folder {folder} does not exist; create it with: {command}",
-                folder=folder,
-                command=shell_command("mkdir", "-p", folder),
-            )
+        make_folder(folder)
         if not os.access(folder, os.W_OK | os.X_OK):
             raise OutputError(
                 "the folder {folder} cannot be written to; choose another one", folder=folder
@@ -170,6 +164,13 @@ def refused(path: Path) -> OutputError:
     )
 
 
+def numbered(folder: Path, stem: str) -> Iterator[Path]:
+    """Yield STEM.rrd, STEM-2.rrd, … without end."""
+    yield folder / f"{stem}.rrd"
+    for number in itertools.count(2):
+        yield folder / f"{stem}-{number}.rrd"
+
+
 @contextlib.contextmanager
 def reserved(folder: Path, stem: str, *, also: Sequence[str] = ()) -> Iterator[Path]:
     """Yield the first of STEM.rrd, STEM-2.rrd, … that is free, reserved for this process.
@@ -182,10 +183,8 @@ def reserved(folder: Path, stem: str, *, also: Sequence[str] = ()) -> Iterator[P
     OutputError
         If the folder cannot be written to.
     """
-    for number in itertools.count(1):
-        name = stem if number == 1 else f"{stem}-{number}"
-        path = folder / f"{name}.rrd"
-        part, outputs = part_of(path), (path, *(folder / f"{name}{end}" for end in also))
+    for path in numbered(folder, stem):
+        part, outputs = part_of(path), (path, *(folder / f"{path.stem}{end}" for end in also))
         if any(map(os.path.lexists, (part, sealed_of(part), *outputs))):
             continue
         with output_errors(path), contextlib.suppress(FileExistsError):
@@ -202,13 +201,13 @@ def reserved(folder: Path, stem: str, *, also: Sequence[str] = ()) -> Iterator[P
         raise
 
 
-def make_folder(path: Path, option: str) -> None:
+def make_folder(path: Path) -> None:
     """Create a folder for outputs, and its parents, where they are missing.
 
     Raises
     ------
     OutputError
-        If it cannot be created; the message names the option it was given with.
+        If it cannot be created.
     """
     _check_home(path)
     try:
@@ -216,10 +215,9 @@ def make_folder(path: Path, option: str) -> None:
     except (OSError, UnicodeEncodeError) as error:
         reason = getattr(error, "strerror", None) or Message("its name is not UTF-8")
         raise OutputError(
-            "the folder {path} cannot be created: {reason}; choose another with {option}",
+            "the folder {path} cannot be created: {reason}; choose another",
             path=path,
             reason=reason,
-            option=option,
         ) from None
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from drop_physics.errors import RecordingError
 from drop_physics.fields import counted, shown
-from drop_physics.messages import Message, shell_command
+from drop_physics.messages import Message
 from drop_physics.recording import rrd, schema
 from drop_physics.report import LARGEST, EngineReport
 from drop_physics.scenario import STANDARD_CAMERA, Camera, Scenario
@@ -40,16 +40,6 @@ def damaged(path: Path, what: str) -> RecordingError:
     )
 
 
-def unreadable(path: Path, error: OSError) -> RecordingError:
-    """Return the error for a recording that the system does not let us read."""
-    return RecordingError(
-        "{path} cannot be read: {reason}; see: {command}",
-        path=path,
-        reason=error.strerror or str(error),
-        command=shell_command("ls", "-l", path),
-    )
-
-
 def twice(entity: str) -> Message:
     """Return what is wrong with a table that has a step twice."""
     return Message("its {entity} has a step twice", entity=entity)
@@ -64,8 +54,6 @@ def wrong_count(entity: str, count: int, name: str) -> Message:
 
 def again(path: Path) -> Message:
     """Return what to try if a recording is unusable: the command that makes one of its kind."""
-    if path.suffix == ".py":
-        return Message("record it first: drop record")
     first = None
     with contextlib.suppress(rrd.DamagedError, OSError):
         first = next(rrd.chunks(path, unfinished=True), None)

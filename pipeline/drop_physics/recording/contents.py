@@ -10,12 +10,17 @@ from drop_physics.fields import shown
 from drop_physics.files.outputs import free_part_of, is_part
 from drop_physics.messages import Message, shell_command
 from drop_physics.recording import columns, rrd, schema
-from drop_physics.recording.checks import again, damaged, unreadable
+from drop_physics.recording.checks import again, damaged
 from drop_physics.recording.columns import Properties
+from drop_physics.recording.first_look import check_file, unreadable
 from drop_physics.recording.versions import check_version
 
 MOST_VALUES = 1000
 """Limit of a property; the engine's report has about thirty."""
+
+
+class ForeignError(RecordingError):
+    """A recording that another program made with Rerun."""
 
 
 def chunks_of(path: Path) -> Iterator[rrd.Chunk]:
@@ -28,31 +33,11 @@ def chunks_of(path: Path) -> Iterator[rrd.Chunk]:
     """
     only: str | None = None
     try:
-        if path.is_dir():
-            inside = [*path.glob("*.rrd"), *path.glob("recordings/*.rrd")]
-            inside = [
-                each
-                for each in inside
-                if each.is_file() and not each.name.endswith(".analysis.rrd")
-            ]
-            raise RecordingError(
-                "{path} is a folder; name a recording in it, such as {file}",
-                path=path,
-                file=min(inside, default=path / "run.rrd"),
-            )
-        if not path.exists():
-            raise RecordingError(
-                "{path} does not exist; make it with drop record or drop simulate", path=path
-            )
-        if not path.is_file():
-            raise RecordingError(
-                "{path} is not a recording: it is not a regular file; make one with: drop simulate",
-                path=path,
-            )
+        check_file(path)
         for chunk in rrd.chunks(path, unfinished=is_part(path)):
             only = chunk.recording_id if only is None else only
             if chunk.application_id != schema.APPLICATION_ID:
-                raise RecordingError(
+                raise ForeignError(
                     "{path} must be a recording made by drop, got one made by {application}; "
                     "{again}",
                     path=path,
@@ -88,6 +73,35 @@ def is_script(path: Path) -> bool:
     """
     first = next(chunks_of(path), None)
     return first is not None and first.entity == f"__properties/{schema.ORIGIN_PROPERTY}"
+
+
+def beginning_of(path: Path) -> tuple[str, Properties] | None:
+    """Return the name and the values of the property that a recording begins with; None of a layer.
+
+    Raises
+    ------
+    RecordingError
+        If it is missing, damaged, or not a recording of ours.
+    """
+    first = next(chunks_of(path), None)
+    if first is None or not first.entity.startswith("__properties/"):
+        return None
+    return first.entity.removeprefix("__properties/"), columns.values(first, path)
+
+
+def properties_of(path: Path) -> dict[str, Properties]:
+    """Return the properties of a recording, by name.
+
+    Raises
+    ------
+    RecordingError
+        If it is missing, damaged, or not a recording of ours.
+    """
+    properties: dict[str, Properties] = {}
+    for chunk in chunks_of(path):
+        if chunk.entity.startswith("__properties/"):
+            gather(properties, chunk, path)
+    return properties
 
 
 def gather(properties: dict[str, Properties], chunk: rrd.Chunk, path: Path) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from drop_physics.errors import RecordingError
 from drop_physics.recording import schema
+from drop_physics.recording.first_look import LAYER
 from drop_physics.recording.reader import entities
 
 _TOP = {
@@ -17,7 +18,7 @@ _TOP = {
 
 def layer_of(recording: Path) -> Path:
     """Return the layer's name beside a recording: `run.rrd` has `run.analysis.rrd`."""
-    return recording.with_name(recording.name.removesuffix(".rrd") + ".analysis.rrd")
+    return recording.with_name(recording.name.removesuffix(".rrd") + LAYER)
 
 
 def is_layer(path: Path) -> bool:

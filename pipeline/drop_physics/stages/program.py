@@ -61,7 +61,7 @@ def _integer(option: str, value: object) -> int | None:
         raise outside(option, Message("a whole number"), value) from None
 
 
-def digest_of_script(target: str, is_module: bool) -> str | None:
+def digest_of_script(target: str, *, is_module: bool) -> str | None:
     """Return the digest of a script's text; None for a module, which is not looked up here."""
     if not isinstance(target, str | os.PathLike):
         raise ScenarioError(

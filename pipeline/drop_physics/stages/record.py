@@ -20,15 +20,15 @@ import numpy as np
 
 from drop_physics.engines.pybullet import script as running
 from drop_physics.engines.pybullet.script import Program
-from drop_physics.errors import check_suffix
 from drop_physics.fields import all_of
-from drop_physics.files.outputs import check_apart, check_target, make_folder, reserved
+from drop_physics.files.outputs import check_apart
 from drop_physics.messages import Message
 from drop_physics.recording import schema, writer
 from drop_physics.recording.about import about_script
 from drop_physics.recording.layout import layout
 from drop_physics.recording.recorder import Recorder
 from drop_physics.shown import Shown
+from drop_physics.stages.found import name_of, path_digest
 from drop_physics.stages.missing_file import missing_file
 from drop_physics.stages.program import (
     SEEDED_CLOCK_S,
@@ -38,9 +38,9 @@ from drop_physics.stages.program import (
     encodable,
     texts_of,
 )
+from drop_physics.stages.record_target import target_of
 from drop_physics.trace.events import Ending
 
-FOLDER = Path("recordings")
 NAMED_AFTER_S = 60.0
 """A script without a limit that runs longer [s] may never end."""
 CANNOT_LOAD = "pybullet.error: Cannot load"
@@ -87,6 +87,7 @@ def record_script(
     python: str | None = None,
     keep_sleeping: bool = False,
     force: bool = False,
+    keep: bool = False,
     stdout: int = 1,
     note: Callable[[str], None] = lambda _: None,
     progress: Callable[[float, int], None] | None = None,
@@ -102,7 +103,8 @@ def record_script(
     is_module
         Whether it is run as `python -m` does.
     out
-        The recording to write; None puts it into `recordings`, under the script's name.
+        The recording to write; None puts it into `recordings`, under the script's name, where it
+        replaces an earlier one of the same script if it has a step.
     steps, duration_s
         Number of steps, and simulated time [s], after which it is stopped; None for never.
     seed
@@ -115,7 +117,9 @@ def record_script(
     keep_sleeping
         Whether its sleeps take time.
     force
-        Whether an existing recording may be replaced.
+        Whether an existing recording may be replaced, whatever it is of.
+    keep
+        Whether an earlier recording of the script stays, if this one is given no name.
     stdout
         File descriptor of its standard output.
     note
@@ -134,7 +138,7 @@ def record_script(
         If the interpreter cannot be started.
     """
     began = time.perf_counter()
-    digest, arguments = digest_of_script(target, is_module), texts_of(arguments)
+    digest, arguments = digest_of_script(target, is_module=is_module), texts_of(arguments)
     steps, duration_s, seed = checked_limits(steps, duration_s, seed)
     interpreter = python or sys.executable
     # A script may compute with the time of day: a second run must see the same.
@@ -144,9 +148,10 @@ def record_script(
     )
     recorder = Recorder({schema.ORIGIN_PROPERTY: _origin(program, digest)}, compared=twice)
     recording_id = uuid.uuid4().hex
-    with _target(target, out, force=force) as path:
+    placed = target_of(target, out, is_module=is_module, keep=keep, force=force)
+    with placed as place:
         if not is_module:
-            check_apart([path], inputs=[Path(target)])
+            check_apart([place.path], inputs=[Path(target)])
         endless = steps is None and duration_s is None
         tell = progress or (_named_later(note) if endless else _silent)
         with (
@@ -156,12 +161,14 @@ def record_script(
             ended = written(
                 process,
                 recorder,
-                path,
+                place.path,
+                name=place.name,
                 recording_id=recording_id,
                 force=force,
                 note=note,
                 full=lambda: process.stop("disk"),
             )
+        path = place.settled(stepped=process.decoder.steps > 0)
     for sentence in _worth_knowing(process, recorder, ended, keep_sleeping=keep_sleeping):
         note(sentence)
     compared, again = False, None
@@ -179,7 +186,8 @@ def _origin(program: Program, digest: str | None) -> dict[str, Any]:
     target = program.target
     return {
         "kind": "script",
-        "script": encodable(f"-m {target}" if program.is_module else Path(target).name),
+        "script": name_of(target, is_module=program.is_module),
+        "script_path_sha256": None if program.is_module else path_digest(target),
         "script_sha256": digest,
         "arguments": [*map(encodable, program.arguments)] or None,
         "seed": program.seed,
@@ -230,10 +238,14 @@ def written(
     recorder: Recorder,
     path: Path,
     *,
+    name: str | None = None,
     recording_id: str,
     **how: Any,  # noqa: ANN401 - as `writer.record` takes it
 ) -> Ending:
-    """Write what a running script or block does, and return how it ended."""
+    """Write what a running script or block does, and return how it ended.
+
+    The recording is called `name` in Rerun's lists; by default as its file.
+    """
     endings: list[Ending] = []
 
     def ending() -> Ending:
@@ -251,7 +263,7 @@ def written(
     )
     writer.record(
         path,
-        writer.named(chunks, path.stem),
+        writer.named(chunks, name or path.stem),
         recording_id=recording_id,
         blueprint=(lambda: layout(recorder.look())) if recorder.drawn else None,
         **how,
@@ -370,21 +382,6 @@ def _again(
             )
         )
     return True, first
-
-
-@contextlib.contextmanager
-def _target(target: str, out: Path | str | None, *, force: bool) -> Iterator[Path]:
-    """Yield the recording to write: the one given, or the first free name for the script."""
-    if out is not None:
-        path = Path(out)
-        check_target(path, force=force)
-        check_suffix("--out", path, (".rrd",))
-        yield path
-        return
-    make_folder(FOLDER, "--out")
-    stem = Path(target).stem if target.endswith(".py") else Path(target).name
-    with reserved(FOLDER, stem) as path:
-        yield path
 
 
 @contextlib.contextmanager

@@ -54,7 +54,7 @@ def run(
     OutputError
         If the folder or a file cannot be written.
     """
-    make_folder(Path(out_dir), "--out-dir")
+    make_folder(Path(out_dir))
     free = reserved(Path(out_dir), "run", also=_DERIVED)
     with free as path, Worker() as assistant:
         if camera is not None:

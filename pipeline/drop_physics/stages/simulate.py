@@ -91,11 +91,12 @@ def simulate(
     """
     began = time.perf_counter()
     path = Path(out)
+    body = find_body(scenario.body)
     check_target(path, force=force)
     check_suffix("--out", path, (".rrd",))
     _check_size(path, scenario.steps + 1, note)
     _note_gravity(scenario, note)
-    check_apart([path], inputs=[find_body(scenario.body)])
+    check_apart([path], inputs=[body])
     recording_id = uuid.uuid4().hex
     frames = 0 if camera is None else camera.frames_of(scenario.steps)
     url = None if viewer is None else viewer()

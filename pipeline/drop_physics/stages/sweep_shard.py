@@ -136,7 +136,7 @@ class RunShard:
 
     def _recording(self, run: int) -> Path:
         path = self._home.recording(self.plan, run)
-        make_folder(path.parent, "--out")
+        make_folder(path.parent)
         return path
 
     def _fall(self, scenario: Scenario, path: Path | None) -> tuple[Moment, float]:

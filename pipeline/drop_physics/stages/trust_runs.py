@@ -173,7 +173,7 @@ class TrustFolder:
         OutputError
             If it holds something else, is in use, or cannot be written.
         """
-        make_folder(self.path, "--out")
+        make_folder(self.path)
         with opened(self.path / ".lock") as handle:
             lock(
                 handle,
@@ -303,7 +303,7 @@ def identity_of(program: Program) -> dict[str, Any]:
     return {
         "kind": "script",
         "script": f"-m {target}" if program.is_module else Path(target).name,
-        "script_sha256": digest_of_script(target, program.is_module),
+        "script_sha256": digest_of_script(target, is_module=program.is_module),
         "arguments": [*program.arguments] or None,
         "seed": program.seed,
         "steps": program.steps,

@@ -94,8 +94,8 @@ class Folder:
         OutputError
             If it holds another sweep, is in use by another process, or cannot be created.
         """
-        make_folder(self.path, "--out")
-        make_folder(self._parts, "--out")
+        make_folder(self.path)
+        make_folder(self._parts)
         try:
             with opened(self.path / ".lock") as handle:
                 lock(

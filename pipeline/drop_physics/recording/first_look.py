@@ -1,0 +1,74 @@
+"""Whether a file can be a recording, and which a folder holds: nothing heavy is loaded for that."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from drop_physics.errors import RecordingError
+from drop_physics.messages import Message, shell_command
+
+BEGINNING = b"RRF2"
+"""The first bytes of each of Rerun's files."""
+LAYER = ".analysis.rrd"
+"""How the name of an analysis layer ends."""
+
+
+def check_file(path: Path) -> None:
+    """Make sure that there is such a file, and that it begins like one of Rerun's.
+
+    Raises
+    ------
+    RecordingError
+        If it does not; the message says what to try.
+    """
+    if path.is_dir():
+        inside = recordings_in(path) or recordings_in(path / "recordings")
+        raise RecordingError(
+            "{path} is a folder; name a recording in it, such as {file}",
+            path=path,
+            file=min(inside, default=path / "run.rrd"),
+        )
+    if not path.exists():
+        raise RecordingError(
+            "{path} does not exist; make it with drop record or drop simulate", path=path
+        )
+    if not path.is_file():
+        raise RecordingError(
+            "{path} is not a recording: it is not a regular file; make one with: drop simulate",
+            path=path,
+        )
+    try:
+        with path.open("rb") as file:
+            beginning = file.read(len(BEGINNING))
+    except OSError as error:
+        raise unreadable(path, error) from None
+    if beginning != BEGINNING and not (path.name.endswith(".part") and not beginning):
+        raise RecordingError(
+            "{path} is not a Rerun recording; {make}",
+            path=path,
+            make=Message(
+                "record it first: {command}", command=shell_command("drop", "record", path)
+            )
+            if path.suffix == ".py"
+            else Message("make one with: drop record, or drop simulate"),
+        )
+
+
+def unreadable(path: Path, error: OSError) -> RecordingError:
+    """Return the error for a recording that the system does not let us read."""
+    return RecordingError(
+        "{path} cannot be read: {reason}; see: {command}",
+        path=path,
+        reason=error.strerror or str(error),
+        command=shell_command("ls", "-l", path),
+    )
+
+
+def recordings_in(folder: Path) -> list[Path]:
+    """Return the files directly in a folder that have a recording's name, the newest first."""
+    found = [
+        (path.stat().st_mtime_ns, path)
+        for path in folder.glob("*.rrd")
+        if path.is_file() and not path.name.endswith(LAYER)
+    ]
+    return [path for _, path in sorted(found, reverse=True)]

@@ -1,0 +1,151 @@
+"""Which recording is meant: the one named, that of a script, or the newest there is."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from drop_physics.errors import RecordingError
+from drop_physics.messages import Message, shell_command
+from drop_physics.recording.first_look import check_file, recordings_in
+from drop_physics.stages.program import encodable
+
+FOLDER = Path("recordings")
+"""Where recordings go that are given no name, in the working directory."""
+SCRIPT_SUFFIX = ".py"
+_GOLDEN = re.compile(r"(?<![^\W_])golden(?![^\W_])", re.IGNORECASE)
+
+Origin = dict[str, Any]
+"""What a recording says of the script that it was made of; empty of a drop."""
+
+
+def recording_of(given: Path | None, note: Callable[[str], None] = lambda _: None) -> Path:
+    """Return the recording that is meant by what is given.
+
+    Parameters
+    ----------
+    given
+        A recording; a script, for the newest that was made of it; None for the newest of all.
+    note
+        Called with a sentence that names the recording, where it was not named.
+
+    Raises
+    ------
+    RecordingError
+        If there is none, or the file is not a recording.
+    """
+    if given is None:
+        found = next((path for path, _ in _recordings()), None)
+        if found is None:
+            raise RecordingError(
+                "there is no recording in {folder}; make one with: drop record SCRIPT.py, or name "
+                "the file",
+                folder=FOLDER,
+            )
+        note(Message("{recording} is the newest recording", recording=str(found)))
+        return found
+    if given.suffix == SCRIPT_SUFFIX:
+        return _of_script(given, note)
+    check_file(given)
+    return given
+
+
+def _of_script(script: Path, note: Callable[[str], None]) -> Path:
+    again = shell_command("drop", "record", script)
+    for path, origin in _recordings():
+        if not is_of(origin, str(script), is_module=False, where_unknown=True):
+            continue
+        words = {"recording": str(path), "script": str(script)}
+        if text_digest(script) == origin.get("script_sha256"):
+            note(Message("{recording} is the newest recording of {script}", **words))
+        else:
+            note(
+                Message(
+                    "{recording} is the newest recording of {script}, which has changed since; "
+                    "record it again: {again}",
+                    **words,
+                    again=again,
+                )
+            )
+        return path
+    raise RecordingError(
+        "there is no recording of {script} in {folder}; make one with: {again}",
+        script=script,
+        folder=FOLDER,
+        again=again,
+    )
+
+
+def is_of(origin: Origin, target: str, *, is_module: bool, where_unknown: bool = False) -> bool:
+    """Whether a recording was made of a script, by its resolved path, or of a module, by its name.
+
+    `where_unknown` is returned of recordings that do not say where a script of that name was.
+    """
+    if origin.get("script") != name_of(target, is_module=is_module):
+        return False
+    if is_module:
+        return True
+    place = origin.get("script_path_sha256")
+    return where_unknown if place is None else bool(place == path_digest(target))
+
+
+def name_of(target: str, *, is_module: bool) -> str:
+    """Return how a recording names a script, or a module."""
+    return encodable(f"-m {target}" if is_module else Path(target).name)
+
+
+def stem_of(target: str) -> str:
+    """Return the name of a script's recordings, without suffix and number."""
+    return Path(target).stem if target.endswith(SCRIPT_SUFFIX) else Path(target).name
+
+
+def path_digest(target: str) -> str:
+    """Return the digest of a script's resolved path, which names no folder."""
+    return hashlib.sha256(bytes(Path(target).resolve())).hexdigest()
+
+
+def text_digest(script: Path) -> str | None:
+    """Return the digest of a script's text; None where it cannot be read."""
+    try:
+        return hashlib.sha256(script.read_bytes()).hexdigest()
+    except OSError:
+        return None
+
+
+def _recordings() -> Iterator[tuple[Path, Origin]]:
+    """Yield the recordings in the folder with their origins, the newest first.
+
+    Layers, golden recordings and what other programs made are left out. One that is damaged is not:
+    an older one would be taken for the newest without a word.
+    """
+    for path in recordings_in(FOLDER):
+        origin = origin_of(path)
+        if origin is None or (_GOLDEN.search(path.stem) and not _named_after(path, origin)):
+            continue
+        yield path, origin
+
+
+def origin_of(path: Path) -> Origin | None:
+    """Return a recording's origin, empty of a drop; None if a file is no recording of ours."""
+    from drop_physics.recording import schema  # which take half a second to load
+    from drop_physics.recording.contents import ForeignError, beginning_of
+
+    try:
+        began = beginning_of(path)
+    except ForeignError:
+        return None
+    except RecordingError:
+        return {}
+    if began is None:
+        return None
+    name, values = began
+    return values if name == schema.ORIGIN_PROPERTY else {}
+
+
+def _named_after(path: Path, origin: Origin) -> bool:
+    """Whether a recording has the name that its script gives it."""
+    stem = stem_of(str(origin.get("script", "")).removeprefix("-m "))
+    return re.fullmatch(rf"{re.escape(stem)}(-\d+)?", path.stem) is not None

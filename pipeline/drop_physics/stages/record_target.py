@@ -1,0 +1,146 @@
+"""Where a script's recording goes, and which earlier one of the same script it replaces.
+
+It is written under a name that is free, and takes the earlier one's only once it is whole: until
+then, and if it has no step, that one stays.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from drop_physics.errors import RecordingError, ScenarioError, check_suffix
+from drop_physics.files.outputs import check_target, make_folder, numbered, reserved
+from drop_physics.recording.contents import properties_of
+from drop_physics.recording.layer_file import is_layer, layer_of
+from drop_physics.recording.reader import listed, recording_id
+from drop_physics.recording.schema import RECORDING_PROPERTY
+from drop_physics.stages.found import FOLDER, is_of, origin_of, stem_of
+
+
+@dataclass(frozen=True)
+class Earlier:
+    """A recording that may be replaced, as it was before the script ran."""
+
+    path: Path
+    status: os.stat_result
+
+    def is_unchanged(self) -> bool:
+        """Whether it is still that file: another process may have replaced it."""
+        try:
+            now = self.path.stat()
+        except OSError:
+            return False
+        return os.path.samestat(now, self.status) and now.st_mtime_ns == self.status.st_mtime_ns
+
+
+@dataclass(frozen=True)
+class Target:
+    """The recording to write."""
+
+    path: Path
+    """Where it is written."""
+    earlier: list[Earlier] = field(default_factory=list)
+    """Recordings that it may replace, the one whose name it is to have first."""
+
+    @property
+    def name(self) -> str:
+        """What the recording is called in Rerun's lists."""
+        return (self.earlier[0].path if self.earlier else self.path).stem
+
+    def settled(self, *, stepped: bool) -> Path:
+        """Give the whole recording its name, and return that; the layer of one replaced goes too.
+
+        A recording without a step replaces only one without.
+        """
+        without_step = (each for each in self.earlier if not _has_step(each.path))
+        for each in self.earlier[:1] if stepped else without_step:
+            if each.is_unchanged():
+                _replace(each.path, self.path)
+                return each.path
+        return self.path
+
+
+@contextlib.contextmanager
+def target_of(
+    script: str,
+    out: Path | str | None,
+    *,
+    is_module: bool,
+    keep: bool,
+    force: bool,
+) -> Iterator[Target]:
+    """Yield the recording to write.
+
+    Parameters
+    ----------
+    script, is_module
+        The script's path, or a module's name.
+    out
+        The recording's name; None for one in `recordings`, under the script's name.
+    keep
+        Whether an earlier recording of the script stays.
+    force
+        Whether what has the name is replaced, whatever it is.
+
+    Raises
+    ------
+    ScenarioError
+        If `keep` is given with `out` or `force`, or the name has another suffix.
+    OutputError
+        If the recording cannot be written.
+    """
+    if keep and (out is not None or force):
+        raise ScenarioError(
+            "--keep numbers recordings that are given no name; omit it, or --out and --force"
+        )
+    if out is not None:
+        path = Path(out)
+        check_target(path, force=force)
+        check_suffix("--out", path, (".rrd",))
+        yield Target(path)
+        return
+    make_folder(FOLDER)
+    stem = stem_of(script)
+    with reserved(FOLDER, stem) as path:
+        earlier = [] if keep else [*_earlier(stem, path, script, is_module=is_module, force=force)]
+        yield Target(path, earlier)
+
+
+def _earlier(
+    stem: str, free: Path, script: str, *, is_module: bool, force: bool
+) -> Iterator[Earlier]:
+    """Yield what stands under the names before the free one and was made of the same script."""
+    for path in numbered(FOLDER, stem):
+        if path == free:
+            return
+        if path.is_symlink() or not path.is_file():
+            continue
+        status, origin = path.stat(), origin_of(path)
+        if force or (origin is not None and is_of(origin, script, is_module=is_module)):
+            yield Earlier(path, status)
+        force = False  # which is about the name without a number
+
+
+def _has_step(path: Path) -> bool:
+    """Whether a recording has a step; one that cannot be read counts as one that has."""
+    try:
+        closing = properties_of(path).get(RECORDING_PROPERTY, {})
+    except RecordingError:
+        return True
+    clients = len(listed(closing.get("samples_of_clients")))
+    return bool(closing.get("samples", 0) > clients)  # each has one before its first step
+
+
+def _replace(earlier: Path, path: Path) -> None:
+    """Give a recording an earlier one's name; the layer of that one is deleted."""
+    layer, theirs = layer_of(earlier), None
+    with contextlib.suppress(RecordingError):
+        theirs = recording_id(earlier)
+    path.replace(earlier)
+    with contextlib.suppress(RecordingError):
+        if layer.is_file() and is_layer(layer) and recording_id(layer) == theirs:
+            layer.unlink()
