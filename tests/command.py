@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from unittest.mock import patch
 
-from drop_physics.console import running
+from drop_physics import workers
 from drop_physics.console.running import main
 from drop_physics.sweeping.engines import dismiss
 
@@ -72,7 +72,7 @@ def run_here(
         stack.enter_context(patch.dict(os.environ, environment, clear=True))
         stack.enter_context(patch.object(sys, "argv", ["drop", *map(str, arguments)]))
         stack.enter_context(contextlib.chdir(folder))
-        stack.enter_context(patch.object(running, "leave_out_pandas"))
+        stack.enter_context(patch.object(workers, "leave_out_pandas"))
         stack.callback(dismiss)  # workers that got ready, and end with the process
         try:
             main()

@@ -33,6 +33,7 @@ from drop_physics.compare import difference as checking
 from drop_physics.compare.comparison import Comparison, compare
 from drop_physics.compare.difference import Difference, Side
 from drop_physics.compare.tolerance import IN_CONTACT_M
+from drop_physics.console.show_check import first_words
 from drop_physics.errors import OutputError, RecordingError
 from drop_physics.recording import schema
 from drop_physics.recording.frames import frames
@@ -800,10 +801,13 @@ def test_what_the_engine_does_not_report_shows_in_the_motion(
 
 
 def test_a_joint_of_a_robot_is_named(recording: Record, golden: Path) -> None:
-    result = compared(recording(("targetVelocity=1", "targetVelocity=2")), golden)
+    path = recording(("targetVelocity=1", "targetVelocity=2"))
+    result = compared(path, golden)
     assert result.first is not None
     assert (result.first.body, result.first.link, result.first.part) == ("2_arm", 0, "hinge")
     assert result.first.column == "joint_position"
+    words = f"step {result.first.step}, hinge {result.first.difference:+.2g} rad"
+    assert first_words(check(path, golden)) == words
     largest = {each.quantity: each for each in result.largest}
     # It is 0.24 rad ahead after 60 steps, its centre of mass 0.2 m from the hinge.
     turn = largest["joint_position"]

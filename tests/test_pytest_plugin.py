@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
 
 import pytest
 from clients import release_clients
+from command import wait_for
 from drop_physics import analyze
 from drop_physics.recording.other_layer import is_drawn
 from drop_physics.recording.reader import read
 from drop_physics.stages import check, record_block  # noqa: F401  # what a project's tests import
+from drop_physics.stages.record_block import BlockWriter
 from drop_physics.trace.tables import table_of
+from test_faults import is_alive
 
 pytest_plugins = ["pytester"]
 
@@ -72,11 +77,92 @@ def test_a_golden_is_made_and_then_holds(
     assert not summary.exists()
     code, text = run(project, wrong)
     assert code == 1
+    assert (
+        "FAILED tests/test_box.py::test_box - Failed: golden box: step 0, 0_box z_m +0.001" in text
+    )
     assert "differs" in text
-    assert "step 0" in text
     assert "1.001" in text
     assert golden.read_bytes() == before
     assert "1.001" in summary.read_text()
+
+
+def test_one_process_records_all_tests_of_a_run_and_ends_with_it(
+    project: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Unless it dies: then that test says so, and the next has another."""
+    started: list[BlockWriter] = []
+
+    class Counted(BlockWriter):
+        def __init__(self) -> None:
+            super().__init__()
+            started.append(self)
+
+    monkeypatch.setattr(record_block, "BlockWriter", Counted)
+    monkeypatch.setattr(record_block, "kill", lambda: started[-1]._process.kill(), raising=False)
+    kill = "from drop_physics.stages import record_block; record_block.kill(); "
+    blocks = ["box.drop(1)", "box.drop(1); 1 / 0", "pass", "box.drop(1)", kill + "box.drop(1)"]
+    tests = {f"number_{number}": block(body) for number, body in enumerate([*blocks, blocks[0]])}
+    monkeypatch.setenv("COLUMNS", "200")
+    code, text = run(project, tests, "--update-golden")
+    assert code == 1
+    assert ".FF.F." in text
+    assert "number_4 - drop_physics.errors.OutputError: " in text
+    assert "the process that writes the recording ended" in text
+    assert len(started) == 2
+    assert all(each._process.poll() is not None for each in started)
+
+
+NAMES = ("calendar", "queue", "random", "statistics", "types")
+LIGHT = """
+import box, sys
+def test_first(golden_recording):
+    with golden_recording("first"):
+        box.drop(1)
+def test_second(golden_recording):
+    with golden_recording("second"):
+        box.drop(1)
+    assert not {"polars", "pyarrow", "rerun", "PIL"} & set(sys.modules)
+"""
+
+
+@pytest.mark.long
+def test_with_xdist_beside_modules_called_as_pythons_and_without_ours(
+    project: pytest.Pytester,
+) -> None:
+    """What the process that records imports is not what lies beside the tests."""
+    (project.path / "tests/test_box.py").write_text(LIGHT)
+    for name in NAMES:
+        (project.path / f"tests/{name}.py").write_text("raise SystemError")
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-n", "2", "tests"]
+    for more in ("--update-golden", "-v"):
+        done = subprocess.run(
+            [*command, more], cwd=project.path, capture_output=True, text=True, check=False
+        )
+        assert "2 passed" in done.stdout, done.stdout + done.stderr
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_an_interrupted_run_leaves_a_whole_recording_and_no_process(
+    project: pytest.Pytester, number: signal.Signals
+) -> None:
+    body = "box.drop(1); open('there', 'w').close(); [box.drop(1) for _ in iter(int, 1)]"
+    (project.path / "tests/test_box.py").write_text(
+        f"import box\ndef test_box(golden_recording):\n{block(body)}"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--basetemp=new", "tests"],
+        cwd=project.path,
+        stdout=subprocess.PIPE,
+        start_new_session=True,
+    )
+    wait_for((project.path / "there").exists, "the test did not come so far")
+    os.killpg(process.pid, signal.SIGINT) if number == signal.SIGINT else process.kill()
+    process.communicate()
+    assert process.returncode == (2 if number == signal.SIGINT else -signal.SIGKILL)
+    wait_for(lambda: not is_alive(process.pid), "a process was left behind")
+    recording = project.path / "new/test_box0/golden_recording.rrd"
+    assert len(read(recording).states) >= 25
 
 
 @pytest.mark.long

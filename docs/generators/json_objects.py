@@ -250,8 +250,9 @@ PLACE = _object(
     value=float | str | None,
     golden=float | str | None,
     difference=float | None,
+    unit=None,
 )
-INPUT = _object(Difference, set(), column=None)
+INPUT = _object(Difference, set(), column=None, unit=None)
 INPUT = INPUT._replace(
     keys={"name": str, **INPUT.keys, "value": Any, "golden": Any},
     descriptions=PLACE.descriptions

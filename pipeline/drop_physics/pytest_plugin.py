@@ -4,8 +4,8 @@
         with golden_recording("pick"):
             run_my_simulation()
 
-pytest loads this file in every project where `drop` is installed, so it imports nothing heavy until
-the fixture is used.
+pytest loads this file in every project where `drop` is installed, so it imports nothing heavy. All
+that does is imported by a process that records and compares, one for the whole run of pytest.
 """
 
 from __future__ import annotations
@@ -15,10 +15,17 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
+if TYPE_CHECKING:
+    from drop_physics.stages.record_block import BlockWriter
+
 GoldenRecording = Callable[..., AbstractContextManager[None]]
+WRITERS: pytest.StashKey[list[BlockWriter]] = pytest.StashKey()
+"""The processes that record, in pytest's configuration: one, or more for blocks within blocks."""
+JUDGE = "drop_physics.console.show_golden:failure"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -40,32 +47,41 @@ def golden_recording(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator
     to its recording.
     """
     from drop_physics.errors import DropError
-    from drop_physics.stages.record_block import record
+    from drop_physics.stages.record_block import Block, BlockWriter, record
 
     folder = request.path.parent / "golden"
     update = bool(request.config.getoption("--update-golden"))
     first = tmp_path / "golden_recording.rrd"
     watching = ExitStack()
-    begun = [watching.enter_context(record(first, drawn=not update))]
+
+    def begin() -> tuple[BlockWriter, Block]:
+        writers = request.config.stash.setdefault(WRITERS, [])
+        writer = next((each for each in writers if each.idle), None)
+        if writer is None:
+            writers.append(writer := BlockWriter())
+            request.config.add_cleanup(writer.close)
+        # Verified as it is compared: that reads all of it.
+        block = record(first, drawn=not update, verified=False, force=True, writer=writer)
+        return writer, watching.enter_context(block)
+
+    begun = [begin()]
 
     @contextmanager
     def recorded(name: str, tolerance: float | str = 0.0) -> Iterator[None]:
         golden, allowed_m = _named(folder, name), _length(tolerance)
         path = tmp_path / f"{name}.rrd"
         path.parent.mkdir(parents=True, exist_ok=True)
-        if not begun:
-            begun.append(watching.enter_context(record(first, drawn=not update, force=True)))
-        block = begun.pop()
+        writer, block = begun.pop() if begun else begin()
         before = block.steps
         with watching:
             yield
         first.replace(path)
+        summary = os.environ.get("GITHUB_STEP_SUMMARY")
         try:
-            failure = (
-                NO_STEP
-                if block.steps == before
-                else _failure(path, golden, allowed_m, update=update)
-            )
+            failure = NO_STEP
+            if block.steps != before:
+                writer.ask(JUDGE, name, path, golden, allowed_m, update, summary)
+                failure = writer.answer()
         except DropError as error:
             failure = str(error)
         if failure:
@@ -105,26 +121,3 @@ def _length(tolerance: float | str) -> float:
             'write for example tolerance="1e-9"',
             pytrace=False,
         )
-
-
-def _failure(path: Path, golden: Path, tolerance_m: float, *, update: bool) -> str:
-    """Compare a block's recording with the golden one, or replace that; return what is wrong."""
-    from drop_physics.stages.check import check
-
-    if update:
-        golden.parent.mkdir(parents=True, exist_ok=True)
-        check(path, golden, tolerance_m=tolerance_m, update=True)
-        return ""
-    if not golden.exists():
-        return f"there is no golden recording {golden}; make it with: pytest --update-golden"
-    checked = check(path, golden, tolerance_m=tolerance_m)
-    if checked.same:
-        return ""
-    if summary := os.environ.get("GITHUB_STEP_SUMMARY"):
-        from drop_physics.console.show_check import append_summary
-
-        append_summary(checked, Path(summary))
-    return (
-        f"{checked}\nif the change is intended: pytest --update-golden; to look at both: "
-        f"drop view {path} {golden}"
-    )

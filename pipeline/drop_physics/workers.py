@@ -19,7 +19,8 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from importlib.abc import MetaPathFinder
 from pathlib import Path
 from typing import IO, Any, Self
 
@@ -37,6 +38,9 @@ LEAST_FILES = 64
 """Files that may have to be open at once: a sweep on four cores needs half as many."""
 LEAST_ADDRESSES_KB = 3_000_000
 """Address space in which every command is sure to begin; most of it is reserved and never used."""
+
+FINISHES = "finishes"
+"""Argument of a worker's process."""
 
 PR_SET_PDEATHSIG = 1
 """From Linux's `sys/prctl.h`."""
@@ -120,6 +124,24 @@ def silence() -> None:
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 
+class WithoutPandas(MetaPathFinder):
+    """Says of pandas that it is not installed."""
+
+    def find_spec(self, fullname: str, *_: object) -> None:
+        """Raise what an import raises of a module that is missing; find nothing else."""
+        if fullname == "pandas":
+            raise ModuleNotFoundError(fullname, name=fullname)
+
+
+def leave_out_pandas() -> None:
+    """Let pyarrow do without pandas, which it else imports for its first list, if installed.
+
+    That takes as long as all of ours, and nothing here needs it. What a script imports is its own:
+    it runs in another process.
+    """
+    sys.meta_path.insert(0, WithoutPandas())
+
+
 def our_environment() -> dict[str, str]:
     """Return the environment for a process of our own: quiet, and with our modules only."""
     ours = {name: value for name, value in os.environ.items() if name not in LOUD}
@@ -140,19 +162,28 @@ class Worker:
     It starts at once, and imports a function's module when it is first asked for. Questions are
     answered in order. Take all answers before asking another large question.
 
+    Parameters
+    ----------
+    finishes
+        Whether it answers what it was asked even if we close it or are gone; else it ends at once.
+    pass_fds
+        File descriptors that it has, too, under the same numbers.
+
     Raises
     ------
     DropError
         If the process cannot be started.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, finishes: bool = False, pass_fds: Sequence[int] = ()) -> None:
+        self._finishes, self._answered = finishes, True
         try:
             with _interrupts_blocked():
                 self._process = subprocess.Popen(
-                    [sys.executable, "-P", "-m", __name__],
+                    [sys.executable, "-P", "-m", __name__, *[FINISHES] * finishes],
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
+                    pass_fds=pass_fds,
                     # One thread each: there are as many of us as there are cores.
                     env={**our_environment(), "OPENBLAS_NUM_THREADS": "1"},
                 )
@@ -168,14 +199,20 @@ class Worker:
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    @property
+    def idle(self) -> bool:
+        """Whether it is there and owes no answer; of functions that return one answer."""
+        return self._answered and self._process.poll() is None
+
     def close(self) -> None:
         """End the process; an `answer` awaited in another thread raises `WorkerDiedError`."""
-        self._process.kill()  # it has nothing to lose
-        self._process.wait()
+        if not self._finishes:
+            self._process.kill()  # it has nothing to lose
         for pipe in (self._process.stdin, self._process.stdout):
             assert pipe is not None
             with contextlib.suppress(BrokenPipeError):  # something was still buffered
                 pipe.close()
+        self._process.wait()
 
     def load(self, *modules: str) -> None:
         """Import modules in the background, so that a later answer comes sooner."""
@@ -192,6 +229,7 @@ class Worker:
             If the process died.
         """
         assert self._process.stdin is not None
+        self._answered = self._answered and not function
         try:
             # Pickled separately: they are unpickled once the function's module is imported.
             _send((function, pickle.dumps(arguments)), self._process.stdin)
@@ -214,6 +252,7 @@ class Worker:
             answer = pickle.load(self._process.stdout)
         except (EOFError, pickle.UnpicklingError):
             raise self._died() from None
+        self._answered = True
         if isinstance(answer, Exception):
             raise answer
         return answer
@@ -238,17 +277,23 @@ def how_it_ended(exit_code: int) -> Message:
     return Message("exit code {code}", code=exit_code)
 
 
-def module_path() -> Iterator[str]:
-    """Yield the module search path, without the working directory.
+def module_path() -> list[str]:
+    """Return the module search path, without the working directory.
 
     That holds data: a `random.py` in it must not be run. It is kept only if this package itself is
-    in it, as in a checkout.
+    in it, as in a checkout. A folder of somebody's own modules, as pytest adds that of the tests,
+    comes last: a `random.py` in it is not the one that our libraries mean.
     """
-    home = Path(__file__).parents[1]
+    home, library = Path(__file__).parents[1], Path(os.__file__).parent
+    ranked = []
     for folder in map(Path, filter(None, sys.path)):
         with contextlib.suppress(OSError):  # a folder that does not exist holds no modules
-            if not folder.samefile(os.curdir) or folder.samefile(home):
-                yield str(folder)
+            is_home = folder.samefile(home)
+            if is_home or not folder.samefile(os.curdir):
+                is_pythons = folder == library or folder.name == "lib-dynload"
+                is_packages = folder.name.endswith("-packages")
+                ranked.append((not is_pythons, not is_home, not is_packages, str(folder)))
+    return [name for *_, name in sorted(ranked, key=lambda each: each[:3])]
 
 
 @contextlib.contextmanager
@@ -276,15 +321,16 @@ def _work() -> None:
     """Answer the questions from standard input until it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
     silence()
+    leave_out_pandas()
     gc.set_threshold(100_000)  # at 700, the default, it takes a fifth of the import time
     sink = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what C prints is not an answer
-    questions: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
+    questions: queue.SimpleQueue[tuple[str, bytes] | None] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(questions,), daemon=True).start()
     loading: list[threading.Thread] = []
     used: set[str] = set()
-    while True:
-        function, packed = questions.get()
+    while question := questions.get():
+        function, packed = question
         module, _, name = function.partition(":")
         if not module:
             loading.append(_load(pickle.loads(packed)))
@@ -306,12 +352,14 @@ def _work() -> None:
             _send(error, sink)
 
 
-def _listen(questions: queue.SimpleQueue[tuple[str, bytes]]) -> None:
-    """Queue the questions; when the parent is gone, end at once, whatever is being done."""
+def _listen(questions: queue.SimpleQueue[tuple[str, bytes] | None]) -> None:
+    """Queue the questions; when the parent is gone, end at once or, if we finish, behind them."""
     with contextlib.suppress(EOFError, pickle.UnpicklingError):
         while True:
             questions.put(pickle.load(sys.stdin.buffer))
-    os._exit(1)
+    if FINISHES not in sys.argv:
+        os._exit(1)
+    questions.put(None)
 
 
 def _load(modules: tuple[str, ...]) -> threading.Thread:

@@ -77,6 +77,8 @@ class Difference:
     """Simulated time of the step; None where it has none."""
     part: str | None = None
     """Name of the link, or of its joint if the column is one of joints."""
+    unit: str = ""
+    """Of a joint's value; empty where the column says it."""
 
     @property
     def difference(self) -> float | None:

@@ -114,8 +114,8 @@ class Samples:
         self, number: int, step: int, link: int, column: str, value: float, golden: float
     ) -> Dated:
         body = self._pairs.common[number]
-        part = _part_of(body, link, column)[0]
-        difference = Difference(step, body.label, link, column, value, golden, part=part)
+        part, unit = _part_of(body, link, column)
+        difference = Difference(step, body.label, link, column, value, golden, None, part, unit)
         return Dated(self._when(number, step), body.client, difference)
 
     def _first_of_body(self, number: int, mine: Motion, theirs: Motion) -> Dated | None:

@@ -11,7 +11,6 @@ import os
 import re
 import signal
 import sys
-from importlib.abc import MetaPathFinder
 from mmap import mmap
 from typing import TYPE_CHECKING
 
@@ -66,7 +65,7 @@ def main() -> None:
     os.environ |= workers.SAFE
     workers.silence()
     gc.set_threshold(COLLECTED_EVERY)
-    leave_out_pandas()
+    workers.leave_out_pandas()
     try:
         code = run(load, signals)
     finally:
@@ -76,24 +75,6 @@ def main() -> None:
         ends_itself[0] = 1
     _give_up_standard_output()
     raise SystemExit(code)
-
-
-class WithoutPandas(MetaPathFinder):
-    """Says of pandas that it is not installed."""
-
-    def find_spec(self, fullname: str, *_: object) -> None:
-        """Raise what an import raises of a module that is missing; find nothing else."""
-        if fullname == "pandas":
-            raise ModuleNotFoundError(fullname, name=fullname)
-
-
-def leave_out_pandas() -> None:
-    """Let pyarrow do without pandas, which it else imports for its first list, if installed.
-
-    That takes as long as all of ours, and nothing here needs it. What a script imports is its own:
-    it runs in another process.
-    """
-    sys.meta_path.insert(0, WithoutPandas())
 
 
 def run(load: Callable[[], typer.Typer], received: Sequence[int] = ()) -> int:

@@ -69,7 +69,7 @@ def json_of(check: Check) -> dict[str, Any]:
     found: dict[str, Any] = {
         "same": check.same,
         "largest_difference_m": None,
-        "first_difference": first and asdict(first) | {"difference": first.difference},
+        "first_difference": first and _place(first) | {"difference": first.difference},
         "call_before": None,
         "other_call": None,
         "differences": [],
@@ -106,8 +106,14 @@ def _difference_json(difference: Difference) -> dict[str, Any]:
     if difference.step is None:
         names = {"name": difference.column}
         return names | {"value": difference.value, "golden": difference.golden}
-    values = asdict(difference)
+    values = _place(difference)
     return {"name": values.pop("column"), **values}
+
+
+def _place(difference: Difference) -> dict[str, Any]:
+    values = asdict(difference)
+    del values["unit"]
+    return values
 
 
 def _call_json(call: Call | None) -> dict[str, Any] | None:
@@ -313,6 +319,21 @@ def _difference(difference: Difference) -> Message:
     if difference.difference is None:
         return words
     return words + f" ({difference.difference:+.3g})"
+
+
+def first_words(check: Check) -> Message:
+    """Say in a few words what differs first."""
+    first = check.first
+    if first is None:
+        return _left_out(check.not_compared)
+    if first.step is None or first.difference is None:
+        return _difference(first)
+    return Message(
+        "step {step}, {what} {difference}",
+        step=first.step,
+        what=first.part if first.unit else " ".join(filter(None, (first.body, first.column))),
+        difference=f"{first.difference:+.2g} {first.unit}".rstrip(),
+    )
 
 
 def _value(value: object) -> str:

@@ -60,6 +60,7 @@ def record(
     force: bool = False,
     ours: bool = False,
     salvage: bool = True,
+    verified: bool = True,
     note: Callable[[str], None] = lambda _: None,
     full: Callable[[], None] | None = None,
 ) -> None:
@@ -77,6 +78,8 @@ def record(
         The viewer's layout, or a function called for it after the chunks; None leaves it out.
     force, ours, salvage, note
         As for `unfinished`.
+    verified
+        Whether it is read back before it gets its name; else whoever reads it finds the damage.
     full
         Called, chunk by chunk, once the disk has little more room than finishing the file takes:
         the source of the chunks is to end.
@@ -87,11 +90,12 @@ def record(
         As for `unfinished`; if the file fails verification.
     """
     rows: dict[str, int] = {}
+    due = rows if verified else None
     kept = unfinished(path, force=force, ours=ours, salvage=salvage, note=note)
     with kept as part, strict():
         _stream(part, chunks, rows, recording_id, full)
         if blueprint is None:
-            seal(part, path, blueprint=None, rows=rows, force=force or ours)
+            seal(part, path, blueprint=None, rows=due, force=force or ours)
             return
         with tempfile.TemporaryDirectory() as folder:
             layout = Path(folder, "layout.rbl")
@@ -101,7 +105,7 @@ def record(
             with output_errors(layout), _SAVING:
                 layout_of.save(schema.APPLICATION_ID, str(layout))
                 bindings.flush_and_cleanup_orphaned_recordings()
-            seal(part, path, blueprint=layout, rows=rows, force=force or ours)
+            seal(part, path, blueprint=layout, rows=due, force=force or ours)
 
 
 def _stream(

@@ -3,50 +3,72 @@
     with record("run.rrd"):
         ...
 
-A separate process writes the recording, so that it is complete even if this one crashes. Functions
-imported from pybullet by name before the block (`from pybullet import stepSimulation`) are not
-seen; nothing is patched outside the block.
+A separate process writes the recording, so that it is complete even if this one crashes, and so
+that Rerun is not imported here. Functions imported from pybullet by name before the block (`from
+pybullet import stepSimulation`) are not seen; nothing is patched outside the block.
 """
 
 from __future__ import annotations
 
-import contextlib
-import json
+import _socket  # `socket` may be forbidden in tests, as by pytest-socket
 import os
-import signal
-import subprocess
-import sys
-import time
-import uuid
+from array import array
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import asdict, replace
-from importlib import metadata
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from drop_physics.engines.pybullet.script import BlockListener, shared_block
+from drop_physics.engines.pybullet.channel import shared_block, wide_pipe
 from drop_physics.engines.pybullet.watch import ending, start
 from drop_physics.engines.pybullet.watch.hooks import Stop, Watch
-from drop_physics.errors import NO_MEMORY, DropError, OutputError, check_suffix
+from drop_physics.errors import OutputError, check_suffix
 from drop_physics.files.outputs import check_target
-from drop_physics.recording import schema
-from drop_physics.recording.recorder import Recorder
 from drop_physics.stages.program import checked_limits
-from drop_physics.stages.record import Recorded, recorded_of, written
-from drop_physics.workers import our_environment
+from drop_physics.workers import Worker, WorkerDiedError
+
+if TYPE_CHECKING:
+    from drop_physics.stages.record import Recorded
 
 
 class Block:
-    """A block that is being recorded; `recorded` is the result, once it has ended."""
+    """A block that is being recorded."""
 
-    recorded: Recorded | None = None
     watch: Watch
+    written: dict[str, Any] | None = None
+    """The values of the result, once it has ended."""
+
+    @property
+    def recorded(self) -> Recorded | None:
+        """The result; None until the block has ended."""
+        from drop_physics.stages.record import Recorded
+
+        return None if self.written is None else Recorded(**self.written)
 
     @property
     def steps(self) -> int:
         """Steps made so far."""
         return self.watch.steps_made
+
+
+class BlockWriter(Worker):
+    """A process that writes what blocks do, one after the other; it finishes if we crash."""
+
+    def __init__(self) -> None:
+        self._handing, taking = _socket.socketpair()
+        super().__init__(finishes=True, pass_fds=[taking.fileno()])
+        self._place = taking.fileno()
+        taking.close()
+
+    def close(self) -> None:
+        """Let the process end, once it has finished."""
+        super().close()
+        self._handing.close()
+
+    def begin(self, reading: int, memory: int, *how: object) -> None:
+        """Let it write what comes through a pipe; both file descriptors become its own, too."""
+        self.ask("drop_physics.stages.block_writer:write", self._place, *how)
+        both = array("i", [reading, memory])
+        self._handing.sendmsg([b"\0"], [(_socket.SOL_SOCKET, _socket.SCM_RIGHTS, both)])
 
 
 @contextmanager
@@ -58,7 +80,9 @@ def record(
     seed: int | None = None,
     keep_sleeping: bool = False,
     drawn: bool = True,
+    verified: bool = True,
     force: bool = False,
+    writer: BlockWriter | None = None,
 ) -> Iterator[Block]:
     """Record what a `with` block does with PyBullet, as `drop record` does for a script.
 
@@ -74,8 +98,12 @@ def record(
         Whether the block's sleeps take time.
     drawn
         Whether it also holds what is only for looking: shapes, poses, curves.
+    verified
+        Whether it is read back at once; without, whoever reads it first finds what is damaged.
     force
         Whether an existing recording may be replaced.
+    writer
+        The process that writes it; None for one that is started, and ended with the block.
 
     Raises
     ------
@@ -84,105 +112,49 @@ def record(
     OutputError
         If the recording cannot be written.
     """
-    path, block = Path(out), Block()
+    path, block, process = Path(out), Block(), os.getpid()
     check_target(path, force=force)
     check_suffix("out", path, (".rrd",))
     steps, duration_s, seed = checked_limits(steps, duration_s, seed)
-    with shared_block() as memory:
-        reading, writing = os.pipe()
-        request = {
-            "reading": reading,
-            "block": memory.fileno(),
-            "process": os.getpid(),
-            "out": str(path),
-            "drawn": drawn,
-            "force": force,
-        }
-        with subprocess.Popen(
-            [sys.executable, "-P", "-m", __name__, json.dumps(request)],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            pass_fds=(reading, memory.fileno()),
-            env=our_environment(),
-        ) as recorder:
-            os.close(reading)
-            watch = block.watch = start.watch(
-                writing,
-                os.dup(memory.fileno()),
-                steps=steps,
-                duration_s=duration_s,
-                keep_sleeping=keep_sleeping,
-                seed=seed,
-            )
-            how, error, site = "finished", "", ""
-            try:
-                yield block
-            except Stop:
-                how = "stopped"
-            except BaseException as failure:
-                how, error = "failed", ending.in_one_line(failure)
-                site = ending.place_of(failure, __file__)
-                raise
-            finally:
-                ours = os.getpid() == request["process"]
-                if ours:
-                    ending.end(watch, how, error, site)
-                    watch.remove()
-                    watch.pipe.close()
-                    assert recorder.stdout is not None
-                    answer = recorder.stdout.read()
-                else:  # a forked child: the recording goes on without it
-                    recorder.returncode = 0
-    if not ours:
-        return
-    block.recorded = replace(_recorded(answer, path), recording=path)
+    with ExitStack() as open_until_written:
+        memory = open_until_written.enter_context(shared_block())
+        if writer is None:
+            writer = open_until_written.enter_context(BlockWriter())
+        reading, writing = wide_pipe()
+        writer.begin(reading, memory.fileno(), path, process, drawn, verified, force)
+        os.close(reading)
+        watch = block.watch = start.watch(
+            writing,
+            os.dup(memory.fileno()),
+            steps=steps,
+            duration_s=duration_s,
+            keep_sleeping=keep_sleeping,
+            seed=seed,
+        )
+        how, error, site = "finished", "", ""
+        try:
+            yield block
+        except Stop:
+            how = "stopped"
+        except BaseException as failure:
+            how, error = "failed", ending.in_one_line(failure)
+            site = ending.place_of(failure, __file__)
+            raise
+        finally:
+            if os.getpid() == process:  # else a forked child: the recording goes on without it
+                ending.end(watch, how, error, site)
+                watch.remove()
+                watch.pipe.close()
+                block.written = _answer(writer, path)
 
 
-def _recorded(answer: bytes, path: Path) -> Recorded:
-    """Return the result that the process that writes the recording has sent."""
-    if not answer:
+def _answer(writer: BlockWriter, path: Path) -> dict[str, Any]:
+    try:
+        written: dict[str, Any] = writer.answer()
+    except WorkerDiedError:
         raise OutputError(
             "{path} was not written: the process that writes the recording ended; is there enough "
             "memory? Record it again",
             path=path,
-        )
-    result: dict[str, Any] = json.loads(answer)
-    if "recording" not in result:
-        raise OutputError("{error}", error=result["error"])
-    return Recorded(**result)
-
-
-def _record(request: dict[str, Any]) -> dict[str, Any]:
-    """Record what comes through a pipe, and return the result."""
-    began = time.perf_counter()
-    path, recording_id = Path(request["out"]), uuid.uuid4().hex
-    origin = {
-        "kind": "script",
-        "script": schema.BLOCK,
-        "drop_version": metadata.version("drop-physics"),
-    }
-    recorder = Recorder({schema.ORIGIN_PROPERTY: origin}, drawn=request["drawn"])
-    listener = BlockListener(request["reading"], request["block"], process=request["process"])
-    ended = written(
-        listener,
-        recorder,
-        path,
-        recording_id=recording_id,
-        force=request["force"],
-        full=lambda: listener.stop("disk"),
-    )
-    recorded = recorded_of(recorder, ended, path, recording_id=recording_id, name=schema.BLOCK)
-    wall_s = time.perf_counter() - began
-    return asdict(recorded) | {"recording": str(path), "wall_s": wall_s}
-
-
-if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the block handles it, ends, and is recorded
-    try:
-        answer = _record(json.loads(sys.argv[1]))
-    except MemoryError:
-        answer = {"error": NO_MEMORY}
-    except DropError as failure:
-        answer = {"error": "; ".join([failure.in_options, *getattr(failure, "__notes__", [])])}
-    with contextlib.suppress(BrokenPipeError):  # the block's process was killed
-        os.write(1, json.dumps(answer).encode())
+        ) from None
+    return written

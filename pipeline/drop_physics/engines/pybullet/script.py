@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
 import json
 import mmap
 import os
 import select
 import signal
 import subprocess
-import tempfile
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
-
-from rich.filesize import decimal
+from typing import Any
 
 from drop_physics import workers
+from drop_physics.engines.pybullet.channel import shared_block, wide_pipe
 from drop_physics.engines.pybullet.watch import pipe
 from drop_physics.engines.pybullet.watched import Decoder
-from drop_physics.errors import DropError, OutputError
+from drop_physics.errors import DropError
 from drop_physics.messages import Message
 from drop_physics.trace.events import Ending, Event
 from drop_physics.workers import how_it_ended, users_environment
@@ -76,44 +72,6 @@ def _seeded(seed: int | None) -> dict[str, str]:
     if seed is None or os.environ.get("PYTHONHASHSEED", "random") != "random":
         return {}
     return {"PYTHONHASHSEED": str(seed % 2**32)}
-
-
-def shared_block() -> IO[bytes]:
-    """Return an unnamed file that a watched process and its listener both map.
-
-    Raises
-    ------
-    OutputError
-        If there is no room for it.
-    """
-    try:
-        block = tempfile.TemporaryFile()  # noqa: SIM115 - the caller closes it
-        try:
-            block.truncate(pipe.BLOCK_BYTES)
-            # Else, on a full disk, the process that maps it would die when it first writes to it.
-            if hasattr(os, "posix_fallocate"):
-                os.posix_fallocate(block.fileno(), 0, pipe.BLOCK_BYTES)
-        except BaseException:
-            block.close()
-            raise
-    except OSError as error:
-        raise OutputError(
-            "a temporary file of {size}, which the script's process writes to, cannot be created "
-            "in {folder}: {reason}; make room there, set TMPDIR to another folder, or see: "
-            "ulimit -f",
-            size=decimal(pipe.BLOCK_BYTES),
-            folder=tempfile.tempdir or Message("any folder"),
-            reason=error.strerror,
-        ) from error
-    return block
-
-
-def wide_pipe() -> tuple[int, int]:
-    """Return the ends of a pipe in which the sender need not wait for each large write."""
-    ends = os.pipe()
-    with contextlib.suppress(AttributeError, OSError):  # only Linux has it, within limits
-        fcntl.fcntl(ends[1], fcntl.F_SETPIPE_SZ, pipe.BLOCK_BYTES)
-    return ends
 
 
 class Listener(ABC):
@@ -210,7 +168,13 @@ class BlockListener(Listener):
     def stop(self, why: str) -> None:
         """Read no further: the block is left at its next call."""
         if not self._left:
-            self._left, self.decoder.stopped = True, why
+            self.decoder.stopped = why
+            self.close()
+
+    def close(self) -> None:
+        """Close the pipe."""
+        if not self._left:
+            self._left = True
             os.close(self._reading)
 
     def _is_over(self) -> bool:

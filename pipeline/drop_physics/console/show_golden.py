@@ -1,0 +1,46 @@
+"""What pytest says of a test's recording: whether it is the golden one, and what differs first."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from drop_physics.console.show_check import append_summary, first_words
+from drop_physics.messages import Message, translated
+from drop_physics.stages.check import check
+
+
+def failure(
+    name: str, path: Path, golden: Path, tolerance_m: float, update: bool, summary: str | None
+) -> str:
+    """Compare a recording with the golden one, or replace that; return what is wrong, or "".
+
+    The first line, which pytest repeats in its summary, is what differs first. What `drop check`
+    says is appended to the file `summary`, too.
+    """
+    if update:
+        golden.parent.mkdir(parents=True, exist_ok=True)
+        check(path, golden, tolerance_m=tolerance_m, update=True)
+        return ""
+    if not golden.exists():
+        return translated(
+            Message(
+                "golden {name}: there is none; make it with: pytest --update-golden\n{path}",
+                name=name,
+                path=golden,
+            )
+        )
+    checked = check(path, golden, tolerance_m=tolerance_m)
+    if checked.same:
+        return ""
+    if summary:
+        append_summary(checked, Path(summary))
+    first = translated(
+        Message("golden {name}: {difference}", name=name, difference=first_words(checked))
+    )
+    look = Message(
+        "if the change is intended: pytest --update-golden; to look at both: drop view {path} "
+        "{golden}",
+        path=path,
+        golden=golden,
+    )
+    return f"{first}\n\n{checked}\n{translated(look)}"

@@ -1,0 +1,56 @@
+"""What a watched process and its listener share: a pipe, and memory for what is not sent yet.
+
+It imports little: it is also needed where a block of somebody else's Python is watched.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import tempfile
+from typing import IO
+
+from rich.filesize import decimal
+
+from drop_physics.engines.pybullet.watch import pipe
+from drop_physics.errors import OutputError
+from drop_physics.messages import Message
+
+
+def shared_block() -> IO[bytes]:
+    """Return an unnamed file that a watched process and its listener both map.
+
+    Raises
+    ------
+    OutputError
+        If there is no room for it.
+    """
+    try:
+        block = tempfile.TemporaryFile()  # noqa: SIM115 - the caller closes it
+        try:
+            block.truncate(pipe.BLOCK_BYTES)
+            # Else, on a full disk, the process that maps it would die when it first writes to it.
+            if hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(block.fileno(), 0, pipe.BLOCK_BYTES)
+        except BaseException:
+            block.close()
+            raise
+    except OSError as error:
+        raise OutputError(
+            "a temporary file of {size}, which the script's process writes to, cannot be created "
+            "in {folder}: {reason}; make room there, set TMPDIR to another folder, or see: "
+            "ulimit -f",
+            size=decimal(pipe.BLOCK_BYTES),
+            folder=tempfile.tempdir or Message("any folder"),
+            reason=error.strerror,
+        ) from error
+    return block
+
+
+def wide_pipe() -> tuple[int, int]:
+    """Return the ends of a pipe in which the sender need not wait for each large write."""
+    ends = os.pipe()
+    with contextlib.suppress(AttributeError, OSError):  # only Linux has it, within limits
+        fcntl.fcntl(ends[1], fcntl.F_SETPIPE_SZ, pipe.BLOCK_BYTES)
+    return ends

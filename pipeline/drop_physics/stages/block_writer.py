@@ -1,0 +1,56 @@
+"""The process that writes the recordings of blocks: of one, or of all in a run of pytest."""
+
+from __future__ import annotations
+
+import os
+import socket
+import time
+import uuid
+from dataclasses import asdict
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from drop_physics.engines.pybullet.script import BlockListener
+from drop_physics.errors import NO_MEMORY, DropError
+from drop_physics.recording import schema
+from drop_physics.recording.recorder import Recorder
+from drop_physics.stages.record import recorded_of, written
+
+
+def write(
+    place: int, path: Path, process: int, drawn: bool, verified: bool, force: bool
+) -> dict[str, Any]:
+    """Record what comes through a pipe, and return the values of the result.
+
+    `place` is the file descriptor of a socket, through which come those of the pipe and of the
+    memory that both processes see; `process` is the block's.
+    """
+    began = time.perf_counter()
+    with socket.socket(fileno=os.dup(place)) as taking:
+        _, (reading, memory), _, _ = socket.recv_fds(taking, 1, 2)
+    recording_id = uuid.uuid4().hex
+    origin = {
+        "kind": "script",
+        "script": schema.BLOCK,
+        "drop_version": metadata.version("drop-physics"),
+    }
+    recorder = Recorder({schema.ORIGIN_PROPERTY: origin}, drawn=drawn)
+    listener = BlockListener(reading, memory, process=process)
+    try:
+        ended = written(
+            listener,
+            recorder,
+            path,
+            recording_id=recording_id,
+            force=force,
+            verified=verified,
+            full=lambda: listener.stop("disk"),
+        )
+    except MemoryError:
+        raise DropError(NO_MEMORY) from None
+    finally:
+        listener.close()
+        os.close(memory)
+    recorded = recorded_of(recorder, ended, path, recording_id=recording_id, name=schema.BLOCK)
+    return asdict(recorded) | {"wall_s": time.perf_counter() - began}
