@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
 
-from drop_physics.errors import RecordingError, ScenarioError
-from drop_physics.fields import shown
+from drop_physics.errors import ScenarioError
 from drop_physics.messages import Message
 from drop_physics.recording import schema
-from drop_physics.recording.checks import check_camera, damaged
+from drop_physics.recording.checks import damaged
 from drop_physics.recording.columns import Properties
 from drop_physics.report import EngineReport
 from drop_physics.scenario import Camera, Scenario
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -38,36 +33,24 @@ def check_inputs(properties: Mapping[str, Properties], path: Path) -> None:
 
 
 def drop_of(properties: Mapping[str, Properties], path: Path) -> Drop:
-    """Return what was dropped, checked."""
-    scenario, camera = inputs_of(properties, path)
-    return Drop(scenario, _engine(properties[schema.ENGINE_PROPERTY], path), camera)
+    """Return what was dropped.
 
-
-def inputs_of(properties: Mapping[str, Properties], path: Path) -> tuple[Scenario, Camera | None]:
-    """Return scenario and camera, checked."""
+    Raises
+    ------
+    RecordingError
+        If this version of drop knows no such inputs.
+    """
     camera = properties.get(schema.CAMERA_PROPERTY)
     try:
-        scenario = _dataclass(Scenario, properties[schema.SCENARIO_PROPERTY])
-        if camera is None:
-            return scenario, None
-        taken = _dataclass(Camera, camera)
+        return Drop(
+            Scenario(**_with_tuples(properties[schema.SCENARIO_PROPERTY])),
+            EngineReport.from_properties(properties[schema.ENGINE_PROPERTY]),
+            None if camera is None else Camera(**_with_tuples(camera)),
+        )
     except (TypeError, ScenarioError) as error:
-        what = Message("its scenario or camera is invalid ({error})", error=str(error))
+        what = Message("its scenario, engine or camera is invalid ({error})", error=str(error))
         raise damaged(path, what) from None
-    check_camera(taken, path)
-    return scenario, taken
 
 
-def _engine(values: Properties, path: Path) -> EngineReport:
-    try:
-        return EngineReport.from_properties(values)
-    except RecordingError as error:
-        raise damaged(path, error.in_options) from None
-
-
-def _dataclass(kind: type[T], values: Mapping[str, Any]) -> T:
-    """Return the dataclass that a property holds; an unknown name is a ScenarioError."""
-    unknown = values.keys() - {f.name for f in dataclasses.fields(kind)}  # type: ignore[arg-type]
-    if unknown:
-        raise ScenarioError("this drop does not know {name}", name=shown(min(unknown)))
-    return kind(**{key: tuple(v) if isinstance(v, list) else v for key, v in values.items()})
+def _with_tuples(values: Properties) -> Properties:
+    return {key: tuple(each) if isinstance(each, list) else each for key, each in values.items()}
