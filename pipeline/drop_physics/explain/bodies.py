@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,12 +146,20 @@ def records_of(seen: Seen) -> dict[int, Record]:
 
 
 class Epochs:
-    """The epochs of one body, in a simulation with these settings."""
+    """The epochs of one body, in a simulation with these settings.
+
+    `laws` are those of all bodies by their content: equal bodies share one, and so their steps are
+    one batch.
+    """
 
     def __init__(
-        self, record: Record, settings: Sequence[events.Settings], other: Law | None = None
+        self,
+        record: Record,
+        settings: Sequence[events.Settings],
+        other: Law | None,
+        laws: dict[Hashable, BulletTree],
     ) -> None:
-        self._record, self._other = record, other
+        self._record, self._other, self._laws = record, other, laws
         self._told = [each.at.step for each in settings]
         kinds = [_kind(each.values) for each in settings]
         self._kinds = sorted(set(kinds))
@@ -193,6 +202,7 @@ class Epochs:
         }:
             calls.insert(0, Given(latest.at, record.body, BASE, known_from_start))
         law = law_of(record.body, reported, calls)
+        law = self._laws.setdefault(_content(law), law)
         settings = Settings(
             other_engine=self._other is not None,
             substeps=substeps,
@@ -203,6 +213,15 @@ class Epochs:
         known = not (settings.planar or settings.maximal or settings.other_engine)
         reasons = not_covered(settings, law.tree if known else None)
         return Epoch(life, law, reasons, cone, substeps, _damping(calls), self._other)
+
+
+def _content(value: Any) -> Hashable:  # noqa: ANN401 - arrays, dataclasses, and what they hold
+    """Return what is equal for values with the same content, arrays to the bit."""
+    if isinstance(value, np.ndarray):
+        return value.shape, value.tobytes()
+    if is_dataclass(value):
+        return tuple(_content(getattr(value, each.name)) for each in fields(value))
+    return value  # type: ignore[no-any-return]
 
 
 def _damping(calls: Sequence[Given]) -> tuple[float | None, float | None]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from drop_physics.explain.changes import energy_of
 from drop_physics.explain.judged import SEGMENTS, UNEXPLAINED, WHYS, Judged, Why
-from drop_physics.explain.steps import Steps
+from drop_physics.explain.steps import BodySteps
 from drop_physics.physics.bullet_tree import BulletTree
 from drop_physics.physics.tree import States
 from drop_physics.trace.events import Body
@@ -99,7 +99,7 @@ class Totals:
             self._jump_to(steps)
             self._add(steps)
 
-    def _jump_to(self, steps: Steps) -> None:
+    def _jump_to(self, steps: BodySteps) -> None:
         """Add what changed between two stretches: calls set it, or another body has the number."""
         begin, last = _End.first(steps), self._last
         if last is not None and last.same(begin):
@@ -117,7 +117,7 @@ class Totals:
         self.moved_kg_m_s = self.moved_kg_m_s + momentum_kg_m_s
         self.momentum_kg_m_s["set"] = self.momentum_kg_m_s["set"] + momentum_kg_m_s
 
-    def _add(self, steps: Steps) -> None:
+    def _add(self, steps: BodySteps) -> None:
         changes = steps.changes
         self.covered &= steps.covered or not steps.law.tree.size
         self._set(changes.set_j, changes.set_kg_m_s)
@@ -140,13 +140,13 @@ class _End:
     """Shape (1, 3)."""
 
     @staticmethod
-    def first(steps: Steps) -> _End:
+    def first(steps: BodySteps) -> _End:
         """Return where the first step begins."""
         one = np.zeros(1, np.intp)
         return _End(steps.law, steps.before.at(one), steps.reported.gravity_m_s2[one])
 
     @staticmethod
-    def last(steps: Steps) -> _End:
+    def last(steps: BodySteps) -> _End:
         """Return where the last step ends."""
         one = np.array([len(steps) - 1])  # no view of all
         return _End(steps.law, steps.after.at(one), steps.reported.gravity_m_s2[one])

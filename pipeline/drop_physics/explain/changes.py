@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,9 +60,18 @@ class Changes:
     """The same after each step, shape (n,)."""
 
 
-def changes_of(law: BulletTree, states: States, steps: Transitions, added: Sum | None) -> Changes:
-    """Return how energy and momentum change; without a sum all of it is the remainder's."""
-    real = steps.real
+def changes_of(
+    law: BulletTree,
+    states: States,
+    steps: Transitions,
+    added: Sum | None,
+    parts: Sequence[tuple[slice, slice]],
+) -> list[Changes]:
+    """Return how energy and momentum change in each part of the transitions.
+
+    Without a sum all of it is the remainder's. `parts`: which transitions, and which of the steps,
+    belong together; what leads from one part to the next is left out.
+    """
     if added is None:
         changed, moved = _changed(law, states, steps)
         energy, momentum = {"remainder": changed}, {"remainder": moved}
@@ -71,21 +80,28 @@ def changes_of(law: BulletTree, states: States, steps: Transitions, added: Sum |
         if not law.tree.fixed:
             momentum, moved = added.momentum_kg_m_s(), added.momentum_change_kg_m_s()
     if law.tree.fixed:
-        momentum, moved = {}, np.zeros((len(real), 3))
-    weighed = _weighed(law, states, steps)
-    begin_j, _ = energy_of(law, states.at(np.zeros(1, np.intp)), steps.gravity_m_s2[:1])
-    # Gravity that changes counts from the step on that it acts in.
-    after_j = begin_j + np.cumsum(changed)[real] + np.cumsum(weighed)
-    return Changes(
-        energy_j={name: each[real] for name, each in energy.items()},
-        set_j=float(changed[~real].sum() + weighed.sum()),
-        changed_j=float(changed.sum() + weighed.sum()),
-        momentum_kg_m_s={name: each[real] for name, each in momentum.items()},
-        set_kg_m_s=moved[~real].sum(axis=0),
-        moved_kg_m_s=moved.sum(axis=0),
-        begin_j=float(begin_j[0]),
-        after_j=after_j,
-    )
+        momentum, moved = {}, np.zeros((len(steps.real), 3))
+    first = np.array([transitions.start for transitions, _ in parts])
+    begin_j, _ = energy_of(law, states.at(first), steps.gravity_then[first])
+    found = []
+    for (transitions, its), start_j in zip(parts, begin_j.tolist(), strict=True):
+        real = steps.real[transitions]
+        weighed = _weighed(law, states, steps.where[its], steps.gravity_m_s2[its])
+        whole, way = changed[transitions], moved[transitions]
+        # Gravity that changes counts from the step on that it acts in.
+        after_j = start_j + np.cumsum(whole)[real] + np.cumsum(weighed)
+        change = Changes(
+            energy_j={name: each[transitions][real] for name, each in energy.items()},
+            set_j=float(whole[~real].sum() + weighed.sum()),
+            changed_j=float(whole.sum() + weighed.sum()),
+            momentum_kg_m_s={name: each[transitions][real] for name, each in momentum.items()},
+            set_kg_m_s=way[~real].sum(axis=0),
+            moved_kg_m_s=way.sum(axis=0),
+            begin_j=start_j,
+            after_j=after_j,
+        )
+        found.append(change)
+    return found
 
 
 def energy_of(law: BulletTree, states: States, gravity_m_s2: Float64) -> tuple[Float64, Float64]:
@@ -121,12 +137,15 @@ def _potential(kin: Kinematics, gravity_m_s2: Float64) -> Float64:
     return out
 
 
-def _weighed(law: BulletTree, states: States, steps: Transitions) -> Float64:
-    """Return what setting gravity before each step changed of the potential energy [J], (n,)."""
-    turned = np.diff(steps.gravity_m_s2, axis=0)
+def _weighed(law: BulletTree, states: States, where: Int64, gravity_m_s2: Float64) -> Float64:
+    """Return what setting gravity before each step changed of the potential energy [J], (n,).
+
+    `where`: the states that the steps begin with.
+    """
+    turned = np.diff(gravity_m_s2, axis=0)
     rows = np.flatnonzero(turned.any(axis=1))
-    weighed = np.zeros(len(steps.gravity_m_s2))
+    weighed = np.zeros(len(gravity_m_s2))
     if len(rows):
-        kin = kinematics(law.tree, states.at(steps.where[rows + 1]))
+        kin = kinematics(law.tree, states.at(where[rows + 1]))
         weighed[rows + 1] = _potential(kin, turned[rows])
     return weighed

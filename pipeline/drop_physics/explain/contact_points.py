@@ -13,6 +13,7 @@ from drop_physics.explain.bodies import Record
 from drop_physics.explain.recording import Explained
 from drop_physics.explain.steps import Steps
 from drop_physics.physics.kinematics import kinematics, motion
+from drop_physics.physics.vectors import groups
 from drop_physics.trace.states import Rows
 
 Float64 = NDArray[np.float64]
@@ -322,18 +323,13 @@ class _Sides:
         self.explained = np.ones((count, 2), np.bool_)
         self.moves = np.zeros((count, 2), np.bool_)
         ends = table["step"]
-        for number in np.unique(bodies).tolist():
-            if number in explained.bodies:
-                judged = explained.bodies[number]
-                for steps in judged.stretches:
-                    if len(steps.sides.step) and steps.law.tree.size:
-                        its = np.searchsorted(judged.steps, steps.steps)
-                        self._take(steps, judged.explained[its])
-            if number not in records:
-                continue
-            for side in (0, 1):  # what only calls move, while it has no mass
-                rows = np.flatnonzero((bodies[:, side] == number) & ~self.moves[:, side])
-                if not len(rows):
+        for batch, verdict in explained.batches:
+            if len(batch.whole.sides.step) and batch.whole.law.tree.size:
+                self._take(batch.whole, verdict.why < 0)
+        for side in (0, 1):
+            for number, its in groups(bodies[:, side]):
+                rows = its[~self.moves[its, side]]  # what only calls move, while it has no mass
+                if number not in records or not len(rows):
                     continue
                 base = records[number].told(ends[rows])
                 arm = self.at_m[rows, side] - base[:, :3]
@@ -377,9 +373,8 @@ def _product(
     Not a number where an engine reports none.
     """
     product, ends = np.ones(len(table)), table["step"]
-    for number in np.unique(bodies).tolist():
-        for side in (0, 1):
-            rows = np.flatnonzero(bodies[:, side] == number)
+    for side in (0, 1):
+        for number, rows in groups(bodies[:, side]):
             if number in records:
                 product[rows] *= records[number].coefficients(name, ends[rows], links[rows, side])
     return product

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from drop_physics.explain.commands import DEFAULT, Commanded
 from drop_physics.explain.needs import Holding, holding
 from drop_physics.explain.recording import Explained
-from drop_physics.explain.steps import Steps
+from drop_physics.explain.steps import BodySteps
 from drop_physics.physics.tree import Tree
 from drop_physics.trace.events import Body, Site
 from drop_physics.trace.history import Seen
@@ -72,7 +72,7 @@ class Driven:
     """The joints of a body in n of its steps; shape (n, joint_rates) if not said otherwise."""
 
     body: Body
-    steps: Steps
+    steps: BodySteps
     before: Float64
     """Positions of the joints [rad] or [m] before each step; nan of spherical joints."""
     after: Float64
@@ -171,7 +171,7 @@ class JointTable:
             for k in range(place.start, place.stop)
         ]
 
-    def _driven(self, body: Body, steps: Steps) -> Driven:
+    def _driven(self, body: Body, steps: BodySteps) -> Driven:
         size = steps.law.tree.size
         track = self._tracks.get(body.number)
         if track is None or len(track.greatest) != size:
@@ -206,7 +206,7 @@ def target_of(driven: Driven) -> Float64:
     return np.where(asked.pd == 1, asked.pd_target, motor)
 
 
-def _driven(body: Body, steps: Steps, track: _Track) -> Driven:
+def _driven(body: Body, steps: BodySteps, track: _Track) -> Driven:
     tree, asked = steps.law.tree, steps.asked
     places = _coordinates(tree)
     before, after = (

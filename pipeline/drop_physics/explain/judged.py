@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain import segments
-from drop_physics.explain.steps import EXPLAINED, WITHOUT_SUM, Steps
+from drop_physics.explain.steps import EXPLAINED, WITHOUT_SUM, BodySteps, Steps
 from drop_physics.physics.bullet_air import EPSILON
 from drop_physics.physics.bullet_tree import Reason
 from drop_physics.physics.moving import moved_on
@@ -57,7 +57,7 @@ class Judged:
     """Indices into WHYS; -1 where it is explained."""
     unexplained: Float64
     """The remainder of the step that led to it, over the largest term; 0 where none did."""
-    stretches: Sequence[Steps]
+    stretches: Sequence[BodySteps]
     """The steps that led to samples, in order, each under constant settings."""
 
     @property
@@ -66,23 +66,40 @@ class Judged:
         return np.asarray(self.segment != UNEXPLAINED)
 
 
-def judged(
-    body: Body, sampled: Int64, stretches: Sequence[Steps], *, soft_there: bool = False
-) -> Judged:
-    """Return what each of some samples is; `soft_there`: whether there are soft bodies."""
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What the steps of a batch are, shape (n,) each."""
+
+    kind: Int8
+    why: Int8
+    unexplained: Float64
+    """The remainder over the largest term, but of what another law explains, and of what sleeps."""
+
+    @staticmethod
+    def of(steps: Steps, *, before: bool, soft_there: bool) -> Verdict:
+        """Return what steps are.
+
+        `before`: whether the bodies were there before the recording; `soft_there`: whether there
+        are soft bodies.
+        """
+        why = _whys(steps, before=before, soft_there=soft_there)
+        # What another law explains has no sum, and what sleeps need not close it.
+        other = (why < 0) & ~(steps.unexplained <= EXPLAINED)
+        return Verdict(_kinds(steps), why, np.where(other, 0.0, steps.unexplained))
+
+
+def judged(body: Body, sampled: Int64, stretches: Sequence[tuple[BodySteps, Verdict]]) -> Judged:
+    """Return what each of some samples of a body is, given the verdicts on their batches."""
     segment, kind = np.full((2, len(sampled)), SET, np.int8)
     why = np.full(len(sampled), -1, np.int8)
     unexplained = np.zeros(len(sampled))
-    for steps in stretches:
-        rows = np.searchsorted(sampled, steps.steps)
-        reasons = _whys(steps, body, soft_there=soft_there)
-        # What another law explains has no sum, and what sleeps need not close it.
-        other = (reasons < 0) & ~(steps.unexplained <= EXPLAINED)
-        why[rows], unexplained[rows] = reasons, np.where(other, 0.0, steps.unexplained)
-        kind[rows] = _kinds(steps)
+    for steps, verdict in stretches:
+        rows, its = np.searchsorted(sampled, steps.steps), steps.rows
+        why[rows], unexplained[rows] = verdict.why[its], verdict.unexplained[its]
+        kind[rows] = verdict.kind[its]
         held = np.where(steps.put, SET, kind[rows])
-        segment[rows] = np.where(reasons >= 0, UNEXPLAINED, held)
-    return Judged(body, sampled, segment, kind, why, unexplained, stretches)
+        segment[rows] = np.where(why[rows] >= 0, UNEXPLAINED, held)
+    return Judged(body, sampled, segment, kind, why, unexplained, [each for each, _ in stretches])
 
 
 def _kinds(steps: Steps) -> Int8:
@@ -117,7 +134,7 @@ def _same(steps: Steps) -> Flags:
     return np.asarray(~moved)
 
 
-def _whys(steps: Steps, body: Body, *, soft_there: bool) -> Int8:
+def _whys(steps: Steps, *, before: bool, soft_there: bool) -> Int8:
     """Return why each step is unexplained; -1 where it is explained."""
     why = np.full(len(steps), -1, np.int8)
     same, reasons = _same(steps), steps.epoch.reasons
@@ -144,7 +161,7 @@ def _whys(steps: Steps, body: Body, *, soft_there: bool) -> Int8:
         )
     ).all(axis=1)
     timely = (steps.reported.timestep_s >= EPSILON) & np.isfinite(steps.reported.timestep_s)
-    why[off] = WHYS.index("before the recording" if body.before else "remainder")
+    why[off] = WHYS.index("before the recording" if before else "remainder")
     for reason, holds in (
         ("soft", soft_there),
         ("constraint", steps.unknown),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,10 +13,18 @@ from drop_physics.explain.causes import Totals
 from drop_physics.explain.chain import Chain, chain_of, stretches_of
 from drop_physics.explain.commands import Commands
 from drop_physics.explain.joined import Constraints
-from drop_physics.explain.judged import Judged, judged
-from drop_physics.explain.steps import Around, steps_of
+from drop_physics.explain.judged import Judged, Verdict, judged
+from drop_physics.explain.steps import (
+    Around,
+    Batch,
+    BodySteps,
+    Recorded,
+    batches_of,
+    recorded_steps,
+)
 from drop_physics.explain.touching import Touching, rows_of
 from drop_physics.physics.base import EXACT_MACHINES, Law
+from drop_physics.physics.bullet_tree import BulletTree
 from drop_physics.physics.tree import States, Tree
 from drop_physics.trace.calls import Call, Push
 from drop_physics.trace.events import Settings, order
@@ -45,6 +53,8 @@ class Explained:
     """As they are told until its end."""
     records: Mapping[int, Record]
     """What was told of each body that is not soft, by its number."""
+    batches: Sequence[tuple[Batch, Verdict]]
+    """The same steps as the bodies', those of equal bodies together."""
 
 
 class Explanation:
@@ -61,8 +71,9 @@ class Explanation:
         self._settings: dict[int, list[Settings]] = {}
         for settings in seen.settings:
             self._settings.setdefault(settings.client, []).append(settings)
+        laws: dict[Hashable, BulletTree] = {}
         self._epochs = {
-            number: Epochs(record, self._settings[record.body.client], other)
+            number: Epochs(record, self._settings[record.body.client], other, laws)
             for number, record in self._records.items()
         }
         self._soft = {body.client for body in seen.bodies.values() if body.soft}
@@ -87,7 +98,7 @@ class Explanation:
         pushes = self._pushes = self._told(piece)
         chains = self._chained(piece)
         touching = Touching(piece.contacts, self._records)
-        bodies: dict[int, Judged] = {}
+        recorded: list[Recorded] = []
         for number, (chain, first) in chains.items():
             record = self._records[number]
             around = Around(
@@ -102,16 +113,28 @@ class Explanation:
                 poses=lambda body, ends: self._poses(chains, body, ends),
                 exact=self._seen.machine in ("", *EXACT_MACHINES),
             )
-            stretches = [
-                steps_of(each, around) for each in stretches_of(chain, first, self._epochs[number])
-            ]
-            sampled = chain.steps[first:][chain.sampled[first:]]
-            soft = record.body.client in self._soft
-            bodies[number] = judged(record.body, sampled, stretches, soft_there=soft)
-            self.totals.setdefault(number, Totals(record.body)).add(bodies[number])
+            stretches = stretches_of(chain, first, self._epochs[number])
+            recorded += [recorded_steps(each, around) for each in stretches]
             self._lasts[number] = chain.at(np.arange(len(chain))[-2:])  # a copy
+        batches = [(batch, self._verdict(batch)) for batch in batches_of(recorded)]
+        found: dict[int, list[tuple[BodySteps, Verdict]]] = {number: [] for number in chains}
+        for batch, verdict in batches:
+            for steps in batch.bodies:
+                found[steps.body.number].append((steps, verdict))
+        bodies: dict[int, Judged] = {}
+        for number, (chain, first) in chains.items():
+            sampled = chain.steps[first:][chain.sampled[first:]]
+            its = sorted(found[number], key=lambda each: int(each[0].steps[0]))
+            bodies[number] = judged(self._records[number].body, sampled, its)
+            self.totals.setdefault(number, Totals(bodies[number].body)).add(bodies[number])
         held = {number: chain for number, (chain, _) in chains.items()}
-        return Explained(piece, bodies, held, self._constraints, self._records)
+        return Explained(piece, bodies, held, self._constraints, self._records, batches)
+
+    def _verdict(self, batch: Batch) -> Verdict:
+        """Return what the steps of a batch are."""
+        body = batch.bodies[0].body
+        soft = any(each.body.client in self._soft for each in batch.bodies)
+        return Verdict.of(batch.whole, before=body.before, soft_there=soft)
 
     def _chained(self, piece: Piece) -> dict[int, tuple[Chain, int]]:
         """Return the states of each body, and how many of them were in the piece before."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -25,7 +25,7 @@ from drop_physics.physics.moving import moved_on
 from drop_physics.physics.tree import BASE, States
 from drop_physics.trace import events
 from drop_physics.trace.calls import Push
-from drop_physics.trace.events import counted_s, order
+from drop_physics.trace.events import Body, counted_s, order
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -65,7 +65,10 @@ class Around:
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """Steps of one body; arrays have one row per step, shape (n,) if not said otherwise."""
+    """Steps of one body, or of a batch of equal bodies one after the other.
+
+    Arrays have one row per step, shape (n,) if not said otherwise. All steps have the same law.
+    """
 
     epoch: Epoch
     law: BulletTree
@@ -76,8 +79,6 @@ class Steps:
     after: States
     put: Flags
     """Whether calls had set the state that a step began with."""
-    asked: Commanded
-    """What calls asked of its joints."""
     reported: Reported
     """What is known of them; a row of Forces names its step by its row here."""
     sides: Sides
@@ -92,8 +93,6 @@ class Steps:
     """The largest entry of the remainder over `largest`; infinite where the law has no sum."""
     unknown: Flags
     """Where a constraint acts that the law does not cover."""
-    changes: Changes
-    """How energy and momentum change, by cause."""
     alone: Int8 | None
     """What they are by the law of a body without links (`alone`); None of other bodies."""
 
@@ -120,47 +119,172 @@ class Steps:
         return np.asarray(np.einsum("ki,ki->k", mean, impulses))
 
 
-def steps_of(stretch: Stretch, around: Around) -> Steps:
-    """Return the steps of a stretch."""
-    chain, law, reasons = stretch.chain, stretch.epoch.law, stretch.epoch.reasons
-    if "planar" in reasons:  # the states are not those of its tree
+@dataclass(frozen=True, eq=False)
+class BodySteps(Steps):
+    """Steps of one body."""
+
+    body: Body
+    asked: Commanded
+    """What calls asked of its joints."""
+    changes: Changes
+    """How energy and momentum change, by cause."""
+    batch: Batch
+    """The batch that they are part of."""
+    rows: slice
+    """Their rows in the batch."""
+    points: slice
+    """The rows of their contact points in the batch."""
+
+    @cached_property
+    def point_energy_j(self) -> Float64:
+        """What each contact point gave of the body's energy: ½ (u' + u)·P, shape (points,)."""
+        return self.batch.whole.point_energy_j[self.points]
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Steps of equal bodies, explained together."""
+
+    whole: Steps
+    bodies: list[BodySteps]
+    """The steps of each body, in the order of `whole`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """What was recorded of the steps of one stretch; arrays have one row per step."""
+
+    stretch: Stretch
+    around: Around
+    law: BulletTree
+    chain: Chain
+    """The stretch's, without joints that the law does not know."""
+    asked: Commanded
+    reported: Reported
+    """All that is known of the steps but pushes."""
+    unknown: Flags
+    sides: Sides
+
+    @property
+    def pushes(self) -> list[Push]:
+        """The pushes of the body in its present life."""
+        came = order(self.around.record.came[self.stretch.epoch.life].at)
+        return [each for each in self.around.pushes if order(each.at) >= came]
+
+    @property
+    def kind(self) -> Hashable:
+        """What is equal of stretches that may be one batch; the stretch itself if none may."""
+        epoch = self.stretch.epoch
+        if self.around.pushes or {*epoch.reasons} & WITHOUT_SUM:
+            return id(self)
+        body = self.around.record.body
+        here = body.client, body.before, self.around.exact, self.reported.geared is None
+        constant = epoch.reasons, epoch.cone_friction, epoch.substeps, epoch.damping
+        return id(self.law), id(epoch.other), *here, *constant
+
+
+def recorded_steps(stretch: Stretch, around: Around) -> Recorded:
+    """Return what was recorded of the steps of a stretch."""
+    chain, law = stretch.chain, stretch.epoch.law
+    if "planar" in stretch.epoch.reasons:  # the states are not those of its tree
         chain, law = chain.without_joints(), _still(law)
-    real = chain.stepped[1:]
-    where = np.flatnonzero(real)
+    where = np.flatnonzero(chain.stepped[1:])
     begins, ends = chain.at(where), chain.at(where + 1)
-    before, states = begins.states(law.tree), chain.states(law.tree)
     asked = around.commands.asked(around.record.body, ends.steps)
-    found, acting, sides = _reported(around, law, ends, before, asked)
-    rows, added = Transitions(real, found.gravity_m_s2), None
+    found, acting, sides = _reported(around, law, ends, begins.states(law.tree), asked)
+    return Recorded(stretch, around, law, chain, asked, found, acting.unknown, sides)
+
+
+def batches_of(recorded: Iterable[Recorded]) -> list[Batch]:
+    """Return the steps of stretches, those of equal bodies together."""
+    groups: dict[Hashable, list[Recorded]] = {}
+    for each in recorded:
+        groups.setdefault(each.kind, []).append(each)
+    return [_batch(group) for group in groups.values()]
+
+
+def _batch(group: Sequence[Recorded]) -> Batch:
+    """Return the steps of stretches of equal bodies under equal settings."""
+    stretch, around, law = group[0].stretch, group[0].around, group[0].law
+    chain = Chain.joined([each.chain for each in group])
+    counts = [len(each.chain) for each in group]
+    starts = np.cumsum([0, *counts])
+    real = chain.stepped[1:].copy()
+    real[starts[1:-1] - 1] = False  # from the last state of a body to the first of the next
+    where = np.flatnonzero(real)
+    steps = [len(each.reported.timestep_s) for each in group]
+    firsts = np.cumsum([0, *steps])
+    found = Reported.joined([each.reported for each in group], firsts[:-1].tolist())
+    sides = Sides.joined([each.sides for each in group])
+    states = chain.states(law.tree)
+    before, after = states.at(where), states.at(where + 1)
+    rows, added, codes = Transitions(real, found.gravity_m_s2), None, None
     n, size = len(where), law.tree.size
-    unexplained, without = np.full(n, np.inf), {*reasons} & WITHOUT_SUM
+    unexplained, without = np.full(n, np.inf), {*stretch.epoch.reasons} & WITHOUT_SUM
     if not size:
-        unexplained[_coasts(law, begins, ends, found.timestep_s)] = 0.0
+        unexplained[_coasts(law, chain.at(where), chain.at(where + 1), found.timestep_s)] = 0.0
     elif not without:
-        added, found = _closing(stretch, around, rows, states, found)
+        added, found = _closing(group[0], rows, states, found)
         unexplained = added.unexplained[real]
-    after, codes = ends.states(law.tree), None
-    if size and not law.tree.links and without and {*reasons} & alone.ALONE == without:
-        found = replace(found, applied=_pushed(stretch, around, rows, np.full(n, NEVER)))
+    if size and not law.tree.links and without and without <= alone.ALONE:
+        found = replace(found, applied=_pushed(group[0], rows, np.full(n, NEVER)))
         touches = around.touching.touches(sides, found.contacts)
         codes = alone.explained(stretch.epoch, before, after, found, touches, exact=around.exact)
-    return Steps(
+    whole = Steps(
         epoch=stretch.epoch,
         law=law,
-        steps=ends.steps,
+        steps=chain.steps[where + 1],
         before=before,
         after=after,
-        put=~begins.sampled,
-        asked=asked,
+        put=~chain.sampled[where],
         reported=found,
         sides=sides,
         terms={} if added is None else {name: each[real] for name, each in added.terms.items()},
         remainder=np.zeros((n, size)) if added is None else added.remainder[real],
         largest=np.zeros(n) if added is None else added.largest[real],
         unexplained=unexplained,
-        unknown=acting.unknown,
-        changes=changes_of(law, states, rows, added),
+        unknown=np.concatenate([each.unknown for each in group]),
         alone=codes,
+    )
+    parts = [
+        (slice(start, start + count - 1), slice(first, first + made))
+        for start, count, first, made in zip(starts, counts, firsts, steps, strict=False)
+    ]
+    changes = changes_of(law, states, rows, added, parts)
+    batch = Batch(whole, [])
+    for each, (_, its), change in zip(group, parts, changes, strict=True):
+        batch.bodies.append(_of_body(batch, each, its, change))
+    return batch
+
+
+def _of_body(batch: Batch, recorded: Recorded, rows: slice, changes: Changes) -> BodySteps:
+    """Return the rows of a batch that are the steps of one body."""
+    whole = batch.whole
+    points = slice(*np.searchsorted(whole.reported.contacts.step, (rows.start, rows.stop)))
+    reported = recorded.reported
+    if len(whole.reported.applied):  # then it is the only one
+        reported = whole.reported
+    return BodySteps(
+        epoch=recorded.stretch.epoch,
+        law=whole.law,
+        steps=whole.steps[rows],
+        before=whole.before.at(rows),
+        after=whole.after.at(rows),
+        put=whole.put[rows],
+        reported=reported,
+        sides=recorded.sides,
+        terms={name: each[rows] for name, each in whole.terms.items()},
+        remainder=whole.remainder[rows],
+        largest=whole.largest[rows],
+        unexplained=whole.unexplained[rows],
+        unknown=recorded.unknown,
+        alone=None if whole.alone is None else whole.alone[rows],
+        body=recorded.around.record.body,
+        asked=recorded.asked,
+        changes=changes,
+        batch=batch,
+        rows=rows,
+        points=points,
     )
 
 
@@ -210,18 +334,13 @@ def _of_engine(settings: Sequence[events.Settings], began: Int64) -> tuple[Float
 # -- pushes, whose pose is not known --------------------------------------------------------------
 
 
-def _pushes(stretch: Stretch, around: Around) -> list[Push]:
-    """Return the pushes of a body in its present life."""
-    came = order(around.record.came[stretch.epoch.life].at)
-    return [each for each in around.pushes if order(each.at) >= came]
-
-
-def _pushed(stretch: Stretch, around: Around, rows: Transitions, refreshed: Int64) -> Forces:
+def _pushed(recorded: Recorded, rows: Transitions, refreshed: Int64) -> Forces:
     """Return what pushes do in the steps of a stretch."""
+    around, stretch = recorded.around, recorded.stretch
     begins = stretch.first + rows.where
     ends = around.chain.steps[begins + 1]
     return pushed(
-        _pushes(stretch, around),
+        recorded.pushes,
         around.record,
         stretch.epoch.law.tree,
         around.chain,
@@ -232,15 +351,18 @@ def _pushed(stretch: Stretch, around: Around, rows: Transitions, refreshed: Int6
 
 
 def _closing(
-    stretch: Stretch, around: Around, rows: Transitions, states: States, found: Reported
+    recorded: Recorded, rows: Transitions, states: States, found: Reported
 ) -> tuple[Sum, Reported]:
-    """Return the sum, with pushes at those poses of links with which each step closes best."""
-    law, pushes = stretch.epoch.law, _pushes(stretch, around)
+    """Return the sum, with pushes at those poses of links with which each step closes best.
+
+    Of a batch, none of which is pushed, `recorded` is the first.
+    """
+    law, pushes = recorded.stretch.epoch.law, recorded.pushes
 
     def added(refreshed: Int64) -> tuple[Sum, Reported]:
         known = found
         if pushes:
-            known = replace(found, applied=_pushed(stretch, around, rows, refreshed))
+            known = replace(found, applied=_pushed(recorded, rows, refreshed))
         return sum_of(law, states, _spread(known, rows)), known
 
     refreshed = np.full(len(rows.where), NEVER)

@@ -13,20 +13,12 @@ from drop_physics.physics.bullet_reports import contact_forces
 from drop_physics.physics.impulses import Forces
 from drop_physics.physics.rowed import Rowed
 from drop_physics.physics.tree import BASE
+from drop_physics.physics.vectors import groups
 from drop_physics.trace.states import Rows
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 Flags = NDArray[np.bool_]
-
-VECTORS = (
-    "position_a_m",
-    "position_b_m",
-    "normal",
-    "friction_1_direction",
-    "friction_2_direction",
-)
-"""A contact point's vectors: where it is on each body, and directions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +34,8 @@ class Sides(Rowed):
     is_a: Flags
     point: Int64
     """Row of the contact point in the piece."""
+    row: Int64
+    """Row of this side among all of the piece."""
     rolling: Flags
     """Whether either link has a coefficient of rolling or spinning friction."""
 
@@ -68,58 +62,53 @@ class Touches(Rowed):
 
 
 class Touching:
-    """The contact points of a piece."""
+    """The contact points of a piece, and what each does to both of its sides."""
 
     def __init__(self, contacts: Rows, records: Mapping[int, Record]) -> None:
-        self._points = {name: np.ascontiguousarray(contacts[name]) for name in VECTORS}
-        self._normal_n = contacts["normal_force_n"].copy()
-        self._distance_m = contacts["distance_m"].copy()
-        self._friction_n = np.column_stack(
-            [contacts[name] for name in ("friction_1_n", "friction_2_n")]
+        step, a, b, link_a, link_b = (
+            contacts[name] for name in ("step", "body_a", "body_b", "link_a", "link_b")
         )
+        points, body = np.tile(np.arange(len(step)), 2), np.concatenate((a, b))
+        rolling = _rolls(records, step, a, link_a) | _rolls(records, step, b, link_b)
+        order = np.lexsort((points, body))
+        points, is_a = points[order], (np.arange(2 * len(step)) < len(step))[order]
+        self._sides = Sides(
+            step=step[points],
+            body=body[order],
+            link=np.concatenate((link_a, link_b))[order],
+            other_body=np.concatenate((b, a))[order],
+            other_link=np.concatenate((link_b, link_a))[order],
+            is_a=is_a,
+            point=points,
+            row=np.arange(len(points)),
+            rolling=rolling[points],
+        )
+        self._distance_m = np.ascontiguousarray(contacts["distance_m"])
+        friction_n = np.column_stack([contacts[name] for name in ("friction_1_n", "friction_2_n")])
         # Farther apart than contactProcessingThreshold, Bullet reports the friction of another
         # point; DART's points in contact may have friction alone.
-        self._friction_n[(self._normal_n == 0) & (self._distance_m > 0)] = 0.0
-        step, a, b, link_a, link_b = (
-            contacts[name].copy() for name in ("step", "body_a", "body_b", "link_a", "link_b")
+        friction_n[(contacts["normal_force_n"] == 0) & (self._distance_m > 0)] = 0.0
+        at_a, at_b = (contacts[name][points] for name in ("position_a_m", "position_b_m"))
+        directions = [contacts[f"friction_{k}_direction"][points] for k in (1, 2)]
+        self._forces = contact_forces(
+            step=self._sides.step,
+            link=self._sides.link,
+            is_a=is_a,
+            point_m=np.where(is_a[:, None], at_a, at_b),
+            normal=contacts["normal"][points],
+            normal_force_n=contacts["normal_force_n"][points],
+            friction_n=friction_n[points],
+            directions=np.stack(directions, axis=1),
+            rolling=self._sides.rolling,
         )
-        points = np.arange(len(step))
-        rolling = _rolls(records, step, a, link_a) | _rolls(records, step, b, link_b)
-        is_a = np.repeat([True, False], len(step))
-        both = Sides(
-            np.tile(step, 2),
-            np.concatenate((a, b)),
-            np.concatenate((link_a, link_b)),
-            np.concatenate((b, a)),
-            np.concatenate((link_b, link_a)),
-            is_a,
-            np.tile(points, 2),
-            np.tile(rolling, 2),
-        )
-        self._sides = both.at(np.lexsort((both.point, both.body)))
 
     def of(self, body: int) -> Sides:
         """Return the contact points of a body."""
-        first, end = (
-            np.searchsorted(self._sides.body, body, side=side) for side in ("left", "right")
-        )
-        return self._sides.at(np.arange(first, end))
+        return self._sides.at(slice(*np.searchsorted(self._sides.body, (body, body + 1))))
 
     def forces(self, sides: Sides, row: Int64) -> Forces:
         """Return what some contact points do to their body; `row` are their steps."""
-        points = sides.point
-        at_a, at_b, normal, first, second = (self._points[name][points] for name in VECTORS)
-        return contact_forces(
-            step=row,
-            link=sides.link,
-            is_a=sides.is_a,
-            point_m=np.where(sides.is_a[:, None], at_a, at_b),
-            normal=normal,
-            normal_force_n=self._normal_n[points],
-            friction_n=self._friction_n[points],
-            directions=np.stack((first, second), axis=1),
-            rolling=sides.rolling,
-        )
+        return replace(self._forces.at(sides.row), step=row)
 
     def touches(self, sides: Sides, forces: Forces) -> Touches:
         """Return contact points, and the forces at them, as those of a body alone."""
@@ -148,9 +137,8 @@ def touches_of(contacts: Rows, body: int, link: int = BASE) -> Touches:
 def _rolls(records: Mapping[int, Record], step: Int64, body: Int64, link: Int64) -> Flags:
     """Return which links resist rolling or spinning, in the steps that led to these samples."""
     rolls = np.zeros(len(step), np.bool_)
-    for number in np.unique(body).tolist():
+    for number, rows in groups(body):
         if number in records:
-            rows = np.flatnonzero(body == number)
             for kind in ("rolling", "spinning"):
                 held = records[number].coefficients(f"{kind}_friction", step[rows], link[rows])
                 rolls[rows] |= np.nan_to_num(held) != 0  # other engines report none

@@ -5,8 +5,8 @@ Measured with PyBullet 3.2.7 (`docs/validation.md`). File names and line numbers
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -72,6 +72,27 @@ class Reported:
     """Of `getConstraintState` after each step (`constraint_forces`)."""
     geared: Float64 | None = None
     """Impulses of gears [N m s], shape (n, joint_rates) (`gear_impulses`); None without gears."""
+
+    @staticmethod
+    def joined(parts: Sequence[Reported], firsts: Sequence[int]) -> Reported:
+        """Return the steps of several, one after the other, which begin at `firsts`.
+
+        Either all of them or none have gears.
+        """
+        if len(parts) == 1:
+            return parts[0]
+        numbers: dict[str, Any] = {}
+        for each in fields(Reported):
+            held: list[Any] = [getattr(part, each.name) for part in parts]
+            if isinstance(held[0], Forces):
+                moved = [
+                    replace(forces, step=forces.step + first)
+                    for forces, first in zip(held, firsts, strict=True)
+                ]
+                numbers[each.name] = Forces.joined(moved)
+            else:
+                numbers[each.name] = None if held[0] is None else np.concatenate(held)
+        return Reported(**numbers)
 
     def between(self, first: int, last: int) -> Reported:
         """Return the steps from `first` up to `last`, counted from 0."""

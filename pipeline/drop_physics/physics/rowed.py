@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any, Self, cast
 
@@ -25,8 +26,15 @@ class Rowed:
 
     def then(self, more: Self) -> Self:
         """Return these rows and more."""
-        both = zip(self._columns(), more._columns(), strict=True)
-        return type(self)(*(np.concatenate(each) for each in both))
+        return self.joined((self, more))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Return the rows of several, one after the other; of one, itself."""
+        if len(parts) == 1:
+            return parts[0]
+        columns = zip(*(part._columns() for part in parts), strict=True)
+        return cls(*map(np.concatenate, columns))
 
     def _columns(self) -> list[NDArray[Any]]:
         return [getattr(self, each.name) for each in fields(cast("DataclassInstance", self))]

@@ -6,6 +6,7 @@ numpy reduces a last axis of three numbers row by row, which takes five to fifte
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +44,13 @@ def cross(a: Float64, b: Float64) -> Float64:
     """Return the cross products, shape (n, 3)."""
     (ax, ay, az), (bx, by, bz) = a.T, b.T
     return np.stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx), axis=1)
+
+
+def groups(numbers: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.intp]]]:
+    """Yield each number that there is, in order, and its rows in theirs."""
+    order = np.argsort(numbers, kind="stable")
+    found, starts = np.unique(numbers[order], return_index=True)
+    yield from zip(found.tolist(), np.split(order, starts[1:]), strict=True) if len(found) else ()
 
 
 def summed(rows: NDArray[np.int64], vectors: Float64, *, count: int) -> Float64:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from drop_physics.explain.joints import Driven, JointTable
 from drop_physics.explain.judged import Judged
 from drop_physics.explain.recording import Explained
-from drop_physics.explain.steps import Steps
+from drop_physics.explain.steps import BodySteps
 from drop_physics.explain.times import Times
 from drop_physics.explain.touches import TouchTable
 from drop_physics.messages import Message, joined
@@ -144,7 +144,7 @@ class Scene:
         for found in self.joints.latest.values():
             yield from found
 
-    def stretches(self, *bodies: int) -> Iterator[tuple[Judged, Steps]]:
+    def stretches(self, *bodies: int) -> Iterator[tuple[Judged, BodySteps]]:
         """Yield bodies of the latest piece, all or those of some numbers, each with its steps."""
         for number in bodies or self.judged:
             for steps in self.judged[number].stretches if number in self.judged else ():

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drop_physics.explain.changes import energy_of
 from drop_physics.explain.judged import Judged
-from drop_physics.explain.steps import Steps
+from drop_physics.explain.steps import BodySteps
 from drop_physics.messages import Message
 from drop_physics.physics.dynamics import angular_momenta
 from drop_physics.physics.kinematics import kinematics, motion
@@ -81,7 +81,7 @@ class MomentumDrift(Answer):
                     if end < len(steps):
                         self._end(number)
 
-    def _add(self, number: int, body: Body, steps: Steps, first: int, end: int) -> None:
+    def _add(self, number: int, body: Body, steps: BodySteps, first: int, end: int) -> None:
         known, began = self._now.get(number), int(steps.steps[first])
         if known is not None and (
             known.last != began - 1 or steps.put[first] or not _alike(known.tree, steps.law.tree)
@@ -138,7 +138,7 @@ def _alike(one: Tree, other: Tree) -> bool:
     )
 
 
-def _free(judged: Judged, steps: Steps) -> NDArray[np.bool_]:
+def _free(judged: Judged, steps: BodySteps) -> NDArray[np.bool_]:
     """Return in which steps nothing outside acts, gravity apart."""
     free = judged.explained[np.searchsorted(judged.steps, steps.steps)]
     for name in OUTSIDE:
@@ -149,7 +149,7 @@ def _free(judged: Judged, steps: Steps) -> NDArray[np.bool_]:
     return np.asarray(free & ~pushed)
 
 
-def _turning(steps: Steps, first: int, end: int) -> tuple[Float64, float]:
+def _turning(steps: BodySteps, first: int, end: int) -> tuple[Float64, float]:
     """Return the angular momentum before and after some steps, shape (2, 3).
 
     And the sum of the sizes of the links', after them or where the rates are greatest.

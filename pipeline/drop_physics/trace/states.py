@@ -12,6 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.physics.vectors import groups
+
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 Rows = NDArray[np.void]
@@ -180,10 +182,7 @@ def numbers_of(rows: Rows, field: str) -> NDArray[np.float64 | np.int64]:
 
 def by_body(rows: Rows) -> dict[int, Rows]:
     """Return the states of each body, in their order, by its number."""
-    order = np.argsort(rows["body"], kind="stable")
-    numbers, starts = np.unique(rows["body"][order], return_index=True)
-    parts = np.split(rows[order], starts[1:]) if len(rows) else []
-    return dict(zip(numbers.tolist(), parts, strict=True))
+    return {number: rows[its] for number, its in groups(rows["body"])}
 
 
 def poses_of(states: Rows) -> NDArray[np.float64]:
