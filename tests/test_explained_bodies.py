@@ -23,6 +23,7 @@ from drop_physics.physics.bullet_tree import BulletTree, Reported
 from drop_physics.physics.impulses import Forces
 from drop_physics.trace.history import Piece, Seen
 from drop_physics.trace.log import Log
+from drop_physics.trace.tables import table_of
 from scenes import explanation, record
 
 CLOSES = 1e-9
@@ -322,7 +323,7 @@ def test_the_energy_of_a_box_by_hand(seen: Callable[[str], Seen]) -> None:
     found = seen(BOX)
     totals = explanation(found).totals[1]
     assert totals.start_j == pytest.approx(0.1 * 9.81 * 0.3, rel=1e-12)
-    last = found.bases.row(-1, named=True)
+    last = table_of(found.bases).row(-1, named=True)
     speed, spin = (
         sum(last[name.format(axis)] ** 2 for axis in "xyz") for name in ("v{}_m_s", "w{}_rad_s")
     )
@@ -355,7 +356,7 @@ steps(10)
     totals = explanation(found).totals[0]
     closes(totals)
     assert totals.explained == totals.samples == 31
-    first, last, end = (found.bases.row(number, named=True) for number in (10, 20, 30))
+    first, last, end = (table_of(found.bases).row(number, named=True) for number in (10, 20, 30))
     put = 0.1 * (9.81 * (3 - first["z_m"]) + (4 - first["vz_m_s"] ** 2) / 2)
     heavier = 0.1 * (last["vx_m_s"] ** 2 + last["vz_m_s"] ** 2) / 2 - 0.1 * 9.81 * last["z_m"]
     assert totals.energy_j["set"] == pytest.approx(put + heavier, rel=1e-9)

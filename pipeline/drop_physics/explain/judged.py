@@ -67,7 +67,7 @@ class Judged:
 
 
 @dataclass(frozen=True, eq=False)
-class Verdict:
+class StepVerdicts:
     """What the steps of a batch are, shape (n,) each."""
 
     kind: Int8
@@ -76,7 +76,7 @@ class Verdict:
     """The remainder over the largest term, but of what another law explains, and of what sleeps."""
 
     @staticmethod
-    def of(steps: Steps, *, before: bool, soft_there: bool) -> Verdict:
+    def of(steps: Steps, *, before: bool, soft_there: bool) -> StepVerdicts:
         """Return what steps are.
 
         `before`: whether the bodies were there before the recording; `soft_there`: whether there
@@ -85,10 +85,12 @@ class Verdict:
         why = _whys(steps, before=before, soft_there=soft_there)
         # What another law explains has no sum, and what sleeps need not close it.
         other = (why < 0) & ~(steps.unexplained <= EXPLAINED)
-        return Verdict(_kinds(steps), why, np.where(other, 0.0, steps.unexplained))
+        return StepVerdicts(_kinds(steps), why, np.where(other, 0.0, steps.unexplained))
 
 
-def judged(body: Body, sampled: Int64, stretches: Sequence[tuple[BodySteps, Verdict]]) -> Judged:
+def judged(
+    body: Body, sampled: Int64, stretches: Sequence[tuple[BodySteps, StepVerdicts]]
+) -> Judged:
     """Return what each of some samples of a body is, given the verdicts on their batches."""
     segment, kind = np.full((2, len(sampled)), SET, np.int8)
     why = np.full(len(sampled), -1, np.int8)

@@ -13,12 +13,12 @@ from drop_physics.explain.causes import Totals
 from drop_physics.explain.chain import Chain, chain_of, stretches_of
 from drop_physics.explain.commands import Commands
 from drop_physics.explain.joined import Constraints
-from drop_physics.explain.judged import Judged, Verdict, judged
+from drop_physics.explain.judged import Judged, StepVerdicts, judged
 from drop_physics.explain.steps import (
     Around,
-    Batch,
     BodySteps,
-    Recorded,
+    RecordedSteps,
+    StepBatch,
     batches_of,
     recorded_steps,
 )
@@ -53,7 +53,7 @@ class Explained:
     """As they are told until its end."""
     records: Mapping[int, Record]
     """What was told of each body that is not soft, by its number."""
-    batches: Sequence[tuple[Batch, Verdict]]
+    batches: Sequence[tuple[StepBatch, StepVerdicts]]
     """The same steps as the bodies', those of equal bodies together."""
 
 
@@ -98,7 +98,7 @@ class Explanation:
         pushes = self._pushes = self._told(piece)
         chains = self._chained(piece)
         touching = Touching(piece.contacts, self._records)
-        recorded: list[Recorded] = []
+        recorded: list[RecordedSteps] = []
         for number, (chain, first) in chains.items():
             record = self._records[number]
             around = Around(
@@ -117,7 +117,7 @@ class Explanation:
             recorded += [recorded_steps(each, around) for each in stretches]
             self._lasts[number] = chain.at(np.arange(len(chain))[-2:])  # a copy
         batches = [(batch, self._verdict(batch)) for batch in batches_of(recorded)]
-        found: dict[int, list[tuple[BodySteps, Verdict]]] = {number: [] for number in chains}
+        found: dict[int, list[tuple[BodySteps, StepVerdicts]]] = {number: [] for number in chains}
         for batch, verdict in batches:
             for steps in batch.bodies:
                 found[steps.body.number].append((steps, verdict))
@@ -130,11 +130,11 @@ class Explanation:
         held = {number: chain for number, (chain, _) in chains.items()}
         return Explained(piece, bodies, held, self._constraints, self._records, batches)
 
-    def _verdict(self, batch: Batch) -> Verdict:
+    def _verdict(self, batch: StepBatch) -> StepVerdicts:
         """Return what the steps of a batch are."""
         body = batch.bodies[0].body
         soft = any(each.body.client in self._soft for each in batch.bodies)
-        return Verdict.of(batch.whole, before=body.before, soft_there=soft)
+        return StepVerdicts.of(batch.whole, before=body.before, soft_there=soft)
 
     def _chained(self, piece: Piece) -> dict[int, tuple[Chain, int]]:
         """Return the states of each body, and how many of them were in the piece before."""

@@ -18,7 +18,7 @@ from drop_physics.explain.commands import Commanded, Commands
 from drop_physics.explain.joined import Acting, Constraints, Poses
 from drop_physics.explain.pushed import pushed
 from drop_physics.explain.touching import Sides, Touching, rows_of
-from drop_physics.physics.bullet_tree import BulletTree, Reason, Reported, sum_of
+from drop_physics.physics.bullet_tree import BulletTree, Reason, Reported, all_reported, sum_of
 from drop_physics.physics.impulses import Forces, Sum, impulses_of
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.moving import moved_on
@@ -128,7 +128,7 @@ class BodySteps(Steps):
     """What calls asked of its joints."""
     changes: Changes
     """How energy and momentum change, by cause."""
-    batch: Batch
+    batch: StepBatch
     """The batch that they are part of."""
     rows: slice
     """Their rows in the batch."""
@@ -142,7 +142,7 @@ class BodySteps(Steps):
 
 
 @dataclass(frozen=True, eq=False)
-class Batch:
+class StepBatch:
     """Steps of equal bodies, explained together."""
 
     whole: Steps
@@ -151,7 +151,7 @@ class Batch:
 
 
 @dataclass(frozen=True, eq=False)
-class Recorded:
+class RecordedSteps:
     """What was recorded of the steps of one stretch; arrays have one row per step."""
 
     stretch: Stretch
@@ -183,7 +183,7 @@ class Recorded:
         return id(self.law), id(epoch.other), *here, *constant
 
 
-def recorded_steps(stretch: Stretch, around: Around) -> Recorded:
+def recorded_steps(stretch: Stretch, around: Around) -> RecordedSteps:
     """Return what was recorded of the steps of a stretch."""
     chain, law = stretch.chain, stretch.epoch.law
     if "planar" in stretch.epoch.reasons:  # the states are not those of its tree
@@ -192,18 +192,18 @@ def recorded_steps(stretch: Stretch, around: Around) -> Recorded:
     begins, ends = chain.at(where), chain.at(where + 1)
     asked = around.commands.asked(around.record.body, ends.steps)
     found, acting, sides = _reported(around, law, ends, begins.states(law.tree), asked)
-    return Recorded(stretch, around, law, chain, asked, found, acting.unknown, sides)
+    return RecordedSteps(stretch, around, law, chain, asked, found, acting.unknown, sides)
 
 
-def batches_of(recorded: Iterable[Recorded]) -> list[Batch]:
+def batches_of(recorded: Iterable[RecordedSteps]) -> list[StepBatch]:
     """Return the steps of stretches, those of equal bodies together."""
-    groups: dict[Hashable, list[Recorded]] = {}
+    groups: dict[Hashable, list[RecordedSteps]] = {}
     for each in recorded:
         groups.setdefault(each.kind, []).append(each)
     return [_batch(group) for group in groups.values()]
 
 
-def _batch(group: Sequence[Recorded]) -> Batch:
+def _batch(group: Sequence[RecordedSteps]) -> StepBatch:
     """Return the steps of stretches of equal bodies under equal settings."""
     stretch, around, law = group[0].stretch, group[0].around, group[0].law
     chain = Chain.joined([each.chain for each in group])
@@ -214,7 +214,7 @@ def _batch(group: Sequence[Recorded]) -> Batch:
     where = np.flatnonzero(real)
     steps = [len(each.reported.timestep_s) for each in group]
     firsts = np.cumsum([0, *steps])
-    found = Reported.joined([each.reported for each in group], firsts[:-1].tolist())
+    found = all_reported([each.reported for each in group], firsts[:-1].tolist())
     sides = Sides.joined([each.sides for each in group])
     states = chain.states(law.tree)
     before, after = states.at(where), states.at(where + 1)
@@ -251,13 +251,13 @@ def _batch(group: Sequence[Recorded]) -> Batch:
         for start, count, first, made in zip(starts, counts, firsts, steps, strict=False)
     ]
     changes = changes_of(law, states, rows, added, parts)
-    batch = Batch(whole, [])
+    batch = StepBatch(whole, [])
     for each, (_, its), change in zip(group, parts, changes, strict=True):
         batch.bodies.append(_of_body(batch, each, its, change))
     return batch
 
 
-def _of_body(batch: Batch, recorded: Recorded, rows: slice, changes: Changes) -> BodySteps:
+def _of_body(batch: StepBatch, recorded: RecordedSteps, rows: slice, changes: Changes) -> BodySteps:
     """Return the rows of a batch that are the steps of one body."""
     whole = batch.whole
     points = slice(*np.searchsorted(whole.reported.contacts.step, (rows.start, rows.stop)))
@@ -334,7 +334,7 @@ def _of_engine(settings: Sequence[events.Settings], began: Int64) -> tuple[Float
 # -- pushes, whose pose is not known --------------------------------------------------------------
 
 
-def _pushed(recorded: Recorded, rows: Transitions, refreshed: Int64) -> Forces:
+def _pushed(recorded: RecordedSteps, rows: Transitions, refreshed: Int64) -> Forces:
     """Return what pushes do in the steps of a stretch."""
     around, stretch = recorded.around, recorded.stretch
     begins = stretch.first + rows.where
@@ -351,7 +351,7 @@ def _pushed(recorded: Recorded, rows: Transitions, refreshed: Int64) -> Forces:
 
 
 def _closing(
-    recorded: Recorded, rows: Transitions, states: States, found: Reported
+    recorded: RecordedSteps, rows: Transitions, states: States, found: Reported
 ) -> tuple[Sum, Reported]:
     """Return the sum, with pushes at those poses of links with which each step closes best.
 

@@ -73,27 +73,6 @@ class Reported:
     geared: Float64 | None = None
     """Impulses of gears [N m s], shape (n, joint_rates) (`gear_impulses`); None without gears."""
 
-    @staticmethod
-    def joined(parts: Sequence[Reported], firsts: Sequence[int]) -> Reported:
-        """Return the steps of several, one after the other, which begin at `firsts`.
-
-        Either all of them or none have gears.
-        """
-        if len(parts) == 1:
-            return parts[0]
-        numbers: dict[str, Any] = {}
-        for each in fields(Reported):
-            held: list[Any] = [getattr(part, each.name) for part in parts]
-            if isinstance(held[0], Forces):
-                moved = [
-                    replace(forces, step=forces.step + first)
-                    for forces, first in zip(held, firsts, strict=True)
-                ]
-                numbers[each.name] = Forces.joined(moved)
-            else:
-                numbers[each.name] = None if held[0] is None else np.concatenate(held)
-        return Reported(**numbers)
-
     def between(self, first: int, last: int) -> Reported:
         """Return the steps from `first` up to `last`, counted from 0."""
         numbers: dict[str, Any] = {
@@ -104,6 +83,27 @@ class Reported:
             if (value := getattr(self, each.name)) is not None
         }
         return Reported(**numbers)
+
+
+def all_reported(parts: Sequence[Reported], firsts: Sequence[int]) -> Reported:
+    """Return the steps of several, one after the other, which begin at `firsts`.
+
+    Either all of them or none have gears.
+    """
+    if len(parts) == 1:
+        return parts[0]
+    numbers: dict[str, Any] = {}
+    for each in fields(Reported):
+        held: list[Any] = [getattr(part, each.name) for part in parts]
+        if isinstance(held[0], Forces):
+            moved = [
+                replace(forces, step=forces.step + first)
+                for forces, first in zip(held, firsts, strict=True)
+            ]
+            numbers[each.name] = Forces.joined(moved)
+        else:
+            numbers[each.name] = None if held[0] is None else np.concatenate(held)
+    return Reported(**numbers)
 
 
 # -- the sum --------------------------------------------------------------------------------------
