@@ -449,3 +449,38 @@ def test_what_is_no_recording_is_not_called_damaged(
         1,
         "drop: some.png is not a Rerun recording; make one with: drop record, or drop simulate\n",
     )
+
+
+@pytest.mark.parametrize(
+    ("script", "printed", "ours"),
+    [
+        ("raise ValueError('a typo')", "ValueError: a typo", "the script fails; what"),
+        ("import sys; sys.exit('no such arm')", "no such arm", "the script fails; what"),
+        ("import sys; sys.exit(4)", "sys.exit(4)", "the script fails: sys.exit(4); what"),
+        (
+            "import pybullet as p; p.connect(2); p.loadURDF('no.urdf')",
+            "pybullet.error: Cannot load URDF file",
+            "a file that it cannot find or read: There is no no.urdf",
+        ),
+        (
+            "import pybullet as p; p.stepSimulation()",
+            "Not connected to physics server",
+            "the script fails: There is no simulation with that number",
+        ),
+        (
+            "import os; os.kill(os.getpid(), 9)",
+            "it was ended by SIGKILL",
+            "the script fails: it was ended by SIGKILL; what",
+        ),
+    ],
+)
+def test_the_error_of_a_script_is_printed_once(
+    drop: Drop, tmp_path: Path, script: str, printed: str, ours: str
+) -> None:
+    """By the script, or by us where it says nothing; what is behind it is said besides."""
+    (tmp_path / "fails.py").write_text(script + "\n")
+    said = drop("record", "fails.py").stderr
+    assert said.count(printed) == 1
+    assert ours in " ".join(said.split())
+    alone = drop("analyze", "fails.py").stdout  # where nothing else says it
+    assert printed in " ".join(alone.split())

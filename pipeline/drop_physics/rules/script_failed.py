@@ -39,7 +39,9 @@ class ScriptFailed(Answer):
             yield found
 
 
-def failure(origin: Mapping[str, Any], raised: Call | None, calls: Log) -> Finding | None:
+def failure(
+    origin: Mapping[str, Any], raised: Call | None, calls: Log, *, printed: str = ""
+) -> Finding | None:
     """Return what a script failed with; None if it did not.
 
     Parameters
@@ -50,34 +52,34 @@ def failure(origin: Mapping[str, Any], raised: Call | None, calls: Log) -> Findi
         The last call that raised something, which the script may have handled.
     calls
         Those around it.
+    printed
+        The beginning of its error, where its reader has that already: it is left out.
     """
     error = origin.get("error")
     if origin.get("ended") != "failed" or not error:
         return None
     # The type is written without its module in the one, and with it in the other.
-    said = error.partition(": ")[2]
-    if raised is None or not said or not said.startswith(raised.raised.partition(": ")[2]):
-        message = Message("the script fails: {error}", error=error)
-        if said == NOT_CONNECTED:
-            message = Message(
-                "{message} {why}",
-                message=message,
-                why=Message(
-                    "There is no simulation with that number: p.connect did not make it, or "
-                    "p.disconnect ended it"
-                ),
-            )
-        site = origin.get("error_site")
-        return Finding(code="script-failed", level="broken", message=message, site=site)
-    message = Message(
-        "the script fails after {steps} in p.{function}({arguments}){why}: {error}",
-        steps=so_many(raised.at.step),
-        function=raised.function,
-        arguments=raised.arguments,
-        why=_why(raised, calls),
-        error=error,
-    )
-    return Finding(code="script-failed", level="broken", message=message, site=site_of(raised))
+    said, site = error.partition(": ")[2], origin.get("error_site")
+    rest = error.removeprefix(printed).strip()
+    message = Message("the script fails")
+    if raised is not None and said and said.startswith(raised.raised.partition(": ")[2]):
+        site = site_of(raised)
+        message = Message(
+            "the script fails after {steps} in p.{function}({arguments}){why}",
+            steps=so_many(raised.at.step),
+            function=raised.function,
+            arguments=raised.arguments,
+            why=_why(raised, calls),
+        )
+    elif said == NOT_CONNECTED:
+        why = Message(
+            "There is no simulation with that number: p.connect did not make it, or p.disconnect "
+            "ended it"
+        )
+        rest = Message("{error} {why}", error=rest, why=why) if rest else why
+    if rest:
+        message = Message("{what}: {error}", what=message, error=rest)
+    return Finding(code="script-failed", level="broken", message=message, site=site)
 
 
 def _why(call: Call, calls: Log) -> str:

@@ -60,7 +60,8 @@ class Recorded(Shown, lines_of="drop_physics.console.show_record:record_lines"):
     error: str
     """The script's error in one line; empty if there was none."""
     failure: str
-    """The same in a sentence, with the call that raised it and what is behind that."""
+    """The call that raised it and what is behind that, in a sentence; of the error, what the script
+    has not printed itself."""
     samples: int
     """States of a simulation: one more than its steps."""
     bodies: int
@@ -281,7 +282,7 @@ def recorded_of(
         script=name,
         ended=ended.how,
         error=ended.error,
-        failure=_failure(path) if ended.how == "failed" else "",
+        failure=_failure(path, ended.printed) if ended.how == "failed" else "",
         samples=recorder.samples,
         bodies=len(recorder.bodies),
         frames=recorder.frames,
@@ -292,15 +293,16 @@ def recorded_of(
     )
 
 
-def _failure(path: Path) -> str:
-    """Return what a script failed with, as the analysis says it."""
+def _failure(path: Path, printed: str) -> str:
+    """Return what a script failed with, as the analysis says it, but for what it has printed."""
     from drop_physics.recording.reader import read
     from drop_physics.rules.script_failed import failure
 
     held = read(path)
     last = held.seen.sampled.last
     calls = held.seen.sampled.piece(last, last + 1).calls
-    found = failure(held.origin_and_end, next(reversed(calls.failed()), None), calls)
+    raised = next(reversed(calls.failed()), None)
+    found = failure(held.origin_and_end, raised, calls, printed=printed)
     return Message("the script fails") if found is None else found.message
 
 

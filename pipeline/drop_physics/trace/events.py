@@ -418,6 +418,8 @@ class Ending:
     """`finished`, `steps`, `duration`, `idle`, `disk`, `interrupted` or `failed`."""
     error: str = ""
     """What failed, in a line."""
+    printed: str = ""
+    """What of it the program has printed itself."""
     site: str = ""
     """File and line of the script's own that failed."""
     notes: list[str] = field(default_factory=list)

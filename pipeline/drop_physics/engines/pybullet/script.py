@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import mmap
 import os
+import re
 import select
 import signal
 import subprocess
@@ -36,6 +37,8 @@ STOPS_WITHIN_S = 6.0
 INTERRUPT_AGAIN_S = 2.0
 """A terminal sends Ctrl-C to the script too; if it still runs after this long, it gets another."""
 TICK_S = 0.1
+_EXIT_CODE = re.compile(r"sys\.exit\((-?\d+|True)\)")
+"""An end that Python says nothing of: of an exception it prints a traceback, of a text that."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +150,7 @@ class Listener(ABC):
             ending.how = decoder.stopped
         elif ended:
             ending.how, ending.error, ending.site = ended["how"], ended["error"], ended["site"]
+            ending.printed = "" if _EXIT_CODE.fullmatch(ending.error) else ending.error
         else:
             ending.how, ending.error = "failed", Message("its process ended")
         return ending
