@@ -33,10 +33,10 @@ html_search_language = "en-ja"
 
 _MENU = {
     "Guides": [
-        "docs/walkthrough", "docs/record", "docs/why", "docs/engines", "docs/viewing", "docs/scale",
-        "docs/ci", "docs/catalog",
+        "docs/install", "docs/walkthrough", "docs/record", "docs/why", "docs/drop", "docs/engines",
+        "docs/viewing", "docs/scale", "docs/ci", "docs/catalog", "docs/pipeline",
     ],
-    "日本語": ["はじめに <README.ja>", "docs/walkthrough.ja"],
+    "日本語": ["はじめに <README.ja>", "docs/walkthrough.ja", "docs/drop.ja"],
     "Reference": ["docs/commands", "docs/recording", "docs/json", "recordings/README"],
     "How far to trust it": [
         "docs/trust", "docs/validation", "docs/reliability", "docs/performance"],

@@ -6,7 +6,6 @@ MuJoCo has more in `test_mujoco`.
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,6 @@ from drop_physics.errors import DropError, ScenarioError
 from drop_physics.explain.decomposition import TERMS
 from drop_physics.recording import other_layer, writer
 from drop_physics.recording.reader import Recording, read, recording_id
-from drop_physics.scenario import ENGINES
 from drop_physics.stages.check import check
 from drop_physics.stages.recorded import made_with
 from drop_physics.stages.view import view
@@ -600,25 +598,6 @@ def test_recordings_of_one_drop_open_as_one_a_colour_for_each(tmp_path: Path) ->
     simulate(Scenario(engine="mujoco", height_m=2.0), tmp_path / "other.rrd", camera=None)
     with view([paths[0], tmp_path / "other.rrd"], web=True) as shown:
         assert not any("drop-" in argument for argument in shown.viewer.command)
-
-
-@DART
-@DRAKE
-@PHYSX
-def test_the_table_of_the_readme_is_what_the_engines_do(drop: Drop) -> None:
-    printed = swept(drop, "--engine", ",".join(ENGINES))
-    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
-    for row, run in zip(printed["table"], printed["engines"], strict=True):
-        (line,) = re.findall(rf"^\| {ENGINES[row['engine']]} \|(.*)\|$", readme, re.MULTILINE)
-        cells = [cell.strip().split(" ")[0] for cell in line.split("|")]
-        numbers = [
-            f"{row['error_m'] * 1e3:+.3f}",
-            f"{row['timestep_m'] * 1e3:+.3f}",
-            f"{row['damping_m'] * 1e3:+.3f}" if row["damping_m"] else "0",
-            f"{run['penetration_m'] * 1e3:.2f}",
-            "" if run["rest_error_m"] is None else f"{run['rest_error_m'] * 1e6:+.2f}",
-        ]
-        assert cells == numbers
 
 
 def test_a_note_says_what_an_engine_ignores_in_the_urdf(tmp_path: Path) -> None:

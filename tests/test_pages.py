@@ -13,14 +13,24 @@ import pytest
 from drop_physics import Scenario, render, simulate
 from drop_physics.physics.base import EXACT_MACHINES
 from generators import pages, readme
-from generators.pages import DOCS, ENGINES, ROOT, WALKTHROUGH, Block, PageError, blocks, pictures
+from generators.pages import (
+    DOCS,
+    ENGINES,
+    PIPELINE,
+    ROOT,
+    WALKTHROUGH,
+    Block,
+    PageError,
+    blocks,
+    pictures,
+)
 from generators.pictures import alike
 from generators.typed import INSTEAD, PROGRAMS
 from PIL import Image
 from regenerate import is_current
 
 pytestmark = pytest.mark.long
-README = ROOT / "README.md"
+README, DROP = ROOT / "README.md", DOCS / "drop.md"
 AGAIN = "a page is stale; make it again with: python docs/regenerate.py"
 PAGES = pages.pages()
 MARKS = {
@@ -46,7 +56,7 @@ def test_what_a_page_says_to_type_works_prints_what_it_shows_and_draws_its_pictu
 ) -> None:
     made = pages.played(page)
     drawn = [path for path in made if path.suffix != ".md"]
-    assert len(drawn) == {WALKTHROUGH: 6, ENGINES: 1}.get(page, 0)
+    assert len(drawn) == {WALKTHROUGH: 6, ENGINES: 1, PIPELINE: 2}.get(page, 0)
     for path in drawn:
         assert is_current(path, made[path]), f"{path.name}: {AGAIN}"
         assert path.stat().st_size < {".webp": 300_000, ".gif": 450_000}.get(path.suffix, 60_000)
@@ -61,15 +71,14 @@ def test_the_pictures_of_the_readme_are_what_its_commands_draw() -> None:
     for path, picture in made.items():
         assert is_current(path, picture), f"{path.name}: {AGAIN}"
         assert path.stat().st_size < 500_000
-    for page in (README, *pages.translations(README)):
-        text = text_of(page)
-        first, *others = pictures(text.replace("docs/images/", "images/"))
-        assert first == "images/film-dark.gif"  # of a light and a dark one, which a browser takes
-        assert {Path(one).name for one in (first, *others)} == {
-            readme.VIEWER.name,
-            *(path.name for path in made),
-        }
-        assert all(command in text for command in readme.FILM)
+    for both in ((README, DROP), *zip(*map(pages.translations, (README, DROP)), strict=True)):
+        mine, film = (text_of(page).replace("docs/images/", "images/") for page in both)
+        # Of a light picture and a dark one, which a browser takes, the dark one comes first.
+        assert pictures(mine)[0] == "images/arm-dark.gif"
+        assert pictures(film) == ["images/film-dark.gif", "images/film.gif"]
+        shown = {Path(one).name for one in pictures(mine) + pictures(film)}
+        assert shown == {path.name for path in made}
+        assert all(command in film for command in readme.FILM)
 
 
 def test_the_box_of_the_first_picture_is_large() -> None:
@@ -84,22 +93,32 @@ def test_the_box_of_the_first_picture_is_large() -> None:
 
 
 def test_a_translation_has_the_blocks_options_and_pictures_of_its_page() -> None:
-    assert {page.name for page in TRANSLATED} == {"README.md", "walkthrough.md"}
+    assert {page.name for page in TRANSLATED} == {"README.md", "drop.md", "walkthrough.md"}
     for page in TRANSLATED:
-        for other in pages.translations(page):
-            for found in (
-                r"^```.*?^```$",  # what is typed and printed
-                r"^\| (.*?) \|",  # the options
+        mine = text_of(page)
+        for theirs in map(text_of, pages.translations(page)):
+            assert [_typed(one) for one in blocks(theirs)] == [_typed(one) for one in blocks(mine)]
+            for pattern in (
+                r"^\| (`--.*?) \|",  # the options
                 r"!\[.*?\]\((.*?)\)",  # the pictures
                 r"src(?:set)?=\"(.*?)\"",
             ):
-                assert _without_words(found, text_of(other)) == _without_words(found, text_of(page))
+                found = re.compile(pattern, re.MULTILINE).findall
+                assert found(theirs) == found(mine)
 
 
-def _without_words(pattern: str, text: str) -> list[str]:
-    """Return what a pattern finds, without comments and the words at the head of a table."""
-    found = re.findall(pattern, text, re.DOTALL | re.MULTILINE)
-    return [re.sub(r" +# .*| *オプション|エンジン|^(option|engine)$", "", one) for one in found]
+def _typed(block: Block) -> tuple[str, str]:
+    """Return the kind of a block and what it says to type, without comments."""
+    return block.kind, re.sub(r" +# .*", "", pages.typed(block))
+
+
+def test_a_translation_shows_what_is_printed_in_its_language() -> None:
+    for page in TRANSLATED:
+        for other in pages.translations(page):
+            shown = [block.text for block in blocks(text_of(other)) if block.quotes]
+            assert shown
+            # A block may quote nothing but what no language changes, as a name of a file.
+            assert len([one for one in shown if re.search("[ぁ-ヺ一-龥]", one)]) > len(shown) / 2
 
 
 def test_no_picture_is_left_behind() -> None:
@@ -118,9 +137,8 @@ def test_a_page_leads_on_to_pages_that_exist() -> None:
 
 def typed() -> str:
     """Return everything that pages say to type where no output is quoted."""
-    return "".join(
-        block.text for page in PAGES for block in blocks(text_of(page)) if not block.quotes
-    )
+    every = (block for page in PAGES for block in blocks(text_of(page)))
+    return "".join(block.text for block in every if not block.quotes)
 
 
 def test_every_page_is_looked_at_and_every_block_is_fenced() -> None:
@@ -192,8 +210,9 @@ def test_what_is_shown_is_cut_where_it_was_but_never_kept_where_it_is_wrong(
 
 def test_only_size_and_time_of_a_recording_may_be_others() -> None:
     line = "recording        run.rrd   241 samples, 41 frames, 394 kB, 1.2 s"
-    slower = line.replace("394 kB, 1.2 s", "1,401 kB, 10.0 s")
+    slower = line.replace("394 kB, 1.2 s", "1.40 MB, 10.0 s")
     assert pages.cut_alike([line], [slower]) == [line]
+    assert pages.cut_alike(["記録 394 kB、1.2 s"], ["記録 401 kB、3.0 s"]) == ["記録 394 kB、1.2 s"]
     more = line.replace("241", "242")
     assert pages.cut_alike([line], [more]) == [more]
 

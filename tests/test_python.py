@@ -69,10 +69,10 @@ def test_the_recording_of_a_block_is_one_like_any_other(
 
 
 @pytest.mark.long
-def test_the_readmes_script_runs_twice(tmp_path: Path) -> None:
+def test_the_script_on_the_page_of_the_box_runs_twice(tmp_path: Path) -> None:
     script, japanese = (
         re.findall(r"```python\n(.*?)```", (ROOT / page).read_text("utf-8"), re.DOTALL)
-        for page in ("README.md", "README.ja.md")
+        for page in ("docs/drop.md", "docs/drop.ja.md")
     )
     assert script == japanese
     done = subprocess.run(

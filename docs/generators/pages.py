@@ -18,8 +18,8 @@ In quoted output, a line `…` stands for omitted lines; the excerpts around it 
     Rest        0.0250 m: the position is the body's centre, not its underside
     …
 
-A translation has the same blocks as its page. A picture in the walkthrough, or in the page on
-engines, is the file of that name written by a command.
+A translation says to type what its page does, and shows what the program prints in its language.
+A picture in one of the pages `DRAWN` is the file of that name written by a command.
 """
 
 from __future__ import annotations
@@ -28,16 +28,20 @@ import re
 import shutil
 import tempfile
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from difflib import SequenceMatcher
 from pathlib import Path
 
 from generators.pictures import small
-from generators.typed import ROOT, possible, run_command, run_python
+from generators.typed import ROOT, in_language, possible, run_command, run_python
 
 DOCS = ROOT / "docs"
 WALKTHROUGH = DOCS / "walkthrough.md"
+PIPELINE = DOCS / "pipeline.md"
 ENGINES = DOCS / "engines.md"
+DRAWN = (WALKTHROUGH, ENGINES, PIPELINE)
+"""Pages whose pictures their own commands draw."""
 REFERENCES = {"commands.md", "json.md", "recording.md"}
 """Pages that the other generators write from the code."""
 CUT = "…"
@@ -61,7 +65,7 @@ for _ in range(240):
 
 _BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 _PICTURE = re.compile(r"(?:(?<=\]\()|(?<=srcset=\")|(?<=src=\"))images/[^)\"]+")
-_VARIES = re.compile(r"[\d.,]+ kB, [\d.]+ s$| +[\d.]+ µs$")
+_VARIES = re.compile(r"[\d.,]+ [kM]B(?:, |、)[\d.]+ s$| +[\d.]+ µs$")
 """Size of a recording and time to make it; time per step of an engine."""
 
 
@@ -98,6 +102,13 @@ def blocks(text: str) -> list[Block]:
     return [Block(*groups) for groups in _BLOCK.findall(text)]
 
 
+def typed(block: Block) -> str:
+    """Return what a block says to type, without what it quotes."""
+    if block.kind == "console":
+        return "".join(f"{command}\n" for command, _ in _typed(block.text))
+    return "" if block.quotes else block.text
+
+
 def pictures(text: str) -> list[str]:
     """Return the pictures in a page's text, relative to it."""
     return _PICTURE.findall(text)
@@ -111,7 +122,23 @@ def played(page: Path) -> dict[Path, bytes]:
     PageError
         If a command fails.
     """
-    text = page.read_text(encoding="utf-8")
+    made: dict[Path, bytes] = {}
+    for path in [page, *translations(page)]:
+        text = path.read_text(encoding="utf-8")
+        with _clone() as folder, in_language("ja" if path != page else "en"):
+            try:
+                quoted = list(_quoted(blocks(text), folder))
+            except PageError as error:
+                raise PageError(f"{path.name}: {error}") from None
+            made[path] = _filled(text, quoted).encode()
+            for picture in pictures(text) if path in DRAWN else []:
+                made[DOCS / picture] = small(_found(folder, Path(picture).name))
+    return made
+
+
+@contextmanager
+def _clone() -> Iterator[Path]:
+    """Yield a temporary folder with what the pages' commands expect in a clone."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         shutil.copytree(ROOT / "recordings/golden", folder / "recordings/golden")
@@ -119,14 +146,7 @@ def played(page: Path) -> dict[Path, bytes]:
         (folder / "models").mkdir()
         (folder / "models/bracket.urdf").write_text(_BODY)
         (folder / "sim.py").write_text(_SCRIPT)
-        try:
-            quoted = list(_quoted(blocks(text), folder))
-        except PageError as error:
-            raise PageError(f"{page.name}: {error}") from None
-        wanted = pictures(text) if page in (WALKTHROUGH, ENGINES) else []
-        drawn = {DOCS / picture: small(_found(folder, Path(picture).name)) for picture in wanted}
-    texts = {path: path.read_text(encoding="utf-8") for path in [page, *translations(page)]}
-    return {path: _filled(text, quoted).encode() for path, text in texts.items()} | drawn
+        yield folder
 
 
 def _filled(text: str, quoted: list[str]) -> str:

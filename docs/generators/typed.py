@@ -14,6 +14,7 @@ import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 from drop_physics.cli import app
@@ -21,10 +22,11 @@ from drop_physics.sweeping.engines import dismiss
 from typer.testing import CliRunner
 
 ROOT = Path(__file__).parents[2]
-os.environ["DROP_LANG"] = "en"  # what pages show is in English, whoever makes them
+os.environ["DROP_LANG"] = "en"  # what pages show does not depend on who makes them
 
 PROGRAMS = {
     "pip": (":", "installs; the extras it names are checked"),
+    "conda": (":", "creates an environment, and enters it"),
     "pytest": (":", "runs these tests; the files and tests it names are checked"),
     "python3.11": (":", "creates an environment"),
     "sphinx-build": (":", "builds the site: tests/test_site.py does"),
@@ -39,6 +41,7 @@ PROGRAMS = {
 """What is called instead of a program, and why."""
 
 INSTEAD = (
+    (r"^git clone \S+ drop && cd drop\b", ":", "is where the tests are"),
     (r"^drop view ", "ls ", "opens a window; its files must exist"),
     (r" --spawn\b| --connect \S+", "", "opens a window: tests/test_viewer.py does"),
     (r" --ray \S+", "", "needs a cluster: tests/test_sweep.py starts one"),
@@ -52,6 +55,17 @@ INSTEAD = (
     (r"\$\{\{ vars\.PYBULLET \}\}", "3", "is a variable of GitHub's"),
 )
 """What replaces a match, and why; only where no output is quoted."""
+
+
+@contextlib.contextmanager
+def in_language(code: str) -> Iterator[None]:
+    """Let the program print in a language meanwhile."""
+    before = os.environ["DROP_LANG"]
+    os.environ["DROP_LANG"] = code
+    try:
+        yield
+    finally:
+        os.environ["DROP_LANG"] = before
 
 
 def possible(command: str) -> str:
