@@ -133,7 +133,7 @@ def test_nobody_is_told_to_install_somebody_elses_package() -> None:
 def test_the_pipeline_to_copy_is_50_lines_and_comes_to_what_we_say(
     tmp_path: Path, standard: Run
 ) -> None:
-    """Its damping is a difference of two runs, so that it has what we call the interaction in it."""
+    """Its damping is a difference of two runs: what we call the interaction is a part of it."""
     page = (ROOT / "docs/pipeline.md").read_text(encoding="utf-8")
     (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     lines = [line for line in code.splitlines() if line.strip() and line.lstrip()[0] != "#"]

@@ -44,6 +44,11 @@ def text_of(page: Path) -> str:
     return page.read_text(encoding="utf-8")
 
 
+def prose_of(page: Path) -> str:
+    """Return a page's text without its blocks."""
+    return re.sub(r"^```.*?^```$", "", text_of(page), flags=re.DOTALL | re.MULTILINE)
+
+
 @pytest.mark.parametrize(
     "page",
     [
@@ -128,7 +133,7 @@ def test_no_picture_is_left_behind() -> None:
 
 def test_a_page_leads_on_to_pages_that_exist() -> None:
     for page in [*PAGES, *chain(*map(pages.translations, TRANSLATED))]:
-        for link in re.findall(r"\]\((?!https?:)([^)#]+)\)", text_of(page)):
+        for link in re.findall(r"\]\((?!https?:)([^)#]+)\)", prose_of(page)):
             assert (page.parent / link).exists(), f"{page.name}: {link}"
 
 
@@ -144,8 +149,7 @@ def typed() -> str:
 def test_every_page_is_looked_at_and_every_block_is_fenced() -> None:
     assert {"README.md", "ci.md", "catalog.md", "walkthrough.md"} <= {page.name for page in PAGES}
     for page in PAGES:
-        prose = re.sub(r"^```.*?^```$", "", text_of(page), flags=re.DOTALL | re.MULTILINE)
-        assert re.findall(r"^    \S.*", prose, re.MULTILINE) == [], page.name
+        assert re.findall(r"^    \S.*", prose_of(page), re.MULTILINE) == [], page.name
 
 
 @pytest.mark.parametrize("program", PROGRAMS)
@@ -169,7 +173,7 @@ def test_every_extra_that_a_page_names_exists() -> None:
         if extra
     }
     engines = {"mujoco", "dart", "drake", "physx"}
-    assert named == {"catalog", "ray", "docs", "test", "dev", "notebook"} | engines
+    assert named == {"catalog", "ray", "docs", "test", "dev", "notebook", "mp4"} | engines
     assert named <= set(extras)
 
 

@@ -42,7 +42,7 @@ PROGRAMS = {
 
 INSTEAD = (
     (r"^git clone \S+ drop && cd drop\b", ":", "is where the tests are"),
-    (r"^drop view ", "ls ", "opens a window; its files must exist"),
+    (r"^drop view\b", "ls", "opens a window; its files must exist"),
     (r" --spawn\b| --connect \S+", "", "opens a window: tests/test_viewer.py does"),
     (r" --ray \S+", "", "needs a cluster: tests/test_sweep.py starts one"),
     (r"^/usr/bin/time (-v|-f \".*?\") ", "", "is GNU's, not available everywhere"),
