@@ -13,7 +13,7 @@ import drop_physics
 
 PACKAGE = Path(drop_physics.__file__).parent
 ARCHITECTURE = (Path(__file__).parents[1] / "docs/architecture.md").read_text(encoding="utf-8")
-ROOMS = ARCHITECTURE.partition("## The rooms")[2].partition("\n## ")[0]
+ROOMS = ARCHITECTURE.partition("## The rooms")[2].partition("\n## Decisions")[0]
 ROW = re.compile(r"^\| `(\w+)(?:\.py|/)`(.*?) \| (.*) \| (.*) \|$", re.MULTILINE)
 # Room -> its description, and the rooms that it may import, from the top to the bottom.
 SAID = {

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import FrameType
 
 import drop_physics
-from command import Drop
+from conftest import Drop
 
 PACKAGE = Path(drop_physics.__file__).parent
 ARCHITECTURE = Path(__file__).parents[1] / "docs/architecture.md"
