@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import polars as pl
 import pybullet as p
 import pytest
 from conftest import some
@@ -33,8 +32,7 @@ from drop_physics.explain.segments import (
 from drop_physics.explain.touching import touches_of
 from drop_physics.physics.base import Motion
 from drop_physics.physics.bullet import BulletLaw
-from drop_physics.recording.rows import empty
-from drop_physics.recording.schema import CONTACTS
+from drop_physics.trace import states
 from engine import MODES, ROUNDS_ONCE
 from iterated import law_of
 from watched import Watched, random_throw, thrown
@@ -56,13 +54,13 @@ def motion_of(watched: Watched) -> Motion:
     return Motion(*(getattr(watched, one.name) for one in fields(Motion)))
 
 
-def contacts_in(watched: Watched) -> pl.DataFrame:
+def contacts_in(watched: Watched) -> states.Rows:
     # flag, a, b, link a, link b, on a, on b, normal, distance, force, friction and direction x 2
     rows = [
-        (step, point[1], point[3], point[2], point[4], *np.hstack(point[5:14]))
+        (step, point[1], point[3], point[2], point[4], *point[5:14])
         for step, point in watched.points
     ]
-    return pl.DataFrame(rows, schema=empty(CONTACTS).schema, orient="row")
+    return np.array(rows, states.CONTACT)
 
 
 def segments_in(watched: Watched, motion: Motion | None = None, **how: Any) -> Segments:

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 from drop_physics.drop.mechanics import Drift, mechanics_of_part
-from drop_physics.drop.samples import motion_of
 from drop_physics.physics.base import Motion
 from drop_physics.recording.reader import read
 from drop_physics.stages.record import record_script
 from drop_physics.trace.history import Seen
+from drop_physics.trace.states import BASE, MOTION
 from numpy.typing import NDArray
 
 from generators import pendulum
@@ -261,12 +261,14 @@ def _seen(script: str) -> Seen:
         finally:
             os.close(null)
         seen = read(recorded.recording).seen
-        assert seen.parts  # read while the file is there
+        assert len(seen.states)  # read while the file is there
         return seen
 
 
 def _motion(seen: Seen, body: int) -> Motion:
-    return motion_of(seen.parts[body, -1])
+    states = seen.states
+    base = states[(states["body"] == body) & (states["link"] == BASE)]
+    return Motion(*(base[name] for name in MOTION))
 
 
 def made(known: list[Figure] | None = None) -> dict[str, str]:
