@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import json
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -13,7 +12,6 @@ import time
 from pathlib import Path
 
 import pytest
-from command import environment
 from conftest import Drop
 from drop_physics import messages
 from drop_physics.stages.run import Run
@@ -222,47 +220,6 @@ def test_a_home_that_nothing_can_be_written_to_is_not_mentioned(
     monkeypatch.setenv("DROP_LANG", "ja")  # whose plots look for a font too
     done = drop_process("run", "--duration", "0.1")
     assert (done.returncode, done.stderr) == (0, "")
-
-
-ABORTS = """
-import os, sys
-from drop_physics.console import running
-def run(*_):
-    {how}
-running.run = run
-running.main()
-"""
-
-
-@pytest.mark.parametrize(
-    ("how", "code", "said"),
-    [
-        ("os.write(2, b'memory allocation failed'); os.abort()", 1, "there is not enough memory"),
-        ("os.write(2, b'OpenBLAS error'); os._exit(1)", 1, "there is not enough memory"),
-        ("os.write(2, b'a panic'); raise SystemExit(7)", 7, ""),
-        ("print('mine', file=sys.stderr); return 3", 3, "mine"),
-    ],
-)
-def test_where_memory_is_limited_a_library_that_aborts_is_one_line(
-    tmp_path: Path, how: str, code: int, said: str
-) -> None:
-    most = 4 << 30
-
-    def limited() -> None:
-        resource.setrlimit(resource.RLIMIT_AS, (most, most))
-
-    done = subprocess.run(
-        [sys.executable, "-c", ABORTS.replace("{how}", how)],
-        cwd=tmp_path,
-        env=environment(),
-        capture_output=True,
-        text=True,
-        check=False,
-        preexec_fn=limited,
-    )
-    assert (done.returncode, done.stdout) == (code, ""), done.stderr
-    assert len(done.stderr.splitlines()) == bool(said)
-    assert said in done.stderr
 
 
 @pytest.mark.parametrize("lacks", [MemoryError, OSError(errno.EMFILE, "Too many open files")])

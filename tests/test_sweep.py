@@ -423,21 +423,20 @@ def test_workers_use_no_semaphore_that_outlives_a_kill(monkeypatch: pytest.Monke
         list(engines.in_processes(double, range(4), jobs=2))
 
 
-@pytest.mark.parametrize(("limit", "most"), [("NOFILE", 20), ("AS", 300 << 20), ("AS", 2 << 30)])
-def test_limits_too_small_for_our_libraries_are_one_line(
-    drop_process: Drop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str, most: int
+def test_too_few_open_files_for_our_libraries_are_one_line(
+    drop_process: Drop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Found before one of them aborts."""
 
     def limited() -> None:
-        resource.setrlimit(getattr(resource, f"RLIMIT_{limit}"), (most, most))
+        resource.setrlimit(resource.RLIMIT_NOFILE, (20, 20))
 
     for language in ("en", "ja"):
         monkeypatch.setenv("DROP_LANG", language)
         done = drop_process("sweep", "--out", "s", "--height", "1,2", preexec_fn=limited)
         assert (done.returncode, done.stdout) == (1, "")
         assert len(done.stderr.splitlines()) == 1, done.stderr
-        assert f"ulimit -{'n' if limit == 'NOFILE' else 'v'} " in done.stderr
+        assert "ulimit -n " in done.stderr
     assert not list(tmp_path.iterdir())
 
 

@@ -36,17 +36,11 @@ LOUD = ("RUST_LOG", "MALLOC_CONF", "_RJEM_MALLOC_CONF", "POLARS_VERBOSE", "POLAR
 
 LEAST_FILES = 64
 """Files that may have to be open at once: a sweep on four cores needs half as many."""
-LEAST_ADDRESSES_KB = 3_000_000
-"""Address space in which every command is sure to begin; most of it is reserved and never used."""
-
 FINISHES = "finishes"
 """Argument of a worker's process."""
 
 PR_SET_PDEATHSIG = 1
 """From Linux's `sys/prctl.h`."""
-
-stderr: int | None = None
-"""Standard error as the command was given it, where ours leads nowhere."""
 
 given: dict[str, str] = {}
 """The environment as the command was given it; empty if we are not a command."""
@@ -75,12 +69,12 @@ def users_environment() -> dict[str, str]:
 
 
 def check_limits() -> None:
-    """Make sure that our libraries can open files and map memory: where they cannot, some abort.
+    """Make sure that our libraries can open files: where they cannot, some abort.
 
     Raises
     ------
     DropError
-        If this process may have too few open files, or too little address space.
+        If this process may have too few open files.
     """
     try:
         import resource
@@ -94,23 +88,6 @@ def check_limits() -> None:
             least=LEAST_FILES,
             most=files,
         )
-    memory, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if memory != resource.RLIM_INFINITY and memory < LEAST_ADDRESSES_KB * 1024:
-        raise DropError(
-            "drop needs {least} kB of address space, and {most} kB are allowed; raise that with: "
-            "ulimit -v {least}",
-            least=LEAST_ADDRESSES_KB,
-            most=memory // 1024,
-        )
-
-
-def has_little_memory() -> bool:
-    """Whether the address space of this process is limited."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return False
-    return resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
 
 
 def end_with_parent() -> None:

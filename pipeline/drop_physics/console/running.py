@@ -11,13 +11,12 @@ import os
 import re
 import signal
 import sys
-from mmap import mmap
 from typing import TYPE_CHECKING
 
 from drop_physics import workers
 from drop_physics.console.output import width
 from drop_physics.errors import NO_MEMORY, DropError, Stopped, signals
-from drop_physics.messages import Message, joined, translated
+from drop_physics.messages import Message, joined
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -40,10 +39,6 @@ def main() -> None:
     The command line is imported after the handlers are set, so that a signal during the import
     also ends in one line.
     """
-    ends_itself: mmap | bytearray = bytearray(1)
-    if workers.has_little_memory():
-        translated(NO_MEMORY)  # which reads all translations while there is some
-        ends_itself = _supervise()
 
     def stop(number: int, _: object) -> None:
         signals.append(number)
@@ -72,7 +67,6 @@ def main() -> None:
         for number in (signal.SIGINT, signal.SIGTERM):  # done: Python is only cleaning up
             signal.signal(number, signal.SIG_IGN)
         workers.given = {}
-        ends_itself[0] = 1
     _give_up_standard_output()
     raise SystemExit(code)
 
@@ -111,33 +105,6 @@ def run(load: Callable[[], typer.Typer], received: Sequence[int] = ()) -> int:
         with contextlib.suppress(OSError):
             say(line)
     return code if isinstance(code, int) else 0
-
-
-def _supervise() -> mmap:
-    """Go on in a child process, and say in one line if a library ends that for want of memory.
-
-    Libraries in C and Rust then print what they like, and abort or exit: that is not shown. What is
-    returned is to be set to 1 where the process ends by itself.
-    """
-    ends_itself = mmap(-1, 1)  # which both processes see
-    child = os.fork()
-    if not child:
-        workers.end_with_parent()
-        if os.environ.get("DROP_DEBUG") != "1" and sys.stderr is not None:
-            workers.stderr = os.dup(2)
-            sys.stderr = os.fdopen(workers.stderr, "w", 1, encoding=sys.stderr.encoding)
-            _send_nowhere(2)
-        return ends_itself
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to the child too
-    signal.signal(signal.SIGTERM, lambda number, _: os.kill(child, number))
-    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    crashes = (signal.SIGABRT, signal.SIGSEGV, signal.SIGBUS, signal.SIGILL)
-    if -code in crashes or (code >= 0 and not ends_itself[0]):
-        from drop_physics.console.output import error as say
-
-        say(NO_MEMORY)
-        code = 1
-    os._exit(code if code >= 0 else 128 - code)
 
 
 def _open_closed_streams() -> None:

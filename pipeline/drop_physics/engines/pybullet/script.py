@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drop_physics import workers
 from drop_physics.engines.pybullet.channel import shared_block, wide_pipe
 from drop_physics.engines.pybullet.watch import pipe
 from drop_physics.engines.pybullet.watched import Decoder
@@ -237,7 +236,7 @@ class Script(Listener):
             self._process = subprocess.Popen(
                 [*command, *program.arguments],
                 stdout=stdout,
-                stderr=workers.stderr if stderr is None else stderr,
+                stderr=stderr,
                 pass_fds=(writing, self._block.fileno()),
                 env={
                     "MALLOC_PERTURB_": program.perturb,
