@@ -19,12 +19,12 @@ from drop_physics.errors import DropError, ScenarioError
 from drop_physics.figures import animation, composition
 from drop_physics.figures.animation import check_animation, write_animation
 from drop_physics.figures.composition import caption
-from drop_physics.figures.growing_plot import GrowingStory
+from drop_physics.figures.growing_plot import GrowingPlot
 from drop_physics.figures.playback import Animation, playback
 from drop_physics.recording.frames import frames
 from drop_physics.stages.render import render
 from drop_physics.stages.run import Run
-from drop_physics.stages.telling import story_of
+from drop_physics.stages.telling import plot_of
 from PIL import Image
 
 Pixels = np.ndarray
@@ -233,10 +233,10 @@ def test_caption_and_plot_are_those_of_the_step_that_is_shown(
 
     monkeypatch.setattr(composition, "caption", noted)
     table, picture = standard.analysis.table, Image.new("RGB", (240, 180), "white")
-    story = story_of(standard.analysis)
+    story = plot_of(standard.analysis)
     captions = composition.Captions(table)
     both = composition.Composition(picture.size, story, captions, dark=False)
-    plot = GrowingStory(story, picture.size, dark=False)
+    plot = GrowingPlot(story, picture.size, dark=False)
     for step in (0, 72, 107, 108, 240):
         whole = both.composed(picture, step / 240)
         row, error_m = table.row(step, named=True), table["error_m"][min(step, 107)]
@@ -266,7 +266,7 @@ def test_the_camera_picture_stays_itself(
 
 
 def test_the_plot_grows_with_time(standard: Run) -> None:
-    plot = GrowingStory(story_of(standard.analysis), (480, 360), dark=False)
+    plot = GrowingPlot(plot_of(standard.analysis), (480, 360), dark=False)
     ends = [np.asarray(plot.at(time_s)).astype(int) for time_s in (0.0, 0.2, 0.4, 1.0)]
     blank, *_, whole = ends
     columns = [np.flatnonzero((end != blank).any(axis=(0, 2))) for end in ends[1:]]

@@ -17,14 +17,16 @@ import numpy as np
 import pybullet as p
 import pybullet_data
 import pytest
+from drawn import is_within
 from drop_physics import colours
 from drop_physics.errors import ScenarioError
-from drop_physics.figures import animation, convergence_plot, style
+from drop_physics.figures import animation, convergence_plot, engines_plot, style
 from drop_physics.figures.animation import check_animation
-from drop_physics.figures.gif import Gif, delay_cs, write_gif
-from drop_physics.figures.ink import LIGHT
-from drop_physics.figures.story import Curve, Panel, Story
-from drop_physics.figures.story_plot import build_story, told_story
+from drop_physics.figures.engines_plot import EngineFall
+from drop_physics.figures.gif import delay_cs, write_gif
+from drop_physics.figures.panel_plot import build_figure, render
+from drop_physics.figures.plot import Curve, Panel, Plot
+from drop_physics.figures.theme import LIGHT
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
@@ -80,7 +82,7 @@ def coloured(count: int, *, seed: int = 0, size: tuple[int, int] = (40, 30)) -> 
     return palette[rng.permutation(indices).reshape(height, width)]
 
 
-def written(frames: Sequence[Pixels], *, fps: float = 20.0) -> tuple[Gif, bytes]:
+def written(frames: Sequence[Pixels], *, fps: float = 20.0) -> tuple[int, bytes]:
     stream = io.BytesIO()
     pictures = animation.decoded(map(png_of, frames))
     return write_gif(pictures, stream, fps=fps), stream.getvalue()
@@ -128,7 +130,7 @@ def test_every_frame_starts_at_its_time(fps: float) -> None:
     _, delays_ms = decoded(gif)
     starts_ms = [0, *itertools.accumulate(delays_ms)]
     assert starts_ms == [10 * round(100 * frame / fps) for frame in range(32)]
-    assert wrote.duration_s == starts_ms[-1] / 1000
+    assert wrote == 31
     assert delays_ms == [10 * delay_cs(frame, fps=fps) for frame in range(31)]
 
 
@@ -141,7 +143,7 @@ def test_up_to_256_colours_are_exact(count: int) -> None:
     frame = coloured(count)
     wrote, gif = written([frame])
     assert same(decoded(gif)[0], [frame])
-    assert wrote.quantised == 0
+    assert wrote == 1
 
 
 def test_new_colours_get_a_palette_of_their_own() -> None:
@@ -150,7 +152,7 @@ def test_new_colours_get_a_palette_of_their_own() -> None:
     frames[-1][3, 4] = (1, 2, 3)
     wrote, gif = written(frames)
     assert same(decoded(gif)[0], frames)
-    assert wrote.quantised == 0
+    assert wrote == len(frames)
 
 
 def test_colours_one_step_apart_are_told_apart() -> None:
@@ -161,12 +163,12 @@ def test_colours_one_step_apart_are_told_apart() -> None:
         assert same(decoded(written([frame])[1])[0], [frame])
 
 
-def test_more_colours_than_a_gif_holds_are_reported_and_close() -> None:
+def test_more_colours_than_a_gif_holds_are_close() -> None:
     y, x = np.mgrid[:60, :80]
     gradient = np.stack([4 * y, 3 * x, y + x], axis=2).astype(np.uint8)
     plain = np.full_like(gradient, 200)
     wrote, gif = written([plain, gradient, plain])
-    assert wrote.quantised == 1
+    assert wrote == 3
     pictures, _ = decoded(gif)
     assert same(pictures[::2], [plain, plain])
     off = np.abs(pictures[1].astype(int) - gradient)
@@ -241,7 +243,7 @@ def texts(axes: Axes) -> list[str]:
     return [text.get_text() for text in axes.texts]
 
 
-STORY = Story(
+PLOT = Plot(
     "A & <b> $x$",
     ["what it means"],
     [
@@ -252,11 +254,11 @@ STORY = Story(
 
 @pytest.mark.parametrize("format", ["png", "svg"])
 def test_the_same_story_gives_the_same_bytes(format: str) -> None:  # noqa: A002
-    assert told_story(STORY, format, dark=True) == told_story(STORY, format, dark=True)
+    assert render(PLOT, format, dark=True) == render(PLOT, format, dark=True)
 
 
 def test_an_svg_keeps_its_text_as_text_and_no_date() -> None:
-    svg = told_story(STORY, "svg", dark=False).decode()
+    svg = render(PLOT, "svg", dark=False).decode()
     for text in ("time [s]", "height [m]", "A &amp; &lt;b&gt; $x$"):
         assert f">{text}</text>" in svg
     assert "dc:date" not in svg
@@ -266,16 +268,16 @@ def test_an_svg_keeps_its_text_as_text_and_no_date() -> None:
 def test_the_users_own_settings_are_ignored_and_untouched() -> None:
     import matplotlib
 
-    plain = told_story(STORY, "png", dark=False)
+    plain = render(PLOT, "png", dark=False)
     with matplotlib.rc_context({"font.size": 30, "lines.linewidth": 9, "axes.grid": True}):
-        assert told_story(STORY, "png", dark=False) == plain
+        assert render(PLOT, "png", dark=False) == plain
         assert matplotlib.rcParams["font.size"] == 30
     assert "matplotlib.pyplot" not in sys.modules
 
 
 @pytest.mark.parametrize(("dark", "page"), [(False, (255, 255, 255)), (True, (13, 17, 23))])
 def test_the_page_is_light_or_dark(dark: bool, page: tuple[int, int, int]) -> None:
-    with Image.open(io.BytesIO(told_story(STORY, "png", dark=dark))) as image:
+    with Image.open(io.BytesIO(render(PLOT, "png", dark=dark))) as image:
         assert image.convert("RGB").getpixel((0, 0)) == page
 
 
@@ -292,7 +294,7 @@ def test_lengths_are_in_the_unit_that_reads_best(
     largest_m: float, shown: str, factor: float
 ) -> None:
     curve = Curve("box", np.arange(2.0), np.array([0.0, largest_m]), "#0072b2")
-    (axes,) = build_story(Story("t", [], [Panel("height", "m", [curve])]), LIGHT).axes
+    (axes,) = build_figure(Plot("t", [], [Panel("height", "m", [curve])]), LIGHT).axes
     assert axes.get_title(loc="left") == f"height [{shown}]"
     assert axes.lines[0].get_ydata()[-1] == pytest.approx(factor * largest_m)
 
@@ -309,8 +311,8 @@ def test_areas_add_up_to_the_curve_over_them_and_are_inside_the_panel() -> None:
             ("both", both, "#cc79a7"),
         )
     ]
-    story = Story("t", [], [Panel("error", "J", curves, zero=True, stacked=True)])
-    (axes,) = build_story(story, LIGHT).axes
+    story = Plot("t", [], [Panel("error", "J", curves, zero=True, stacked=True)])
+    (axes,) = build_figure(story, LIGHT).axes
     reach = np.array([area.get_datalim(axes.transData).intervaly for area in axes.collections])
     assert reach.min() == -6  # -5 and -1, at the end
     assert reach.max() == 5  # 1 and 4, at the start
@@ -413,8 +415,8 @@ ERRORS_M = {
 
 
 def study(count: int = 1) -> Figure:
-    shown = [convergence_plot.Panel(f"{n}", STEPS_S, ERRORS_M, 1 / 341) for n in range(count)]
-    return convergence_plot.build_figure(shown, title="t", ink=LIGHT)
+    shown = [convergence_plot.Refinement(f"{n}", STEPS_S, ERRORS_M, 1 / 341) for n in range(count)]
+    return convergence_plot.build_figure(shown, title="t", theme=LIGHT)
 
 
 def test_errors_are_drawn_in_millimetres_over_the_timestep_in_seconds() -> None:
@@ -443,6 +445,27 @@ def test_each_error_has_its_colour_and_its_name_where_it_ends() -> None:
         end = (np.log10(1e3 * abs(ERRORS_M[name][-1])) - low) / (high - low)
         # Names that would overlap, those of damping and total, are moved up.
         assert end - 1e-9 <= names[name].xy[1] < end + 0.06
+    boxes = sorted((label.get_window_extent() for label in names.values()), key=lambda box: box.y0)
+    assert all(below.y1 < above.y0 for below, above in itertools.pairwise(boxes))
+
+
+@pytest.mark.parametrize("floor_m", [0.025, None])
+def test_engines_are_named_beside_their_last_height(floor_m: float | None) -> None:
+    """Where they land if there is a floor: there they differ."""
+    times_s, last_m = np.arange(241) / 240, (0.01, 0.02)
+    falls = [
+        EngineFall(
+            f"{low_m} m", "#0072b2", times_s, np.maximum(1 - 4.9 * times_s**2, low_m), floor_m
+        )
+        for low_m in last_m
+    ]
+    figure = engines_plot.build_figure(falls, LIGHT)
+    assert is_within(figure)
+    assert len(figure.axes) == (1 if floor_m is None else 2)
+    low, high = figure.axes[-1].get_ylim()
+    scale, zero = (1, 0.0) if floor_m is None else (1e3, floor_m)
+    for name, low_m in zip(figure.axes[-1].texts, last_m, strict=True):
+        assert name.xy[1] == pytest.approx((scale * (low_m - zero) - low) / (high - low), abs=0.1)
 
 
 def test_the_total_dips_where_timestep_and_damping_cancel() -> None:
@@ -470,6 +493,7 @@ def test_the_total_dips_where_timestep_and_damping_cancel() -> None:
 )
 def test_panels_for_which_there_is_no_room_are_counted(count: int, words: str) -> None:
     figure = study(count)
+    assert is_within(figure)
     assert len(figure.axes) == 4
     assert words in figure.texts[1].get_text()
     assert ("not shown" in figure.texts[1].get_text()) == (count > 4)

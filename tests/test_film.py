@@ -10,17 +10,22 @@ import numpy as np
 import pytest
 import scenes
 from conftest import Drop, some
-from drop_physics.engines.pybullet.checkerboard import checkerboard
+from drop_physics.engines.pybullet.checkerboard import SUN, checkerboard
 from drop_physics.engines.pybullet.engine import p
-from drop_physics.engines.pybullet.visible_world import view_matrix
+from drop_physics.engines.pybullet.visible_world import view_matrix, world_from_camera
 from drop_physics.errors import RecordingError, ScenarioError
 from drop_physics.figures.playback import Animation
+from drop_physics.figures.theme import DARK, LIGHT
+from drop_physics.recording.reader import read
 from drop_physics.recording.scene import parts_of
 from drop_physics.scenario import STANDARD_CAMERA
 from drop_physics.stages.analyze import analyze
+from drop_physics.stages.film import AXES
+from drop_physics.stages.film_of_drop import FallScene
 from drop_physics.stages.render import render
+from drop_physics.stages.run import Run
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageColor
 
 FALLS = """
 import pybullet as p
@@ -305,14 +310,43 @@ def test_the_poses_of_a_drop_are_drawn_near_where_a_camera_is_named(
         blue = np.argwhere(picture[..., 2].astype(int) - picture[..., 0] > 60)
         assert np.ptp(blue, axis=0).min() > 40
     assert len(np.unique(shown[0][300, :, 0])) > 1
-    # It stays where the camera looks until 0.25 s, and lands at 0.31 s.
-    rows = [
-        np.argwhere(each[..., 2].astype(int) - each[..., 0] > 60)[:, 0].mean()
-        for each in shown[:11]
-    ]
-    assert np.ptp(rows) < 20
+    # It lands at 0.31 s, after 12 pictures.
+    rows = np.array(
+        [np.argwhere(each[..., 2].astype(int) - each[..., 0] > 60)[:, 0].mean() for each in shown]
+    )
+    if view == "follow":
+        assert np.ptp(rows) < 20
+    else:  # it is seen to fall, and to lie
+        assert (np.diff(rows[:12]) > 0).all()
+        assert np.ptp(rows) > 120
+        assert np.ptp(rows[14:]) < 3
     done = drop("render", "run.rrd", "--body", "box", "--force")
     assert (done.returncode, "a drop has only one body" in done.stderr) == (2, True)
+
+
+def test_beside_a_drop_its_free_fall_lands_and_a_ruler_says_how_high_it_is(standard: Run) -> None:
+    """Free fall is in the plane of the picture, and the ruler's ticks where PyBullet sees them."""
+    held = read(standard.simulation.recording)
+    parts, table = parts_of(held.path, held.seen)[:1], standard.analysis.table
+    scene = FallScene(parts, table, AXES, held.engine.rest_height_m)
+    (free,), times_s = scene.in_free_fall, np.array([0, 72, 105, 110, 240]) / 240
+    fallen_m = np.maximum(1 - 9.81 * times_s**2 / 2, 0.025)
+    places_m = free.at(times_s)[:, :3]
+    assert places_m[:, 2] == pytest.approx(fallen_m, abs=1e-6)
+    beside_m = places_m - parts[0].at(times_s)[:, :3]
+    assert beside_m[:, :2] @ AXES[0, :2] == pytest.approx(2.5 * parts[0].radius_m, rel=1e-3)
+    assert beside_m[:, :2] @ AXES[2, :2] == pytest.approx(0.0, abs=1e-5)
+    camera = replace(STANDARD_CAMERA, target_m=(0.0, 0.0, 0.5), distance_m=0.5)
+    marks = {mark.text.strip(): mark.line for mark in scene.marks(camera, 0.3)}
+    assert {"simulated", "free fall", "0.4 m", "0.5 m", "0.6 m"} < marks.keys()
+    view = np.reshape(view_matrix(camera), (4, 4)).T
+    foot_m = parts[0].at(np.array([0.3]))[0, :3] - 1.25 * parts[0].radius_m * AXES[0]
+    for height_m in (0.4, 0.5, 0.6):
+        right, up, back, _ = view @ [*foot_m[:2], height_m, 1]
+        column, row = 240 - 311.77 * right / back, 180 + 311.77 * up / back
+        assert marks[f"{height_m} m"][0] == pytest.approx((column, row), abs=0.01)
+    assert not any(text.startswith("-") for text in marks)
+    assert not FallScene(parts, table.with_columns(timestep_m=None), AXES, None).in_free_fall
 
 
 def test_a_drop_without_frames_has_no_gif_unless_a_camera_is_named(drop: Drop) -> None:
@@ -358,10 +392,16 @@ def test_a_film_has_a_floor_of_tiles_edges_and_a_clock(
 ) -> None:
     render(record(FALLS), out=tmp_path / "film.gif", dark=dark)
     first, last = (pictures(tmp_path / "film.gif")[place].astype(int) for place in (0, -1))
-    floor = np.sort(last[300:, 300:].reshape(-1, 3).mean(axis=1))
+    floor = np.sort(last[300:, :120].reshape(-1, 3).mean(axis=1))
     assert floor[-1] - floor[0] > 8
     assert np.ptp(np.unique(np.round(floor, 1))) < 60  # two greys, little apart
-    assert (first[-40:, :120] != last[-40:, :120]).any()
+    assert (first[-40:, -120:] != last[-40:, -120:]).any()
+    # Above the horizon there is the page, into which the floor fades.
+    page = (np.array(ImageColor.getrgb((DARK if dark else LIGHT).page)),)
+    assert (last[0] == page).all()
+    steps = np.abs(np.diff(last[:200, 0].mean(axis=1)))
+    assert steps[np.flatnonzero(steps)[0]] < 5
+    assert steps.sum() > 16
     red = redness(last)
     top, left = red.min(axis=0) - 2
     around = last[top : top + 3, left : left + 80].min()
@@ -395,8 +435,9 @@ def test_a_plane_is_a_checkerboard_from_any_side_of_it() -> None:
     """Against PyBullet's own matrices: each pixel's ray is cut with the plane."""
     camera = replace(STANDARD_CAMERA, size_px=(640, 480), target_m=(0.3, -0.2, 0.4), distance_m=1.5)
     place = (0.1, 0.2, -0.3), p.getQuaternionFromEuler((0.3, -0.2, 0.7))
-    tiles = np.array([[200] * 3, [100] * 3], np.uint8)
-    colours, nearness = checkerboard(camera, place, 0.25, tiles)
+    tiles = np.array([[200] * 3, [100] * 3, [255] * 3], np.uint8)
+    client = p.connect(p.DIRECT)
+    colours, nearness = checkerboard(camera, client, place, 0.25, tiles)
     view = np.reshape(view_matrix(camera), (4, 4)).T
     lens = np.reshape(p.computeProjectionMatrixFOV(60, 4 / 3, 0.1, 10), (4, 4)).T
     to_world, axes = (
@@ -415,8 +456,37 @@ def test_a_plane_is_a_checkerboard_from_any_side_of_it() -> None:
             in_square = met[:2] / 0.25 % 1
             if away_m > 0 and away_m < 4 and (abs(in_square - 0.5) < 0.49).all():
                 certain += 1
-                odd = int(np.floor(met[:2] / 0.25).sum()) % 2
-                assert (colours[row, column] == tiles[odd]).all()
+                tile = tiles[int(np.floor(met[:2] / 0.25).sum()) % 2].astype(int)
+                # Within a slope of 0.3 towards the horizon it fades into the page, in 12 steps.
+                share = min((near[2] - far[2]) / (10 - 0.1) / 0.3, 1)
+                fades = np.abs(tile - tiles[2]) / 12 / 2 + 1 if share < 1 else 0
+                assert (
+                    np.abs(colours[row, column] - (tiles[2] + share * (tile - tiles[2]))) <= fades
+                ).all()
     assert certain > 60
     below = replace(camera, pitch_deg=60.0)
-    assert not checkerboard(below, place, 0.25, tiles)[1].any()
+    assert not checkerboard(below, client, place, 0.25, tiles)[1].any()
+    p.disconnect(client)
+
+
+def test_a_box_casts_its_shadow_on_the_floor_below_it() -> None:
+    """From each point of the floor, whether a ray to the sun meets the box."""
+    camera = replace(STANDARD_CAMERA, size_px=(320, 240), target_m=(0.0, 0.0, 0.3), distance_m=1.5)
+    floor, half_m = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), np.array([0.2, 0.1, 0.05])
+    tiles, client = np.array([[200] * 3, [200] * 3, [255] * 3], np.uint8), p.connect(p.DIRECT)
+    lit, nearness = checkerboard(camera, client, floor, 0.25, tiles)
+    look = p.createVisualShape(p.GEOM_BOX, halfExtents=half_m.tolist())
+    p.createMultiBody(0, -1, look, [0, 0, 0.4])
+    shaded, _ = checkerboard(camera, client, floor, 0.25, tiles)
+    p.disconnect(client)
+    rows, columns = np.nonzero(nearness > 0.3)
+    rays = np.stack([columns - 159.5, 119.5 - rows, np.full(len(rows), -camera.focal_length_px)])
+    rays /= camera.focal_length_px
+    eye = world_from_camera(camera)
+    points_m = eye[:3, 3] + (eye[:3, :3] @ rays / nearness[rows, columns]).T
+    # Where the ray enters and leaves the box along each axis.
+    ends = [(side * half_m + (0, 0, 0.4) - points_m) / SUN for side in (-1, 1)]
+    meets = np.minimum(*ends).max(axis=1) < np.maximum(*ends).min(axis=1)
+    darker = (shaded < lit).all(axis=2)[rows, columns]
+    assert meets.sum() > 200
+    assert (darker != meets).sum() < 0.1 * meets.sum()  # pixels at its edge

@@ -19,12 +19,12 @@ from drop_physics import Analysis, analyze
 from drop_physics.console import output
 from drop_physics.errors import RecordingError
 from drop_physics.figures import style
-from drop_physics.figures.ink import LIGHT
-from drop_physics.figures.story_plot import build_story, told_story
+from drop_physics.figures.panel_plot import build_figure, render
+from drop_physics.figures.theme import LIGHT
 from drop_physics.messages import LOCALE, VARIABLES, Message, joined, localized, translated, wrapped
 from drop_physics.stages.narrative import findings_markdown
 from drop_physics.stages.run import Run
-from drop_physics.stages.telling import story_of
+from drop_physics.stages.telling import plot_of
 from fontTools.fontBuilder import FontBuilder
 from fontTools.pens.ttGlyphPen import TTGlyphPen
 from matplotlib import font_manager
@@ -35,7 +35,7 @@ PACKAGE = Path(drop_physics.__file__).parent
 FILE = LOCALE / "ja/LC_MESSAGES/drop.mo"
 AGAIN = "translate it in locale/ja/LC_MESSAGES/drop.po; python docs/regenerate.py drop.po"
 TEMPLATES = {
-    "Message": 0, "joined": 0, "localized": 0, "words": 0, "counted": 1, "DropError": 0,
+    "Message": 0, "joined": 0, "localized": 0, "label": 0, "counted": 1, "DropError": 0,
     "ScenarioError": 0, "RecordingError": 0, "OutputError": 0, "ForeignError": 0, "ViewerError": 0,
     "StreamError": 0, "WorkerDiedError": 0,
 }  # fmt: skip
@@ -302,8 +302,8 @@ def test_help_loads_neither_rich_nor_a_translation() -> None:
 
 
 def texts(analysis: Analysis) -> set[str]:
-    with style.plain(LIGHT):
-        figure = build_story(story_of(analysis), LIGHT)
+    with style.themed(LIGHT):
+        figure = build_figure(plot_of(analysis), LIGHT)
     return {text.get_text() for text in figure.findobj(Text)} - {""}
 
 
@@ -348,7 +348,7 @@ def test_a_plot_is_in_japanese_where_a_font_is_installed(
     font("IPAexGothic")
     shown = texts(standard.analysis)
     assert {"時間 [s]", "中心の高さ [m]", "自由落下", "時間刻み", "合計"} <= shown
-    assert told_story(story_of(standard.analysis), "png", dark=False)  # and no glyph is missing
+    assert render(plot_of(standard.analysis), "png", dark=False)  # and no glyph is missing
     assert [record.getMessage() for record in caplog.records] == []  # nor a bold face
 
 
@@ -357,15 +357,15 @@ def test_without_one_it_is_in_english(
     font: Callable[[str], None], monkeypatch: pytest.MonkeyPatch, standard: Run
 ) -> None:
     font("Some Font")
-    story, english = story_of(standard.analysis), texts(standard.analysis)
+    story, english = plot_of(standard.analysis), texts(standard.analysis)
     assert not JAPANESE.search("".join(english))
-    drawn = told_story(story, "svg", dark=False)
+    drawn = render(story, "svg", dark=False)
     monkeypatch.setenv("DROP_LANG", "en")
-    assert drawn == told_story(story, "svg", dark=False)
+    assert drawn == render(story, "svg", dark=False)
 
 
 def test_an_english_plot_takes_no_other_font(font: Callable[[str], None], standard: Run) -> None:
-    story = story_of(standard.analysis)
-    drawn = told_story(story, "svg", dark=False)
+    story = plot_of(standard.analysis)
+    drawn = render(story, "svg", dark=False)
     font("IPAexGothic")
-    assert drawn == told_story(story, "svg", dark=False)
+    assert drawn == render(story, "svg", dark=False)

@@ -33,8 +33,8 @@ from drop_physics.engines.pybullet.lasting_world import LastingWorld
 from drop_physics.engines.pybullet.world import World
 from drop_physics.engines.worlds import Worlds
 from drop_physics.errors import DropError, OutputError, ScenarioError
-from drop_physics.figures.convergence_plot import Panel, build_figure
-from drop_physics.figures.ink import LIGHT
+from drop_physics.figures.convergence_plot import Refinement, build_figure
+from drop_physics.figures.theme import LIGHT
 from drop_physics.files.outputs import part_of
 from drop_physics.recording.reader import read
 from drop_physics.stages.sweep import Sweep, sweep
@@ -856,7 +856,7 @@ def test_the_plot_shows_every_term_over_the_timestep() -> None:
         "interaction": np.array([7e-7, 5e-7, 3e-7]),
         "rounding": np.full(3, 3e-16),
     }
-    figure = build_figure([Panel("as it is", steps, errors, 1 / 341)], title="t", ink=LIGHT)
+    figure = build_figure([Refinement("as it is", steps, errors, 1 / 341)], title="t", theme=LIGHT)
     (axes,) = figure.axes
     assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
     drawn = {line.get_label(): line for line in axes.get_lines()}
@@ -877,8 +877,8 @@ def test_a_plot_of_many_panels_is_no_wider(count: int) -> None:
     steps = 1 / (240 * 2.0 ** np.arange(8))
     terms = ("total", "timestep", "damping", "interaction", "rounding")
     errors = {name: 1e-3 * (1 + number) * steps for number, name in enumerate(terms)}
-    panels = [Panel(f"panel {number}", steps, errors, 1 / 341) for number in range(count)]
-    figure = build_figure(panels, title="t", ink=LIGHT)
+    panels = [Refinement(f"panel {number}", steps, errors, 1 / 341) for number in range(count)]
+    figure = build_figure(panels, title="t", theme=LIGHT)
     assert figure.get_figwidth() == 8
     assert len(figure.axes) == min(count, 4)
     figure.draw_without_rendering()

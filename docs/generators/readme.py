@@ -12,7 +12,7 @@ import textwrap
 from pathlib import Path
 
 import numpy as np
-from drop_physics.figures import style
+from drop_physics.figures.theme import DARK
 from matplotlib import get_data_path
 from PIL import Image, ImageDraw, ImageFont
 
@@ -109,11 +109,11 @@ def _terminal(printed: str, path: Path) -> None:
     lines = [part for line in printed.splitlines() for part in textwrap.wrap(line, 80) or [""]]
     font = ImageFont.truetype(f"{get_data_path()}/fonts/ttf/DejaVuSansMono.ttf", LETTERS_PX)
     size = round(80 * font.getlength("x")), round(1.4 * LETTERS_PX * len(lines))
-    picture = Image.new("RGB", (size[0] + 2 * MARGIN_PX, size[1] + 2 * MARGIN_PX), style.DARK.page)
+    picture = Image.new("RGB", (size[0] + 2 * MARGIN_PX, size[1] + 2 * MARGIN_PX), DARK.page)
     for number, line in enumerate(lines):
         fails = line.startswith(("FAILED", "F ", "___", "differs")) or " failed" in line
         at = MARGIN_PX, round(MARGIN_PX + 1.4 * LETTERS_PX * number)
-        ImageDraw.Draw(picture).text(at, line, "#ff7b72" if fails else style.DARK.text, font)
+        ImageDraw.Draw(picture).text(at, line, "#ff7b72" if fails else DARK.text, font)
     picture.save(path)
 
 

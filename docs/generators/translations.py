@@ -22,7 +22,7 @@ TEMPLATES = dict.fromkeys(
         "Message",
         "joined",
         "localized",
-        "words",
+        "label",
         "DropError",
         "ScenarioError",
         "RecordingError",

@@ -76,12 +76,12 @@ def _tables(result: Any) -> Iterator[str]:  # noqa: ANN401 - of any kind
 def _pictures(result: Any) -> Iterator[str]:  # noqa: ANN401
     """Yield the pictures written for a result; an analysis is plotted now."""
     from drop_physics.analysis.results import Analysis
-    from drop_physics.stages.render import Rendering, plot_of
+    from drop_physics.stages.render import Rendering, plot_png
     from drop_physics.stages.run import Run
     from drop_physics.stages.sweep import Sweep
 
     if isinstance(result, Analysis):
-        yield _picture(plot_of(result), "png")
+        yield _picture(plot_png(result), "png")
     elif isinstance(result, Run):
         yield from _pictures(result.rendering)
     elif isinstance(result, Rendering):

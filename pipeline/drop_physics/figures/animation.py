@@ -129,7 +129,7 @@ def write_animation(
         If there is no picture, or one has another size.
     """
     if suffix == ".gif":
-        return write_gif(images, stream, fps=fps).frames
+        return write_gif(images, stream, fps=fps)
     if suffix == ".mp4":
         return _write_mp4(images, stream, fps=fps)
     pictures = list(images)

@@ -8,13 +8,15 @@ import numpy as np
 import polars as pl
 from PIL import Image, ImageDraw
 
-from drop_physics.figures.clock import font
-from drop_physics.figures.growing_plot import GrowingStory
-from drop_physics.figures.ink import DARK, LIGHT
-from drop_physics.figures.story import Story
+from drop_physics.figures.growing_plot import GrowingPlot
+from drop_physics.figures.overlay import font
+from drop_physics.figures.plot import Plot
+from drop_physics.figures.theme import DARK, LIGHT
 
 GREYS = 8
 """Shades of a caption's edges: with few colours a gif stays exact."""
+ASPECT = 4 / 3
+"""Width of a plot over its height, at least."""
 
 
 class Composition:
@@ -24,7 +26,7 @@ class Composition:
     ----------
     size_px
         Width and height of the pictures [px].
-    story
+    plot
         What grows beside them; None for no plot.
     captions
         Of each moment, given its time [s]; None for none.
@@ -35,37 +37,37 @@ class Composition:
     def __init__(
         self,
         size_px: tuple[int, int],
-        story: Story | None,
+        plot: Plot | None,
         captions: Callable[[float], str] | None,
         *,
         dark: bool,
     ) -> None:
-        self._captions, self._ink = captions, DARK if dark else LIGHT
+        self._captions, self._theme = captions, DARK if dark else LIGHT
         width, height = size_px
-        self._plot = None if story is None else GrowingStory(story, size_px, dark=dark)
-        self._letters = max(9, min(round(width / 31), round(height / 18)))
+        beside = 0 if plot is None else max(width, round(ASPECT * height))
+        self._plot = None if plot is None else GrowingPlot(plot, (beside, height), dark=dark)
+        self._letters = max(9, min(round((width + beside) / 31), round(height / 23)))
         below = 2 * self._letters if captions else 0
-        self._size = (width * (1 if story is None else 2), height + below)
+        self._size = width + beside, height + below
 
     def composed(self, picture: Image.Image, time_s: float) -> Image.Image:
         """Return a picture of a moment with its caption and plot."""
-        whole = Image.new("RGB", self._size, self._ink.page)
+        whole = Image.new("RGB", self._size, self._theme.page)
         whole.paste(picture)
         if self._plot is not None:
             whole.paste(self._plot.at(time_s), (picture.width, 0))
         if self._captions is None:
             return whole
-        shade = Image.new("L", (self._size[0], 2 * self._letters))
+        shade, text = Image.new("L", (self._size[0], 2 * self._letters)), self._captions(time_s)
+        letters = self._letters
+        while font(letters).getlength(text) > shade.width - self._letters and letters > 1:
+            letters -= 1
         ImageDraw.Draw(shade).text(
-            (self._letters // 2, self._letters),
-            self._captions(time_s),
-            font=font(self._letters),
-            fill=255,
-            anchor="lm",
+            (self._letters // 2, self._letters), text, font=font(letters), fill=255, anchor="lm"
         )
         step_of_grey = 255 / (GREYS - 1)
         few = np.round(np.round(np.asarray(shade) / step_of_grey) * step_of_grey).astype(np.uint8)
-        whole.paste(self._ink.text, (0, picture.height), Image.fromarray(few))
+        whole.paste(self._theme.text, (0, picture.height), Image.fromarray(few))
         return whole
 
 

@@ -1,4 +1,4 @@
-"""Write frames as a gif: every frame kept, every colour exact, constant memory.
+"""Write frames as a gif: every frame kept, every colour exact up to 256, constant memory.
 
 Pillow's own writer merges frames that do not differ, holds all of them at once, and picks new
 palettes for colours that it could keep. So the container is written here, one block per frame as
@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from typing import BinaryIO
 
 import numpy as np
@@ -35,17 +34,6 @@ MIN_FPS = 100 / 0xFFFF
 """A delay is 16 bits of 0.01 s."""
 
 
-@dataclass(frozen=True)
-class Gif:
-    """What was written."""
-
-    frames: int
-    duration_s: float
-    """One pass through all frames; the gif loops for ever."""
-    quantised: int
-    """Frames whose colours are not exact, because they have more than a gif can hold."""
-
-
 def delay_cs(frame: int, *, fps: float) -> int:
     """Return how long a frame is shown [0.01 s], so that none starts over 0.005 s off its time.
 
@@ -61,7 +49,7 @@ def delay_cs(frame: int, *, fps: float) -> int:
     return round(100 * (frame + 1) / fps) - round(100 * frame / fps)
 
 
-def write_gif(images: Iterable[Image.Image], stream: BinaryIO, *, fps: float) -> Gif:
+def write_gif(images: Iterable[Image.Image], stream: BinaryIO, *, fps: float) -> int:
     """Write pictures as a gif that loops for ever, holding two of them at a time.
 
     Parameters
@@ -75,7 +63,7 @@ def write_gif(images: Iterable[Image.Image], stream: BinaryIO, *, fps: float) ->
 
     Returns
     -------
-    How many frames were written, how long they play, and in how many a colour was changed.
+    How many frames were written.
 
     Raises
     ------
@@ -83,7 +71,7 @@ def write_gif(images: Iterable[Image.Image], stream: BinaryIO, *, fps: float) ->
         If there is no picture, one has another size, or is too large for a gif.
     """
     shared: Colours | None = None
-    frames = quantised = 0
+    frames = 0
     for image, box in _changes(images):
         patch = image.crop(box)
         colours = _colours(patch)
@@ -92,7 +80,6 @@ def write_gif(images: Iterable[Image.Image], stream: BinaryIO, *, fps: float) ->
             patch = patch.quantize(MOST_COLOURS, dither=Image.Dither.NONE).convert("RGB")
             colours = _colours(patch)
             assert colours is not None
-            quantised += 1
         if shared is None:
             shared = colours
             stream.write(_head(image.size, shared))
@@ -105,7 +92,7 @@ def write_gif(images: Iterable[Image.Image], stream: BinaryIO, *, fps: float) ->
     if not frames:
         raise ValueError("a gif needs at least one frame, got none; record with a camera")
     stream.write(b";")  # section 27, trailer
-    return Gif(frames, round(100 * frames / fps) / 100, quantised)
+    return frames
 
 
 def _changes(images: Iterable[Image.Image]) -> Iterator[tuple[Image.Image, Box]]:

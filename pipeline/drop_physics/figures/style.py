@@ -7,28 +7,45 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import io
 import logging
 import math
 import pathlib
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import matplotlib
+import numpy as np
 from matplotlib import font_manager
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.text import Annotation, Text
 
 from drop_physics.figures.gif import MADE_BY_DROP
-from drop_physics.figures.ink import DARK, LIGHT, Ink
-from drop_physics.messages import Message, translated
+from drop_physics.figures.theme import DARK, LIGHT, Theme
+from drop_physics.messages import Message, translated, wrapped
 
 if TYPE_CHECKING:
-    from typing import BinaryIO
+    from matplotlib.axes import Axes
 
-    from matplotlib.figure import Figure
-
+WIDTH_IN = 8.0
+"""Width of a plot, whatever it shows, so that its letters look equally large on a page [inch]."""
+EDGE_IN = 0.16
+"""Space around a plot [inch]."""
+TITLE, LINE = 68, 110
+"""Characters that fit in a line of the title, and in one below it."""
+MOST_TITLE, MOST_LINES = 2, 5
+"""Lines of a title, and below it."""
+TITLE_IN, LINE_IN = 0.29, 0.19
+"""Height of such a line [inch]."""
+NAME, MOST_NAME = "name", 42
+"""The label of a curve's name, and characters that are shown of it."""
+APART = 1.15
+"""Least distance of the names of two curves, as a multiple of their height."""
 DASHED = (0, (4, 3))
-
+Build = Callable[[Theme], Figure]
 
 JAPANESE = (
     "Noto Sans CJK JP", "Noto Sans JP", "IPAexGothic", "IPAGothic", "TakaoGothic", "VL Gothic",
@@ -59,59 +76,62 @@ def _installed_since(manager: font_manager.FontManager) -> list[font_manager.Fon
     return [font for font in manager.ttflist if font.fname not in known]
 
 
-def words(template: str, /, **values: object) -> str:
+def label(template: str, /, **values: object) -> str:
     """Return a message, or a template's, in the reader's language if there is a font for it."""
     message = template if isinstance(template, Message) else Message(template, **values)
     shown = translated(message)
     return shown if shown == message or japanese_font() is not None else str(message)
 
 
+def lines_of(texts: Sequence[str], columns: int, most: int) -> str:
+    """Return texts in the reader's language, wrapped; `most` is how many lines there may be."""
+    lines = [line for each in texts for line in wrapped(label(each), columns)]
+    if len(lines) > most:
+        lines = [*lines[: most - 1], f"{lines[most - 1]} …"]
+    half = columns // 2  # names differ at their ends
+    return "\n".join(
+        f"{line[:half]}…{line[-half:]}" if len(line) > columns + 2 else line for line in lines
+    )
+
+
 def families() -> list[str]:
     """Return the fonts of a plot, which are searched in this order for each letter."""
     # The first choice of sans-serif, DejaVu Sans, comes with matplotlib: alike on every machine.
-    font = japanese_font() if words("time [{unit}]", unit="s") != "time [s]" else None
+    font = japanese_font() if label("time [{unit}]", unit="s") != "time [s]" else None
     return ["sans-serif"] if font is None else ["sans-serif", font]
 
 
 @contextlib.contextmanager
-def _regular_for_bold() -> Iterator[None]:
-    """Let a font without a bold face, as Japanese fonts often are, be regular without a warning."""
+def themed(theme: Theme) -> Iterator[None]:
+    """Set matplotlib up for one figure, and leave its settings as they were."""
     fonts = logging.getLogger("matplotlib.font_manager")
     level = fonts.level
-    fonts.setLevel(logging.ERROR)
-    try:
-        yield
-    finally:
-        fonts.setLevel(level)
-
-
-@contextlib.contextmanager
-def plain(ink: Ink) -> Iterator[None]:
-    """Set matplotlib up for one figure, and leave its settings as they were."""
-    with matplotlib.rc_context(), _regular_for_bold():
+    with matplotlib.rc_context(), warnings.catch_warnings(), contextlib.ExitStack() as after:
+        after.callback(fonts.setLevel, level)
+        fonts.setLevel(logging.ERROR)  # of a font without a bold face, as Japanese ones often are
+        warnings.filterwarnings("ignore", "Glyph")  # a character that no font has is drawn as a box
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(
             {
                 "font.family": families(),
                 "font.size": 11,
-                "figure.facecolor": ink.page,
-                "savefig.facecolor": ink.page,
-                "axes.facecolor": ink.page,
-                "axes.edgecolor": ink.faint,
-                "axes.labelcolor": ink.text,
+                "figure.facecolor": theme.page,
+                "savefig.facecolor": theme.page,
+                "axes.facecolor": theme.page,
+                "axes.edgecolor": theme.faint,
+                "axes.labelcolor": theme.text,
                 "axes.labelsize": 11,
                 "axes.spines.top": False,
                 "axes.spines.right": False,
+                "axes.titlesize": 11,
                 "axes.formatter.useoffset": False,
                 "axes.unicode_minus": True,
-                "text.color": ink.text,
+                "text.color": theme.text,
                 "text.parse_math": False,
-                "xtick.color": ink.faint,
-                "ytick.color": ink.faint,
+                "xtick.color": theme.faint,
+                "ytick.color": theme.faint,
                 "xtick.labelsize": 10,
                 "ytick.labelsize": 10,
-                "legend.frameon": False,
-                "legend.fontsize": 11,
                 "svg.fonttype": "none",  # text stays text
                 "svg.hashsalt": "drop",  # identifiers are not random
             }
@@ -119,20 +139,100 @@ def plain(ink: Ink) -> Iterator[None]:
         yield
 
 
-def save(
-    build: Callable[[Ink], Figure],
-    target: pathlib.Path | BinaryIO,
-    *,
-    format: str,  # noqa: A002
-    dark: bool,
+def figure_of(title: str, lines: Sequence[str], height_in: float, theme: Theme) -> Figure:
+    """Return a figure with a title, and lines below it; `height_in` is that of its panels [inch].
+
+    What is drawn below is laid out by matplotlib, so that every label has its room.
+    """
+    titled, said = lines_of([title], TITLE, MOST_TITLE), lines_of(lines, LINE, MOST_LINES)
+    below_in = EDGE_IN + TITLE_IN * (1 + titled.count("\n"))
+    head_in = below_in + LINE_IN * (1 + said.count("\n")) * bool(said) + 0.2
+    whole_in = head_in + height_in
+    figure = Figure(figsize=(WIDTH_IN, whole_in), dpi=150)
+    head(figure, head_in / whole_in)
+    put = functools.partial(figure.text, EDGE_IN / WIDTH_IN, va="top", linespacing=1.3)
+    put(1 - EDGE_IN / whole_in, titled, size=14, weight="bold")
+    put(1 - below_in / whole_in, said, size=10, color=theme.faint)
+    return figure
+
+
+def head(figure: Figure, share: float) -> None:
+    """Leave this share of a figure's height to its title."""
+    engine = ConstrainedLayoutEngine(
+        w_pad=EDGE_IN, h_pad=0.06, wspace=0, hspace=0, rect=(0, 0, 1, 1 - share)
+    )
+    figure.set_layout_engine(engine)
+
+
+def name_curves(
+    axes: Axes, curves: Iterable[tuple[str, float, str]], *, columns: int, size: float
 ) -> None:
-    """Draw a figure for a light or a dark page, and write it; the same one gives the same bytes."""
-    ink = DARK if dark else LIGHT
-    with plain(ink), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph")  # a character that no font has is drawn as a box
+    """Write names right of a panel: each beside its curve's last value, and in its colour.
+
+    Parameters
+    ----------
+    axes
+        The panel; its limits are set.
+    curves
+        Name, last value and colour of each.
+    columns
+        Characters in a line of a name.
+    size
+        Of the letters [points].
+    """
+    to_share = axes.transData + axes.transAxes.inverted()
+    for name, value, colour in curves:
+        end = float(to_share.transform((axes.get_xlim()[1], value))[1])
+        axes.annotate(
+            lines_of([name], columns, MOST_NAME // columns),
+            (1, min(max(end, 0.0), 1.0)),
+            xycoords="axes fraction",
+            xytext=(6, 0),
+            textcoords="offset points",
+            va="center",
+            size=size,
+            color=colour,
+            annotation_clip=False,
+            linespacing=0.95,
+            label=NAME,
+        )
+
+
+def laid_out(figure: Figure) -> Figure:
+    """Return a figure whose parts have their places, every text within it."""
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    for axes in figure.axes:
+        names = [text for text in axes.texts if isinstance(text, Annotation)]
+        _spread([each for each in names if each.get_label() == NAME], axes.bbox.height)
+    end = figure.bbox.x1 - 4
+    for text in figure.findobj(Text):
+        while (box := text.get_window_extent()).x0 < end < box.x1:
+            text.set_fontsize(0.95 * float(text.get_fontsize()))
+    return figure
+
+
+def _spread(names: list[Annotation], height_px: float) -> None:
+    """Move names of curves apart; if they need more room than there is, make them smaller."""
+    names.sort(key=lambda each: float(each.xy[1]))
+    rows = np.array([APART * each.get_window_extent().height / height_px for each in names])
+    smaller = max(rows.sum(), 1.0)
+    rows /= smaller
+    packed = np.cumsum(rows) - rows / 2
+    moved = np.maximum.accumulate([each.xy[1] for each in names] - packed)
+    for each, place in zip(names, packed + moved.clip(0, 1 - rows.sum()), strict=True):
+        each.xy = 1.0, place
+        each.set_fontsize(float(each.get_fontsize()) / smaller)
+
+
+def rendered(build: Build, format: str, *, dark: bool) -> bytes:  # noqa: A002
+    """Return a figure as a `png` or `svg`, for a light or a dark page; the same bytes each time."""
+    theme, stream = DARK if dark else LIGHT, io.BytesIO()
+    with themed(theme):
         made = {"Software": None, "Comment": MADE_BY_DROP.decode()}
         metadata = {"Date": None} if format == "svg" else made
-        build(ink).savefig(target, format=format, metadata=metadata)
+        build(theme).savefig(stream, format=format, metadata=metadata)
+    return stream.getvalue()
 
 
 @dataclass(frozen=True)
@@ -144,6 +244,7 @@ class Unit:
 
 
 METRES = (Unit("km", 1e-3), Unit("m", 1.0), Unit("mm", 1e3), Unit("µm", 1e6), Unit("nm", 1e9))
+JOULES = (Unit("J", 1.0), Unit("mJ", 1e3), Unit("µJ", 1e6), Unit("nJ", 1e9))
 SECONDS = (Unit("s", 1.0), Unit("ms", 1e3), Unit("µs", 1e6))
 
 

@@ -8,20 +8,23 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.errors import DropError, RecordingError
 from drop_physics.explain.times import Times
 from drop_physics.figures.animation import decoded
-from drop_physics.figures.clock import with_clock
-from drop_physics.figures.ink import DARK, LIGHT, Ink
+from drop_physics.figures.overlay import draw_clock, draw_marks
 from drop_physics.figures.playback import Animation, Playback, playback
+from drop_physics.figures.theme import DARK, LIGHT, Theme
 from drop_physics.messages import shell_command
 from drop_physics.recording.frames import frames, frames_of_cameras
 from drop_physics.recording.reader import Recording
 from drop_physics.recording.scene import Part, parts_of
 from drop_physics.scenario import STANDARD_CAMERA, Camera, View
+from drop_physics.stages.film_of_drop import FallScene
 from drop_physics.trace.history import Seen, body_named
+from drop_physics.trace.states import BODY
 from drop_physics.workers import Worker, WorkerDiedError
 
 if TYPE_CHECKING:
@@ -44,13 +47,12 @@ LEAST_M = 0.1
 """The nearest that a camera goes."""
 ROOM = 1.06
 """Times as far away as it must be to see all."""
-LEAVES, FOLLOWED = 4.5, 2.0
-"""A camera that would be so many times farther away to see the whole way follows what moves, so
-many times farther away than it must."""
-SMOOTH = 3
-"""Pictures over which the way of a camera is evened."""
-TILES = {False: ("#e4e7eb", "#cdd2d9"), True: ("#2a2f36", "#363c45")}
-"""Of the floor, on a light and on a dark page."""
+LEAVES, FOLLOWED = 4.5, 3.0
+"""A camera that would be so many times farther away to see the whole way goes along, so many times
+farther away than it must."""
+SHARES, INNER = np.linspace(0, 1, 101), 0.9
+"""Shares of the way that a camera may go along; by the rest, what moves is seen to move within
+this share of the picture."""
 
 
 def _axes() -> Float64:
@@ -109,6 +111,7 @@ def poses_film(
     *,
     view: View,
     body: str | None,
+    table: pl.DataFrame,
     dark: bool,
     clock: bool,
     hire: Callable[[int], Sequence[Worker]],
@@ -126,6 +129,8 @@ def poses_film(
         ends up, `follow` moves along with it.
     body
         The body for `close` and `follow`, by name or number; None for the one that moves farthest.
+    table
+        Of a drop, the fall and its theory, as for `FallScene`.
     dark
         Whether it is for a dark page.
     clock
@@ -149,6 +154,11 @@ def poses_film(
             command=shell_command("drop", "info", held.path),
         )
     taken = held.camera if held.drop is not None else None
+    dropped = [part for part in parts if part.number == BODY and math.isfinite(part.radius_m)]
+    scene = None
+    if held.drop is not None and dropped:
+        floor_m = held.engine.rest_height_m if held.scenario.floor else None
+        scene = FallScene(dropped, table, AXES, floor_m)
     every_s = taken.capture_every * held.scenario.timestep_s if taken else 1 / DRAWN_PER_S
     times_s = _drawn_at(_end_s(held.seen, parts), every_s)
     interval_s = times_s[1] - times_s[0] if len(times_s) > 1 else 1 / DRAWN_PER_S
@@ -159,14 +169,18 @@ def poses_film(
     cameras = [
         replace(camera, size_px=size_px) for camera in _cameras(held.seen, parts, poses, view, body)
     ]
-    ink = DARK if dark else LIGHT
-    page = tuple(bytes.fromhex(ink.page.removeprefix("#")))
+    for part in scene.in_free_fall if scene else ():
+        parts.append(part)
+        poses = np.concatenate([poses, part.at(shown_s)[:, None]], axis=1)
+    theme = DARK if dark else LIGHT
     workers = hire(max(1, len(poses) // PER_WORKER))
     for first, worker in enumerate(workers):
         shared = poses[first :: len(workers)], cameras[first :: len(workers)]
-        worker.ask(DRAW, [part.models for part in parts], *shared, page, TILES[dark])
-    pictures = _answers(workers, shown_s.tolist(), ink if clock else None)
-    return Film(pictures, shown_s.tolist(), played)
+        worker.ask(DRAW, [part.models for part in parts], *shared, (*theme.tiles, theme.page))
+    pictures = _answers(workers, len(poses))
+    moments = zip(pictures, cameras, shown_s.tolist(), strict=True)
+    drawn = (_marked(*moment, scene, theme, clock=clock) for moment in moments)
+    return Film(drawn, shown_s.tolist(), played)
 
 
 def _end_s(seen: Seen, parts: Sequence[Part]) -> float:
@@ -216,7 +230,8 @@ def _framed(
 ) -> tuple[Float64, float]:
     """Return what a standard camera looks at in each picture, shape (n, 3), and from how far.
 
-    It stands still, or follows what leaves.
+    It stands still, or goes along with what leaves, but only as far as it must to keep it in view:
+    what moves is seen to move.
     """
     radii_m = np.array([part.radius_m for part in parts])
     moves = (np.fmax.reduce(poses) - np.fmin.reduce(poses) > 1e-4).any(axis=1)
@@ -233,15 +248,17 @@ def _framed(
     high_m = np.nanmax(seen_m + around_m, axis=1)
     whole_m = (low_m.min(axis=0) + high_m.max(axis=0)) / 2
     far_m = _distance_m(seen_m - whole_m, around_m)
-    middles_m = (low_m + high_m) / 2
-    near_m = _distance_m(seen_m - middles_m[:, None], around_m)
+    near_m = _distance_m(seen_m - (low_m + high_m)[:, None] / 2, around_m)
     if far_m <= LEAVES * near_m:
         return np.tile(whole_m @ AXES, (len(poses), 1)), far_m
-    padded_m = np.pad(middles_m, ((SMOOTH, SMOOTH), (0, 0)), mode="edge")
-    window = np.lib.stride_tricks.sliding_window_view(padded_m, 2 * SMOOTH + 1, axis=0)
-    evened_m = window.mean(axis=2)
-    least_m = _distance_m(seen_m - evened_m[:, None], around_m)
-    return evened_m @ AXES, max(least_m, FOLLOWED * near_m)
+    ways_m = np.nanmean(seen_m, axis=1)
+    middle_m = (ways_m.min(axis=0) + ways_m.max(axis=0)) / 2
+    distance_m = max(FOLLOWED * near_m, _distance_m(seen_m - ways_m[:, None], around_m))
+    for share in SHARES:
+        targets_m = middle_m + share * (ways_m - middle_m)
+        if _distance_m(seen_m - targets_m[:, None], around_m) <= INNER * distance_m:
+            break
+    return targets_m @ AXES, distance_m
 
 
 def _distance_m(places_m: Float64, around_m: Float64) -> float:
@@ -291,18 +308,32 @@ def _body_of(
     return body.number
 
 
-def _answers(
-    workers: Sequence[Worker], times_s: Sequence[float], clock: Ink | None
-) -> Iterator[Image.Image]:
+def _marked(
+    picture: Image.Image,
+    camera: Camera,
+    time_s: float,
+    scene: FallScene | None,
+    theme: Theme,
+    *,
+    clock: bool,
+) -> Image.Image:
+    """Return a picture with what is drawn over it."""
+    if scene is not None:
+        draw_marks(picture, [*scene.marks(camera, time_s)], theme)
+    if clock:
+        draw_clock(picture, time_s, theme)
+    return picture
+
+
+def _answers(workers: Sequence[Worker], count: int) -> Iterator[Image.Image]:
     from PIL import Image
 
-    for number, time_s in enumerate(times_s):
+    for number in range(count):
         try:
-            picture = Image.fromarray(workers[number % len(workers)].answer())
+            yield Image.fromarray(workers[number % len(workers)].answer())
         except WorkerDiedError as died:
             raise DropError(
                 "drawing the recorded shapes ended with {how}: a mesh is more than Bullet's "
                 "renderer can take; without --camera the images that the script took are shown",
                 how=died.how,
             ) from None
-        yield picture if clock is None else with_clock(picture, time_s, clock)

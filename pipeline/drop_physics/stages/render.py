@@ -18,7 +18,7 @@ from drop_physics.explain.rows import MOST_ROWS
 from drop_physics.figures.animation import MAX_FPS, check_animation, write_animation
 from drop_physics.figures.gif import MADE_BY_DROP
 from drop_physics.figures.playback import EVERY_FRAME, STANDARD_FPS, Animation
-from drop_physics.figures.story import Story
+from drop_physics.figures.plot import Plot
 from drop_physics.files.outputs import check_apart, check_kind, check_target
 from drop_physics.files.whole import written_whole
 from drop_physics.messages import Message
@@ -28,16 +28,17 @@ from drop_physics.recording.reader import Recording, read
 from drop_physics.scenario import View
 from drop_physics.shown import Shown
 from drop_physics.stages.film import Film, frames_film, poses_film
-from drop_physics.stages.telling import story_of
+from drop_physics.stages.telling import plot_of
 from drop_physics.workers import Worker, cores
 
 if TYPE_CHECKING:
+    import polars as pl
     from PIL import Image
 
     from drop_physics.recording.falling import Progress  # its module loads Rerun
 
 
-DRAW_PLOT = "drop_physics.figures.story_plot:told_story"
+DRAW_PLOT = "drop_physics.figures.panel_plot:render"
 
 
 @dataclass(frozen=True)
@@ -125,10 +126,17 @@ def render(
     gif, plotted = _targets(path, out, plot, animation, force=force)
     held = read(path)
     analysis = _analysis_of(held, whole=animation.caption or animation.with_plot)
-    story = story_of(analysis)
+    shown = plot_of(analysis)
     with ExitStack() as running:
         made = _film(
-            held, animation, MAX_FPS[gif.suffix], view, body, dark, _hiring(running, assistant)
+            held,
+            analysis.table,
+            animation,
+            MAX_FPS[gif.suffix],
+            view,
+            body,
+            dark,
+            _hiring(running, assistant),
         )
         if made is None and out is not None:
             raise RecordingError(
@@ -137,17 +145,17 @@ def render(
                 gif=gif,
             )
         if assistant is not None:  # it has time for that while the gif is written
-            assistant.ask(DRAW_PLOT, story, plotted.suffix[1:], dark)
+            assistant.ask(DRAW_PLOT, shown, plotted.suffix[1:], dark)
         pictured = 0
         if made is not None:
             check_animation(gif, made.played.fps)
-            beside = story if animation.with_plot and story.panels else None
+            beside = shown if animation.with_plot and shown.panels else None
             pictures = _composed(made, beside, _captions(analysis, animation), dark, progress, gif)
             with written_whole(gif, force=force, ours=out is None) as file, _refused(path):
                 pictured = write_animation(pictures, file, suffix=gif.suffix, fps=made.played.fps)
     with written_whole(plotted, force=force, ours=plot is None) as file:
-        drawn = _plot(story, plotted.suffix[1:], dark) if assistant is None else assistant.answer()
-        file.write(drawn)
+        kind = plotted.suffix[1:]
+        file.write(_drawn(shown, kind, dark) if assistant is None else assistant.answer())
     return Rendering(
         gif=gif if pictured else None,
         frames=pictured,
@@ -201,6 +209,7 @@ def _hiring(running: ExitStack, assistant: Worker | None) -> Callable[[int], lis
 
 def _film(
     held: Recording,
+    table: pl.DataFrame,
     animation: Animation,
     most_fps: float,
     view: View | None,
@@ -223,6 +232,7 @@ def _film(
         most_fps,
         view=view or "standard",
         body=body,
+        table=table,
         dark=dark,
         clock=not captioned,
         hire=hire,
@@ -241,7 +251,7 @@ def _captions(
 
 def _composed(
     film: Film,
-    story: Story | None,
+    plot: Plot | None,
     captions: Callable[[float], str] | None,
     dark: bool,
     progress: Progress,
@@ -252,25 +262,25 @@ def _composed(
     words, count = Message("writing {suffix}", suffix=gif.suffix[1:]), len(film.times_s)
     moments = zip(film.pictures, film.times_s, strict=True)
     for done, (picture, time_s) in enumerate(moments, start=1):
-        if story is None and captions is None:
+        if plot is None and captions is None:
             yield picture
         else:
             from drop_physics.figures.composition import Composition  # loads matplotlib
 
-            composition = composition or Composition(picture.size, story, captions, dark=dark)
+            composition = composition or Composition(picture.size, plot, captions, dark=dark)
             yield composition.composed(picture, time_s)
         progress(words, done, count)
 
 
-def plot_of(analysis: Analysis | FallAnalysis, *, dark: bool = False) -> bytes:
+def plot_png(analysis: Analysis | FallAnalysis, *, dark: bool = False) -> bytes:
     """Return the plot of an analysis as PNG, as `render` draws it."""
-    return _plot(story_of(analysis), "png", dark)
+    return _drawn(plot_of(analysis), "png", dark)
 
 
-def _plot(story: Story, format: str, dark: bool) -> bytes:  # noqa: A002
-    from drop_physics.figures.story_plot import told_story  # loads matplotlib
+def _drawn(plot: Plot, format: str, dark: bool) -> bytes:  # noqa: A002
+    from drop_physics.figures import panel_plot  # loads matplotlib
 
-    return told_story(story, format, dark=dark)
+    return panel_plot.render(plot, format, dark)
 
 
 @contextmanager

@@ -61,7 +61,7 @@ def run(
             assistant.ask(
                 "drop_physics.engines.pybullet.camera_frames:draw_ahead", scenario, camera
             )
-        assistant.load("drop_physics.figures.story_plot", "polars")
+        assistant.load("drop_physics.figures.panel_plot", "polars")
         from drop_physics.drop.results import DropAnalysis
         from drop_physics.stages.analyze import analyze
         from drop_physics.stages.render import render

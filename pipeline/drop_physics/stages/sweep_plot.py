@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,8 +10,10 @@ import numpy as np
 
 from drop_physics import colours
 from drop_physics.errors import DropError
-from drop_physics.figures.convergence_plot import Panel, plot_convergence
-from drop_physics.figures.engines_plot import Curve, plot_engines
+from drop_physics.figures import convergence_plot, engines_plot, style
+from drop_physics.figures.convergence_plot import Refinement
+from drop_physics.figures.engines_plot import EngineFall
+from drop_physics.figures.style import Build
 from drop_physics.files.whole import written_whole
 from drop_physics.messages import Message
 from drop_physics.scenario import ENGINES
@@ -52,25 +55,25 @@ def plot_sweep(
         If there is nothing to show.
     """
     if "timestep_s" not in plan.axes:
-        _plot_engines(path, plan, falls, dark=dark, force=force)
-        return
-    title = Message("The error after {at:g} s, by timestep", at=at_s)
-    if not at_samples:
-        title = Message("The error at the samples nearest to {at:g} s, by timestep", at=at_s)
-    _plot_studies(path, studies, title, dark=dark, force=force)
+        build = _build_engines(plan, falls)
+    else:
+        title = Message("The error after {at:g} s, by timestep", at=at_s)
+        if not at_samples:
+            title = Message("The error at the samples nearest to {at:g} s, by timestep", at=at_s)
+        build = _build_refinements(studies, title)
+    with written_whole(path, force=force) as file:
+        file.write(style.rendered(build, path.suffix[1:], dark=dark))
 
 
-def _plot_engines(
-    path: Path, plan: Plan, falls: Sequence[Fall], *, dark: bool, force: bool
-) -> None:
+def _build_engines(plan: Plan, falls: Sequence[Fall]) -> Build:
     if not falls:
         raise DropError(
             "--plot has nothing to show: engines are compared in sweeps of up to {most} runs "
             "without --samples; list fewer values, or omit --plot",
             most=MOST_RUNS,
         )
-    curves = [
-        Curve(
+    drawn = [
+        EngineFall(
             label=_short_label(plan, fall.run.run),
             colour=colours.ENGINES[fall.run.engine],
             time_s=np.arange(len(fall.height_m)) * np.float64(fall.run.timestep_s),
@@ -79,8 +82,7 @@ def _plot_engines(
         )
         for fall in falls
     ]
-    with written_whole(path, force=force) as file:
-        plot_engines(curves, file, format="svg" if path.suffix == ".svg" else "png", dark=dark)
+    return functools.partial(engines_plot.build_figure, drawn)
 
 
 def _short_label(plan: Plan, run: int) -> str:
@@ -91,16 +93,14 @@ def _short_label(plan: Plan, run: int) -> str:
     return f"{name}, {label_of(others)}" if others else name
 
 
-def _plot_studies(
-    path: Path, studies: Sequence[Group], title: str, *, dark: bool, force: bool
-) -> None:
+def _build_refinements(studies: Sequence[Group], title: str) -> Build:
     if not studies:
         raise DropError(
             "--plot has nothing to show: the error is broken down for fewer than two timesteps at "
             "one time; try another --at",
         )
-    panels = [
-        Panel(
+    refinements = [
+        Refinement(
             title=group.label or Message("all else at its default"),
             timesteps_s=np.array([run.timestep_s for run in group.study.runs]),
             errors_m={
@@ -114,11 +114,4 @@ def _plot_studies(
         for group in studies
         if group.study is not None
     ]
-    with written_whole(path, force=force) as file:
-        plot_convergence(
-            panels,
-            file,
-            format="svg" if path.suffix == ".svg" else "png",
-            title=title,
-            dark=dark,
-        )
+    return functools.partial(convergence_plot.build_figure, refinements, title)

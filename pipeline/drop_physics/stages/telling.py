@@ -15,7 +15,7 @@ from drop_physics.drop.results import FallAnalysis
 from drop_physics.explain.curves import FORCES, Curves
 from drop_physics.explain.joints import JointRow
 from drop_physics.fields import fraction
-from drop_physics.figures.story import Curve, Detail, Look, Panel, Story
+from drop_physics.figures.plot import Curve, Inset, Look, Panel, Plot
 from drop_physics.messages import Message, joined
 from drop_physics.rules.answer import Finding
 from drop_physics.scenario import Scenario
@@ -58,12 +58,12 @@ FAR, REACHED = 3.0, 1.05
 """A limit over so many times the largest torque is not drawn; of joints side by side, so many."""
 
 
-def story_of(analysis: Analysis | FallAnalysis) -> Story:
+def plot_of(analysis: Analysis | FallAnalysis) -> Plot:
     """Return what the plot of a recording tells."""
     if isinstance(analysis, FallAnalysis):
-        return _story_of_drop(analysis)
+        return _plot_of_drop(analysis)
     title, *lines = _verdict(analysis)
-    return Story(title, lines, [*_panels(analysis)][:MOST_PANELS])
+    return Plot(title, lines, [*_panels(analysis)][:MOST_PANELS])
 
 
 def _verdict(analysis: Analysis) -> Iterator[str]:
@@ -92,7 +92,7 @@ def _verdict(analysis: Analysis) -> Iterator[str]:
 # -- of a drop ------------------------------------------------------------------------------------
 
 
-def _story_of_drop(analysis: FallAnalysis) -> Story:
+def _plot_of_drop(analysis: FallAnalysis) -> Plot:
     """Return the fall beside theory, as far as that goes, and the terms of its error."""
     table, timestep_s = analysis.table, analysis.scenario["timestep_s"]
     times_s, simulated_m = table["time_s"].to_numpy(), table["simulated_m"].to_numpy()
@@ -104,7 +104,7 @@ def _story_of_drop(analysis: FallAnalysis) -> Story:
             "m",
             curves,
             zero=bool(simulated_m.min() >= 0),
-            enlarged=_impact(analysis, timestep_s),
+            inset=_impact(analysis, timestep_s),
         )
     ]
     if covered.any():
@@ -136,10 +136,10 @@ def _story_of_drop(analysis: FallAnalysis) -> Story:
                     stacked=True,
                 )
             )
-    return Story(_dropped(analysis), [*_said_of_drop(analysis, timestep_s)], panels)
+    return Plot(_dropped(analysis), [*_said_of_drop(analysis, timestep_s)], panels)
 
 
-def _impact(analysis: FallAnalysis, timestep_s: float) -> Detail | None:
+def _impact(analysis: FallAnalysis, timestep_s: float) -> Inset | None:
     """Return the steps around the impact; None where that would hide what comes later."""
     impact, heights_m = analysis.impact, analysis.table["simulated_m"].to_numpy()
     if impact is None or impact.time_simulated_s is None or impact.step is None:
@@ -148,7 +148,7 @@ def _impact(analysis: FallAnalysis, timestep_s: float) -> Detail | None:
     if later_m.max() > FREE[1] * heights_m.max():
         return None
     first, last = impact.step - BEFORE - 0.5, impact.step + AFTER + 0.5
-    return Detail(Message("impact, enlarged"), first * timestep_s, last * timestep_s)
+    return Inset(Message("impact, enlarged"), first * timestep_s, last * timestep_s)
 
 
 def _dropped(analysis: FallAnalysis) -> Message:
@@ -357,8 +357,7 @@ class _Told:
         )
         force = "N" if row.kind == "prismatic" else "N m"
         limits = [
-            self._curve(body, its, side, Message("limit"), colours.TIMESTEP, dashed=True)
-            for side in _limits(its)
+            self._curve(body, its, side, Message("limit"), "", dashed=True) for side in _limits(its)
         ]
         title = Message("{joint}: torque of its motor", joint=row.name)
         window = _window(its.columns["torque"])

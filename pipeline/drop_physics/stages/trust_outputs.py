@@ -11,7 +11,7 @@ import polars as pl
 
 from drop_physics import colours
 from drop_physics.errors import check_suffix
-from drop_physics.figures.story import Curve, Panel, Story
+from drop_physics.figures.plot import Curve, Panel, Plot
 from drop_physics.files.outputs import check_apart, check_target
 from drop_physics.files.table import check_table, write_table
 from drop_physics.files.whole import written_whole
@@ -59,13 +59,13 @@ def write_outputs(
     if table is not None:
         write_table(table, table_of(trust), force=force)
     if plot is not None:
-        from drop_physics.figures.story_plot import told_story  # loads matplotlib
+        from drop_physics.figures import panel_plot  # loads matplotlib
 
         title = Message("How far variations of {script} are from its own run", script=trust.script)
         lines = [each.message for each in trust.findings if each.code in ("one-of-many", "grows")]
-        story = Story(title, lines, [*_panels(trust)])
+        shown = Plot(title, lines, [*_panels(trust)])
         with written_whole(plot, force=force) as file:
-            file.write(told_story(story, plot.suffix[1:], dark))
+            file.write(panel_plot.render(shown, plot.suffix[1:], dark))
 
 
 def table_of(trust: Trust) -> pl.DataFrame:

@@ -10,13 +10,25 @@ from drop_physics.engines.pybullet.visible_world import world_from_camera
 from drop_physics.scenario import Camera
 from drop_physics.trace.events import Pose
 
+UInt8 = NDArray[np.uint8]
+Float32 = NDArray[np.float32]
+
 LEAST_NEARNESS = 1e-6
 """Of what is drawn in squares [1/m]."""
+FADES, FADED = 12, 0.3
+"""Towards the horizon the squares fade into the page: in so many steps, within this slope."""
+SHADE = 0.72
+"""Share of its colour that a square keeps in a shadow."""
+SUN = (0.1, -0.24, 1.0)
+"""Where the light that casts shadows comes from: nearly from above, so that they are near to what
+casts them, and seen beside what lies on the floor."""
+TEXELS, AWAY = 480, 40.0
+"""Side of the picture from where the light is [px], and how far away that is, in its half sides."""
 
 
 def checkerboard(
-    camera: Camera, place: Pose, side_m: float, tiles: NDArray[np.uint8]
-) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    camera: Camera, client: int, place: Pose, side_m: float, colours: UInt8
+) -> tuple[UInt8, Float32]:
     """Return what a camera sees of a plane, to be laid behind what is nearer.
 
     TinyRenderer takes five times as long for it as for all else in a picture.
@@ -25,12 +37,14 @@ def checkerboard(
     ----------
     camera
         What looks at it; from below it is not seen.
+    client
+        The simulation whose bodies cast shadows on it.
     place
         Where the plane is, which is that of its own x and y.
     side_m
         The side of a square [m].
-    tiles
-        Both colours, shape (2, 3).
+    colours
+        Of both kinds of squares, and of the page, shape (3, 3).
 
     Returns
     -------
@@ -50,11 +64,45 @@ def checkerboard(
         return np.zeros((height, width, 3), np.uint8), np.zeros_like(z)
     nearness = np.maximum(z / np.float32(-at_m[2]), 0)
     distance_m = 1 / np.maximum(nearness, np.float32(LEAST_NEARNESS))
+    across_m, along_m = x * distance_m + np.float32(at_m[0]), y * distance_m + np.float32(at_m[1])
     across, along = (
-        np.floor((away * distance_m + np.float32(start)) / np.float32(side_m)).astype(np.int32)
-        for start, away in ((at_m[0], x), (at_m[1], y))
+        np.floor(each / np.float32(side_m)).astype(np.int32) for each in (across_m, along_m)
     )
     # Where a pixel sees several squares, it is of both colours.
     sees_m = pixel_m / at_m[2] * distance_m**2
-    colour = np.where(sees_m > side_m / 2, 2, (across + along) & 1)
-    return np.vstack((tiles, tiles.mean(axis=0).astype(np.uint8))).take(colour, axis=0), nearness
+    kind = np.where(sees_m > side_m / 3, 2, (across + along) & 1)
+    faded = np.clip(np.rint(-z * (FADES / FADED)), 0, FADES).astype(np.int32)
+    points_m = (axes[:, :2] @ (across_m.ravel(), along_m.ravel())).T + place[0]
+    dark = _shadowed(client, camera, points_m).reshape(kind.shape)
+    return _palette(colours)[dark.astype(np.int32), faded, kind], nearness
+
+
+def _palette(colours: UInt8) -> UInt8:
+    """Return the colours of squares, shape (lit or not, from page to full colour, kind, 3)."""
+    page, tiles = colours[2:], np.vstack((colours[:2], colours[:2].mean(axis=0)))
+    share = np.linspace(0, 1, FADES + 1)[:, None, None]
+    lit = [page + share * (shade * tiles - page) for shade in (1.0, SHADE)]
+    return np.array(lit).astype(np.uint8)
+
+
+def _shadowed(client: int, camera: Camera, points_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which points are in the shadow of a body near what a camera looks at, shape (n,)."""
+    reach_m = camera.distance_m
+    sun_m = np.array(camera.target_m) + AWAY * reach_m * np.array(SUN) / np.linalg.norm(SUN)
+    view = p.computeViewMatrix(sun_m.tolist(), camera.target_m, (0.0, 1.0, 0.0))
+    lens = p.computeProjectionMatrixFOV(
+        2 * np.degrees(np.arctan(1 / AWAY)), 1.0, AWAY * reach_m / 2, AWAY * reach_m * 2
+    )
+    *_, bodies = p.getCameraImage(
+        TEXELS, TEXELS, view, lens, renderer=p.ER_TINY_RENDERER, physicsClientId=client
+    )
+    # A border, which is lit, stands for all that is beside the picture.
+    casts = np.pad(np.reshape(bodies, (TEXELS, TEXELS)) >= 0, 1)
+    sees = np.array(view).reshape(4, 4)
+    right, up, back = (points_m @ sees[:3, :3] + sees[3, :3]).T
+    column, row = (
+        np.clip(TEXELS / 2 * (1 - AWAY * each / back) + 1, 0, TEXELS + 1).astype(np.int32)
+        for each in (right, -up)
+    )
+    shadowed: NDArray[np.bool_] = casts[row, column]
+    return shadowed

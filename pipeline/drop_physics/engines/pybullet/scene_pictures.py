@@ -21,7 +21,7 @@ from drop_physics.engines.pybullet.visible_world import picture_of
 from drop_physics.scenario import Camera
 from drop_physics.trace.events import Model, Pose
 
-SQUARE = 1 / 8
+SQUARE = 1 / 4
 """About the side of a plane's squares, in distances of the camera."""
 BEND = 0.02
 """Where nearness bends by more of itself between pixels, there is an edge: a flat face has none."""
@@ -39,8 +39,7 @@ def drawn(
     parts: Sequence[Sequence[Model]],
     poses: Float64,
     cameras: Sequence[Camera],
-    page: tuple[int, int, int],
-    tiles: tuple[str, str],
+    colours: Sequence[str],
 ) -> Iterator[NDArray[np.uint8]]:
     """Yield pictures, RGB of shape (height, width, 3).
 
@@ -52,10 +51,8 @@ def drawn(
         Of each part in each picture, shape (pictures, parts, 7); nan if it is absent.
     cameras
         One for each picture.
-    page
-        The colour of where there is nothing.
-    tiles
-        The two colours of an infinite plane, `#rrggbb`.
+    colours
+        The two of an infinite plane, and that of where there is nothing, `#rrggbb`.
     """
     side_m = 2.0 ** float(np.round(np.log2(SQUARE * cameras[0].distance_m)))
     planes = [
@@ -64,7 +61,7 @@ def drawn(
         for model in models
         if model.shape.kind == "plane"
     ]
-    colours = np.array([ImageColor.getrgb(tile) for tile in tiles], np.uint8)
+    rgb = np.array([ImageColor.getrgb(each) for each in colours], np.uint8)
     client = p.connect(p.DIRECT)
     try:
         with tempfile.TemporaryDirectory() as name, c_output_moved_aside():
@@ -78,8 +75,10 @@ def drawn(
                         place = _after(pose, offset) or NOWHERE
                         p.resetBasePositionAndOrientation(body, *place, physicsClientId=client)
                 there = (_after(placed[number], offset) for number, offset in planes)
-                floors = [checkerboard(camera, place, side_m, colours) for place in there if place]
-                yield _picture(camera, client, floors, page)
+                floors = [
+                    checkerboard(camera, client, place, side_m, rgb) for place in there if place
+                ]
+                yield _picture(camera, client, floors, rgb[2])
     finally:
         p.disconnect(client)
 
@@ -126,13 +125,13 @@ def _picture(
     camera: Camera,
     client: int,
     floors: Sequence[tuple[NDArray[np.uint8], Float32]],
-    page: tuple[int, int, int],
+    page: NDArray[np.uint8],
 ) -> NDArray[np.uint8]:
     pixels, depth, numbers = picture_of(client, camera, "tiny", lit=True)
     pixels &= 256 - SHADES
     near_m, far_m = camera.near_m, camera.far_m
     nearness = (1 / near_m - (1 / near_m - 1 / far_m) * depth) * (numbers >= 0)
-    np.copyto(pixels, np.array(page, np.uint8), where=(numbers < 0)[..., None])
+    np.copyto(pixels, page, where=(numbers < 0)[..., None])
     for colours, its in floors:
         before = its > nearness
         np.copyto(pixels, colours, where=before[..., None])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,15 +10,17 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import some
+from drawn import is_within
 from drop_physics import Scenario, simulate
 from drop_physics import analyze as analyze_recording
 from drop_physics.analysis.results import Analysis
 from drop_physics.figures import style
-from drop_physics.figures.ink import LIGHT
-from drop_physics.figures.story import Story
-from drop_physics.figures.story_plot import build_story, told_story
+from drop_physics.figures.panel_plot import build_figure, draw_beside, render
+from drop_physics.figures.plot import Curve, Panel, Plot
+from drop_physics.figures.theme import LIGHT
 from drop_physics.stages.run import Run
-from drop_physics.stages.telling import story_of, viewed
+from drop_physics.stages.telling import plot_of, viewed
+from matplotlib.figure import Figure
 from scenes import analyze, record
 
 ARM = """
@@ -43,18 +46,78 @@ steps(240)
 """
 
 
-def told(scene: str, path: Path) -> tuple[Analysis, Story]:
+def told(scene: str, path: Path) -> tuple[Analysis, Plot]:
     """Return a scene's analysis, and what its plot tells."""
     analysis = analyze(record(scene, path / "scene.rrd").seen)
-    return analysis, story_of(analysis)
+    return analysis, plot_of(analysis)
+
+
+# -- of any numbers -------------------------------------------------------------------------------
+
+SPANS = (
+    (-1.2, -1.2 - 1.07e-5),
+    (0.0, 0.0),
+    (-30.0, -30.0),
+    (1e9, 1.0000001e9),
+    (-1e-12, 1e-12),
+    (-1234.5, 98765.4),
+    (-1e-300, 0.0),
+    (6e5, 6e5 + 1e-9),
+    (-7e22, -6.9e22),
+    (1e-4, 3e-4),
+)
+LONG = "left_front_wheel_suspension_joint_of_the_second_robot"
+MANY = [f"{LONG}_{number}" for number in range(12)]
+
+
+def panel_of(low: float, high: float, unit: str, names: Sequence[str], **how: bool) -> Panel:
+    times_s = np.linspace(0, 1, 50)
+    curves = [
+        Curve(name, times_s, np.linspace(low, high, 50) * (1 + number * 1e-7), "#0072b2")
+        for number, name in enumerate(names)
+    ]
+    return Panel(f"{names[0]}: torque of its motor", unit, curves, **how)
+
+
+@pytest.mark.parametrize(
+    ("spans", "names"), [(SPANS[:5], ["total", LONG]), (SPANS[5:], MANY)], ids=["few", "many"]
+)
+def test_no_label_is_cut_whatever_the_numbers(
+    spans: Sequence[tuple[float, float]], names: list[str]
+) -> None:
+    """Whether of a plot, or of one beside a film."""
+    looks: list[dict[str, bool]] = [{}, {"zero": True}, {"stacked": True}, {}, {}]
+    units = ("rad", "m", "N m", "J", "mm")
+    panels = [
+        panel_of(*span, unit, names, **look)
+        for span, unit, look in zip(spans, units, looks, strict=True)
+    ]
+    plot = Plot(f"{LONG} is off", [LONG] * 7, panels)
+    with style.themed(LIGHT):
+        assert is_within(build_figure(plot, LIGHT))
+        for first in (0, 2, 3):
+            figure = Figure(figsize=(4.4, 3.3), dpi=91)
+            draw_beside(figure, replace(plot, panels=panels[first:]), LIGHT)
+            assert is_within(figure)
+
+
+@pytest.mark.parametrize(("unit", "least"), [("rad", 1e-3), ("m", 1e-4), ("mm", 0.1)])
+def test_what_hardly_moves_is_not_blown_up(unit: str, least: float) -> None:
+    """A range of less than 1 mrad or 0.1 mm is shown as one of that."""
+    for far, shown in ((0.01, least), (3.0, 3 * least)):
+        panel = panel_of(-1.2, -1.2 + far * least, unit, ["a"])
+        with style.themed(LIGHT):
+            low, high = build_figure(Plot("t", [], [panel]), LIGHT).axes[0].get_ylim()
+        assert high - low == pytest.approx(1.16 * shown, rel=1e-6)
+        assert (low + high) / 2 == pytest.approx(-1.2 + far * least / 2, abs=1e-9)
 
 
 # -- of a drop ------------------------------------------------------------------------------------
 
 
 def test_the_impact_is_enlarged_with_every_sample_around_it(standard: Run) -> None:
-    with style.plain(LIGHT):
-        figure = build_story(story_of(standard.analysis), LIGHT)
+    with style.themed(LIGHT):
+        figure = build_figure(plot_of(standard.analysis), LIGHT)
     (enlarged,) = figure.axes[0].child_axes
     simulated = enlarged.lines[-1].get_xydata()
     impact = standard.analysis.impact
@@ -68,7 +131,7 @@ def test_the_impact_is_enlarged_with_every_sample_around_it(standard: Run) -> No
 
 def test_a_drop_shows_its_fall_beside_theory_and_its_error_by_terms(standard: Run) -> None:
     """As at 0.3 s in the budget: -6.131 mm timestep, +4.310 mm damping, -1.820 mm together."""
-    story = story_of(standard.analysis)
+    story = plot_of(standard.analysis)
     assert story.title == "cube_small.urdf dropped from 1 m"
     assert "at 0.3 s -1.820 mm: timestep -6.131, damping +4.310, interaction +0.001" in story.lines
     heights, errors = story.panels
@@ -95,15 +158,15 @@ def test_a_title_says_whether_it_was_thrown_and_no_theory_falls_beside_what_hang
     scenario: Scenario, title: str, panels: int, tmp_path: Path
 ) -> None:
     simulate(scenario, tmp_path / "run.rrd", camera=None)
-    story = story_of(analyze_recording(tmp_path / "run.rrd"))
+    story = plot_of(analyze_recording(tmp_path / "run.rrd"))
     assert (story.title, len(story.panels)) == (title, panels)
     assert (len(story.panels[0].curves) > 1) == scenario.stepped
 
 
 def test_nothing_is_enlarged_where_it_would_hide_the_fall(tmp_path: Path) -> None:
     simulate(Scenario(duration_s=0.5), tmp_path / "run.rrd", camera=None)
-    heights, *_ = story_of(analyze_recording(tmp_path / "run.rrd")).panels
-    assert heights.enlarged is None
+    heights, *_ = plot_of(analyze_recording(tmp_path / "run.rrd")).panels
+    assert heights.inset is None
 
 
 # -- of a script ----------------------------------------------------------------------------------
@@ -165,15 +228,9 @@ def test_energy_closes_and_every_text_is_inside_the_picture(scene: str, tmp_path
             assert given == pytest.approx(its.columns["whole"], abs=1e-9)
             change_j = body.energy.end_j - body.energy.start_j
             assert its.columns["whole"][-1] == pytest.approx(change_j, rel=1e-9, abs=1e-9)
-    with style.plain(LIGHT):
-        figure = build_story(story, LIGHT)
-        figure.canvas.draw()
-        boxes = [text.get_window_extent() for text in figure.texts]
-        boxes += [text.get_window_extent() for axes in figure.axes for text in axes.texts]
-    width, height = figure.canvas.get_width_height()
-    assert all(box.x0 >= 0 and box.x1 <= width for box in boxes)
-    assert all(box.y0 >= 0 and box.y1 <= height for box in boxes)
-    assert told_story(story, "png", dark=True) == told_story(story, "png", dark=True)
+    with style.themed(LIGHT):
+        assert is_within(build_figure(story, LIGHT))
+    assert render(story, "png", dark=True) == render(story, "png", dark=True)
 
 
 CAR = """
@@ -216,5 +273,5 @@ def test_the_viewer_shows_few_joints_and_no_joint_for_what_its_file_lacks(tmp_pa
         assert all(len(curve.steps) == len(curve.values) for curve in panel.curves)
     assert any("energy of 0_model" in panel.title for panel in panels)
     files = [replace(each, code="no-inertial") for each in analysis.findings if each.joint]
-    story = story_of(replace(analysis, findings=files))
+    story = plot_of(replace(analysis, findings=files))
     assert not any(panel.mark for panel in story.panels)

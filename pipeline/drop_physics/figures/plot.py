@@ -1,4 +1,4 @@
-"""What a plot tells, or a column of the viewer: panels of curves."""
+"""What a plot shows, and a column of the viewer: panels of curves over time."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Detail:
-    """A short time that is drawn once more, enlarged, with each sample."""
+class Inset:
+    """A short time that a panel shows once more, enlarged, with a point for each sample."""
 
     title: str
     first_s: float
@@ -42,7 +42,7 @@ class Detail:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """Curves of one unit; what finding they show, and when it holds."""
+    """Curves of one unit, the finding that they show, and when it holds."""
 
     title: str
     unit: str
@@ -57,12 +57,12 @@ class Panel:
     """Whether the curves after the first add up to it: areas, from zero up and down."""
     log: bool = False
     """Whether the scale is logarithmic."""
-    enlarged: Detail | None = None
+    inset: Inset | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class Story:
-    """What a plot tells."""
+class Plot:
+    """A title, what it means, and the panels that show it."""
 
     title: str
     lines: Sequence[str]

@@ -1,0 +1,25 @@
+"""The colours of plots and films that differ between light and dark pages."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from drop_physics import colours
+
+
+@dataclass(frozen=True)
+class Theme:
+    """The colours that differ between light and dark pages, as `#rrggbb`."""
+
+    page: str
+    text: str
+    faint: str
+    """Of labels and notes, which must not stand out."""
+    simulated: str
+    """Of a thin line on the page and on the broad lines of theory."""
+    tiles: tuple[str, str]
+    """Of a film's floor."""
+
+
+LIGHT = Theme("#ffffff", colours.TOTAL, "#5f6670", colours.SIMULATED, ("#e4e7eb", "#cdd2d9"))
+DARK = Theme("#0d1117", "#e6edf3", "#9aa4af", "#d8effd", ("#2a2f36", "#363c45"))
