@@ -99,10 +99,13 @@ CONTRACT: dict[type, set[str]] = {
     script.Unexplained: {"reason", "samples", "first_step", "remainder"},
     answer.Effect: {"value", "unit"},
     answer.Finding: {
+        "reason",
+        "cure",
         "code", "level", "message", "advice", "body", "bodies", "joint", "with", "effect", "share",
         "steps", "site",
     },
     answer.Span: {"first", "last", "count"},
+    answer.Cure: {"name", "target", "value", "call"},
     JointRow: {field.name for field in fields(JointRow)},
     Touch: {"with", *(field.name for field in fields(Touch) if field.name != "other")},
 }  # fmt: skip

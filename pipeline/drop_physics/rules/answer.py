@@ -52,6 +52,20 @@ class Span:
     """Of these, how many it holds in."""
 
 
+@dataclass(frozen=True)
+class Cure:
+    """What would change it: an intervention, which a trial can make."""
+
+    name: str
+    """Of the intervention: `force`, `gains`, `timestep-first` …"""
+    target: str | None
+    """The body or joint that it is made on; None if on the whole run."""
+    value: float | None
+    """What is given; None where the intervention has no number."""
+    call: str
+    """What its user would write."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Finding:
     """What was asked and what happened instead, why, and what changes it."""
@@ -62,10 +76,14 @@ class Finding:
     """How grave it is, the gravest first: `broken` is no physics any more; `asked`: one thing was
     asked, another happened; `model`: true to the engine, perhaps not to you; `repeat`: another run
     may differ; `note`."""
+    reason: str | None = None
+    """Which of a code's causes it is, in a word; null where a code has one cause only."""
     message: str
     """What was seen, with numbers, and why."""
     advice: str | None = None
     """The call that changes it."""
+    cure: Cure | None = None
+    """The same as an intervention that can be tried; null where no call changes it."""
     body: str | None = None
     """Label of the body that it is about; of the worst, where it is about several."""
     bodies: int = 1

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from drop_physics.messages import Message
+from drop_physics.rules import motors  # noqa: F401 - its rules are registered
 from drop_physics.rules.answer import Answer, Finding
 from drop_physics.rules.asleep import Asleep
 from drop_physics.rules.beyond_urdf import BeyondUrdf
@@ -27,7 +28,6 @@ from drop_physics.rules.joint_damping import JointDamping
 from drop_physics.rules.massless import Massless
 from drop_physics.rules.mimic_ignored import MimicIgnored
 from drop_physics.rules.momentum_drift import MomentumDrift
-from drop_physics.rules.motor_gain import MotorGain
 from drop_physics.rules.no_gravity import NoGravity
 from drop_physics.rules.no_inertial import NoInertial
 from drop_physics.rules.no_restitution import NoRestitution
@@ -39,13 +39,11 @@ from drop_physics.rules.rates_left import RatesLeft
 from drop_physics.rules.real_time import RealTime
 from drop_physics.rules.reset_leaves import ResetLeaves
 from drop_physics.rules.restore_differs import RestoreDiffers
+from drop_physics.rules.rule import JointRules
 from drop_physics.rules.script_failed import ScriptFailed
 from drop_physics.rules.slides import Slides
 from drop_physics.rules.starts_in_contact import StartsInContact
-from drop_physics.rules.substeps_scale_motors import SubstepsScaleMotors
-from drop_physics.rules.target_clamped import TargetClamped
 from drop_physics.rules.teleported import Teleported
-from drop_physics.rules.timestep_after_motor import TimestepAfterMotor
 from drop_physics.rules.timestep_changed import TimestepChanged
 from drop_physics.rules.timestep_too_long import TimestepTooLong
 from drop_physics.rules.too_slow import TooSlow
@@ -56,12 +54,10 @@ from drop_physics.rules.wheel_slip import WheelSlip
 
 ANSWERS: tuple[type[Answer], ...] = (
     # joints
+    JointRules,
     OffTarget,
     TooSlow,
     DefaultMotor,
-    SubstepsScaleMotors,
-    TimestepAfterMotor,
-    MotorGain,
     ResetLeaves,
     RatesLeft,
     JointDamping,
@@ -93,7 +89,6 @@ ANSWERS: tuple[type[Answer], ...] = (
     NoInertial,
     ImpossibleInertia,
     InertiaWithoutMass,
-    TargetClamped,
     Joined,
     Massless,
     TimestepTooLong,

@@ -1,0 +1,162 @@
+"""Rules about what drives joints: each marks the steps of a robot's joints in which it holds."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drop_physics.explain.targets import grows_with, rings_with
+from drop_physics.messages import Message
+from drop_physics.rules.answer import Cure, Effect, and_more
+from drop_physics.rules.joint import distance, effort
+from drop_physics.rules.rule import Joints, Match, Said, Worst, joint_rule
+from drop_physics.rules.thresholds import BEYOND_RANGE, CROSSINGS, OTHER_FORCE
+
+
+@joint_rule("target-clamped", "asked")
+def target_clamped(joints: Joints) -> Match:
+    """PyBullet moves a position target beyond a joint's limit to that limit."""
+    low, high, target = joints.lower, joints.upper, joints.asked.target
+    over = np.maximum(low - target, target - high)
+    beyond = (low < high) & (over > BEYOND_RANGE * (high - low))
+    numbers = {"target": target, "lower": low, "upper": high}
+    return Match(joints.position_motor & beyond, over, numbers)
+
+
+@target_clamped.says
+def _(worst: Worst) -> Said:
+    low, high, unit = worst.lower, worst.upper, worst.unit
+    over = worst.target > high
+    return Said(
+        message=Message(
+            "{joint}{more} is sent to {target:.4g} {unit}, beyond its {side} limit of {limit:.4g} "
+            "{unit}: PyBullet takes the limit as the target",
+            joint=worst.joint,
+            more=and_more(worst.joints),
+            target=worst.target,
+            unit=unit,
+            side=Message("upper") if over else Message("lower"),
+            limit=high if over else low,
+        ),
+        cure=Cure(
+            "limits",
+            worst.joint,
+            None,
+            Message(
+                "give a target within {low:.4g} and {high:.4g}, or other limits by "
+                "p.changeDynamics(body, {link}, jointLowerLimit=…, jointUpperLimit=…)",
+                low=low,
+                high=high,
+                link=worst.link,
+            ),
+        ),
+        effect=Effect(worst.size, unit),
+        share=worst.size if unit == "rad" else worst.size / (high - low),
+    )
+
+
+@joint_rule("motor-gain", "asked", least_count=CROSSINGS)
+def motor_gain(joints: Joints) -> Match:
+    """Off its limit a motor leaves gaps e with e' = (2 - kp - kd) e - (1 - kd) e_before."""
+    kp, kd = joints.kp, joints.kd
+    before, after = joints.before - joints.target, joints.after - joints.target
+    # At its limit a motor does not follow its gains, unless they are why it is there.
+    free = ~joints.at_limit | grows_with(kp, kd)
+    visible = np.maximum(np.abs(before), np.abs(after)) > joints.at_target
+    rings = rings_with(kp, kd) & np.isfinite(kp + kd)
+    passed = joints.position_motor & rings & free & visible & (before * after < 0)
+    return Match(passed, np.abs(after), {"kp": kp, "kd": kd})
+
+
+@motor_gain.says
+def _(worst: Worst) -> Said:
+    kp, kd = worst.kp, worst.kd
+    left = float(np.abs(np.roots([1, kp + kd - 2, 1 - kd])).max())
+    each = Message("each step leaves {left:.2g} of the gap on the other side", left=left)
+    if left >= 1:
+        each = Message("each step makes the gap {left:.3g} times as large", left=left)
+    elif (2 - kp - kd) ** 2 < 4 * (1 - kd):
+        each = Message("a swing keeps {left:.2g} of its size from step to step", left=left)
+    return Said(
+        message=Message(
+            "{joint} shakes about its target, by up to {off}: gains are shares per step, and with "
+            "positionGain={kp:.3g}, velocityGain={kd:.3g} {each}",
+            joint=worst.joint,
+            off=distance(worst.size, worst.unit),
+            kp=kp,
+            kd=kd,
+            each=each,
+        ),
+        cure=Cure(
+            "gains",
+            worst.joint,
+            None,
+            Message("p.setJointMotorControl2(…, positionGain=0.1, velocityGain=1)"),
+        ),
+        effect=Effect(worst.size, worst.unit),
+    )
+
+
+@joint_rule("timestep-after-motor", "asked")
+def timestep_after_motor(joints: Joints) -> Match:
+    """PyBullet keeps force × timestep of the call, which a later timestep divides again."""
+    force = joints.force
+    share = np.round(np.abs(joints.limit - force) / force, 9)
+    met = joints.at_limit | (np.abs(joints.torque) > (1 + OTHER_FORCE) * force)
+    numbers = {"limit": joints.limit, "force": force}
+    return Match(met & (share > OTHER_FORCE) & joints.motor, share, numbers)
+
+
+@timestep_after_motor.says
+def _(worst: Worst) -> Said:
+    return Said(
+        message=Message(
+            "{joint} has a motor of {limit} in place of the {force} it was given: the timestep was "
+            "changed after that call",
+            joint=worst.joint,
+            limit=effort(worst.limit, worst.effort),
+            force=effort(worst.force, worst.effort),
+        ),
+        cure=Cure(
+            "timestep-first",
+            None,
+            None,
+            Message("call p.setTimeStep before the motors are commanded"),
+        ),
+        effect=Effect(abs(worst.limit - worst.force), worst.effort),
+    )
+
+
+@joint_rule("substeps-scale-motors", "asked")
+def substeps_scale_motors(joints: Joints) -> Match:
+    """With `numSubSteps` a motor gives up to force × timestep in each substep."""
+    substeps = np.full_like(joints.torque, joints.steps.epoch.substeps)
+    given = np.abs(joints.torque) * substeps
+    share = given / joints.limit - 1
+    numbers = {"given": given, "force": joints.limit, "substeps": substeps}
+    return Match((substeps > 1) & (share > OTHER_FORCE) & joints.motor, share, numbers)
+
+
+@substeps_scale_motors.says
+def _(worst: Worst) -> Said:
+    substeps = int(worst.substeps)
+    return Said(
+        message=Message(
+            "{joint} has a motor that gives up to {given}, where {force} is its limit: with "
+            "numSubSteps={substeps} the limit counts in each substep",
+            joint=worst.joint,
+            given=effort(worst.given, worst.effort),
+            force=effort(worst.force, worst.effort),
+            substeps=substeps,
+        ),
+        cure=Cure(
+            "substeps",
+            None,
+            1.0,
+            Message(
+                "in place of substeps set the timestep to 1/{substeps} of it, before the motors "
+                "are commanded, and step {substeps} times",
+                substeps=substeps,
+            ),
+        ),
+        effect=Effect(worst.given - worst.force, worst.effort),
+    )
