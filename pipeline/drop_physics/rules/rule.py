@@ -186,9 +186,15 @@ class JointRules(Answer):
             unit, effort = units_of(driven, k)
             joint = driven.body.joints[link].name
             notes.add(
-                k, driven.steps.steps[rows], match.size[rows, k], told,
-                joint=joint, link=link, unit=unit, effort=effort,
-            )  # fmt: skip
+                k,
+                driven.steps.steps[rows],
+                match.size[rows, k],
+                told,
+                joint=joint,
+                link=link,
+                unit=unit,
+                effort=effort,
+            )
 
     def findings(self) -> Iterator[Finding]:
         """Yield what each rule says of the worst joint of each body."""

@@ -37,16 +37,23 @@ AT_TARGET_M = _of(
     "AT_TARGET_M", 1e-3, "m", "A sliding joint closer to its target is there.", "a gripper's finger"
 )
 BEYOND_RANGE = _of(
-    "BEYOND_RANGE", 0.01, "share",
-    "Least share of a joint's range by which a target lies beyond it.", "limits that files round",
-)  # fmt: skip
+    "BEYOND_RANGE",
+    0.01,
+    "share",
+    "Least share of a joint's range by which a target lies beyond it.",
+    "limits that files round",
+)
 OTHER_FORCE = _of(
-    "OTHER_FORCE", 0.01, "share",
+    "OTHER_FORCE",
+    0.01,
+    "share",
     "A force that differs by less from the one that was given is that force.",
     "rounding of impulses",
-)  # fmt: skip
+)
 CROSSINGS = _of(
-    "CROSSINGS", 3, "1",
+    "CROSSINGS",
+    3,
+    "1",
     "Least number of steps in which a joint passes its target.",
     "a joint that passes it once or twice overshoots for another reason",
-)  # fmt: skip
+)
