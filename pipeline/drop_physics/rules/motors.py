@@ -8,12 +8,12 @@ from drop_physics.explain.targets import grows_with, rings_with
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, and_more
 from drop_physics.rules.joint import distance, effort
-from drop_physics.rules.rule import Joints, Match, Said, Worst, joint_rule
+from drop_physics.rules.rule import JointColumns, Match, Said, Worst, joint_rule
 from drop_physics.rules.thresholds import BEYOND_RANGE, CROSSINGS, OTHER_FORCE
 
 
 @joint_rule("target-clamped", "asked")
-def target_clamped(joints: Joints) -> Match:
+def target_clamped(joints: JointColumns) -> Match:
     """PyBullet moves a position target beyond a joint's limit to that limit."""
     low, high, target = joints.lower, joints.upper, joints.asked.target
     over = np.maximum(low - target, target - high)
@@ -55,7 +55,7 @@ def _(worst: Worst) -> Said:
 
 
 @joint_rule("motor-gain", "asked", least_count=CROSSINGS)
-def motor_gain(joints: Joints) -> Match:
+def motor_gain(joints: JointColumns) -> Match:
     """Off its limit a motor leaves gaps e with e' = (2 - kp - kd) e - (1 - kd) e_before."""
     kp, kd = joints.kp, joints.kd
     before, after = joints.before - joints.target, joints.after - joints.target
@@ -97,7 +97,7 @@ def _(worst: Worst) -> Said:
 
 
 @joint_rule("timestep-after-motor", "asked")
-def timestep_after_motor(joints: Joints) -> Match:
+def timestep_after_motor(joints: JointColumns) -> Match:
     """PyBullet keeps force × timestep of the call, which a later timestep divides again."""
     force = joints.force
     share = np.round(np.abs(joints.limit - force) / force, 9)
@@ -127,7 +127,7 @@ def _(worst: Worst) -> Said:
 
 
 @joint_rule("substeps-scale-motors", "asked")
-def substeps_scale_motors(joints: Joints) -> Match:
+def substeps_scale_motors(joints: JointColumns) -> Match:
     """With `numSubSteps` a motor gives up to force × timestep in each substep."""
     substeps = np.full_like(joints.torque, joints.steps.epoch.substeps)
     given = np.abs(joints.torque) * substeps

@@ -1,7 +1,7 @@
 """A rule is data: where it holds in a table of what was explained, and what is said of the worst.
 
     @joint_rule("target-clamped", "asked")
-    def target_clamped(joints: Joints) -> Match: ...      # a mask, a size, numbers
+    def target_clamped(joints: JointColumns) -> Match: ...      # a mask, a size, numbers
 
     @target_clamped.says
     def _(worst: Worst) -> Said: ...                      # a sentence, and the cure
@@ -121,10 +121,10 @@ JOINT_RULES: list[Rule] = []
 
 def joint_rule(
     code: str, level: Level, *, least_count: float = 1
-) -> Callable[[Callable[[Joints], Match]], Rule]:
+) -> Callable[[Callable[[JointColumns], Match]], Rule]:
     """Make a function from joints to a match a rule: of each robot its worst joint is told."""
 
-    def made(matches: Callable[[Joints], Match]) -> Rule:
+    def made(matches: Callable[[JointColumns], Match]) -> Rule:
         rule = Rule(code, level, matches, int(least_count))
         JOINT_RULES.append(rule)
         return rule
@@ -132,7 +132,7 @@ def joint_rule(
     return made
 
 
-class Joints:
+class JointColumns:
     """The joints of a body in n of its steps: columns of shape (n, joint_rates).
 
     What `Driven` and what calls asked for hold, by name, and some that rules share.
@@ -168,7 +168,7 @@ class JointRules(Answer):
     def see(self) -> None:
         """Take a piece."""
         for driven in self.scene.driven():
-            joints = Joints(driven)
+            joints = JointColumns(driven)
             for rule in JOINT_RULES:
                 match = rule.matches(joints)
                 if match.where.any():
