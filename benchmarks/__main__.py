@@ -20,6 +20,7 @@ SCRIPTS = (
     "arm",
     "start",
     "gif",
+    "golden",
     "egl",
     "sweep",
     "watching",

@@ -1,0 +1,82 @@
+"""Cost of golden tests: pytest with the fixture `golden_recording`, against the same tests without.
+
+Processor time, of which a machine under load takes little more; that of the process that records
+is in it. A test drives a Panda beside a cube for a second, with a command per joint and step.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from benchmarks.harness import Measured, process
+
+SCENE = """
+import pybullet as p, pybullet_data
+def pick(target):
+    p.connect(p.DIRECT)
+    p.setAdditionalSearchPath(pybullet_data.getDataPath())
+    p.setGravity(0, 0, -9.81)
+    p.loadURDF("plane.urdf")
+    arm = p.loadURDF("franka_panda/panda.urdf", useFixedBase=True)
+    p.loadURDF("cube_small.urdf", [0.5, 0, 0.025])
+    for step in range(240):
+        for joint in range(7):
+            goal = target * step / 240
+            p.setJointMotorControl2(arm, joint, p.POSITION_CONTROL, goal, force=87)
+        p.stepSimulation()
+    p.disconnect()
+"""
+BARE = """
+def test_{number}():
+    pick({number} / 10)
+"""
+GOLDEN = """
+def test_{number}(golden_recording):
+    with golden_recording("{number}"):
+        pick({number} / 10)
+"""
+MORE = 4
+"""Tests beside the first one."""
+
+
+def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
+    """Compare whole processes."""
+    (folder / "scene.py").write_text(SCENE, encoding="utf-8")
+    for name, test in (("bare", BARE), ("golden", GOLDEN)):
+        for count in (1, 1 + MORE):
+            tests = [test.format(number=number) for number in range(count)]
+            text = "\n".join(["from scene import pick", *tests])
+            (folder / f"test_{name}_{count}.py").write_text(text, encoding="utf-8")
+    _cpu_s(folder, "golden", 1 + MORE, "--update-golden")
+    first, further, detail = [], [], (0.0, 0.0, 0.0, 0.0)
+    for _ in range(3 if quick else 9):
+        one, many = (_cpu_s(folder, "golden", count) for count in (1, 1 + MORE))
+        bare, bare_many = (_cpu_s(folder, "bare", count) for count in (1, 1 + MORE))
+        detail = one, bare, (many - one) / MORE, (bare_many - bare) / MORE
+        first.append(one - bare)
+        further.append(detail[2] - 1.5 * detail[3])
+    yield Measured(
+        "first golden test of a Panda: more processor time",
+        "pytest with the bare test",
+        first,
+        3.0,
+        unit="s",
+        detail="last pair: {:.2f} over {:.2f} s".format(*detail),
+    )
+    yield Measured(
+        "each further golden test: processor time beyond 1.5 × bare",
+        "the bare test",
+        further,
+        0.5,
+        unit="s",
+        detail="last pair: {2:.2f} over {3:.2f} s".format(*detail),
+    )
+
+
+def _cpu_s(folder: Path, name: str, count: int, *options: str) -> float:
+    without = [f"-pno:{plugin}" for plugin in ("cacheprovider", "hypothesispytest", "xdist")]
+    tests = f"test_{name}_{count}.py"
+    ran = process(sys.executable, "-m", "pytest", *without, *options, tests, folder=folder)
+    return ran.cpu_s
