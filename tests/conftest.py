@@ -16,7 +16,7 @@ from typing import Any
 import drop_physics
 import polars as pl
 import pytest
-from command import drop_alone, drop_here
+from command import HANGS_S, drop_alone, drop_here
 from drop_physics import DropAnalysis, Scenario, simulate
 from drop_physics.drop.story import drop_analysis_of
 from drop_physics.recording.reader import Recording, read
@@ -26,11 +26,13 @@ from drop_physics.stages.run import Run, run
 from drop_physics.trace.states import CONTACT, STATE
 from drop_physics.trace.tables import rows_in
 from dropped import Sampled
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 os.environ["DROP_LANG"] = "en"  # in which the tests expect what is printed, wherever they run
 # The same examples every time: a test that fails is a change, and no bad luck.
-settings.register_profile("drop", derandomize=True, deadline=None)
+settings.register_profile(
+    "drop", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
 settings.load_profile("drop")
 
 Drop = Callable[..., subprocess.CompletedProcess[str]]
@@ -208,7 +210,7 @@ def planted(tmp_path: Path) -> Iterator[Planted]:
                 capture_output=True,
                 text=True,
                 cwd=place,
-                timeout=120,
+                timeout=HANGS_S,
                 check=False,
                 env={
                     **os.environ,

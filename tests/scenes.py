@@ -22,6 +22,7 @@ from typing import Any
 from unittest.mock import patch
 
 import pybullet as p
+from command import HANGS_S
 from drop_physics.analysis.results import Analysis, BodyAnalysis
 from drop_physics.analysis.story import Story
 from drop_physics.engines.pybullet.script import BlockListener
@@ -70,7 +71,7 @@ def record(scene: str, path: Path, *, for_viewer: bool = False) -> Recording:
         keeps that if the layer's arrives first.
     """
     code = ((HEAD, NAME), (textwrap.dedent(scene).lstrip("\n"), NAME))
-    _worker().submit(_record, code, path, for_viewer).result(timeout=60)
+    _worker().submit(_record, code, path, for_viewer).result(timeout=HANGS_S)
     return read(path)
 
 
@@ -80,7 +81,7 @@ def record_file(script: Path, path: Path, *arguments: str) -> Recording:
     It has a layout.
     """
     code = ((script.read_text(), script.name),)
-    _worker().submit(_record, code, path, True, script.parent, arguments).result(timeout=60)
+    _worker().submit(_record, code, path, True, script.parent, arguments).result(timeout=HANGS_S)
     return read(path)
 
 

@@ -355,7 +355,9 @@ def test_the_engine_copes_with_the_whole_domain(extremes: dict[str, Any], steps:
 @pytest.mark.long
 @given(extremes=EXTREMES, steps=st.sampled_from([1, 30]))
 @settings(
-    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=25,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @example(  # the parts that cancel in a step are larger than the rest
     extremes={"spin_rad_s": (0, 1, 49), "timestep_s": 1.0, "floor": False, "gravity_set": False},

@@ -8,10 +8,10 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
+from command import HANGS_S, wait_for
 from conftest import Drop
 from drop_physics import messages
 from drop_physics.stages.run import Run
@@ -368,12 +368,9 @@ def test_interrupted_it_says_so_and_keeps_the_part(
         text=True,
     )
     part = tmp_path / "run.rrd.part"
-    deadline = time.monotonic() + 20
-    while not (part.exists() and part.stat().st_size > 1_000_000):
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
+    wait_for(lambda: part.exists() and part.stat().st_size > 1_000_000, "no .part")
     process.send_signal(number)
-    stdout, stderr = process.communicate(timeout=10)
+    stdout, stderr = process.communicate(timeout=HANGS_S)
     assert process.returncode == code
     assert stdout == ""
     assert len(lines(stderr)) == 1

@@ -31,7 +31,7 @@ from typing import Any
 import polars as pl
 import pytest
 import rerun.blueprint as rrb
-from command import drop_here, environment, run_here, wait_for
+from command import HANGS_S, drop_here, environment, run_here, wait_for
 from conftest import Drop, descendants_of, some
 from drop_physics import Scenario, analyze, check, render, simulate
 from drop_physics.errors import OutputError, RecordingError, ScenarioError
@@ -55,9 +55,6 @@ KILLS = 9
 SEED = 6
 ONE_BATCH = BATCH * BYTES_PER_SAMPLE
 """Maximum number of bytes written at once."""
-LIMIT_S = 10
-"""Nothing hangs longer than this."""
-
 LONG = ("simulate", "--out", "run.rrd", "--no-camera", "--force", "--duration", "5000")
 SHORT = ("simulate", "--out", "run.rrd", "--no-camera", "--force", "--duration", "20")
 TINY = ("simulate", "--out", "run.rrd", "--no-camera", "--force", "--duration", "0.05")
@@ -87,14 +84,11 @@ def outcome(arguments: tuple[str, ...], folder: Path) -> tuple[int, str, str]:
 def ended(process: subprocess.Popen[str]) -> tuple[str, str]:
     """Return what a process printed, once it and all processes it started have ended."""
     try:
-        output = process.communicate(timeout=LIMIT_S)
+        output = process.communicate(timeout=HANGS_S)
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
         raise
-    deadline = time.monotonic() + LIMIT_S
-    while is_alive(process.pid):
-        assert time.monotonic() < deadline, "a process was left behind"
-        time.sleep(0.02)
+    wait_for(lambda: not is_alive(process.pid), "a process was left behind")
     return output
 
 
@@ -736,7 +730,7 @@ def test_runs_at_once_in_one_folder_are_numbered(
     real = run_stage.Worker
 
     def waiting() -> object:
-        all_chosen.wait(LIMIT_S)
+        all_chosen.wait(HANGS_S)
         return real()
 
     monkeypatch.setattr(run_stage, "Worker", waiting)
@@ -789,7 +783,7 @@ def hold_many(kills: int, seed: int, place: Path, precious: bytes) -> None:
     folders = [place / str(number) for number in range(kills)]
     given = folders, range(kills), [seed] * kills, [precious] * kills
     with ThreadPoolExecutor(2) as pool:
-        results = list(pool.map(killed, *given, timeout=kills * LIMIT_S))
+        results = list(pool.map(killed, *given, timeout=kills * HANGS_S))
     parts, salvaged_after = [], set()
     for folder, (code, stdout, stderr) in zip(folders, results, strict=True):
         if (folder / "run.rrd").read_bytes() != precious:
@@ -1117,7 +1111,7 @@ def test_standard_output_that_is_closed_or_full_ends_in_its_exit_code(
         env=environment(),
         capture_output=True,
         text=True,
-        timeout=3 * LIMIT_S,
+        timeout=HANGS_S,
         check=False,
     )
     assert done.returncode in codes

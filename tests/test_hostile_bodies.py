@@ -339,14 +339,16 @@ def test_a_trial_that_waits_forever_is_ended(
     written(tmp_path, "newmtl a\nmap_Kd pipe.png\n", "a.mtl")
     written(tmp_path, "mtllib a.mtl\nusemtl a\n" + TETRAHEDRON, "m.obj")
     monkeypatch.chdir(tmp_path)
-    assert "not finished" in problem_of(written(tmp_path, mesh("m.obj")), Limits(wall_s=2))[0]
+    words = "not finished with it after 2 s, and computed for less than 20 s: it waits"
+    assert words in problem_of(written(tmp_path, mesh("m.obj")), Limits(wall_s=2))[0]
 
 
 @pytest.mark.long
 def test_a_trial_that_computes_forever_is_ended(tmp_path: Path) -> None:
     shape = "<collision><geometry><box size='1 1 1'/></geometry></collision>\n"
     many = body().replace("<visual>", shape * 20_000 + "<visual>")
-    assert "not finished" in problem_of(written(tmp_path, many), Limits(cpu_s=1))[0]
+    words = "not finished with it after 1 s of computing"
+    assert words in problem_of(written(tmp_path, many), Limits(cpu_s=1))[0]
 
 
 def test_a_trial_that_takes_too_much_memory_is_ended(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from command import HANGS_S
 
 NOTEBOOK = Path(__file__).parents[1] / "docs/examples/arm.ipynb"
 
@@ -19,7 +20,7 @@ def outputs(tmp_path_factory: pytest.TempPathFactory) -> list[list[dict[str, Any
 
     notebook = nbformat.read(NOTEBOOK, as_version=4)
     folder = {"metadata": {"path": str(tmp_path_factory.mktemp("notebook"))}}
-    NotebookClient(notebook, timeout=120, resources=folder).execute()
+    NotebookClient(notebook, timeout=HANGS_S, resources=folder).execute()
     return [cell.outputs for cell in notebook.cells if cell.cell_type == "code"]
 
 

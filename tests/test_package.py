@@ -13,6 +13,7 @@ from importlib.metadata import distributions
 from pathlib import Path
 
 import pytest
+from command import HANGS_S
 
 ROOT = Path(__file__).parents[1]
 SOURCES = ROOT / "pipeline"
@@ -73,7 +74,7 @@ def call(environment: Path, tmp_path: Path) -> Call:
             capture_output=True,
             text=True,
             check=False,
-            timeout=120,
+            timeout=HANGS_S,
             env={"HOME": str(tmp_path), "PATH": f"{environment}:{os.environ['PATH']}"},
         )
         assert done.returncode == 0, done.stdout + done.stderr

@@ -26,7 +26,7 @@ import pyarrow as pa
 import pytest
 import scenes
 import scripts
-from command import drop_here, wait_for
+from command import HANGS_S, drop_here, wait_for
 from conftest import some
 from drop_physics.engines.pybullet.frames import Frames
 from drop_physics.engines.pybullet.watch import pipe
@@ -581,13 +581,14 @@ while time.monotonic() - 0 < 0:
 end = time.perf_counter() + 0.5
 while time.perf_counter() < end:
     pass
-time.sleep(20)
+import os
+real = os.times().elapsed
+time.sleep(50)
+print(os.times().elapsed - real < 50)
 """
     )
-    before = time.monotonic()
     recorded, printed = bench.record(script)
-    assert time.monotonic() - before < 20
-    assert printed.splitlines()[0] == "1.0"
+    assert printed.splitlines()[:2] == ["1.0", "True"]
     assert recorded.samples == 241
 
 
@@ -603,8 +604,8 @@ except queue.Empty:
     print("empty")
 done = threading.Event()
 threading.Timer(0.1, done.set).start()
-print(done.wait(5))
-print(subprocess.run([sys.executable, "-c", "print(1)"], timeout=30, capture_output=True).stdout)
+print(done.wait(600))
+print(subprocess.run([sys.executable, "-c", "print(1)"], timeout=600, capture_output=True).stdout)
 """
     )
     _, printed = bench.record(script)
@@ -1370,7 +1371,7 @@ def test_a_forked_child_of_a_block_ends_as_it_would(bench: Bench) -> None:
         capture_output=True,
         text=True,
         check=False,
-        timeout=60,
+        timeout=HANGS_S,
     )
     assert [one for one in done.stdout.splitlines() if not one.startswith(BANNER)] == [
         "exits 3",
@@ -1706,7 +1707,7 @@ def test_a_script_that_is_interrupted_is_run_again_up_to_there(bench: Bench) -> 
     )
     wait_for(bench.folder.joinpath("there").exists, "the script did not come so far")
     process.send_signal(signal.SIGINT)
-    printed, said = process.communicate(timeout=30)
+    printed, said = process.communicate(timeout=HANGS_S)
     assert json.loads(printed)["ended"] == "interrupted"
     assert json.loads(printed)["first_difference"] is None
     assert "recorded twice: every state is the same" in said
@@ -1725,7 +1726,7 @@ def test_a_script_that_is_interrupted_before_its_first_step_is_not_run_again(ben
     )
     wait_for(bench.folder.joinpath("there").exists, "the script did not come so far")
     process.send_signal(signal.SIGINT)
-    printed, said = process.communicate(timeout=30)
+    printed, said = process.communicate(timeout=HANGS_S)
     assert "first_difference" not in json.loads(printed)
     assert "not run again: the first run was stopped before its first step" in said
     assert bench.folder.joinpath("there").read_text() == "x"
@@ -1819,6 +1820,6 @@ def test_a_second_run_that_is_interrupted_tells_no_difference(bench: Bench) -> N
     there = bench.folder / "there"
     wait_for(lambda: there.exists() and there.stat().st_size > 1, "it was not run again")
     process.send_signal(signal.SIGINT)
-    printed, said = process.communicate(timeout=30)
+    printed, said = process.communicate(timeout=HANGS_S)
     assert "first_difference" not in json.loads(printed)
     assert "the second run was interrupted" in said

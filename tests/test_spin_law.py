@@ -157,7 +157,10 @@ def brick(tmp_path_factory: pytest.TempPathFactory) -> str:
     return urdf_of(tmp_path_factory.mktemp("brick"), box("0.1 0.2 0.3"))
 
 
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=25,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
 @given(how=SCENARIOS)
 def test_the_law_of_any_scenario_is_pybullets(brick: str, how: dict[str, Any]) -> None:
     scenario = Scenario(body=brick, floor=False, **how)

@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rerun.blueprint as rrb
+from command import HANGS_S
 from conftest import Drop, Planted
 from drop_physics import Scenario, colours, simulate
 from drop_physics.explain.decomposition import TERMS
@@ -334,12 +335,12 @@ def test_web_is_served_on_loopback_only_and_nobody_is_counted(here: Path) -> Non
         assert answer["layers"] == ["run.analysis.rrd"]
         ports = [int(answer[key].split(":")[2].split("?")[0].split("/")[0]) for key in KEYS]
         wait_until(lambda: all(map(listens, ports)))
-        with urllib.request.urlopen(answer["page"], timeout=10) as page:
+        with urllib.request.urlopen(answer["page"], timeout=HANGS_S) as page:
             assert b"<html" in page.read()
         assert all(address == "127.0.0.1" for port in ports for address in listening_on(port))
     finally:
         process.send_signal(signal.SIGTERM)
-        process.communicate(timeout=10)
+        process.communicate(timeout=HANGS_S)
     assert process.returncode == 128 + signal.SIGTERM
     assert not any(map(listens, ports))
     assert not list(home.rglob("analytics*"))
@@ -421,7 +422,7 @@ def test_the_web_viewer_ends_with_a_command_that_is_ended(
     wait_until(lambda: all(map(listens, ports)))
     time.sleep(1)  # it waits for the viewer by now
     process.send_signal(number)
-    process.communicate(timeout=10)
+    process.communicate(timeout=HANGS_S)
     assert process.returncode == code
     wait_until(lambda: not any(map(listens, ports)))
 
@@ -434,7 +435,7 @@ def test_every_host_that_the_web_viewers_page_asks_is_in_the_documents(tmp_path:
     try:
         assert found.page is not None
         wait_until(lambda: listens(int(str(found.page).split(":")[2].split("?")[0])))
-        with urllib.request.urlopen(found.page, timeout=10) as page:
+        with urllib.request.urlopen(found.page, timeout=HANGS_S) as page:
             text = page.read().decode()
         assert "hide_welcome_screen: query.has" in text
     finally:

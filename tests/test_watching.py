@@ -526,13 +526,15 @@ with recorded("0"):
     one = threading.Thread(target=step)
     one.start(); one.join()
 go = True
+stepped = threading.Event()
 def forever():
     while go:
         step(1)
+        stepped.set()
 with recorded("1"):
     two = threading.Thread(target=forever)
     two.start()
-    time.sleep(0.1)
+    stepped.wait()
     step()
 go = False
 """

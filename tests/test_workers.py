@@ -11,10 +11,11 @@ from ctypes.util import find_library
 from pathlib import Path
 
 import pytest
-from command import environment
+from command import HANGS_S, environment
 from conftest import Planted
+from drop_physics.errors import DropError
 from drop_physics.stages.run import Run
-from drop_physics.workers import Worker, cores
+from drop_physics.workers import Worker, cores, under_load
 
 SLOW = """
 import pathlib, time
@@ -73,24 +74,40 @@ def test_ctrl_c_ends_the_wait_for_an_answer_with_polars_too(tmp_path: Path) -> N
     """Once it is imported, a signal no longer ends a read: the handler runs after the answer."""
     code = """
 import os, signal, threading, polars
+from drop_physics.errors import DropError
 from drop_physics.stages.run import Run
 from drop_physics.workers import Worker
-polars.DataFrame({"a": [1]}).lazy().collect()
+polars.DataFrame(dict(a=[1])).lazy().collect()
 with Worker() as worker:
-    worker.ask("time:sleep", 60)
+    worker.ask("time:sleep", 10 * {hangs_s})
     threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
     worker.answer()
 """
     done = subprocess.run(
-        [sys.executable, "-c", code],
+        [sys.executable, "-c", code.format(hangs_s=HANGS_S)],
         cwd=tmp_path,
         env=environment(),
         capture_output=True,
         text=True,
-        timeout=30,
+        timeout=HANGS_S,
         check=False,
     )
     assert done.stderr.strip().endswith("KeyboardInterrupt")
+
+
+@pytest.mark.parametrize("name", ["SIGALRM", "SIGXCPU"])
+def test_a_worker_that_was_too_slow_says_so(name: str) -> None:
+    number = signal.Signals[name]
+    with Worker() as worker:
+        worker.ask("signal:raise_signal", number)
+        with pytest.raises(DropError, match=f"signal {number}, which ends what is too slow"):
+            worker.answer()
+
+
+def test_on_a_busy_machine_everything_may_take_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    for load, factor in ((0.0, 1), (cores(), 1), (12 * cores(), 12)):
+        monkeypatch.setattr(os, "getloadavg", lambda load=load: (load, 0.0, 0.0))
+        assert under_load(5.0) == 5.0 * factor
 
 
 def test_where_nobody_says_which_processors_may_be_used_all_are_counted(

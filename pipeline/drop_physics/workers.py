@@ -39,6 +39,9 @@ LEAST_FILES = 64
 FINISHES = "finishes"
 """Argument of a worker's process."""
 
+ALARM, CPU_USED_UP = (getattr(signal, name, None) for name in ("SIGALRM", "SIGXCPU"))
+"""Signals that end a process that takes too long; None on Windows."""
+
 PR_SET_PDEATHSIG = 1
 """From Linux's `sys/prctl.h`."""
 
@@ -131,6 +134,12 @@ def cores() -> int:
         return len(os.sched_getaffinity(0))
     except AttributeError:  # only Linux knows
         return os.cpu_count() or 1
+
+
+def under_load(seconds: float) -> float:
+    """Return how long may take, by the machine's load, what may take so many seconds without it."""
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
+    return seconds * max(1.0, load / cores())
 
 
 class Worker:
@@ -249,6 +258,8 @@ class WorkerDiedError(DropError):
 
 def how_it_ended(exit_code: int) -> Message:
     """Return the words for the exit code of a process: below 0 it is a signal's."""
+    if -exit_code in (ALARM, CPU_USED_UP):
+        return Message("signal {signal}, which ends what is too slow", signal=-exit_code)
     if exit_code < 0:
         return Message("signal {signal}", signal=-exit_code)
     return Message("exit code {code}", code=exit_code)

@@ -21,7 +21,7 @@ from rerun.chunk import Chunk
 from drop_physics.messages import Message
 from drop_physics.recording import schema
 from drop_physics.recording.layout import Look, layout
-from drop_physics.workers import Worker, WorkerDiedError
+from drop_physics.workers import Worker, WorkerDiedError, under_load
 
 PATIENCE_S = 3.0
 """A viewer that accepts nothing for this long counts as gone."""
@@ -103,7 +103,7 @@ def _connect(recording_id: str, url: str, look: Look) -> None:
     def connect() -> None:
         stream.connect_grpc(url)
         stream.send_blueprint(layout(look))
-        stream.flush(timeout_sec=STARTS_WITHIN_S)
+        stream.flush(timeout_sec=under_load(STARTS_WITHIN_S))
 
     _impatiently(connect, patience_s=STARTS_WITHIN_S)
 
@@ -116,7 +116,7 @@ def _show(recording_id: str, packed: bytes) -> None:
         stream.send_chunks(Chunk.from_record_batch(batch))
 
     _impatiently(show)
-    _impatiently(lambda: stream.flush(timeout_sec=PATIENCE_S))
+    _impatiently(lambda: stream.flush(timeout_sec=under_load(PATIENCE_S)))
 
 
 def _disconnect(recording_id: str) -> None:
@@ -126,7 +126,7 @@ def _disconnect(recording_id: str) -> None:
 def _impatiently(act: Callable[[], None], *, patience_s: float = PATIENCE_S) -> None:
     """Act; end the process if that takes too long or fails."""
     # A C thread ends it, without needing Python's lock.
-    faulthandler.dump_traceback_later(patience_s, exit=True, file=sys.stderr)
+    faulthandler.dump_traceback_later(under_load(patience_s), exit=True, file=sys.stderr)
     try:
         act()
     except Exception:  # noqa: BLE001 - any failure loses only the picture

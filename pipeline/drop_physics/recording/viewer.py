@@ -22,6 +22,7 @@ from typing import Any
 
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.recording import schema
+from drop_physics.workers import under_load
 
 LOOPBACK = "127.0.0.1"
 STARTS_WITHIN_S = 30.0
@@ -127,7 +128,8 @@ def start(viewer: Viewer, *, stays: bool) -> subprocess.Popen[bytes]:
         start_new_session=stays,
         preexec_fn=None if stays or sys.platform != "linux" else _end_with_parent,
     )
-    deadline = time.monotonic() + STARTS_WITHIN_S
+    patience_s = under_load(STARTS_WITHIN_S)
+    deadline = time.monotonic() + patience_s
     while not _listens(LOOPBACK, viewer.port):
         if process.poll() is not None:
             wait(process)
@@ -137,7 +139,7 @@ def start(viewer: Viewer, *, stays: bool) -> subprocess.Popen[bytes]:
                 "the viewer did not listen on port {port} within {patience:g} s; try the "
                 "browser's: drop view RUN.rrd --web",
                 port=viewer.port,
-                patience=STARTS_WITHIN_S,
+                patience=patience_s,
             )
         time.sleep(0.05)
     return process
@@ -208,7 +210,7 @@ def put_cursor(
     """
     from rerun.experimental import ViewerClient
 
-    deadline = time.monotonic() + STARTS_WITHIN_S
+    deadline = time.monotonic() + under_load(STARTS_WITHIN_S)
     while process.poll() is None and time.monotonic() < deadline:
         time.sleep(0.1)
         # Until it has loaded, or after it was closed, it answers with an error.

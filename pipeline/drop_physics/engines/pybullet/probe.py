@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-import signal
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,7 @@ from pathlib import Path
 from drop_physics.engines.pybullet.body_files import BodyFileError, check_mesh, check_urdf
 from drop_physics.errors import ScenarioError
 from drop_physics.messages import Message
-from drop_physics.workers import Worker, WorkerDiedError
+from drop_physics.workers import ALARM, CPU_USED_UP, Worker, WorkerDiedError
 
 
 @dataclass(frozen=True)
@@ -26,7 +25,7 @@ class Limits:
     cpu_s: int = 20
     """CPU time: other processes do not use it up."""
     wall_s: int = 120
-    """Elapsed time."""
+    """Elapsed time, of a machine that does nothing else."""
     memory_bytes: int = 4_000_000_000
     """Address space."""
 
@@ -50,7 +49,6 @@ STANDARD_LIMITS = Limits()
 TRIAL = "drop_physics.engines.pybullet.trial:trial"
 """What the separate process runs; this one must not import it."""
 
-_TOO_LONG = [getattr(signal, name, None) for name in ("SIGALRM", "SIGXCPU")]
 _verdicts: dict[Path, Verdict] = {}
 trying = False
 """Whether this process is the trial."""
@@ -117,10 +115,18 @@ def problem_of(path: Path, limits: Limits = STANDARD_LIMITS) -> tuple[str, list[
             worker.ask(TRIAL, str(path), limits)
             found: tuple[str, list[Path]] = worker.answer()
         except WorkerDiedError as error:
-            if error.signal in _TOO_LONG:
+            if error.signal == CPU_USED_UP:
                 problem = Message(
-                    "Bullet has not finished with it after {seconds} s; use smaller meshes",
+                    "Bullet has not finished with it after {seconds} s of computing; use smaller "
+                    "meshes",
                     seconds=limits.cpu_s,
+                )
+            elif error.signal == ALARM:
+                problem = Message(
+                    "Bullet has not finished with it after {wall} s, and computed for less than "
+                    "{cpu} s: it waits for something that it reads, or for other programs",
+                    wall=limits.wall_s,
+                    cpu=limits.cpu_s,
                 )
             else:
                 problem = Message(

@@ -22,7 +22,7 @@ from drop_physics.engines.pybullet.watched import Decoder
 from drop_physics.errors import DropError
 from drop_physics.messages import Message
 from drop_physics.trace.events import Ending, Event
-from drop_physics.workers import how_it_ended, users_environment
+from drop_physics.workers import how_it_ended, under_load, users_environment
 
 WATCHING = Path(__file__).with_name("watch")
 
@@ -32,7 +32,7 @@ OTHER_PERTURB = "170"
 """What a second run fills it with: a state that differs depends on such memory."""
 
 STOPS_WITHIN_S = 6.0
-"""How long a script that is to stop may clean up."""
+"""How long a script that is to stop may clean up, on a machine that does nothing else."""
 INTERRUPT_AGAIN_S = 2.0
 """A terminal sends Ctrl-C to the script too; if it still runs after this long, it gets another."""
 TICK_S = 0.1
@@ -311,13 +311,13 @@ class Script(Listener):
             self._tell(self.decoder.time_s, self.decoder.steps)
         if self.decoder.stopped and not self._stopped_at:
             self._stopped_at = now
-        if self._stopped_at and now - self._stopped_at > STOPS_WITHIN_S:
+        if self._stopped_at and now - self._stopped_at > under_load(STOPS_WITHIN_S):
             self._process.kill()
         if self._interrupted_at is not None:
             waited = now - self._interrupted_at
-            if waited > STOPS_WITHIN_S:
+            if waited > under_load(STOPS_WITHIN_S):
                 self._process.kill()
-            elif waited > INTERRUPT_AGAIN_S and self._interrupts == 1:
+            elif waited > under_load(INTERRUPT_AGAIN_S) and self._interrupts == 1:
                 self._interrupts += 1
                 self._process.send_signal(signal.SIGINT)
 

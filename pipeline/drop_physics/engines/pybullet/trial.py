@@ -18,6 +18,7 @@ from drop_physics.engines.pybullet.visible_world import VisibleWorld
 from drop_physics.errors import DropError
 from drop_physics.messages import Message
 from drop_physics.scenario import STANDARD_CAMERA, Coordinates, Scenario
+from drop_physics.workers import under_load
 
 LONGEST_WORDS = 200
 """Characters of what Bullet says that are quoted: the last ones."""
@@ -92,7 +93,7 @@ def _limit(limits: probe.Limits) -> None:
         return
     import resource
 
-    signal.alarm(limits.wall_s)
+    signal.alarm(round(under_load(limits.wall_s)))
     for kind, most in (
         (resource.RLIMIT_CPU, limits.cpu_s),
         (resource.RLIMIT_AS, limits.memory_bytes),
