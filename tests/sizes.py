@@ -146,16 +146,17 @@ def lowered(text: str, changes: str, sizes: dict[str, Size]) -> str:
     return text
 
 
-def shortened(text: str, exceptions: int, names: set[str]) -> str:
-    """Return the text of a budget file without exceptions and names that are no more."""
+def shortened(text: str, counts: dict[str, int], names: set[str]) -> str:
+    """Return the text of a budget file with lower counts, and without names that are no more."""
     held = tomllib.loads(text)
     lines = textwrap.wrap(
         " ".join(f'"{name}",' for name in held["names_twice"] if name in names), 92
     )
     listed = "".join(f"    {line}\n" for line in lines)
     text = re.sub(r"(names_twice = \[\n).*?(?=\])", rf"\g<1>{listed}", text, flags=re.DOTALL)
-    least = min(held["formatter_exceptions"], exceptions)
-    return re.sub(r"(formatter_exceptions = )\d+", rf"\g<1>{least}", text)
+    for name, count in counts.items():
+        text = re.sub(rf"({name} = )\d+", rf"\g<1>{min(held[name], count)}", text)
+    return text
 
 
 def exceptions_in(root: Path = ROOT) -> int:
@@ -177,6 +178,46 @@ def classes_twice(package: Path = PACKAGE) -> set[str]:
     return {name for name, times in names.items() if times > 1}
 
 
+FRAGMENT = re.compile(
+    r"(Of|In|By|To|From|On|At|With|Along|That|Which|As|For|Below|Above|Beside|Besides|Between"
+    r"|Without|Or|If|But|Until|Beyond|Likewise|Shorter|Longer|Slower|Less|More|Not)\b"
+)
+"""The beginning of a docstring that only the name before it completes."""
+
+
+def fragments_in(code: str) -> list[str]:
+    """Return the docstrings of a module that begin like a part of a sentence.
+
+    So does a function's that says "Whether …" where it should say "Return whether …".
+    """
+    found = []
+    for node in ast.walk(ast.parse(code)):
+        body = getattr(node, "body", None)
+        for number, statement in enumerate(body if isinstance(body, list) else []):
+            match statement:
+                case ast.Expr(value=ast.Constant(value=str(text))):
+                    function = isinstance(node, ast.FunctionDef) and number == 0
+                    says = function and not any(map(_is_property, node.decorator_list))
+                    if FRAGMENT.match(text) or (says and text.startswith("Whether ")):
+                        found.append(text)
+    return found
+
+
+def _is_property(decorator: ast.expr) -> bool:
+    return "property" in ast.unparse(decorator)
+
+
+def fragments(package: Path = PACKAGE) -> int:
+    """Return how many docstrings of the package begin like a part of a sentence."""
+    codes = (path.read_text(encoding="utf-8") for path in package.rglob("*.py"))
+    return sum(len(fragments_in(code)) for code in codes)
+
+
+def counts() -> dict[str, int]:
+    """Return what the budget file counts besides sizes."""
+    return {"formatter_exceptions": exceptions_in(), "docstring_fragments": fragments()}
+
+
 def main() -> None:
     """Print the rooms with their limits, and lower these if asked to."""
     text, changes = BUDGETS.read_text(encoding="utf-8"), CHANGES.read_text(encoding="utf-8")
@@ -185,7 +226,7 @@ def main() -> None:
     if sys.argv[1:2] == ["--lower"]:
         rooms = sys.argv[2:] or list(sizes)
         text = lowered(text, changes, {room: sizes[room] for room in rooms})
-        text = shortened(text, exceptions_in(), classes_twice())
+        text = shortened(text, counts(), classes_twice())
         BUDGETS.write_text(text, encoding="utf-8")
     limits = limits_of(tomllib.loads(text)["rooms"], changes)
     sizes["together"] = sum(sizes.values(), Size())

@@ -48,7 +48,7 @@ def all_of(texts: Iterable[str]) -> str:
 
 
 LARGE = 1e6
-"""From here on numbers are written in powers of ten."""
+"""Smallest number that is written in powers of ten."""
 
 
 def decimals(value: float, places: int, sign: str = "") -> str:
@@ -83,7 +83,7 @@ _NUMBERS: dict[type, type] = {float: Real, int: Integral}
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """How a field is given on the command line, and which numbers are allowed."""
+    """The command-line option of a field, and the numbers that it allows."""
 
     name: str
     help: str
@@ -167,7 +167,7 @@ class Option:
         return Message("at least {low:g} and at most {high:g}", low=low, high=high)
 
     def contains(self, value: float) -> bool:
-        """Whether a number is in the domain; nan never is."""
+        """Return whether a number is in the domain; nan never is."""
         above_low = value > self.low if self.above else value >= self.low
         return above_low and value <= self.high and abs(value) <= sys.float_info.max
 

@@ -104,7 +104,7 @@ class Kind:
     of: type[float | int | str]
     """Its type, or that of its parts."""
     lengths: tuple[int, ...] = ()
-    """How many parts it may have; empty where it is one."""
+    """Numbers of parts that it may have; empty where it is one."""
     components: tuple[str, ...] = ()
     """The names of its parts, where each can be given alone."""
     joined: str = ","

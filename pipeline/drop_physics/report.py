@@ -17,8 +17,7 @@ from typing import Any, Self, get_type_hints
 Vector = tuple[float, float, float]
 
 LARGEST = 1e60
-"""Beyond anything that falls, in any unit; energies and their sums of squares stay finite. Larger
-numbers are neither written to a recording nor read from one."""
+"""Largest number that is recorded, in any unit: energies and their sums of squares stay finite."""
 
 
 def _reported(description: str, *, default: Any = ...) -> Any:  # noqa: ANN401 - as dataclasses.field
@@ -28,7 +27,7 @@ def _reported(description: str, *, default: Any = ...) -> Any:  # noqa: ANN401 -
 
 @dataclass(frozen=True, kw_only=True)
 class EngineReport:
-    """What the engine reports; SI units, world axes, None where it reports nothing."""
+    """Values that the engine reports; SI units, world axes, None where it reports nothing."""
 
     timestep_s: float = _reported("as the engine has it")
     substeps: int = _reported("steps that the engine makes of each; 0 means one")

@@ -46,7 +46,7 @@ INTEGRATORS: dict[Engine, tuple[Integrator, ...]] = {
 }
 """The integrators of engines that have several, the default first."""
 EXACT_INTEGRATORS = ("rk4", "continuous")
-"""Those without an error under gravity alone."""
+"""Integrators without an error under gravity alone."""
 ENGINES_WITH: dict[str, tuple[Engine, ...]] = {
     "linear_damping": ("bullet", "dart", "drake", "physx"),
     "angular_damping": ("bullet", "physx"),
@@ -413,7 +413,7 @@ def _substeps_taken(timestep_s: float, substeps: int) -> set[int]:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Camera(Optioned):
-    """How frames are taken: a look-at camera, up axis z; by default the experiment's.
+    """The camera that takes frames: a look-at camera, up axis z; by default the experiment's.
 
     A view other than the standard one is aimed once the body is known, see
     `drop_physics.engines.pybullet.visible_world.framed`.

@@ -43,7 +43,7 @@ ALARM, CPU_USED_UP = (getattr(signal, name, None) for name in ("SIGALRM", "SIGXC
 """Signals that end a process that takes too long; None on Windows."""
 
 PR_SET_PDEATHSIG = 1
-"""From Linux's `sys/prctl.h`."""
+"""Number of the option in Linux's `sys/prctl.h`."""
 
 given: dict[str, str] = {}
 """The environment as the command was given it; empty if we are not a command."""

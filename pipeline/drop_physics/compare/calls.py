@@ -21,9 +21,9 @@ class OtherCall:
     """The first call that differs from golden's."""
 
     value: Call | None
-    """In the checked recording; None where it has no more."""
+    """The call in the checked recording; None where it has no more."""
     golden: Call | None
-    """In the golden recording; None where it has no more."""
+    """The call in the golden recording; None where it has no more."""
 
 
 class Calls:

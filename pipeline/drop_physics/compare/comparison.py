@@ -37,7 +37,7 @@ TIMESTEPS = ("timestep_s", "engine.timestep_s", "engine.fixedTimeStep")
 
 @dataclass(frozen=True)
 class Comparison:
-    """How two recordings compare."""
+    """The result of a comparison of two recordings."""
 
     of_drop: bool
     """Whether both are of a drop."""
@@ -54,8 +54,8 @@ class Comparison:
     largest: list[Largest]
     """The largest difference of each body and quantity, where there is any."""
     largest_difference_m: float | None
-    """Between positions of all parts, over all samples that both have; None where they share none,
-    or at other times."""
+    """Largest distance between positions of a part, over all samples that both have; None where
+    they share none, or at other times."""
     part_at: int | None
     """The first step with a state that is not the same to the bit."""
     not_compared: list[str]
@@ -63,12 +63,12 @@ class Comparison:
     PyBullet does not show. Without a difference elsewhere the two are then neither the same nor
     different."""
     script: list[Setting]
-    """What differs of the script: its name, the digest of its text, its arguments, the seed. Not a
+    """Differences of the script: its name, the digest of its text, its arguments, the seed. Not a
     difference in physics."""
     versions: list[Setting]
     """The versions that made them, where these differ: not a difference in physics."""
     unseeded: list[str]
-    """Where either drew unseeded random numbers."""
+    """Calls that drew unseeded random numbers in either."""
     real_time: bool
     """Whether either asked for real-time simulation, which follows a clock."""
 

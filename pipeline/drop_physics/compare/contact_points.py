@@ -20,8 +20,8 @@ COLUMNS = [
     *(column for name in MEASURED for column in CONTACT_COLUMNS.get(name, (name,))),
     *(f"friction_{axis}_n" for axis in "xyz"),
 ]
-"""What is compared of a contact point: friction added up to one force, since a small one may have
-large parts."""
+"""The quantities of a contact point that are compared: friction added up to one force, since a
+small one may have large parts."""
 
 
 def first_contact(

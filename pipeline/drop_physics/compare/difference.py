@@ -20,11 +20,11 @@ Value = Any
 
 
 class Drop(NamedTuple):
-    """What was dropped."""
+    """A drop: its scenario and its engine."""
 
     scenario: Scenario
     engine: EngineReport
-    """What it reported."""
+    """Values that the engine reported."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Side:
     origin: Mapping[str, Any]
     """The script, the digest of its text, its arguments, the seed; empty of a drop."""
     ended: Mapping[str, Any]
-    """How it ended, and what it was made with."""
+    """The end of the run, and the versions that made it."""
     drop: Drop | None = None
     """None of a script."""
 
@@ -61,7 +61,7 @@ class Difference:
     body: str | None
     """Label of the body; None if it belongs to no body."""
     link: int | None
-    """Of the body, -1 is its base; None if it belongs to no link."""
+    """Link of the body, -1 is its base; None if it belongs to no link."""
     column: str
     """A column of the state, or of joints, as `joint_effort`, or of a contact point, as
     `contact_distance_m`; `contact_points` is how many there are. `constraints.2.0` is the first
@@ -78,7 +78,7 @@ class Difference:
     part: str | None = None
     """Name of the link, or of its joint if the column is one of joints."""
     unit: str = ""
-    """Of a joint's value; empty where the column says it."""
+    """Unit of a joint's value; empty where the column says it."""
 
     @property
     def difference(self) -> float | None:
@@ -95,14 +95,14 @@ class Largest:
     body: str
     """Its label."""
     link: int
-    """Where it is that much; -1 is the base."""
+    """Link where the difference is largest; -1 is the base."""
     quantity: str
     """`position`, `orientation`, `velocity`, `spin` of base and links; `joint_position`,
     `joint_velocity`, `joint_effort`."""
     difference: float
     """Its magnitude."""
     step: int
-    """When it is that much."""
+    """Step at which the difference is largest."""
     unit: str = ""
     """`m`, `rad`, `m/s`, `rad/s`, `N` or `N m`."""
     part: str | None = None
@@ -110,7 +110,7 @@ class Largest:
 
 
 class When(NamedTuple):
-    """When a difference arose, in an order."""
+    """The moment at which a difference arose; moments have an order."""
 
     step: int
     phase: int
@@ -128,7 +128,7 @@ class Dated(NamedTuple):
 
     when: When
     client: int
-    """As the checked recording numbers it."""
+    """Number of the client in the checked recording."""
     difference: Difference
 
 
@@ -138,7 +138,7 @@ def earliest(*differences: Dated | None) -> Dated | None:
 
 
 def differs(value: Value, other: Value) -> bool:
-    """Whether two values differ; nan equals nan."""
+    """Return whether two values differ; nan equals nan."""
     return bool(value != other and (value == value or other == other))
 
 

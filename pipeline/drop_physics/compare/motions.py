@@ -16,7 +16,7 @@ Int64 = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Motion:
-    """What was sampled of a body: its base if that can move, its joints if it has any."""
+    """The samples of a body: of its base if that can move, of its joints if it has any."""
 
     steps: Int64
     base: Rows | None

@@ -22,7 +22,8 @@ class Pairing:
     """The numbers that the checked recording has for what is in the golden one."""
 
     clients: Mapping[int, int]
-    """By golden's number; those that only golden has get numbers that are not used."""
+    """The checked recording's clients, by golden's number; those that only golden has get numbers
+    that are not used."""
     bodies: Mapping[int, Body]
     """Golden's bodies by the number that the checked recording has for each, or does not use."""
     common: Mapping[int, Body]

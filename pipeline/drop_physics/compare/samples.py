@@ -57,11 +57,11 @@ class Samples:
         self.first: Dated | None = None
         """The first number that differs by more than allowed, or sample that one lacks."""
         self.parted: When | None = None
-        """When a state was first not the same to the bit."""
+        """Moment at which a state was first not the same to the bit."""
         self.shared = False
         """Whether both have a sample of the same body and step."""
         self.largest: dict[tuple[int, str], Largest] = {}
-        """By body and quantity."""
+        """The largest difference of each body and quantity."""
         self._run, self._golden = run, golden
         self._pairs, self._tolerance = pairs, tolerance
         self._touched: int | None = None

@@ -14,7 +14,7 @@ from drop_physics.scenario import ENGINES_WITH
 
 SINGLE = 2.0**-22
 OF_EVERY_ENGINE = ("timestep_s", "gravity_m_s2", "mass_kg", "inertia_kg_m2", "body_sha256")
-"""What two different engines must have in common to be compared."""
+"""Fields of a scenario that two engines must have in common to be compared."""
 
 
 def scenario_differences(run: Drop, golden: Drop) -> list[Difference]:
@@ -53,7 +53,7 @@ def _scenario_differences(run: Drop, golden: Drop) -> list[Difference]:
 
 
 def _alike(run: Drop, golden: Drop, name: str) -> bool:
-    """Whether the default of one engine is what the other was told."""
+    """Return whether the default of one engine is what the other was given."""
     if run.scenario.engine == golden.scenario.engine:
         return False
     mine, theirs = (_in_effect(side, name) for side in (run, golden))
@@ -95,7 +95,7 @@ def _engine_settings(run: Drop, golden: Drop) -> list[Difference]:
 
 
 def _apart(name: str, value: Any, other: Any) -> bool:  # noqa: ANN401
-    """Whether a value makes it another experiment; one engine may round to float32."""
+    """Return whether a value makes it another experiment; one engine may round to float32."""
     if name not in OF_EVERY_ENGINE:
         return False
     return isinstance(value, str) or not np.allclose(value, other, rtol=SINGLE, atol=0)

@@ -23,24 +23,24 @@ Int64 = NDArray[np.int64]
 
 IN_CONTACT_M = 1e-9
 UNKNOWN_LENGTH_M = 1.0
-"""Of a part without a shape: an angle may then be off by as many radians as metres are allowed."""
+"""Length of a part without a shape: an angle may be off by as many rad as m are allowed."""
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """By how much numbers may differ."""
+    """The differences that are allowed between two recordings."""
 
     air_m: float
     contact_m: float
-    """From a drop's first contact on; for a script the same."""
+    """Allowed difference of positions from a drop's first contact on; for a script the same."""
     fused: bool
     """Whether a processor may have fused multiplication and addition in a drop."""
     timesteps_s: Mapping[int, float]
-    """By client, as golden numbers them."""
+    """Timestep of each client, as golden numbers them."""
     length_m: float | None
-    """From a drop's centre to its surface; None where it is that of each part's box."""
+    """Distance from a drop's centre to its surface; None where it is that of each part's box."""
     mass_kg: float | None
-    """Of a drop."""
+    """Mass of a drop's body."""
 
     def of_parts(
         self, body: Body, client: int, steps: Int64, touched: int | None, parts: Float64

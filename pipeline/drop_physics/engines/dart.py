@@ -20,7 +20,7 @@ from drop_physics.physics.rotations import matrix
 from drop_physics.scenario import Scenario
 
 FARTHEST_M = 5e8
-"""At 2^29 m from the origin ODE's collision detector aborts: 5.3e8 works, 5.4e8 does not."""
+"""Distance from the origin [m] at which ODE's collision detector aborts: 2^29, as measured."""
 SHAPES: dict[str, Callable[..., Any]] = {
     "box": lambda a, b, c: dartpy.dynamics.BoxShape((a, b, c)),
     "sphere": lambda radius, *_: dartpy.dynamics.SphereShape(radius),

@@ -37,7 +37,7 @@ from drop_physics.scenario import Scenario
 MODULUS_PA = 1e7
 """Hydroelastic modulus of a compliant shape: Drake's default."""
 FRICTION = 1.0
-"""Drake has no default for compliant surfaces; for rigid ones it is 1."""
+"""Friction of a compliant surface, for which Drake has no default; for rigid ones it is 1."""
 SHAPES: dict[str, Callable[..., Any]] = {
     "box": lambda a, b, c: Box(a, b, c),
     "sphere": lambda radius, *_: Sphere(radius),

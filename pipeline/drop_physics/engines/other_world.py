@@ -42,13 +42,13 @@ DISTRIBUTIONS: dict[Engine, str] = {
 }
 """The distribution that provides each engine."""
 SHAPES = ("box", "sphere", "cylinder", "capsule")
-"""Those that every engine here supports."""
+"""Kinds of shape that every engine here supports."""
 BULLETS_OWN = (
     "substeps", "rolling_friction", "spinning_friction", "collision_margin_m", "pybullet_api",
     "contact_stiffness_n_m", "contact_damping_n_s_m", "solver_iterations", "restitution",
     "lateral_friction", "floor_restitution", "floor_lateral_friction",
 )  # fmt: skip
-"""What PyBullet's report says about PyBullet itself."""
+"""Fields of PyBullet's report that are about PyBullet itself."""
 _ROW = struct.Struct("<5q19d").pack
 
 
@@ -255,7 +255,7 @@ def rigid_body(world: World, report: EngineReport) -> RigidBody:
 
 
 def _near(a: float, b: float) -> bool:
-    """Whether two engines have the same value; one may round to float32."""
+    """Return whether two engines have the same value; one may round to float32."""
     return math.isclose(a, b, rel_tol=1e-6, abs_tol=1e-12)
 
 

@@ -1,4 +1,4 @@
-"""What an engine other than PyBullet must provide to drop a body: one small file each.
+"""The interface of an engine other than PyBullet that drops a body: one small file each.
 
 PyBullet reads the URDF for every engine, so all of them drop the same mass, inertia and shapes.
 """
@@ -30,9 +30,9 @@ class Shape:
     """A box's three edges; a cylinder's or capsule's radius, length (of the capsule's cylindrical
     part) and 0; a sphere's radius first."""
     position_m: Vector
-    """Of its centre, from the centre of mass, in the body's axes."""
+    """Position of the shape's centre from the centre of mass, in the body's axes."""
     orientation: Quaternion
-    """In the body's axes: x, y, z, w."""
+    """Orientation in the body's axes: quaternion x, y, z, w."""
 
     def depth_m(self, body: Quaternion) -> float:
         """Return how far it reaches below the centre of mass, with the body turned like this."""

@@ -56,7 +56,7 @@ def sealed_of(part: Path) -> Path:
 
 
 def is_part(path: Path) -> bool:
-    """Whether a file may be unfinished, by its name."""
+    """Return whether a file may be unfinished, by its name."""
     return path.name.endswith(".part")
 
 
@@ -138,7 +138,7 @@ def _is_same(path: Path, other: Path) -> bool:
 
 
 HEAD_BYTES = 4096
-"""Our mark in a picture is within these."""
+"""Number of bytes at the start of a picture that hold our mark."""
 
 
 def check_kind(path: Path, beginning: bytes, mark: bytes) -> None:

@@ -40,7 +40,7 @@ class Motion:
     """The motion of one rigid part, one row per sample; vectors in world axes, (samples, 3)."""
 
     position_m: Float64
-    """Of its centre of mass."""
+    """Position of the centre of mass."""
     orientation: Float64
     """World from body axes: unit quaternions x, y, z, w, shape (samples, 4)."""
     velocity_m_s: Float64
@@ -91,14 +91,14 @@ def exactly(path: Iterator[Sequence[Decimal]], samples: int, start_m: Vector) ->
 
 @dataclass(frozen=True, kw_only=True)
 class RigidBody:
-    """What the step of one rigid body depends on, in any engine."""
+    """A rigid body and the settings that its step depends on, in any engine."""
 
     timestep_s: float
     """Time between two samples [s]."""
     substeps: int = 1
     """Number of engine steps per timestep."""
     gravity_m_s2: Vector
-    """World axes."""
+    """Gravity in world axes."""
     mass_kg: float
     inertia_kg_m2: Vector
     """Principal moments, about the body's axes."""
@@ -127,7 +127,7 @@ class Law(RigidBody, ABC):
 
     @property
     def clock_s(self) -> float:
-        """By how much a step may be longer or shorter than the timestep [s].
+        """Largest difference between a step and the timestep [s].
 
         Not 0 where an engine steps from one rounded time to the next.
         """
@@ -135,7 +135,7 @@ class Law(RigidBody, ABC):
 
     @property
     def semi_implicit(self) -> bool:
-        """Whether it moves the body with the end-of-step velocity, as semi-implicit Euler does.
+        """Whether the body moves with the end-of-step velocity, as in semi-implicit Euler.
 
         Else along the mean of both, which is exact where only gravity acts.
         """

@@ -24,7 +24,7 @@ Number = TypeVar("Number", float, Decimal)
 DEFAULT_DAMPING = {"reduced": float(np.float32(0.04)), "maximal": 0.0}
 """Linear and angular: `btMultiBody.cpp` 120-124 `m_linearDamping(0.04f)`; `btRigidBody` 0."""
 MAX_COORDINATE_VELOCITY_M_S = 100.0
-"""Of each component, spin too: `btMultiBody.cpp` 124, `btMultiBody.h` 483-487; by default."""
+"""Default limit of each component of velocity and spin: `btMultiBody.cpp` 124, `.h` 483-487."""
 EPSILON = 2.220446049250313e-16
 """SIMD_EPSILON: a squared length up to this counts as 0 (`btVector3::safeNorm`)."""
 
@@ -42,20 +42,20 @@ def effective_damping(damping: float | None, coordinates: Coordinates) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class BulletBody(RigidBody):
-    """What Bullet's step depends on besides; damping is the engine's own, never None."""
+    """A rigid body with Bullet's own settings; damping is the engine's, never None."""
 
     linear_damping: float
     angular_damping: float
     coordinates: Coordinates
     velocity_limit: float = MAX_COORDINATE_VELOCITY_M_S
-    """To which each component is clamped [m/s, rad/s]; in reduced coordinates only."""
+    """Limit of each component [m/s, rad/s]; in reduced coordinates only."""
 
 
 # -- the law --------------------------------------------------------------------------------------
 
 
 VelocityLaw = Callable[[Number, Number, Number], Number]
-"""From velocity, speed (of all three components) and force along an axis to the next velocity."""
+"""A function of velocity, speed (of all components) and force along an axis: the next velocity."""
 
 
 def velocity_law(

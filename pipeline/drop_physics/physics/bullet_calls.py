@@ -45,9 +45,9 @@ PROPERTIES = ORDER.keys() | {"jointUpperLimit", "contactDamping", "sleepThreshol
 OF_BODIES = frozenset(
     ("linearDamping", "angularDamping", "maxJointVelocity", "activationState", "sleepThreshold")
 )
-"""What a btMultiBody has once, so that it arrives whatever link is named."""
+"""Properties that a btMultiBody has once: they arrive whatever link is named."""
 OF_JOINTS = frozenset(("jointDamping", "jointLowerLimit", "jointUpperLimit", "jointLimitForce"))
-"""What a base does not have, so that a call that lands there loses it."""
+"""Properties that a base does not have: a call that lands there loses them."""
 REPORTED: Mapping[str, str] = {
     "mass": "mass_kg",
     "lateralFriction": "lateral_friction",
@@ -75,7 +75,7 @@ REPORTED_SETTINGS: Mapping[str, str] = {
 SETTERS = ("setGravity", "setTimeStep", "setRealTimeSimulation", "setPhysicsEngineParameter")
 """The functions with such arguments."""
 VECTORS = frozenset(("anisotropicFriction", "localInertiaDiagonal"))
-"""What has a setter whatever its numbers are."""
+"""Arguments that have a setter whatever their numbers are."""
 
 
 def takes(name: str, values: Mapping[str, Sequence[float]]) -> bool:

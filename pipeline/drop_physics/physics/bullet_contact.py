@@ -26,7 +26,7 @@ CONTACT_SLOP_M = 1e-5
 CONTACT_ERP = 0.08
 """Share of the penetration corrected per step: the same file, 2800, `m_erp2`."""
 RESTITUTION_THRESHOLD_M_S = float(np.float32(0.2))
-"""Slower bodies do not bounce: `btContactSolverInfo.h`, `m_restitutionVelocityThreshold`."""
+"""Minimum approach speed of a bounce: `btContactSolverInfo.h`, `m_restitutionVelocityThreshold`."""
 FLOOR_HALF_THICKNESS_M = 5.0
 """plane.urdf is a box of 10 m; distances are rounded relative to its centre, to 8.9e-16 m."""
 

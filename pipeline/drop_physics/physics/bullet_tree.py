@@ -47,12 +47,12 @@ class BulletTree:
     linear_damping: float = DAMPING
     angular_damping: float = DAMPING
     velocity_limit: float = MAX_COORDINATE_VELOCITY_M_S
-    """To which each entry of u is clamped (`maxJointVelocity`)."""
+    """Limit of each entry of u (`maxJointVelocity`)."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Reported:
-    """What is known of n steps besides the states; each row of Forces names its step."""
+    """Everything known of n steps besides the states; each row of Forces names its step."""
 
     timestep_s: Float64
     """Shape (n,)."""
@@ -67,9 +67,9 @@ class Reported:
     applied: Forces = field(default_factory=Forces)
     """Pushes of calls (`pushes`)."""
     contacts: Forces = field(default_factory=Forces)
-    """Of `getContactPoints` after each step (`contact_forces`)."""
+    """Forces of `getContactPoints` after each step (`contact_forces`)."""
     constraints: Forces = field(default_factory=Forces)
-    """Of `getConstraintState` after each step (`constraint_forces`)."""
+    """Forces of `getConstraintState` after each step (`constraint_forces`)."""
     geared: Float64 | None = None
     """Impulses of gears [N m s], shape (n, joint_rates) (`gear_impulses`); None without gears."""
 
@@ -256,7 +256,7 @@ Reason = Literal[
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """What decides whether a step of a body is the sum: of the engine, and of the body."""
+    """Facts of engine and body that decide whether a step is the sum."""
 
     other_engine: bool = False
     """Whether another engine steps it, whose law is its own."""
@@ -300,7 +300,7 @@ def not_covered(settings: Settings, tree: Tree | None = None) -> tuple[Reason, .
 
 
 def massless(tree: Tree) -> bool:
-    """Whether something can move that has neither mass nor, where it turns, inertia.
+    """Return whether a link can move that has neither mass nor, where it turns, inertia.
 
     Where the joints are at 0. Bullet takes an inertia below EPSILON for none
     (`btMultiBody::solveImatrix`).

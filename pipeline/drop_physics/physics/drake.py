@@ -27,11 +27,11 @@ class DrakeLaw(TextbookLaw):
     """A step of Drake; `semi_implicit` is the discrete one."""
 
     latest_s: float = 0.0
-    """When the last step ends [s]."""
+    """Time at the end of the last step [s]."""
 
     @property
     def clock_s(self) -> float:
-        """By how much a step may be longer or shorter than the timestep [s]."""
+        """Largest difference between a step and the timestep [s]."""
         return 0.0 if self.semi_implicit else self.epsilon * self.latest_s
 
     def covers(self, before: Motion) -> NDArray[np.bool_]:

@@ -44,14 +44,14 @@ class Forces(Rowed):
     step: Rows = field(default_factory=_no_rows)
     """Number of the step, shape (k,)."""
     link: Rows = field(default_factory=_no_rows)
-    """On which they act, shape (k,); `tree.BASE` for the base."""
+    """Link that the force acts on, shape (k,); `tree.BASE` for the base."""
     force_n: Float64 = field(default_factory=_no_vectors)
     point_m: Float64 = field(default_factory=_no_vectors)
-    """Where the force acts, shape (k, 3)."""
+    """Point that the force acts at, shape (k, 3)."""
     torque_n_m: Float64 = field(default_factory=_no_vectors)
-    """In addition to the force's moment, shape (k, 3)."""
+    """Torque in addition to the force's moment, shape (k, 3)."""
     rolling: Flags = field(default_factory=lambda: np.empty(0, np.bool_))
-    """Of contacts: whether bodies resist rolling or spinning there, which is not in the force."""
+    """Whether bodies resist rolling or spinning at a contact, which is not in the force."""
 
     def between(self, first: int, last: int) -> Forces:
         """Return the rows of the steps from `first` up to `last`, counted from 0."""
@@ -96,7 +96,7 @@ def largest_per_step(
 
 
 ROUNDED = 1e-6
-"""Of a momentum: its last bits, 1e-15 of it, are within 1e-9 of this, as of the largest term."""
+"""Share of a momentum that counts as a term: its last bits, 1e-15 of it, are 1e-9 of this."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +110,7 @@ class Sum:
     terms: Mapping[str, Float64]
     """Impulses by cause [N s, N m s], shape (n, size) each."""
     remainder: Float64
-    """What the terms do not explain, shape (n, size)."""
+    """Momentum that the terms do not explain, shape (n, size)."""
     lifted_j: Float64
     """Changes of potential energy [J], shape (n,)."""
     forces_n_s: Float64

@@ -41,7 +41,7 @@ class Kinematics:
     pivots: list[Float64]
     """A point of each link on its joint, about which it turns [m], shape (3, n)."""
     axes: list[list[Float64]]
-    """Of each link, the axis of each rate of its joint, in world axes, shape (3, n)."""
+    """Axis of each rate of a link's joint, in world axes, shape (3, n)."""
 
     def __len__(self) -> int:
         """Return the number of states."""
@@ -72,12 +72,12 @@ class Kinematics:
 
 
 class Motion(NamedTuple):
-    """Of base and links, per link: vectors in world axes, shape (3, n)."""
+    """Velocities of base and links, per link: vectors in world axes, shape (3, n)."""
 
     spins: list[Float64]
-    """[rad/s]"""
+    """Angular velocities [rad/s]."""
     velocities: list[Float64]
-    """Of the centres of mass [m/s]."""
+    """Velocities of the centres of mass [m/s]."""
 
 
 def kinematics(tree: Tree, states: States) -> Kinematics:

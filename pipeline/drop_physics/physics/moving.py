@@ -46,7 +46,7 @@ def _near(before: Float64, way: Float64, after: Float64) -> Flags:
 
 
 def _turned(before: Float64, turn: Float64, after: Float64) -> Flags:
-    """Whether orientations (x, y, z, w) are others, turned by these vectors [rad].
+    """Return whether orientations (x, y, z, w) are others, turned by these vectors [rad].
 
     The sine of half the angle is that of MAX_TURN_RAD where it turns by more, its axis is not
     shortened (`btMultiBody::stepPositionsMultiDof`).

@@ -30,7 +30,7 @@ UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 @dataclass(frozen=True, kw_only=True)
 class TextbookLaw(Law):
-    """What these laws share."""
+    """The step that these laws share."""
 
     linear_damping: float = 0.0
     """d of v' = g - d v, in continuous time [1/s]."""

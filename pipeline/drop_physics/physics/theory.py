@@ -37,7 +37,7 @@ SERIES_TERMS = 36
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Fall:
-    """How a body is released, and the drag of the air.
+    """The release of a body, and the drag of the air.
 
     `gravity_m_s2` is the signed z component: negative pulls down; 0 and upward are allowed.
     """
@@ -49,7 +49,7 @@ class Fall:
 
     @property
     def height_m(self) -> float:
-        """Where it starts, along z [m]."""
+        """Height at the start, along z [m]."""
         return self.position_m[2]
 
 

@@ -45,25 +45,25 @@ class Tree:
     fixed: bool
     """Whether the base never moves."""
     masses_kg: Float64
-    """Of base and links, shape (links + 1,)."""
+    """Masses of base and links, shape (links + 1,)."""
     inertias_kg_m2: Float64
     """Principal moments of base and links, shape (links + 1, 3)."""
     parents: tuple[int, ...] = ()
-    """Of each link, the link that its joint hangs on."""
+    """Link that each link's joint hangs on."""
     joints: tuple[Joint, ...] = ()
-    """Of each link, the kind of its joint."""
+    """Kind of each link's joint."""
     axes: Float64 = field(default_factory=lambda: np.empty((0, 3)))
-    """Along which joints slide or about which they turn, in the link's axes, shape (links, 3).
+    """Axis that a joint slides along or turns about, in the link's axes, shape (links, 3).
 
     One that is no unit vector scales how far the link slides and how fast it turns per unit of the
     joint's rate, but not by which angle: so does Bullet (`btMultiBodyLink`, `m_axes`).
     """
     positions_m: Float64 = field(default_factory=lambda: np.empty((0, 3)))
-    """From the parent's centre of mass to the joint, in the parent's axes, shape (links, 3)."""
+    """The joint from the parent's centre of mass, in the parent's axes, shape (links, 3)."""
     orientations: Float64 = field(default_factory=lambda: np.empty((0, 4)))
-    """From the link's axes to the parent's where the joint is at 0, quaternions x, y, z, w."""
+    """Rotation from the link's axes to the parent's, joint at 0: quaternions x, y, z, w."""
     centres_m: Float64 = field(default_factory=lambda: np.empty((0, 3)))
-    """From the joint to the link's centre of mass, in the link's axes, shape (links, 3)."""
+    """The link's centre of mass from the joint, in the link's axes, shape (links, 3)."""
 
     def __post_init__(self) -> None:
         links = len(self.parents)
@@ -80,22 +80,22 @@ class Tree:
 
     @property
     def links(self) -> int:
-        """How many links the tree has besides its base."""
+        """The number of links besides the base."""
         return len(self.parents)
 
     @property
     def first_rate(self) -> int:
-        """How many degrees of freedom the base has."""
+        """The number of degrees of freedom of the base."""
         return 0 if self.fixed else 6
 
     @cached_property
     def rates(self) -> tuple[slice, ...]:
-        """Where the rates of each link's joint are in u."""
+        """The slice of u that holds the rates of each link's joint."""
         return places([RATES[joint] for joint in self.joints], self.first_rate)
 
     @cached_property
     def coordinates(self) -> tuple[slice, ...]:
-        """Where the position of each link's joint is in the joints' positions."""
+        """The slice of the joints' positions that holds each link's joint."""
         return places([COORDINATES[joint] for joint in self.joints])
 
     @property
@@ -135,7 +135,7 @@ class States(Rowed):
     """States of a tree, one row each."""
 
     position_m: Float64
-    """Of the base's centre of mass, world axes, shape (n, 3)."""
+    """Position of the base's centre of mass, world axes, shape (n, 3)."""
     orientation: Float64
     """World from the base's axes: unit quaternions x, y, z, w, shape (n, 4)."""
     joints: Float64

@@ -26,7 +26,7 @@ DEPENDENT = 1e-13
 
 @dataclass(frozen=True, eq=False)
 class Unreported:
-    """Where impulses may be that nobody reports, in n steps."""
+    """Directions in which impulses may act that nobody reports, in n steps."""
 
     UP: ClassVar[int] = 1
     DOWN: ClassVar[int] = 2

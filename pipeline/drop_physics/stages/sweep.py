@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from drop_physics.stages.sweep_engines import EngineRun, Fall
 
 SHORT_STEPS = 200_000
-"""A sweep of fewer steps is over before a second process would have started."""
+"""Least number of steps for which a second process pays off: it takes as long to start."""
 LEAST_BYTES = 50_000
 """Minimum size of a run's recording: one of 13 samples has 75 kB."""
 
@@ -64,7 +64,7 @@ class Sweep(Shown, lines_of="drop_physics.console.show_sweep:sweep_lines"):
     at_samples: bool = True
     """Whether every run has a sample at `at_s`; if not, the nearest one counts."""
     engine_runs: Sequence[EngineRun] = ()
-    """What each run did beyond its error, where engines are compared or the body spins."""
+    """Facts of each run beyond its error, where engines are compared or the body spins."""
 
     @property
     def axes(self) -> list[tuple[str, str]]:

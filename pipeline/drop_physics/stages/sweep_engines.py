@@ -1,4 +1,4 @@
-"""What each run of a sweep over engines does beyond its error: impact, contact, rest, cost, drift.
+"""Facts of each run of a sweep over engines beyond its error: impact, contact, rest, cost, drift.
 
 Each scenario is dropped once more, in memory, because its row has only one sample.
 """
@@ -30,7 +30,7 @@ from drop_physics.trace.tables import table_of
 Float64 = NDArray[np.float64]
 
 MOST_RUNS = 30
-"""A sweep over engines of more runs does not drop them again to compare the engines."""
+"""Most runs of a sweep over engines that are dropped again to compare the engines."""
 TIMED_STEPS, TIMED_FALLS = 1000, 3
 """Steps that are timed at most, and how many times: the fastest counts."""
 
@@ -46,13 +46,13 @@ class EngineRun:
     timestep_s: float
     """Its timestep."""
     impact_s: float | None
-    """When its centre reached the rest height; None if that is not known."""
+    """Time at which its centre reached the rest height; None if that is not known."""
     penetration_m: float | None
     """Its deepest penetration."""
     rest_error_m: float | None
     """Its height at rest, minus that at which it touches the floor; None if it keeps moving."""
     rest_cause: str | None
-    """Why it does not rest at that height; None without a proven cause."""
+    """Cause of that error; None without a proven one."""
     contact_j: float | None
     """The energy that contact added to it, or took if negative."""
     energy_drift: float | None

@@ -27,9 +27,10 @@ class Group:
     left_out_s: tuple[float, ...] = ()
     """Timesteps that the study leaves out, as their sample is at another time."""
     statistics: tuple[Summary, ...] = ()
-    """All over the same samples: those in the air, or if there are none, all that did not fail."""
+    """Statistics over the same samples: those in the air, or if there are none, all that did not
+    fail."""
     samples: int = 0
-    """How many samples there are, in the air or not."""
+    """Number of samples, in the air or not."""
     in_the_air: bool = True
     """Whether the statistics are over the samples in the air."""
 

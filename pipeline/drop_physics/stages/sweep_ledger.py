@@ -9,15 +9,16 @@ from drop_physics.stages.sweep_shard import ShardDone
 from drop_physics.sweeping.plan import Plan
 
 LEAST_SAMPLES = 30
-"""Of fewer, `--until-ci` would stop at a chance: checked after each, 95 % intervals then cover the
-mean of a uniform distribution in 83 to 92 % of all sweeps, and from 30 on in 94 to 95 %."""
+"""Least number of samples for `--until-ci`. Of fewer, 95 % intervals that are checked after each
+sample cover the mean of a uniform distribution in 83 to 92 % of all sweeps, from 30 on in 94 to
+95 %."""
 
 Progress = Callable[[int, int, int], None]
 """Called with the number of runs that are done, of those that failed, and of all."""
 
 
 class Ledger:
-    """Which shards are done, and whether they are enough.
+    """The shards that are done, and whether they are enough.
 
     Shards finish in any order. Only the first ones without a gap decide whether they are enough, so
     that the answer is the same for any number of workers.
@@ -28,7 +29,7 @@ class Ledger:
     ) -> None:
         self.done = done
         self.needed: int | None = None
-        """How many shards are enough; None if that is not known yet, or all are needed."""
+        """Number of shards that are enough; None if that is not known yet, or all are needed."""
         self.narrow = False
         """Whether the interval is narrow enough after the shards followed so far."""
         self.runs = sum(shard.runs for shard in done.values())

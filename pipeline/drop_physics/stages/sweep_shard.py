@@ -33,7 +33,7 @@ _EMPTY: Row = dict.fromkeys(SCHEMA) | asdict(Scenario())
 """The row of a run before it starts: the scenario's defaults."""
 
 _worlds = Worlds()
-"""This process's own."""
+"""The worlds of this process."""
 
 
 def release_world() -> None:
@@ -43,12 +43,12 @@ def release_world() -> None:
 
 @dataclass(frozen=True)
 class ShardDone:
-    """What a worker reports: the rows themselves are in the shard's part."""
+    """A worker's report on a shard: the rows themselves are in the shard's part."""
 
     runs: int
     failed: int
     error_m: Moments
-    """Of the total error, over the runs that have one."""
+    """Moments of the total error, over the runs that have one."""
     explained_m: Moments
     """The same over the runs whose error was broken down."""
 
@@ -75,7 +75,7 @@ class RunShard:
     recorded: bool
     camera: Camera | None
     tried: Verdicts = field(default_factory=dict)
-    """What is known of the plan's bodies, so that they are not tried in every process."""
+    """Verdicts on the plan's bodies, so that they are not tried in every process."""
 
     def __call__(self, shard: int) -> ShardDone:
         """Run a shard and write its part.

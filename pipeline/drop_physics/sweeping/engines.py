@@ -36,8 +36,8 @@ ANSWERS_WITHIN_S = 5.0
 """A cluster that does not answer within this time counts as not running."""
 HTTP2_SETTINGS = b"\x04"
 HTTP2_HELLO = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + b"\0\0\0" + HTTP2_SETTINGS + bytes(5)
-"""How a client of HTTP/2, which Ray uses, begins: the preface and empty settings (RFC 9113, 3.4).
-The server answers with its own settings, a frame whose fourth byte is its type."""
+"""The first bytes of a client of HTTP/2, which Ray uses: the preface and empty settings (RFC
+9113, 3.4). The server answers with its own settings, a frame whose fourth byte is its type."""
 
 
 def in_this_process(work: Callable[[int], T], shards: Iterable[int]) -> Generator[tuple[int, T]]:

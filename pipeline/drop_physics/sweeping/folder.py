@@ -68,7 +68,7 @@ EXPLAINED = pl.all_horizontal(pl.col(TERMS).is_not_null())
 """Rows whose error was broken down: the sample was in the air, in simulation and in theory."""
 
 FLAT_RECORDINGS = 1000
-"""Up to this many recordings share a folder; more are split into folders of this many."""
+"""Most recordings in one folder; more are split into folders of this many."""
 
 
 MOST_IDENTITY_BYTES = 1 << 22

@@ -29,12 +29,12 @@ class Plan:
     """Field and its values, in the order of the scenario's options."""
     variations: tuple[Variation, ...] = ()
     samples: int | None = None
-    """How many runs each scenario gets; None for one run, with nothing drawn."""
+    """Number of runs of each scenario; None for one run, with nothing drawn."""
     seed: int = 0
 
     @property
     def runs(self) -> int:
-        """How many runs there are."""
+        """The number of runs."""
         return math.prod(len(values) for _, values in self.lists) * (self.samples or 1)
 
     @property
@@ -61,7 +61,7 @@ class Plan:
 
     @property
     def shard_runs(self) -> int:
-        """How many runs go into one shard: few enough to finish soon, without too many files.
+        """The number of runs in one shard: few enough to finish soon, without too many files.
 
         It depends only on the plan, so that a sweep can be resumed with other workers.
         """
@@ -69,7 +69,7 @@ class Plan:
 
     @property
     def shards(self) -> int:
-        """How many shards there are; the last may be shorter."""
+        """The number of shards; the last may be shorter."""
         return math.ceil(self.runs / self.shard_runs)
 
     def runs_of(self, shard: int) -> range:

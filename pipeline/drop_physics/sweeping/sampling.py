@@ -85,7 +85,7 @@ DISTRIBUTIONS = {
         Message("LOW < HIGH, both whole numbers and both included"),
     ),
 }
-"""By name; all but `choice`, which takes any values that the option takes."""
+"""Distributions by name; all but `choice`, which takes any values that the option takes."""
 
 FORMS = ", ".join(
     [*(":".join((name, *kind.parameters)) for name, kind in DISTRIBUTIONS.items()), "choice:A:B:…"]
