@@ -38,7 +38,10 @@ def lines_of_bodies(analysis: Analysis, *, verbose: bool = False) -> list[str]:
     ]
     alone = len(analysis.bodies) < len(analysis.by_body)
     lines = [*_headline(analysis), *finding_lines(analysis.findings, verbose=verbose)]
-    lines += _joints(moving, analysis.findings, verbose=verbose or alone)
+    joints = _joints(moving, analysis.findings, verbose=verbose or alone)
+    lines += joints
+    if joints or verbose or alone:
+        lines += _of_substeps(analysis)
     lines += ["", *_bodies(analysis, moving, verbose=verbose or alone)]
     for body in moving:
         for each in body.at:
@@ -90,6 +93,19 @@ def _explained(analysis: Analysis) -> Message:
         time=explained.until_s or 0.0,
         why=str(explained.why),
     )
+
+
+def _of_substeps(analysis: Analysis) -> list[str]:
+    """Say of which substep torques and forces are."""
+    told = analysis.engine.values() if isinstance(analysis.engine, dict) else ()
+    substeps = max((int(each["numSubSteps"]) for each in told), default=0)
+    if substeps < 2:
+        return []
+    words = Message(
+        "numSubSteps={substeps}: torques, limits and contact forces are those of the last substep",
+        substeps=substeps,
+    )
+    return [f"[dim]{escape(line)}[/]" for line in wrapped(translated(words), columns())]
 
 
 # -- joints ---------------------------------------------------------------------------------------

@@ -58,7 +58,7 @@ def law_of(epoch: Epoch, timestep_s: float, gravity_m_s2: Float64) -> Law | None
     ix, iy, iz = tree.inertias_kg_m2[0].tolist()
     return BulletLaw(
         timestep_s=timestep_s,
-        substeps=max(1, epoch.substeps),
+        substeps=epoch.substeps,
         gravity_m_s2=(x, y, z),
         mass_kg=mass_kg,
         inertia_kg_m2=(ix, iy, iz),

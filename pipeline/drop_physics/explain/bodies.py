@@ -55,7 +55,7 @@ class Epoch:
     cone_friction: bool
     """`enableConeFriction`."""
     substeps: int
-    """`numSubSteps`; 0 and 1 mean the same."""
+    """How many each step has, at least 1 (`numSubSteps`)."""
     damping: tuple[float | None, float | None]
     """Linear and angular, as calls set it; None where none did."""
     other: Law | None
@@ -239,7 +239,12 @@ def _damping(calls: Sequence[Given]) -> tuple[float | None, float | None]:
 def _kind(engine: Mapping[str, float | Sequence[float]]) -> tuple[int, bool]:
     """Return what of the engine's settings decides whether a step is the sum."""
     cone = _number(engine.get("set_enableConeFriction", 1.0)) != 0
-    return int(_number(engine["numSubSteps"])), cone
+    return substeps_of(engine), cone
+
+
+def substeps_of(engine: Mapping[str, float | Sequence[float]]) -> int:
+    """Return how many substeps a step has, at least 1: 0 means one, too."""
+    return max(int(_number(engine["numSubSteps"])), 1)
 
 
 def law_of(body: Body, reported: Mapping[str, Float64], calls: Sequence[Given]) -> BulletTree:

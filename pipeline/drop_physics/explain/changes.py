@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.physics.bullet_substeps import SubstepSum
 from drop_physics.physics.bullet_tree import BulletTree
 from drop_physics.physics.dynamics import lifted_j, mass_matrix
 from drop_physics.physics.impulses import Sum
@@ -64,7 +65,7 @@ def changes_of(
     law: BulletTree,
     states: States,
     steps: Transitions,
-    added: Sum | None,
+    added: Sum | SubstepSum | None,
     parts: Sequence[tuple[slice, slice]],
 ) -> list[Changes]:
     """Return how energy and momentum change in each part of the transitions.

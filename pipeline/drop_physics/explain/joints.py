@@ -54,9 +54,9 @@ class JointRow:
     off: float | None
     """Reached minus target."""
     torque: float | None
-    """Its motor's in the last step."""
+    """Its motor's in the last step; of several substeps, in the last of them."""
     force_limit: float | None
-    """Its motor's largest in the last step."""
+    """Its motor's largest in the last step; PyBullet lets it act in each of several substeps."""
     needs: float | None
     """What holding the last pose takes; None where that is not defined."""
     needs_at_target: float | None
@@ -81,7 +81,7 @@ class Driven:
     torque: Float64
     """Of the motors."""
     limit: Float64
-    """The largest that each motor could give in the step."""
+    """The largest that each motor could give in the step, of several substeps in each."""
     at_limit: Flags
     at_stop: Flags
     """Whether a stop pushed."""
@@ -218,8 +218,8 @@ def _driven(body: Body, steps: BodySteps, track: _Track) -> Driven:
     )
     pd = asked.pd == 1
     with np.errstate(divide="ignore", invalid="ignore"):
-        limit = asked.impulse / steps.reported.timestep_s[:, None]
-    limit = np.where(pd, asked.pd_force, limit)
+        limit = steps.substeps * asked.impulse / steps.reported.timestep_s[:, None]
+    limit = np.where(pd, steps.substeps * asked.pd_force, limit)
     torque = steps.reported.motors + steps.reported.pd
     resting = _resting(np.abs(steps.after.velocity), track)
     joint = slice(tree.first_rate, None)

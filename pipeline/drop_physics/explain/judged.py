@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain import segments
-from drop_physics.explain.steps import EXPLAINED, WITHOUT_SUM, BodySteps, Steps
+from drop_physics.explain.steps import SUBSTEPS, WITHOUT_SUM, BodySteps, Steps
 from drop_physics.physics.bullet_air import EPSILON
 from drop_physics.physics.bullet_tree import Reason
 from drop_physics.physics.moving import moved_on
@@ -84,7 +84,7 @@ class StepVerdicts:
         """
         why = _whys(steps, before=before, soft_there=soft_there)
         # What another law explains has no sum, and what sleeps need not close it.
-        other = (why < 0) & ~(steps.unexplained <= EXPLAINED)
+        other = (why < 0) & ~steps.closes
         return StepVerdicts(_kinds(steps), why, np.where(other, 0.0, steps.unexplained))
 
 
@@ -141,13 +141,14 @@ def _whys(steps: Steps, *, before: bool, soft_there: bool) -> Int8:
     why = np.full(len(steps), -1, np.int8)
     same, reasons = _same(steps), steps.epoch.reasons
     outright = next((each for each in reasons if each in WITHOUT_SUM), None)
-    off = ~(steps.unexplained <= EXPLAINED)
+    off = ~steps.closes
     if not steps.law.tree.size:  # it cannot move, but for the velocity that a call gave it
         outright, off = "massless", off & ~same
     elif outright is not None:
         off = ~(_followed(steps) | same)
     else:
-        off |= ~moved_on(steps.law.tree, steps.before, steps.after, steps.reported.timestep_s)
+        if steps.substeps == 1:  # those of several are part of what closes
+            off |= ~moved_on(steps.law.tree, steps.before, steps.after, steps.reported.timestep_s)
         if steps.alone is not None:  # in flight to the bit, as the law of a body alone is
             off |= (_kinds(steps) == FLIGHT) & (steps.alone != segments.FLIGHT)
             off &= ~_followed(steps)
@@ -163,7 +164,8 @@ def _whys(steps: Steps, *, before: bool, soft_there: bool) -> Int8:
         )
     ).all(axis=1)
     timely = (steps.reported.timestep_s >= EPSILON) & np.isfinite(steps.reported.timestep_s)
-    why[off] = WHYS.index("before the recording" if before else "remainder")
+    rest: Why = SUBSTEPS if steps.substeps > 1 else "remainder"
+    why[off] = WHYS.index("before the recording" if before else rest)
     for reason, holds in (
         ("soft", soft_there),
         ("constraint", steps.unknown),

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from drop_physics.explain.joined import GEAR, POINT
 from drop_physics.explain.recording import Explained
-from drop_physics.explain.steps import EXPLAINED, Steps
+from drop_physics.explain.steps import Steps
 from drop_physics.physics.dynamics import gravity
 from drop_physics.physics.impulses import impulses_of
 from drop_physics.physics.kinematics import Kinematics, generalised_at_points, kinematics
@@ -129,7 +129,7 @@ def holding(
     known = np.full(tree.size, bool(tree.fixed or not fixed))
     constraints = stops = np.zeros(tree.size)
     timestep_s = float(steps.reported.timestep_s[row])
-    if steps.covered and steps.unexplained[row] <= EXPLAINED and timestep_s > 0:
+    if steps.covered and steps.closes[row] and timestep_s > 0:
         applied, constraints, stops = (
             steps.terms[name][row] / timestep_s for name in ("applied", "constraints", "stops")
         )

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.explain.bodies import Epochs, Record, records_of
+from drop_physics.explain.bodies import Epochs, Record, records_of, substeps_of
 from drop_physics.explain.causes import Totals
 from drop_physics.explain.chain import Chain, chain_of, stretches_of
 from drop_physics.explain.commands import Commands
@@ -30,12 +30,14 @@ from drop_physics.trace.calls import Call, Push
 from drop_physics.trace.events import Settings, order
 from drop_physics.trace.history import Piece, Seen
 from drop_physics.trace.log import Log
-from drop_physics.trace.states import by_body
+from drop_physics.trace.states import Rows, by_body
 
 Int64 = NDArray[np.int64]
 
 MOST_STEPS, LEAST_STEPS, NUMBERS = 1 << 12, 1 << 8, 1 << 17
 """Steps in a piece, and degrees of freedom of all bodies over its steps: some 200 MB."""
+FORCES = ("normal_force_n", "friction_1_n", "friction_2_n")
+"""The forces of a contact point."""
 NOBODY = -1
 """In place of a body's number: the world."""
 
@@ -90,11 +92,13 @@ class Explanation:
         freedoms = sum(
             6 * body.base_moves + sum(joint.widths[1] for joint in body.joints) for body in bodies
         )
+        freedoms *= max((substeps_of(each.values) for each in self._seen.settings), default=1)
         steps = steps or min(MOST_STEPS, max(LEAST_STEPS, NUMBERS // max(freedoms, 1)))
         # `map` keeps no piece while the next is read.
         yield from map(self._explained, self._seen.pieces(steps))
 
     def _explained(self, piece: Piece) -> Explained:
+        piece = replace(piece, contacts=self._in_substeps(piece.contacts))
         pushes = self._pushes = self._told(piece)
         chains = self._chained(piece)
         touching = Touching(piece.contacts, self._records)
@@ -114,7 +118,7 @@ class Explanation:
                 exact=self._seen.machine in ("", *EXACT_MACHINES),
             )
             stretches = stretches_of(chain, first, self._epochs[number])
-            recorded += [recorded_steps(each, around) for each in stretches]
+            recorded += [part for each in stretches for part in recorded_steps(each, around)]
             self._lasts[number] = chain.at(np.arange(len(chain))[-2:])  # a copy
         batches = [(batch, self._verdict(batch)) for batch in batches_of(recorded)]
         found: dict[int, list[tuple[BodySteps, StepVerdicts]]] = {number: [] for number in chains}
@@ -135,6 +139,24 @@ class Explanation:
         body = batch.bodies[0].body
         soft = any(each.body.client in self._soft for each in batch.bodies)
         return StepVerdicts.of(batch.whole, before=body.before, soft_there=soft)
+
+    def _in_substeps(self, contacts: Rows) -> Rows:
+        """Return contact points with the forces of the last substep of their step.
+
+        PyBullet divides the impulses of the last of several substeps by the whole timestep.
+        """
+        for client, settings in self._settings.items():
+            told = [each.at.step for each in settings]
+            substeps = np.array([substeps_of(each.values) for each in settings])
+            if (substeps == 1).all():
+                continue
+            here = [n for n, body in self._seen.bodies.items() if body.client == client]
+            rows = np.flatnonzero(np.isin(contacts["body_a"], here))
+            at = np.searchsorted(told, contacts["step"][rows] - 1, side="right") - 1
+            contacts = contacts.copy()
+            for name in FORCES:
+                contacts[name][rows] *= substeps[np.maximum(at, 0)]
+        return contacts
 
     def _chained(self, piece: Piece) -> dict[int, tuple[Chain, int]]:
         """Return the states of each body, and how many of them were in the piece before."""

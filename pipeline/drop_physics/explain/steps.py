@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,9 @@ from drop_physics.explain.changes import Changes, Transitions, changes_of
 from drop_physics.explain.commands import Commanded, Commands
 from drop_physics.explain.joined import Acting, Constraints, Poses
 from drop_physics.explain.pushed import pushed
+from drop_physics.explain.segments import FLIGHT
 from drop_physics.explain.touching import Sides, Touching, rows_of
+from drop_physics.physics.bullet_substeps import HELD, SubstepSum, sum_of_substeps
 from drop_physics.physics.bullet_tree import BulletTree, Reason, Reported, all_reported, sum_of
 from drop_physics.physics.impulses import Forces, Sum, impulses_of
 from drop_physics.physics.kinematics import kinematics
@@ -42,6 +45,7 @@ WITHOUT_SUM: frozenset[Reason] = frozenset(
     ("engine", "substeps", "soft", "maximal", "massless", "planar")
 )
 """Where the law has no sum. Elsewhere the sum holds until what the reason names happens."""
+SUBSTEPS: Reason = "substeps"
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +95,8 @@ class Steps:
     """The largest entry of any term, or impulse of a single force."""
     unexplained: Float64
     """The largest entry of the remainder over `largest`; infinite where the law has no sum."""
+    closes: Flags
+    """Whether that is no more than rounding, or than what substeps may leave (`HELD`)."""
     unknown: Flags
     """Where a constraint acts that the law does not cover."""
     alone: Int8 | None
@@ -99,6 +105,11 @@ class Steps:
     def __len__(self) -> int:
         """Return the number of steps."""
         return len(self.steps)
+
+    @property
+    def substeps(self) -> int:
+        """How many substeps each step has, at least 1."""
+        return self.epoch.substeps
 
     @property
     def covered(self) -> bool:
@@ -183,7 +194,32 @@ class RecordedSteps:
         return id(self.law), id(epoch.other), *here, *constant
 
 
-def recorded_steps(stretch: Stretch, around: Around) -> RecordedSteps:
+def recorded_steps(stretch: Stretch, around: Around) -> Iterator[RecordedSteps]:
+    """Yield the steps of a stretch in order, those whose substeps are known apart from others."""
+    epoch = stretch.epoch
+    if {*epoch.reasons} & WITHOUT_SUM != {SUBSTEPS} or not epoch.law.tree.size:
+        yield _recorded(stretch, around)
+        return
+    reasons = tuple(each for each in epoch.reasons if each != SUBSTEPS)
+    known = replace(stretch, epoch=replace(epoch, reasons=reasons))
+    closes = _closes(_batch([_recorded(known, around)]).whole)
+    ends = np.flatnonzero(stretch.chain.stepped[1:]) + 1
+    for first, end in pairwise([0, *(np.flatnonzero(np.diff(closes)) + 1).tolist(), len(closes)]):
+        begin, last = int(ends[first]) - 1, int(ends[end - 1]) + 1
+        chain, part = stretch.chain.at(slice(begin, last)), known if closes[first] else stretch
+        yield _recorded(replace(part, chain=chain, first=stretch.first + begin), around)
+
+
+def _closes(steps: Steps) -> Flags:
+    """Return which steps close; what is in flight without links must do so to the bit."""
+    if steps.alone is None:
+        return steps.closes
+    acting = ("applied", "contacts", "rolling", "constraints")
+    acts = np.any([steps.terms[name].any(axis=1) for name in acting], axis=0)
+    return np.asarray(steps.closes & (acts | (steps.alone == FLIGHT)))
+
+
+def _recorded(stretch: Stretch, around: Around) -> RecordedSteps:
     """Return what was recorded of the steps of a stretch."""
     chain, law = stretch.chain, stretch.epoch.law
     if "planar" in stretch.epoch.reasons:  # the states are not those of its tree
@@ -191,7 +227,8 @@ def recorded_steps(stretch: Stretch, around: Around) -> RecordedSteps:
     where = np.flatnonzero(chain.stepped[1:])
     begins, ends = chain.at(where), chain.at(where + 1)
     asked = around.commands.asked(around.record.body, ends.steps)
-    found, acting, sides = _reported(around, law, ends, begins.states(law.tree), asked)
+    before, substeps = begins.states(law.tree), stretch.epoch.substeps
+    found, acting, sides = _reported(around, law, ends, before, asked, substeps)
     return RecordedSteps(stretch, around, law, chain, asked, found, acting.unknown, sides)
 
 
@@ -220,14 +257,18 @@ def _batch(group: Sequence[RecordedSteps]) -> StepBatch:
     before, after = states.at(where), states.at(where + 1)
     rows, added, codes = Transitions(real, found.gravity_m_s2), None, None
     n, size = len(where), law.tree.size
-    unexplained, without = np.full(n, np.inf), {*stretch.epoch.reasons} & WITHOUT_SUM
+    unexplained, most = np.full(n, np.inf), np.full(n, EXPLAINED)
+    without, several = {*stretch.epoch.reasons} & WITHOUT_SUM, stretch.epoch.substeps > 1
     if not size:
         unexplained[_coasts(law, chain.at(where), chain.at(where + 1), found.timestep_s)] = 0.0
     elif not without:
-        added, found = _closing(group[0], rows, states, found)
+        added, found = _closing(group, rows, states, found)
         unexplained = added.unexplained[real]
-    if size and not law.tree.links and without and without <= alone.ALONE:
-        found = replace(found, applied=_pushed(group[0], rows, np.full(n, NEVER)))
+        if isinstance(added, SubstepSum):
+            most[added.held[real]] = HELD
+    if size and not law.tree.links and (without or several) and without <= alone.ALONE:
+        if without:
+            found = replace(found, applied=_pushed(group[0], rows, np.full(n, NEVER)))
         touches = around.touching.touches(sides, found.contacts)
         codes = alone.explained(stretch.epoch, before, after, found, touches, exact=around.exact)
     whole = Steps(
@@ -243,6 +284,7 @@ def _batch(group: Sequence[RecordedSteps]) -> StepBatch:
         remainder=np.zeros((n, size)) if added is None else added.remainder[real],
         largest=np.zeros(n) if added is None else added.largest[real],
         unexplained=unexplained,
+        closes=np.asarray(unexplained <= most),
         unknown=np.concatenate([each.unknown for each in group]),
         alone=codes,
     )
@@ -261,7 +303,7 @@ def _of_body(batch: StepBatch, recorded: RecordedSteps, rows: slice, changes: Ch
     """Return the rows of a batch that are the steps of one body."""
     whole = batch.whole
     points = slice(*np.searchsorted(whole.reported.contacts.step, (rows.start, rows.stop)))
-    reported = recorded.reported
+    reported = replace(recorded.reported, pd=whole.reported.pd[rows])
     if len(whole.reported.applied):  # then it is the only one
         reported = whole.reported
     return BodySteps(
@@ -277,6 +319,7 @@ def _of_body(batch: StepBatch, recorded: RecordedSteps, rows: slice, changes: Ch
         remainder=whole.remainder[rows],
         largest=whole.largest[rows],
         unexplained=whole.unexplained[rows],
+        closes=whole.closes[rows],
         unknown=recorded.unknown,
         alone=None if whole.alone is None else whole.alone[rows],
         body=recorded.around.record.body,
@@ -297,9 +340,17 @@ def _coasts(law: BulletTree, begins: Chain, ends: Chain, timestep_s: Float64) ->
 
 
 def _reported(
-    around: Around, law: BulletTree, ends: Chain, before: States, asked: Commanded
+    around: Around,
+    law: BulletTree,
+    ends: Chain,
+    before: States,
+    asked: Commanded,
+    substeps: int,
 ) -> tuple[Reported, Acting, Sides]:
-    """Return what is known of the steps to samples but for pushes, and the contact points."""
+    """Return what is known of the steps to samples but for pushes, and the contact points.
+
+    PyBullet divides the last substep's impulse of a motor by the whole timestep.
+    """
     tree, body = law.tree, around.record.body
     timestep_s, gravity_m_s2 = _of_engine(around.settings, ends.steps - 1)
     found, at = rows_of(around.sides.step, ends.steps)
@@ -308,7 +359,7 @@ def _reported(
     reported = Reported(
         timestep_s=timestep_s,
         gravity_m_s2=gravity_m_s2,
-        motors=asked.motors(tree, ends.effort[:, : tree.joint_rates]),
+        motors=substeps * asked.motors(tree, ends.effort[:, : tree.joint_rates]),
         commanded=around.commands.torques(body, tree, ends.steps),
         pd=asked.servos(law, before),
         contacts=around.touching.forces(sides, at),
@@ -351,19 +402,34 @@ def _pushed(recorded: RecordedSteps, rows: Transitions, refreshed: Int64) -> For
 
 
 def _closing(
-    recorded: RecordedSteps, rows: Transitions, states: States, found: Reported
-) -> tuple[Sum, Reported]:
+    group: Sequence[RecordedSteps], rows: Transitions, states: States, found: Reported
+) -> tuple[Sum | SubstepSum, Reported]:
     """Return the sum, with pushes at those poses of links with which each step closes best.
 
-    Of a batch, none of which is pushed, `recorded` is the first.
+    Of a batch of several bodies none is pushed.
     """
-    law, pushes = recorded.stretch.epoch.law, recorded.pushes
+    epoch, law, pushes = group[0].stretch.epoch, group[0].law, group[0].pushes
+    ends = np.cumsum([0, *(len(each.reported.timestep_s) for each in group)]).tolist()
 
-    def added(refreshed: Int64) -> tuple[Sum, Reported]:
+    def servos(states: States) -> Float64:
+        efforts, begins = np.zeros((len(states), law.tree.joint_rates)), states.at(rows.where)
+        efforts[rows.where] = np.concatenate(
+            [
+                each.asked.servos(law, begins.at(slice(first, end)))
+                for each, (first, end) in zip(group, pairwise(ends), strict=True)
+            ]
+        )
+        return efforts
+
+    def added(refreshed: Int64) -> tuple[Sum | SubstepSum, Reported]:
         known = found
         if pushes:
-            known = replace(found, applied=_pushed(recorded, rows, refreshed))
-        return sum_of(law, states, _spread(known, rows)), known
+            known = replace(found, applied=_pushed(group[0], rows, refreshed))
+        said = _spread(known, rows)
+        if epoch.substeps > 1:
+            whole = sum_of_substeps(law, states, said, epoch.substeps, servos)
+            return whole, replace(known, pd=whole.pd[rows.real])
+        return sum_of(law, states, said), known
 
     refreshed = np.full(len(rows.where), NEVER)
     best, known = added(refreshed)

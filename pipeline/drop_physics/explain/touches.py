@@ -43,12 +43,12 @@ class Touch:
     """Tangential distance while touching, the mean of the points with a force."""
     deepest_m: float
     """The largest overlap."""
-    impulse_n_s: tuple[float, float, float]
-    """Given to this body, world axes."""
-    energy_j: float
-    """Given to this body."""
-    energy_of_pair_j: float
-    """Given to both."""
+    impulse_n_s: tuple[float, float, float] | None
+    """Given to this body, world axes; None where `numSubSteps` hides a part of it."""
+    energy_j: float | None
+    """Given to this body; likewise."""
+    energy_of_pair_j: float | None
+    """Given to both; likewise."""
 
 
 @dataclass
@@ -68,6 +68,8 @@ class _Total:
     impulse_n_s: Float64 = field(default_factory=lambda: np.zeros(3))
     energy_j: float = 0.0
     energy_of_pair_j: float = 0.0
+    whole: bool = True
+    """Whether the forces of all steps are known, not only those of a last substep."""
 
 
 class TouchTable:
@@ -90,10 +92,13 @@ class TouchTable:
         pressed, friction = pairs.points.normal_n > PRESSED, pairs.points.friction
         least = -pairs.most(np.where(pressed, -friction, -np.inf))
         greatest = pairs.most(np.where(pressed, friction, -np.inf))
+        partial = {number: _partial(judged) for number, judged in explained.bodies.items()}
         for first, second, rows in pairs.by_pair():
             for side, number in enumerate(dict.fromkeys((first, second))):
                 total = self._totals.setdefault((number, second if side == 0 else first), _Total())
                 _count(total, pairs, rows, side)
+                for one in {first, second} & partial.keys():
+                    total.whole &= not np.isin(pairs.step[rows], partial[one]).any()
                 low, high = total.coefficients
                 total.coefficients = (
                     float(least[rows].min(initial=low)),
@@ -114,6 +119,7 @@ class TouchTable:
         low, high = total.coefficients
         needs = total.needed_n >= 0
         x, y, z = total.impulse_n_s.tolist()
+        whole = total.whole
         return Touch(
             other=self._seen.bodies[other].label,
             steps=total.steps,
@@ -124,10 +130,16 @@ class TouchTable:
             friction_needed=total.needed_n / total.normal_n if needs else None,
             slid_m=total.slid_m,
             deepest_m=total.deepest_m,
-            impulse_n_s=(x, y, z),
-            energy_j=total.energy_j,
-            energy_of_pair_j=total.energy_of_pair_j,
+            impulse_n_s=(x, y, z) if whole else None,
+            energy_j=total.energy_j if whole else None,
+            energy_of_pair_j=total.energy_of_pair_j if whole else None,
         )
+
+
+def _partial(judged: Judged) -> NDArray[np.int64]:
+    """Return the steps of several substeps of which only the last one's forces are known."""
+    several = [each.steps[~each.closes] for each in judged.stretches if each.substeps > 1]
+    return np.concatenate([np.empty(0, np.int64), *several])
 
 
 def _count(total: _Total, pairs: Pairs, rows: NDArray[np.intp], side: int) -> None:

@@ -72,6 +72,8 @@ class Reported:
     """Forces of `getConstraintState` after each step (`constraint_forces`)."""
     geared: Float64 | None = None
     """Impulses of gears [N m s], shape (n, joint_rates) (`gear_impulses`); None without gears."""
+    damped: Float64 | None = None
+    """Rates that joint damping acts on, shape (n, joint_rates); None: those before each step."""
 
     def between(self, first: int, last: int) -> Reported:
         """Return the steps from `first` up to `last`, counted from 0."""
@@ -129,14 +131,7 @@ def _sum_of(body: BulletTree, states: States, reported: Reported) -> Sum:
     everywhere = kinematics(tree, states)
     matrices, before = mass_matrix(everywhere), everywhere.at(slice(0, len(states) - 1))
     dt = reported.timestep_s
-    terms = _free_terms(body, before, states.velocity[:-1], reported)
-    pd = _on_joints(tree, reported.pd * dt[:, None])
-    terms["clamp"] = _clamped(body, matrices[:-1], states.velocity[:-1], terms, pd)
-    terms["motors"] = pd + _on_joints(tree, reported.motors * dt[:, None])
-    for name, forces in (("contacts", reported.contacts), ("constraints", reported.constraints)):
-        terms[name] = per_step(forces, impulses_of(before, forces, dt), steps=len(before))
-    if reported.geared is not None:
-        terms["constraints"] = terms["constraints"] + _on_joints(tree, reported.geared)
+    terms = known_terms(body, before, matrices[:-1], states.velocity[:-1], reported)
     left = change_of(matrices, states.velocity) - sum(terms.values())
     found = shared_out(left, matrices[:-1], before, _unreported(body, states, reported))
     terms["clamp"] = terms["clamp"] + found.clamp
@@ -147,13 +142,30 @@ def _sum_of(body: BulletTree, states: States, reported: Reported) -> Sum:
     return Sum(matrices, states.velocity, terms, found.remainder, lifted, largest)
 
 
+def known_terms(
+    body: BulletTree, kin: Kinematics, matrices: Float64, velocity: Float64, reported: Reported
+) -> dict[str, Float64]:
+    """Return the impulses of all that is known or reported, by cause, shape (n, size) each."""
+    tree, dt = body.tree, reported.timestep_s
+    terms = _free_terms(body, kin, velocity, reported)
+    pd = _on_joints(tree, reported.pd * dt[:, None])
+    terms["clamp"] = _clamped(body, matrices, velocity, terms, pd)
+    terms["motors"] = pd + _on_joints(tree, reported.motors * dt[:, None])
+    for name, forces in (("contacts", reported.contacts), ("constraints", reported.constraints)):
+        terms[name] = per_step(forces, impulses_of(kin, forces, dt), steps=len(kin))
+    if reported.geared is not None:
+        terms["constraints"] = terms["constraints"] + _on_joints(tree, reported.geared)
+    return terms
+
+
 def _free_terms(
     body: BulletTree, kin: Kinematics, velocity: Float64, reported: Reported
 ) -> dict[str, Float64]:
     """Return what acts before the solver, but for PD_CONTROL."""
     tree, dt = body.tree, reported.timestep_s[:, None]
     moved = motion(kin, velocity)
-    joint_damping = -body.joint_damping * velocity[:, tree.first_rate :]
+    damped = velocity[:, tree.first_rate :] if reported.damped is None else reported.damped
+    joint_damping = -body.joint_damping * damped
     pushes = per_step(
         reported.applied, impulses_of(kin, reported.applied, reported.timestep_s), steps=len(kin)
     )

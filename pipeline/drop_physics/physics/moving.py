@@ -21,39 +21,78 @@ TURNED = 1e-12
 """Largest difference of quaternions that is rounding; measured: 2e-15 [1]."""
 
 
+def moved(tree: Tree, before: States, velocity: Float64, timestep_s: Float64) -> States:
+    """Return the states that velocities lead to, shape (n, size).
+
+    Source: `btMultiBody::stepPositionsMultiDof`.
+    """
+    dt, joints = timestep_s[:, None], before.joints.copy()
+    position, orientation = before.position_m, before.orientation
+    if not tree.fixed:
+        position = position + velocity[:, 3:6] * dt
+        orientation = products(_turn(velocity[:, :3] * dt), orientation)
+        orientation = orientation / np.linalg.norm(orientation, axis=1, keepdims=True)
+    for link, joint in enumerate(tree.joints):
+        at, turned = tree.coordinates[link], velocity[:, tree.rates[link]] * dt
+        if RATES[joint] == 1:
+            joints[:, at] += turned
+        elif joint == "spherical":  # its rates are about the link's own axes
+            product = products(joints[:, at], _turn(turned))
+            joints[:, at] = product / np.linalg.norm(product, axis=1, keepdims=True)
+    return States(position, orientation, joints, velocity)
+
+
 def moved_on(tree: Tree, before: States, after: States, timestep_s: Float64) -> Flags:
     """Return whether the velocities after each step lead to its pose, shape (n,).
 
     Spherical joints are not looked at. False where a state is not finite.
     """
-    dt = timestep_s[:, None]
-    held = np.ones(len(before), np.bool_)
+    reached, held = moved(tree, before, after.velocity, timestep_s), np.ones(len(before), np.bool_)
     if not tree.fixed:
-        turn, way = after.velocity[:, :3] * dt, after.velocity[:, 3:6] * dt
-        held &= _near(before.position_m, way, after.position_m)
-        held &= _turned(before.orientation, turn, after.orientation)
+        held &= _near(before.position_m, reached.position_m, after.position_m)
+        off = same_way(reached.orientation, after.orientation) - after.orientation
+        held &= np.abs(off).max(axis=1) <= TURNED
     for link, joint in enumerate(tree.joints):
         if RATES[joint] == 1:
-            at, rate = tree.coordinates[link], tree.rates[link]
-            way = after.velocity[:, rate] * dt
-            held &= _near(before.joints[:, at], way, after.joints[:, at])
+            at = tree.coordinates[link]
+            held &= _near(before.joints[:, at], reached.joints[:, at], after.joints[:, at])
     return held
 
 
-def _near(before: Float64, way: Float64, after: Float64) -> Flags:
-    off = np.abs(after - (before + way))
-    return np.asarray((off <= ROUNDED * (np.abs(before) + np.abs(way))).all(axis=1))
+def way_between(tree: Tree, states: States, others: States) -> Float64:
+    """Return the way from states to others nearby, as u has it per second, shape (n, size)."""
+    way = np.zeros((len(states), tree.size))
+    if not tree.fixed:
+        way[:, :3] = _turn_between(states.orientation, others.orientation)
+        way[:, 3:6] = others.position_m - states.position_m
+    for link, joint in enumerate(tree.joints):
+        at, rate = tree.coordinates[link], tree.rates[link]
+        if RATES[joint] == 1:
+            way[:, rate] = others.joints[:, at] - states.joints[:, at]
+        elif joint == "spherical":
+            back = [-1, -1, -1, 1]
+            own = (states.joints[:, at] * back, others.joints[:, at] * back)
+            way[:, rate] = -_turn_between(*own)
+    return way
 
 
-def _turned(before: Float64, turn: Float64, after: Float64) -> Flags:
-    """Return whether orientations (x, y, z, w) are others, turned by these vectors [rad].
+def _near(before: Float64, reached: Float64, after: Float64) -> Flags:
+    off, way = np.abs(after - reached), np.abs(reached - before)
+    return np.asarray((off <= ROUNDED * (np.abs(before) + way)).all(axis=1))
 
-    The sine of half the angle is that of MAX_TURN_RAD where it turns by more, its axis is not
-    shortened (`btMultiBody::stepPositionsMultiDof`).
+
+def _turn(vectors: Float64) -> Float64:
+    """Return rotations by these vectors [rad] as quaternions x, y, z, w, shape (n, 4).
+
+    The sine of half the angle is that of MAX_TURN_RAD where it is more, the axis is not shortened.
     """
-    angle = np.linalg.norm(turn, axis=1, keepdims=True)
+    angle = np.linalg.norm(vectors, axis=1, keepdims=True)
     held = np.minimum(angle, MAX_TURN_RAD)
     share = np.divide(np.sin(held / 2), held, out=np.full_like(held, 0.5), where=held > 0)
-    product = products(np.hstack((turn * share, np.cos(held / 2))), before)
-    product = product / np.linalg.norm(product, axis=1, keepdims=True)
-    return np.asarray(np.abs(same_way(product, after) - after).max(axis=1) <= TURNED)
+    return np.hstack((vectors * share, np.cos(held / 2)))
+
+
+def _turn_between(orientation: Float64, other: Float64) -> Float64:
+    """Return the small rotation that leads from orientations to others [rad], shape (n, 3)."""
+    back = orientation * [-1, -1, -1, 1]
+    return 2 * products(same_way(other, orientation), back)[:, :3]

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from drop_physics.explain.commands import DEFAULT
 from drop_physics.explain.joints import Driven
-from drop_physics.explain.steps import EXPLAINED
 from drop_physics.messages import Message
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.kinematics import kinematics
@@ -85,7 +84,7 @@ class DefaultMotor(Answer):
             if not steps.covered or driven.body.before:
                 continue
             on = (asked.impulse > 0) & (asked.pd != 1)
-            on &= (steps.unexplained <= EXPLAINED)[:, None]
+            on &= steps.closes[:, None]
             # What carries a body that is not fixed is not told apart from what should move it.
             own = on & ~torqued & default & ~sent & steps.law.tree.fixed
             for torque, which in ((True, on & torqued), (False, own)):

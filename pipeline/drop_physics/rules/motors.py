@@ -99,10 +99,11 @@ def _(worst: Worst) -> Said:
 @joint_rule("timestep-after-motor", "asked")
 def timestep_after_motor(joints: JointColumns) -> Match:
     """PyBullet keeps force × timestep of the call, which a later timestep divides again."""
-    force = joints.force
-    share = np.round(np.abs(joints.limit - force) / force, 9)
-    met = joints.at_limit | (np.abs(joints.torque) > (1 + OTHER_FORCE) * force)
-    numbers = {"limit": joints.limit, "force": force}
+    force, limit = joints.force, joints.limit / joints.steps.substeps
+    share = np.round(np.abs(limit - force) / force, 9)
+    given = np.abs(joints.torque) / joints.steps.substeps
+    met = joints.at_limit | (given > (1 + OTHER_FORCE) * force)
+    numbers = {"limit": limit, "force": force}
     return Match(met & (share > OTHER_FORCE) & joints.motor, share, numbers)
 
 
@@ -129,10 +130,10 @@ def _(worst: Worst) -> Said:
 @joint_rule("substeps-scale-motors", "asked")
 def substeps_scale_motors(joints: JointColumns) -> Match:
     """With `numSubSteps` a motor gives up to force × timestep in each substep."""
-    substeps = np.full_like(joints.torque, joints.steps.epoch.substeps)
-    given = np.abs(joints.torque) * substeps
-    share = given / joints.limit - 1
-    numbers = {"given": given, "force": joints.limit, "substeps": substeps}
+    substeps = np.full_like(joints.torque, joints.steps.substeps)
+    given, force = np.abs(joints.torque), joints.limit / substeps
+    share = given / force - 1
+    numbers = {"given": given, "force": force, "substeps": substeps}
     return Match((substeps > 1) & (share > OTHER_FORCE) & joints.motor, share, numbers)
 
 

@@ -30,7 +30,7 @@ class TimestepTooLong(Answer):
         for judged, steps in self.scene.stretches():
             body, box = judged.body, np.array(judged.body.bounds_m[:6])
             thick_m = float((box[3:] - box[:3]).min()) if len(box) == 6 else 0.0
-            step_s = steps.reported.timestep_s / max(steps.epoch.substeps, 1)
+            step_s = steps.reported.timestep_s / steps.epoch.substeps
             rows = np.flatnonzero(step_s > LONG_S) if body.joints else np.empty(0, np.intp)
             if len(rows):
                 self._long.add(body.number, steps.steps[rows], step_s[rows])
