@@ -22,6 +22,7 @@ from drop_physics.figures.composition import caption
 from drop_physics.figures.growing_plot import GrowingPlot
 from drop_physics.figures.playback import Animation, playback
 from drop_physics.recording.frames import frames
+from drop_physics.recording.reader import read
 from drop_physics.stages.render import render
 from drop_physics.stages.run import Run
 from drop_physics.stages.telling import plot_of
@@ -55,7 +56,7 @@ def shown(path: Path) -> tuple[list[Pixels], list[float]]:
 
 @pytest.fixture(scope="module")
 def recorded(standard: Run) -> list[Pixels]:
-    pngs = (png for _, png in frames(standard.simulation.recording))
+    pngs = (png for _, png in frames(read(standard.simulation.recording)))
     return [np.asarray(image) for image in animation.decoded(pngs)]
 
 

@@ -68,7 +68,7 @@ class Sound:
 def sound(tmp_path_factory: pytest.TempPathFactory) -> Sound:
     path = tmp_path_factory.mktemp("sound") / "sound.rrd"
     simulate(Scenario(), path, camera=Camera(capture_every=40, size_px=(64, 48)))
-    return Sound(path, path.read_bytes(), read(path), dict(frames(path)))
+    return Sound(path, path.read_bytes(), read(path), dict(frames(read(path))))
 
 
 def refusal(path: Path, sound: Sound) -> dict[str, str]:
@@ -85,7 +85,7 @@ def refusal(path: Path, sound: Sound) -> dict[str, str]:
     assert (recording.scenario, recording.engine) == (sound.read.scenario, sound.read.engine)
     assert (recording.camera, recording.partial) == (sound.read.camera, False)
     try:
-        pictures = dict(frames(path))
+        pictures = dict(frames(recording))
     except RecordingError as error:
         return {"frames": str(error)}
     assert pictures == sound.frames
@@ -927,7 +927,7 @@ def test_what_is_not_a_plain_file_is_one_line_and_no_waiting(
     }.get(kind, "is not a recording: it is not a regular file")
     stages: list[Callable[[], object]] = [
         lambda: read(path),
-        lambda: list(frames(path)),
+        lambda: list(frames(read(path))),
         lambda: reader.recording_id(path),
         lambda: check(path, sound.path),
     ]

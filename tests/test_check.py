@@ -35,7 +35,7 @@ from drop_physics.compare.difference import Difference, Side
 from drop_physics.compare.tolerance import IN_CONTACT_M
 from drop_physics.console.show_check import first_words
 from drop_physics.errors import OutputError, RecordingError
-from drop_physics.recording import schema
+from drop_physics.recording import rrd, sampled, schema
 from drop_physics.recording.frames import frames
 from drop_physics.recording.reader import Recording, read
 from drop_physics.stages.check import Check, check
@@ -426,9 +426,9 @@ def pictured(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_frames_are_compared_by_their_pixels(
     pictured: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def other(path: Path) -> list[tuple[int, bytes]]:
-        result = list(frames(path))
-        if path == pictured:
+    def other(recording: Recording) -> list[tuple[int, bytes]]:
+        result = list(frames(recording))
+        if recording.path == pictured:
             return result
         again = []
         for step, png in result:
@@ -461,9 +461,10 @@ def test_a_frame_is_only_ever_opened_as_a_png(
     def never(*_: object, **__: object) -> None:
         raise AssertionError("Ghostscript was asked")
 
-    def other(path: Path) -> list[tuple[int, bytes]]:
+    def other(recording: Recording) -> list[tuple[int, bytes]]:
         return [
-            (step, png if path == pictured else stream.getvalue()) for step, png in frames(path)
+            (step, png if recording.path == pictured else stream.getvalue())
+            for step, png in frames(recording)
         ]
 
     copy = pictured.with_name("copy.rrd")
@@ -798,6 +799,30 @@ def test_what_the_engine_does_not_report_shows_in_the_motion(
     assert result.other_call is not None
     assert result.other_call.value is not None
     assert result.other_call.value.arguments == "1, -1, linearDamping=0.1"
+
+
+def test_nothing_of_two_small_recordings_is_decoded_twice(
+    standard: Run, pictured: Path, golden: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Larger ones are, piece by piece: then it is the memory that is kept small."""
+    decoded = 0
+    batch_of = rrd._batch
+
+    def counted(data: pa.Buffer) -> pa.RecordBatch:
+        nonlocal decoded
+        decoded += 1
+        return batch_of(data)
+
+    monkeypatch.setattr(rrd, "_batch", counted)
+    for path in (standard.simulation.recording, pictured, golden):
+        chunks = sum(1 for _ in rrd.chunks(path))
+        decoded = 0
+        assert check(path, path).same
+        assert decoded == 2 * chunks
+    monkeypatch.setattr(sampled, "HELD_BYTES", 0)
+    decoded = 0
+    assert check(golden, golden).same
+    assert decoded > 2 * chunks
 
 
 def test_a_joint_of_a_robot_is_named(recording: Record, golden: Path) -> None:

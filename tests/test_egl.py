@@ -38,7 +38,7 @@ def by_egl(tmp_path_factory: pytest.TempPathFactory) -> Recording:
 def pixels_of(path: Path) -> dict[int, np.ndarray]:
     return {
         step: np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)
-        for step, png in frames(path)
+        for step, png in frames(read(path))
     }
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from conftest import Recorder, judge
 from drop_physics.recording.frames import frames
+from drop_physics.recording.reader import read
 from drop_physics.stages.run import Run
 from engine import ROUNDS_ONCE, drive
 from PIL import Image
@@ -136,7 +137,7 @@ def test_every_sample_is_what_pybullet_gives_a_plain_script(
 def test_frames_are_pybullets_own_to_the_pixel(standard: Run) -> None:
     expected = drive(picture_every=6).picture_hashes
     actual = {}
-    for step, png in frames(standard.simulation.recording):
+    for step, png in frames(read(standard.simulation.recording)):
         pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
         assert pixels.shape == (360, 480, 3)
         actual[step] = hashlib.sha256(pixels.tobytes()).hexdigest()

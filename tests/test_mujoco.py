@@ -273,7 +273,7 @@ def test_frames_are_drawn_from_its_poses(tmp_path: Path) -> None:
     short = {"duration_s": 1 / 240, "height_m": 0.5}
     for engine in ("bullet", "mujoco"):
         simulate(Scenario(engine=engine, **short), tmp_path / f"{engine}.rrd")  # type: ignore[arg-type]
-    pictures = [dict(frames(tmp_path / f"{engine}.rrd")) for engine in ("bullet", "mujoco")]
+    pictures = [dict(frames(read(tmp_path / f"{engine}.rrd"))) for engine in ("bullet", "mujoco")]
     assert pictures[0][0] == pictures[1][0]
 
 

@@ -150,7 +150,7 @@ def test_the_pinhole_sees_what_pybullets_camera_saw(standard: Run) -> None:
     recording = read(standard.simulation.recording)
     camera = recording.camera
     assert camera is not None
-    _, png = next(iter(frames(recording.path)))
+    _, png = next(iter(frames(recording)))
     pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
     x, y, z, _ = np.linalg.inv(world_from_camera(camera)) @ [0, 0, 1, 1]
     column = camera.size_px[0] / 2 + camera.focal_length_px * x / -z

@@ -484,7 +484,7 @@ def test_every_contact_point_of_a_body_with_joints_names_its_link(recorded: Reco
 def test_camera_options_decide_the_frames(tmp_path: Path) -> None:
     camera = Camera(capture_every=20, size_px=(64, 48))
     made = simulate(Scenario(duration_s=0.25), tmp_path / "run.rrd", camera=camera)
-    taken = dict(frames(tmp_path / "run.rrd"))
+    taken = dict(frames(read(tmp_path / "run.rrd")))
     assert list(taken) == [0, 20, 40, 60]
     assert made.frames == 4
     assert read(tmp_path / "run.rrd").camera == camera

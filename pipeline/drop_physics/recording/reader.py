@@ -59,6 +59,8 @@ class Recording:
     ended: Properties | None
     """How it ended, and what it was made with; None for an unfinished recording."""
     seen: Seen
+    sampled: RecordedSamples
+    """Where in the file its samples and pictures are."""
     entities: frozenset[str]
 
     @property
@@ -131,7 +133,7 @@ def read(path: Path) -> Recording:
     check_inputs(held.properties, path)
     held.sampled.partial = closing is None
     try:
-        told = held.told()
+        told = held.told
         seen = _seen(told, held.sampled, closing or {})
     except (KeyError, ValueError, TypeError, IndexError, AttributeError):
         what = Message("its bodies and calls are not in drop's format")
@@ -145,7 +147,8 @@ def read(path: Path) -> Recording:
         drop = drop_of(held.properties, path)
         if schema.STATES.entity not in held.sampled.entities:
             raise damaged(path, Message("it has no state"))
-    return Recording(path, held.recording_id, origin, drop, closing, seen, held.entities)
+    recording_id, sampled = held.recording_id, held.sampled
+    return Recording(path, recording_id, origin, drop, closing, seen, sampled, held.entities)
 
 
 @dataclass
@@ -161,8 +164,9 @@ class Contents:
     properties: dict[str, Properties]
     entities: frozenset[str]
 
+    @cached_property
     def told(self) -> Told:
-        """Return the rows of JSON as what they say."""
+        """The rows of JSON as what they say."""
         return {
             entity: [(at, json.loads(text)) for at, text in held]
             for entity, held in self.texts.items()
@@ -198,6 +202,8 @@ def contents(path: Path) -> Contents:
             if (read := columns.series(chunk, path)) is not None:
                 sampled.add(chunk, read[0])
                 made.add_series(entity, *read)
+        elif entity == schema.IMAGE or entity.startswith("camera/"):
+            sampled.add_picture(chunk)
         elif entity.startswith("__properties/"):
             gather(properties, chunk, path)
     for entity, held in texts.items():
@@ -273,7 +279,7 @@ def _told_digest(texts: Mapping[str, list[tuple[At, str]]]) -> str:
 
 
 def _calls_digests(held: Contents) -> str | list[str] | None:
-    sites = saying.sites(held.told())
+    sites = saying.sites(held.told)
     sampled, made = held.sampled, Digests()
     for chunk in sampled.chunks(schema.CALLS, 0, sampled.last + 1):
         for calls in columns.calls(chunk, sampled.path):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -20,6 +20,10 @@ from drop_physics.trace.states import Joints, Rows, between, in_step_order
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
+
+
+HELD_BYTES = 1 << 24
+"""Of decoded chunks that are kept: a recording with less is decoded once, however often read."""
 
 
 def is_series(entity: str) -> bool:
@@ -55,11 +59,15 @@ class Entity:
 
 
 class RecordedSamples:
-    """The samples and calls in the chunks of a file, of which only the index is kept."""
+    """The samples, calls and pictures in the chunks of a file, of which the index is kept."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.entities: dict[str, Entity] = {}
+        self.pictures: dict[str, list[int]] = {}
+        """Where the chunks of each camera are."""
+        self._held: dict[int, Chunk] = {}
+        self._room = HELD_BYTES
         self.sites: Mapping[int, Site] = {}
         self.raised: list[Raised] = []
         self.appearances: list[Appearance] = []
@@ -84,22 +92,35 @@ class RecordedSamples:
         """Add a chunk of samples or calls to the index."""
         if len(steps):
             self.entities.setdefault(chunk.entity, Entity()).add(steps, chunk.position)
+            self._hold(chunk)
+
+    def add_picture(self, chunk: Chunk) -> None:
+        """Add a chunk of a camera's frames to the index."""
+        self.pictures.setdefault(chunk.entity, []).append(chunk.position)
+        self._hold(chunk)
+
+    def _hold(self, chunk: Chunk) -> None:
+        if chunk.size <= self._room:
+            self._room -= chunk.size
+            self._held[chunk.position] = chunk
 
     def chunks(self, entity: str, first: int, end: int) -> Iterator[Chunk]:
-        """Yield the chunks of an entity with steps from `first` to before `end`.
+        """Yield the chunks of an entity with steps from `first` to before `end`, as `chunks_at`."""
+        found = self.entities.get(entity)
+        return iter(()) if found is None else self.chunks_at(found.within(first, end))
+
+    def chunks_at(self, positions: Iterable[int]) -> Iterator[Chunk]:
+        """Yield the chunks whose messages are at these positions.
 
         Raises
         ------
         RecordingError
             If the file has changed, or is gone, since it was indexed.
         """
-        found = self.entities.get(entity)
-        if found is None:
-            return
         try:
             with self.path.open("rb") as file:
-                for position in found.within(first, end):
-                    yield rrd.chunk_at(file, position)
+                for position in positions:
+                    yield self._held.get(position) or rrd.chunk_at(file, position)
         except rrd.DamagedError as error:
             raise damaged(self.path, error.what) from None
         except OSError as error:

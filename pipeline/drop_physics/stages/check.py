@@ -231,7 +231,7 @@ def _make_golden(run: Recording, golden: Path) -> None:
         sealing.pack(run.path, part)
         packed = _whole(part)
         whole = packed.states.equals(run.states) and packed.contacts.equals(run.contacts)
-        if not whole or [s for s, _ in frames(part)] != [s for s, _ in frames(run.path)]:
+        if not whole or [s for s, _ in frames(packed)] != [s for s, _ in frames(run)]:
             raise RecordingError(
                 "{golden} was not written: packing {path} changed it; run it again",
                 golden=golden,
@@ -278,9 +278,9 @@ def _images(recording: Recording) -> dict[Image, bytes]:
     if recording.drop is not None and recording.camera is None:
         return {}
     if recording.drop is not None:
-        return {(step, 0, 0): png for step, png in frames(recording.path)}
+        return {(step, 0, 0): png for step, png in frames(recording)}
     images: dict[Image, bytes] = {}
-    for camera, taken in frames_of_cameras(recording.path).items():
+    for camera, taken in frames_of_cameras(recording).items():
         for step, same_step in groupby(taken, key=lambda image: image[0]):
             images |= {(step, camera, n): png for n, (_, _, png) in enumerate(same_step)}
     return images

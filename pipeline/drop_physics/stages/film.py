@@ -87,12 +87,12 @@ def frames_film(held: Recording, animation: Animation, most_fps: float) -> Film 
         If it cannot be shown at that speed.
     """
     if held.drop is None:
-        taken = max(frames_of_cameras(held.path).values(), key=len, default=[])
+        taken = max(frames_of_cameras(held).values(), key=len, default=[])
         times_s, pngs = [time_s for _, time_s, _ in taken], [png for *_, png in taken]
         interval_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 0.0
     elif held.camera is not None:
         timestep_s = held.scenario.timestep_s
-        recorded = [*frames(held.path)]
+        recorded = [*frames(held)]
         times_s, pngs = [step * timestep_s for step, _ in recorded], [png for _, png in recorded]
         interval_s = held.camera.capture_every * timestep_s
     else:

@@ -101,9 +101,9 @@ def info(recording: Path | str) -> Info:
         duration_s=_duration_s(seen),
         bodies=_bodies(seen),
         contact_samples=len(np.unique(seen.contacts["step"])),
-        frames=len([*frames(path)])
+        frames=len([*frames(held)])
         if held.drop
-        else sum(map(len, frames_of_cameras(path).values())),
+        else sum(map(len, frames_of_cameras(held).values())),
         bytes=path.stat().st_size,
         engine=engine,
         command=command,
