@@ -301,7 +301,7 @@ def recording_id(path: Path) -> str:
 
 
 def is_recording(path: Path, *, of_script: bool = False) -> bool:
-    """Whether a file is one recording of ours, of a drop or of a script.
+    """Return whether a file is one recording of ours, of a drop or of a script.
 
     It may be unfinished, and of an older schema.
     """

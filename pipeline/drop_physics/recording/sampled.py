@@ -23,11 +23,11 @@ Int64 = NDArray[np.int64]
 
 
 HELD_BYTES = 1 << 24
-"""Of decoded chunks that are kept: a recording with less is decoded once, however often read."""
+"""Most bytes of decoded chunks that are kept: a recording with fewer is decoded once."""
 
 
 def is_series(entity: str) -> bool:
-    """Whether an entity has a row per step: of a body's joints, or a constraint's forces."""
+    """Return whether an entity has a row per step: of a body's joints, or a constraint's forces."""
     kind, _, what = entity.partition("/")
     return kind == schema.CONSTRAINTS or (
         kind == schema.JOINTS and what.rpartition("/")[2] in schema.OF_JOINTS

@@ -123,7 +123,7 @@ class Listener(ABC):
 
     @abstractmethod
     def _is_over(self) -> bool:
-        """Whether the process sends nothing any more."""
+        """Return whether the process sends nothing any more."""
 
     def _tick(self) -> None:  # noqa: B027 - only a script has to be stopped
         pass
