@@ -6,13 +6,17 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib.pyplot as plt
-from matplotlib.ticker import NullFormatter
+from drop_physics import colours
+from drop_physics.figures import style
+from drop_physics.figures.theme import Theme
+from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter, NullFormatter
 
 from benchmarks.harness import DROP, HEAD, Measured, Ran, machine, process
 
@@ -114,37 +118,45 @@ def measured(folder: Path, *, quick: bool) -> Iterator[tuple[Case, Ran, Ran]]:
 
 def draw(path: Path, *, quick: bool) -> None:
     """Measure, print the table, and draw seconds over steps, bodies and degrees of freedom."""
-    found: dict[str, list[tuple[Case, float, float]]] = {}
+    found: dict[str, list[tuple[int, float, float]]] = {}
     with tempfile.TemporaryDirectory() as folder:
         for case, recorded, analyzed in measured(Path(folder), quick=quick):
-            found.setdefault(case.what, []).append((case, recorded.wall_s, analyzed.wall_s))
+            found.setdefault(case.what, []).append((case.size, recorded.wall_s, analyzed.wall_s))
             for row in rows(case, recorded, analyzed):
                 print(row.row(), flush=True)
-    labels = {
+    path.write_bytes(style.rendered(functools.partial(build_figure, found), "png", dark=False))
+
+
+def build_figure(found: Mapping[str, Sequence[tuple[int, float, float]]], theme: Theme) -> Figure:
+    """Return the figure of sizes, and of seconds to record and to analyze, by what grows."""
+    titles = {
         "steps": "steps of one box at rest",
         "bodies": "boxes at rest, 10,000 steps",
         "dofs": "degrees of freedom, 10,000 steps",
     }
-    figure, panels = plt.subplots(1, 3, figsize=(10, 3.2), layout="constrained")
+    note = "start included; dotted: in proportion"
+    figure = style.figure_of("Seconds that a command takes", [note], 2.9, theme)
+    panels = figure.subplots(1, 3)
     for panel, (what, its) in zip(panels, found.items(), strict=True):
-        sizes = [case.size for case, _, _ in its]
-        panel.plot(sizes, [recorded for _, recorded, _ in its], "o-", label="drop record")
-        panel.plot(sizes, [analyzed for _, _, analyzed in its], "s-", label="drop analyze")
-        if what == "dofs":
-            panel.set_ylim(bottom=0)
-        else:
+        sizes, *seconds = (list(column) for column in zip(*its, strict=True))
+        panel.set_title(titles[what], loc="left", size=10)
+        if what != "dofs":
             panel.set_xscale("log")
             panel.set_yscale("log")
+            along = [max(seconds[1]) * size / sizes[-1] for size in sizes]
+            panel.plot(sizes, along, ":", color=theme.faint, lw=1)
             panel.yaxis.set_minor_formatter(NullFormatter())
-            most_s = max(analyzed for _, _, analyzed in its)
-            along = [most_s * size / sizes[-1] for size in sizes]
-            panel.plot(sizes, along, ":", color="0.5", label="in proportion")
-            panel.set_ylim(bottom=1)
-        panel.set_xlabel(labels[what])
-        panel.grid(alpha=0.3)
-    panels[0].set_ylabel("seconds, start included")
-    panels[0].legend(frameon=False)
-    figure.savefig(path, dpi=90)
+            panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+            panel.xaxis.set_major_formatter(EngFormatter(sep=""))
+        for each, colour in zip(seconds, (colours.SIMULATED, colours.TIMESTEP), strict=True):
+            # Robots differ in more than their degrees of freedom.
+            panel.plot(sizes, each, "o" if what == "dofs" else "o-", color=colour)
+        panel.set_ylim(*((0.5, 100) if what != "dofs" else (0, None)))
+    ends = zip(("record", "analyze"), seconds, (colours.SIMULATED, colours.TIMESTEP), strict=True)
+    style.name_curves(
+        panels[-1], [(name, each[-1], colour) for name, each, colour in ends], columns=21, size=10
+    )
+    return style.laid_out(figure)
 
 
 if __name__ == "__main__":

@@ -86,15 +86,20 @@ def test_the_pictures_of_the_readme_are_what_its_commands_draw() -> None:
         assert all(command in film for command in readme.FILM)
 
 
-def test_the_box_of_the_first_picture_is_large() -> None:
-    """It is grey, and the only thing that is: see how much of the middle row it takes."""
+def test_the_box_of_a_film_is_large_and_seen_to_fall() -> None:
+    """It is the only thing that is dark blue: see where it is, and how wide."""
     with Image.open(DOCS / "images/film.gif") as film:
-        assert film.n_frames > 20
+        rows = []
         for number in range(film.n_frames):
             film.seek(number)
-            rgb = np.asarray(film.convert("RGB"), dtype=int)[150, :400]
-            grey = (np.ptp(rgb, axis=1) < 8) & (rgb.max(axis=1) < 0xD0)
-            assert grey.sum() > 50
+            rgb = np.asarray(film.convert("RGB"), dtype=int)[:300, :400]
+            box = np.argwhere(rgb[..., 2] - rgb[..., 0] > 80)
+            assert np.ptp(box[:, 1]) > 50
+            rows.append(float(box[:, 0].mean()))
+    assert len(rows) > 20
+    fall = np.diff(rows[:14])  # up to 0.43 s
+    assert (fall > 0).all()
+    assert fall.sum() > 120
 
 
 def test_a_translation_has_the_blocks_options_and_pictures_of_its_page() -> None:

@@ -21,8 +21,8 @@ from generators.typed import ROOT, run_command
 
 IMAGES = ROOT / "docs/images"
 FILM = (
-    "drop simulate --out film.rrd --camera follow --capture-every 8 --size 400x300",
-    "drop render film.rrd --with-plot --speed 0.25",
+    "drop simulate --out film.rrd --capture-every 8 --size 400x300",
+    "drop render film.rrd --camera standard --with-plot --speed 0.25",
 )
 """The README's commands for its first picture."""
 ARM = (

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 PANEL_IN, GAP_IN, FOOT_IN = 1.55, 0.42, 0.65
 """Height of a panel, above it and below the last [inch]."""
-BESIDE, BESIDE_TITLE, BESIDE_HEAD = 2, 50, 0.15
-"""Panels beside a film, characters in a line of its title, and the title's share of the height."""
+BESIDE, BESIDE_TITLE, BESIDE_LINE = 2, 50, 0.055
+"""Panels beside a film, characters in a line of its title, and its share of the height."""
 OPACITY = 0.75
 """Of stacked areas."""
 WIDTHS = {"line": 1.8, "broad": 3.6, "wide": 6.0, "dashed": 1.5}
@@ -71,7 +71,7 @@ def draw_beside(figure: Figure, plot: Plot, theme: Theme) -> tuple[list[Axes], U
     """Draw title and first panels into a small figure; return them, and the unit of time."""
     title = style.lines_of([plot.title], BESIDE_TITLE, style.MOST_TITLE)
     figure.text(0.03, 0.97, title, size=10, weight="bold", va="top")
-    style.head(figure, BESIDE_HEAD)
+    style.head(figure, BESIDE_LINE * (title.count("\n") + 1.5))
     shown = [replace(each, mark="", span_s=None, inset=None) for each in plot.panels[:BESIDE]]
     axes, time = _draw_panels(figure, shown, theme, SMALL)
     style.laid_out(figure)

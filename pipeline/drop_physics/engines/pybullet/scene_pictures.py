@@ -29,6 +29,8 @@ SHADES = 8
 """Shades that differ by less are one: a gif has few colours."""
 EDGE = 0.35
 """Share of its colour that an edge keeps."""
+OUTLINE = 40
+"""On a dark page an edge is at least so much lighter than it, of 255: black bodies are seen."""
 DRAWN_MESHES = (".obj", ".stl", ".dae")
 NOWHERE: Pose = (0.0, 0.0, -1e4), (0.0, 0.0, 0.0, 1.0)
 Float64 = NDArray[np.float64]
@@ -137,7 +139,9 @@ def _picture(
         np.copyto(pixels, colours, where=before[..., None])
         numbers[before], nearness = -1, np.maximum(nearness, its)
     edges = _edges(numbers, nearness) & (numbers >= 0)
-    pixels[edges] = (pixels[edges] * EDGE).astype(np.uint8)
+    pixels[edges] = np.maximum(pixels[edges] * EDGE, (page + OUTLINE) * (page < 128)).astype(
+        np.uint8
+    )
     return pixels
 
 
