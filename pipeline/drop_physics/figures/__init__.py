@@ -1,4 +1,5 @@
-"""Pictures for people, made from frames and tables alone: `gif` and `plot`.
+"""Plots and films for people, made from curves and pictures alone.
 
-Import the one you need; only `plot` loads matplotlib.
+`plot` says what a plot shows, `panel_plot` draws it; `animation` writes films. Only modules
+that draw plots load matplotlib.
 """

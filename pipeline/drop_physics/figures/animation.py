@@ -21,9 +21,9 @@ from drop_physics.figures.gif import MIN_FPS as GIF_MIN_FPS
 from drop_physics.figures.gif import write_gif
 
 MAX_FPS = {".gif": GIF_MAX_FPS, ".webp": 1000.0, ".apng": 1000.0, ".mp4": 240.0}
-"""Of each format; a delay of WebP and APNG is whole milliseconds."""
+"""Most pictures per second of each format; a delay of WebP and APNG is whole milliseconds."""
 MIN_FPS = 1e-4
-"""Nobody waits three hours for a picture."""
+"""Least pictures per second: nobody waits three hours for one."""
 
 
 def check_animation(path: Path, fps: float | None) -> None:

@@ -32,7 +32,7 @@ MOST_PANELS = 4
 ROW_IN = 3.9
 """Height of a row of panels [inch]."""
 LOWEST_M = 1e-9
-"""Below a nanometre only a note is drawn: rounding is ten decades below the rest."""
+"""Least error that has a curve, 1 nm: rounding, ten decades below the rest, has a note."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Refinement:
 
     title: str
     timesteps_s: Float64
-    """Coarse to fine, shape (n,)."""
+    """The timesteps from coarse to fine, shape (n,)."""
     errors_m: dict[str, Float64]
     """`total` and its four terms, shape (n,) each."""
     cancelling_timestep_s: float | None

@@ -30,9 +30,9 @@ class EngineFall:
     label: str
     colour: str
     time_s: Float64
-    """Of each sample, shape (n,)."""
+    """Time of each sample, shape (n,)."""
     height_m: Float64
-    """Of the centre, shape (n,)."""
+    """Height of the centre, shape (n,)."""
     floor_height_m: float | None
     """Height of the centre at which the body touches the floor; None without a floor."""
 

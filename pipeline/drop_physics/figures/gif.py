@@ -29,9 +29,9 @@ Colours = NDArray[np.uint32]
 
 MOST_COLOURS = 256
 MAX_FPS = 50.0
-"""Viewers play delays below 0.02 s as 0.1 s."""
+"""Most frames per second: viewers play delays below 0.02 s as 0.1 s."""
 MIN_FPS = 100 / 0xFFFF
-"""A delay is 16 bits of 0.01 s."""
+"""Least frames per second: a delay is 16 bits of 0.01 s."""
 
 
 def delay_cs(frame: int, *, fps: float) -> int:
@@ -145,7 +145,7 @@ def _packed(patch: Image.Image) -> NDArray[np.uint32]:
 
 
 def _head(size: tuple[int, int], colours: Colours) -> bytes:
-    """Sections 17 to 19, 24: header, screen and colours, comment; then "loop for ever"."""
+    """Return sections 17 to 19 and 24: header, screen, colours, comment; then "loop for ever"."""
     screen = struct.pack("<HHBBB", *size, 0x80 | _table_bits(colours), 0, 0)
     loop = b"!\xff\x0bNETSCAPE2.0" + struct.pack("<BBHB", 3, 1, 0, 0)
     comment = b"!\xfe" + bytes([len(MADE_BY_DROP)]) + MADE_BY_DROP + b"\0"
@@ -153,7 +153,7 @@ def _head(size: tuple[int, int], colours: Colours) -> bytes:
 
 
 def _frame(box: Box, indices: NDArray[np.uint8], *, delay: int, own_table: Colours | None) -> bytes:
-    """Sections 23 and 20 to 22: delay, place, colour table of its own if any, compressed pixels."""
+    """Return sections 23 and 20 to 22: delay, place, colours of its own if any, packed pixels."""
     left, top, right, bottom = box
     leave_in_place = 1 << 2
     control = b"!\xf9" + struct.pack("<BBHBB", 4, leave_in_place, delay, 0, 0)

@@ -16,7 +16,7 @@ from drop_physics.figures.plot import Plot
 from drop_physics.figures.theme import DARK, LIGHT
 
 COLOURS = 128
-"""This many leave room for the camera's in a gif's table of 256."""
+"""Colours of the plot: they leave room for as many of the camera's in a gif."""
 HEIGHT_IN = 3.3
 """Height of the figure [inch], which sets the relative size of its letters."""
 

@@ -23,7 +23,7 @@ class Mark:
     line: tuple[Point, ...]
     text: str = ""
     anchor: str = "rm"
-    """Which part of the text is at the line's end, as Pillow names it."""
+    """The part of the text that is at the line's end, as Pillow names it."""
 
 
 def draw_clock(picture: Image.Image, time_s: float, theme: Theme) -> None:

@@ -26,9 +26,9 @@ PANEL_IN, GAP_IN, FOOT_IN = 1.55, 0.42, 0.65
 BESIDE, BESIDE_TITLE, BESIDE_LINE = 2, 50, 0.055
 """Panels beside a film, characters in a line of its title, and its share of the height."""
 OPACITY = 0.75
-"""Of stacked areas."""
+"""Opacity of stacked areas."""
 WIDTHS = {"line": 1.8, "broad": 3.6, "wide": 6.0, "dashed": 1.5}
-"""Of curves [points]."""
+"""Width of a curve of each look [points]."""
 INSET, INSET_TALLER = (0.62, 0.36, 0.36, 0.5), 1.5
 """Place of an inset, as shares of its panel, which is so many times taller."""
 USUAL, TALLER = 98.0, 3.0
@@ -38,7 +38,7 @@ LEAST_SPAN = {"rad": 1e-3} | {unit.name: 1e-4 * unit.per_si for unit in style.ME
 SCALED = tuple({unit.name: unit for unit in units} for units in (style.METRES, style.JOULES))
 """Units that are replaced by a larger or a smaller one."""
 LEAST_SHARE = 1e-5
-"""The same of any unit, as a share of the largest value: ticks have at most seven digits."""
+"""Least range in any unit, as a share of the largest value: a tick has at most seven digits."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Letters:
     tick: float
     name: float
     name_columns: int
-    """Characters in a line."""
+    """Characters in a line of a name."""
 
 
 LARGE = Letters(title=11, label=11, tick=10, name=10, name_columns=21)

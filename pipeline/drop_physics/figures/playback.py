@@ -54,7 +54,7 @@ class Playback:
 
 
 MOST_PICTURES = 100_000
-"""Of an animation that shows frames more than once: over an hour of them."""
+"""Most pictures of an animation that shows frames more than once: over an hour of them."""
 
 
 def playback(animation: Animation, count: int, interval_s: float, *, most_fps: float) -> Playback:

@@ -21,14 +21,14 @@ class Curve:
 
     name: str
     times_s: Float64
-    """Shape (n,)."""
+    """Time of each value, shape (n,)."""
     values: Float64
-    """Shape (n,); nan where there is a gap."""
+    """The values, shape (n,); nan where there is a gap."""
     colour: str
-    """As `#rrggbb`; empty for that of text."""
+    """The colour as `#rrggbb`; empty for that of text."""
     look: Look = "line"
     steps: Int64 = field(default_factory=lambda: np.empty(0, np.int64))
-    """Of the values, shape (n,); empty where only times are known."""
+    """Step of each value, shape (n,); empty where only times are known."""
 
 
 @dataclass(frozen=True)
@@ -66,5 +66,5 @@ class Plot:
 
     title: str
     lines: Sequence[str]
-    """Below the title."""
+    """What is said below the title."""
     panels: Sequence[Panel]

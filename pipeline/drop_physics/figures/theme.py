@@ -14,11 +14,11 @@ class Theme:
     page: str
     text: str
     faint: str
-    """Of labels and notes, which must not stand out."""
+    """Colour of labels and notes, which must not stand out."""
     simulated: str
-    """Of a thin line on the page and on the broad lines of theory."""
+    """Colour of a thin line on the page and on the broad lines of theory."""
     tiles: tuple[str, str]
-    """Of a film's floor."""
+    """Both colours of a film's floor."""
 
 
 LIGHT = Theme("#ffffff", colours.TOTAL, "#5f6670", colours.SIMULATED, ("#e4e7eb", "#cdd2d9"))

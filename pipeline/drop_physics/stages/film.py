@@ -72,7 +72,7 @@ class Film:
 
     pictures: Iterator[Image.Image]
     times_s: Sequence[float]
-    """Of each picture."""
+    """The time of each picture."""
     played: Playback
 
 

@@ -23,8 +23,9 @@ BESIDE = 2.5
 TICKS = 6
 """About as many ticks of a ruler are in a picture."""
 TICK_PX = 6
+"""Length of a tick [px]."""
 NAMES, BELOW = ("simulated", "free fall"), 1.15
-"""Of the body, and of the body in free fall; so many radii below its centre."""
+"""Names of the body and of the one in free fall, and how many radii they are below it."""
 
 
 class FallScene:

@@ -28,7 +28,7 @@ MOST_PANELS, MOST_CAUSES = 4, 4
 BEFORE, AFTER = 4, 10
 """Steps before and after an impact that are drawn enlarged."""
 FREE = 0.55, 0.3
-"""From this share of the time on, a drop that stays below this share of its height leaves room."""
+"""Share of the time, and of the height below which a drop stays from then on, to leave room."""
 NOTHING_MM = 1e-9
 """Errors of a drop below this are rounding, and have no panel."""
 NAMES = {
@@ -36,7 +36,7 @@ NAMES = {
     "rolling": Message("rolling friction"),
     "clamp": Message("velocity limit"),
 }
-"""Of causes that are said otherwise than they are named."""
+"""What is said of causes whose name says less."""
 OF_FILES = ("no-inertial", "inertia-from-shape", "impossible-inertia", "inertia-without-mass")
 """Findings that no curve of a joint shows."""
 NOISY, JUMPS, WINDOWS = 0.4, 0.05, 60

@@ -14,9 +14,9 @@ UInt8 = NDArray[np.uint8]
 Float32 = NDArray[np.float32]
 
 LEAST_NEARNESS = 1e-6
-"""Of what is drawn in squares [1/m]."""
+"""Least nearness of what is drawn in squares [1/m]."""
 FADES, FADED = 12, 0.3
-"""Towards the horizon the squares fade into the page: in so many steps, within this slope."""
+"""Steps in which squares fade into the page towards the horizon, and the slope where they begin."""
 SHADE = 0.72
 """Share of its colour that a square keeps in a shadow."""
 SUN = (0.1, -0.24, 1.0)

@@ -30,7 +30,7 @@ SHADES = 8
 EDGE = 0.35
 """Share of its colour that an edge keeps."""
 OUTLINE = 40
-"""On a dark page an edge is at least so much lighter than it, of 255: black bodies are seen."""
+"""Least brightness of an edge over that of a dark page, of 255: black bodies are seen."""
 DRAWN_MESHES = (".obj", ".stl", ".dae")
 NOWHERE: Pose = (0.0, 0.0, -1e4), (0.0, 0.0, 0.0, 1.0)
 Float64 = NDArray[np.float64]
