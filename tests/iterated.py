@@ -15,7 +15,7 @@ from drop_physics.physics.base import Motion
 from drop_physics.physics.bullet import BulletLaw
 from drop_physics.physics.bullet_air import effective_damping
 from drop_physics.physics.columns import rotation
-from drop_physics.physics.theory import Fall
+from drop_physics.physics.theory import TheoreticalFall
 
 SIN, COS = (np.vectorize(function, otypes=[float]) for function in (math.sin, math.cos))
 """The C library's, as the engine's."""
@@ -46,9 +46,11 @@ def law_of(
     )
 
 
-def thrown_as(law: BulletLaw, velocity_m_s: Any = AT_REST, height_m: float = 1.0) -> Fall:
+def thrown_as(
+    law: BulletLaw, velocity_m_s: Any = AT_REST, height_m: float = 1.0
+) -> TheoreticalFall:
     """Return the fall of a body through the law's air."""
-    return Fall(
+    return TheoreticalFall(
         position_m=(0.0, 0.0, height_m),
         velocity_m_s=velocity_m_s,
         gravity_m_s2=law.gravity_m_s2[2],

@@ -51,7 +51,7 @@ GOLDEN = Path(__file__).parents[1] / "recordings/golden/standard.rrd"
 
 
 def side(recording: Recording) -> Side:
-    drop = checking.Drop(recording.scenario, recording.engine)
+    drop = checking.DropInputs(recording.scenario, recording.engine)
     return Side(recording.seen, recording.origin, recording.ended or {}, drop)
 
 

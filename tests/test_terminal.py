@@ -43,7 +43,7 @@ from drop_physics.fields import decimals, engineering
 from drop_physics.figures.composition import caption
 from drop_physics.messages import shell_command
 from drop_physics.recording.viewer import Viewer
-from drop_physics.stages.check import Check, Frames
+from drop_physics.stages.check import Check, FrameComparison
 from drop_physics.stages.render import Rendering
 from drop_physics.stages.run import Run
 from drop_physics.stages.simulate import Simulation
@@ -369,7 +369,9 @@ def lines_of(capsys: pytest.CaptureFixture[str]) -> list[str]:
 
 def test_printed_check_of_the_same_physics(capsys: pytest.CaptureFixture[str]) -> None:
     version = Setting("numpy_version", "2.4", "2.3")
-    check = Check(RUN, GOLDEN, 0.0, replace(SAME, versions=[version]), Frames(41, 0, None, None))
+    check = Check(
+        RUN, GOLDEN, 0.0, replace(SAME, versions=[version]), FrameComparison(41, 0, None, None)
+    )
     assert show_check(check, as_json=False) == 0
     assert lines_of(capsys) == [
         "same run.rrd and golden.rrd",
@@ -406,7 +408,7 @@ def test_printed_check_of_other_samples_says_where_and_by_how_much(
     place = Difference(50, "box", -1, "vz_m_s", -2.0, None, 0.25)
     largest = Largest("box", -1, "position", 3.21e-7, 70, "m")
     comparison = replace(SAME, first=place, largest=[largest], largest_difference_m=3.21e-7)
-    frames = Frames(30, 2, 12, "11 taken when the bodies are elsewhere")
+    frames = FrameComparison(30, 2, 12, "11 taken when the bodies are elsewhere")
     check = Check(RUN, GOLDEN, 2e-6, comparison, frames, "they part")
     assert show_check(check, as_json=False) == DIFFERS
     assert lines_of(capsys) == [
@@ -484,10 +486,10 @@ def test_printed_check_names_settings_by_their_options(capsys: pytest.CaptureFix
 
 
 def test_printed_check_without_frames_says_why(capsys: pytest.CaptureFixture[str]) -> None:
-    check = Check(RUN, GOLDEN, 0.0, SAME, Frames(0, 0, None, "run.rrd has no frames"))
+    check = Check(RUN, GOLDEN, 0.0, SAME, FrameComparison(0, 0, None, "run.rrd has no frames"))
     show_check(check, as_json=False)
     assert lines_of(capsys)[-1] == "frames none compared: run.rrd has no frames"
-    other_picture = replace(check, frames=Frames(41, 1, 12, None))
+    other_picture = replace(check, frames=FrameComparison(41, 1, 12, None))
     assert show_check(other_picture, as_json=False) == DIFFERS
     assert "first step 12: a picture" in lines_of(capsys)
 

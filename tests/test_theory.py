@@ -19,7 +19,7 @@ from conftest import some
 from drop_physics.physics import theory
 from drop_physics.physics.base import Drag
 from drop_physics.physics.bullet import drag_of
-from drop_physics.physics.theory import Fall
+from drop_physics.physics.theory import TheoreticalFall
 
 DEFAULT = float(np.float32(0.04))
 TIMES_S = np.array([1e-6, 1e-3, 0.01, 0.05, 0.1, 0.3, 0.5, 0.77, 1.0])
@@ -32,14 +32,16 @@ def _sixty_digits() -> Any:
         yield
 
 
-def fall(k: float = DEFAULT, g: float = -9.81, v: Any = 0.0, mode: Any = "reduced") -> Fall:
+def fall(
+    k: float = DEFAULT, g: float = -9.81, v: Any = 0.0, mode: Any = "reduced"
+) -> TheoreticalFall:
     velocity = (0.0, 0.0, float(v)) if np.isscalar(v) else tuple(v)
-    return Fall(
+    return TheoreticalFall(
         position_m=(0.0, 0.0, 1.0), velocity_m_s=velocity, gravity_m_s2=g, drag=drag_of(k, mode)
     )
 
 
-def damping_m(thrown: Fall, time_s: Any) -> Any:
+def damping_m(thrown: TheoreticalFall, time_s: Any) -> Any:
     """Return the height's part of the displacement."""
     return theory.damping_displacement(thrown, time_s)[:, 2]
 
@@ -234,8 +236,10 @@ def test_oblique_without_gravity_keeps_its_line() -> None:
     assert change == pytest.approx(0.8 * along, rel=1e-14)
 
 
-def _drags(a: float, b: float, v: Any, g: float = -9.81) -> Fall:
-    return Fall(position_m=(1.0, 2.0, 3.0), velocity_m_s=v, gravity_m_s2=g, drag=Drag(a, b))
+def _drags(a: float, b: float, v: Any, g: float = -9.81) -> TheoreticalFall:
+    return TheoreticalFall(
+        position_m=(1.0, 2.0, 3.0), velocity_m_s=v, gravity_m_s2=g, drag=Drag(a, b)
+    )
 
 
 @pytest.mark.parametrize(("a", "b"), [(0.0, 0.3), (0.2, 0.5), (1.0, 1e-3)])
@@ -271,7 +275,7 @@ ARRIVE = [
 
 
 @pytest.mark.parametrize("thrown", ARRIVE)
-def test_impact_is_the_first_arrival(thrown: Fall) -> None:
+def test_impact_is_the_first_arrival(thrown: TheoreticalFall) -> None:
     for time_s, height in (
         (theory.impact_time_free(thrown, 0.025), theory.free_fall_height),
         (theory.impact_time_damped(thrown, 0.025), theory.damped_fall_height),
@@ -296,7 +300,7 @@ def test_impact_is_the_first_arrival(thrown: Fall) -> None:
         (fall(1.0, 0.0, -1.0), True),  # drag alone stops it after ln 2
     ],
 )
-def test_what_never_arrives_has_no_time_of_impact(thrown: Fall, free: bool) -> None:
+def test_what_never_arrives_has_no_time_of_impact(thrown: TheoreticalFall, free: bool) -> None:
     assert (theory.impact_time_free(thrown, 0.025) is not None) == free
     assert theory.impact_time_damped(thrown, 0.025) is None
 

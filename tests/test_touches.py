@@ -12,7 +12,7 @@ from contact_scenes import BOX, FLOOR, GRIP, LIFT, PUCK, SLOPE, bare
 from drop_physics.analysis.story import Story
 from drop_physics.explain import contact_points
 from drop_physics.explain.touches import Touch
-from drop_physics.physics.kinematics import Kinematics, Motion, motion
+from drop_physics.physics.kinematics import Kinematics, LinkVelocities, motion
 from numpy.typing import NDArray
 from scenes import record
 
@@ -155,7 +155,7 @@ def test_the_velocities_of_points_matter(tmp_path: Path, monkeypatch: pytest.Mon
     rolls = touches(scene + "steps(100)", tmp_path)[1, "0_plane"]
     assert rolls.slid_m < 5e-3
 
-    def without_spin(kin: Kinematics, velocity: NDArray[np.float64]) -> Motion:
+    def without_spin(kin: Kinematics, velocity: NDArray[np.float64]) -> LinkVelocities:
         moved = motion(kin, velocity)
         return moved._replace(spins=[0 * each for each in moved.spins])
 

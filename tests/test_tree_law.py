@@ -22,7 +22,13 @@ from conftest import some
 from drop_physics.physics import bullet_reports, bullet_tree
 from drop_physics.physics.base import Motion
 from drop_physics.physics.bullet import BulletLaw
-from drop_physics.physics.bullet_tree import BulletTree, Reported, Settings, not_covered, sum_of
+from drop_physics.physics.bullet_tree import (
+    BulletTree,
+    Reported,
+    StepConditions,
+    not_covered,
+    sum_of,
+)
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.impulses import Forces, Sum, impulses_of
 from drop_physics.physics.kinematics import kinematics, motion, spin_jacobian
@@ -862,16 +868,16 @@ SETTINGS: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("reason", SETTINGS)
 def test_settings_say_where_the_sum_need_not_hold(reason: str) -> None:
-    assert not_covered(Settings(**SETTINGS[reason])) == (reason,)
-    assert not_covered(Settings(substeps=1), PENDULUM) == ()
+    assert not_covered(StepConditions(**SETTINGS[reason])) == (reason,)
+    assert not_covered(StepConditions(substeps=1), PENDULUM) == ()
 
 
 def test_a_tree_without_inertia_has_no_mass_matrix_to_invert() -> None:
     point = replace(PENDULUM, centres_m=np.zeros((1, 3)))
-    assert not_covered(Settings(), replace(PENDULUM, masses_kg=np.zeros(2))) == ("massless",)
-    assert not_covered(Settings(), point) == ("massless",)
+    assert not_covered(StepConditions(), replace(PENDULUM, masses_kg=np.zeros(2))) == ("massless",)
+    assert not_covered(StepConditions(), point) == ("massless",)
     free = Tree(fixed=False, masses_kg=np.zeros(1), inertias_kg_m2=np.ones((1, 3)))
-    assert not_covered(Settings(), free) == ("massless",)
+    assert not_covered(StepConditions(), free) == ("massless",)
 
 
 def unreliable(reason: str) -> float:

@@ -26,7 +26,7 @@ class OtherCall:
     """The call in the golden recording; None where it has no more."""
 
 
-class Calls:
+class CallComparison:
     """Compares the calls of each simulation, piece by piece.
 
     From which lines they are made does not count, nor how those of several simulations alternate:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from drop_physics.compare.calls import Calls, OtherCall, call_before
+from drop_physics.compare.calls import CallComparison, OtherCall, call_before
 from drop_physics.compare.difference import (
     Dated,
     Difference,
@@ -25,7 +25,7 @@ from drop_physics.compare.inputs import (
     script_versions,
 )
 from drop_physics.compare.pairing import pairing
-from drop_physics.compare.samples import Samples
+from drop_physics.compare.samples import SampleComparison
 from drop_physics.compare.scenarios import engine_versions, scenario_differences
 from drop_physics.compare.tolerance import tolerance_of
 from drop_physics.explain.times import Times
@@ -98,8 +98,8 @@ def compare(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Comparison:
         inputs = sorted(input_differences(run.seen, golden.seen, pairs), key=lambda each: each.when)
     at_start = [each.difference for each in inputs if each.when.step == 0]
     comparable = not any(each.column in TIMESTEPS for each in (*settings, *at_start))
-    calls = Calls(pairs.clients)
-    samples = Samples(run.seen, golden.seen, pairs, tolerance_of(run, golden, tolerance_m))
+    calls = CallComparison(pairs.clients)
+    samples = SampleComparison(run.seen, golden.seen, pairs, tolerance_of(run, golden, tolerance_m))
     for mine, theirs in _pieces(run.seen, golden.seen):
         calls.add(mine.calls, theirs.calls)
         if comparable:

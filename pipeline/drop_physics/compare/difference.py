@@ -19,7 +19,7 @@ Value = Any
 """A number, a text, a flag, a vector; None where there is none."""
 
 
-class Drop(NamedTuple):
+class DropInputs(NamedTuple):
     """A drop: its scenario and its engine."""
 
     scenario: Scenario
@@ -36,7 +36,7 @@ class Side:
     """The script, the digest of its text, its arguments, the seed; empty of a drop."""
     ended: Mapping[str, Any]
     """The end of the run, and the versions that made it."""
-    drop: Drop | None = None
+    drop: DropInputs | None = None
     """None of a script."""
 
 

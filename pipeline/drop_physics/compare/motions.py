@@ -15,18 +15,18 @@ Int64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class Motion:
+class BodySamples:
     """The samples of a body: of its base if that can move, of its joints if it has any."""
 
     steps: Int64
     base: Rows | None
     joints: Joints | None
 
-    def at(self, rows: NDArray[np.bool_]) -> Motion:
+    def at(self, rows: NDArray[np.bool_]) -> BodySamples:
         """Return some of the samples."""
         base = None if self.base is None else self.base[rows]
         joints = None if self.joints is None else self.joints.at(rows)
-        return Motion(self.steps[rows], base, joints)
+        return BodySamples(self.steps[rows], base, joints)
 
     @property
     def numbers(self) -> Float64:
@@ -37,25 +37,29 @@ class Motion:
         return np.hstack(parts) if parts else np.empty((len(self.steps), 0))
 
 
-NOTHING = Motion(np.empty(0, np.int64), None, None)
+NOTHING = BodySamples(np.empty(0, np.int64), None, None)
 
 
-def motions(bases: Rows, joints: Mapping[int, Joints]) -> dict[int, Motion]:
+def motions(bases: Rows, joints: Mapping[int, Joints]) -> dict[int, BodySamples]:
     """Return what was sampled of each body, by number."""
-    found = {number: Motion(rows["step"], rows, None) for number, rows in by_body(bases).items()}
+    found = {
+        number: BodySamples(rows["step"], rows, None) for number, rows in by_body(bases).items()
+    }
     for number, held in joints.items():
         base = found.get(number)
         if base is None:
-            found[number] = Motion(held.steps, None, held)
+            found[number] = BodySamples(held.steps, None, held)
             continue
         base = base.at(np.isin(base.steps, held.steps))
         if len(base.steps):
             held = held.at(np.isin(held.steps, base.steps))
-            found[number] = Motion(base.steps, base.base, held)
+            found[number] = BodySamples(base.steps, base.base, held)
     return found
 
 
-def together(mine: Motion, theirs: Motion, *, finer: int = 1) -> tuple[Motion, Motion]:
+def together(
+    mine: BodySamples, theirs: BodySamples, *, finer: int = 1
+) -> tuple[BodySamples, BodySamples]:
     """Return the samples that both have; the other makes so many steps for each of these."""
     due = mine.steps * finer
     return mine.at(np.isin(due, theirs.steps)), theirs.at(np.isin(theirs.steps, due))

@@ -18,7 +18,7 @@ from drop_physics.compare.difference import (
     earliest,
     off,
 )
-from drop_physics.compare.motions import NOTHING, Motion, motions, together
+from drop_physics.compare.motions import NOTHING, BodySamples, motions, together
 from drop_physics.compare.pairing import Pairing, lengths
 from drop_physics.compare.tolerance import Tolerance
 from drop_physics.physics.rotations import same_way
@@ -40,7 +40,7 @@ JOINT_QUANTITIES = {
 """Units of joints that turn, and of those that slide."""
 
 
-class Samples:
+class SampleComparison:
     """Compares the samples of two simulations.
 
     Parameters
@@ -118,7 +118,7 @@ class Samples:
         difference = Difference(step, body.label, link, column, value, golden, None, part, unit)
         return Dated(self._when(number, step), body.client, difference)
 
-    def _first_of_body(self, number: int, mine: Motion, theirs: Motion) -> Dated | None:
+    def _first_of_body(self, number: int, mine: BodySamples, theirs: BodySamples) -> Dated | None:
         """Return the first number of a body that differs, in this piece."""
         dated = [self._lacking(number, mine.steps, theirs.steps)]
         mine, theirs = together(mine, theirs)
@@ -126,7 +126,7 @@ class Samples:
         body, other = self._pairs.common[number], self._pairs.bodies[number]
         columns = _columns(body, mine)
         if columns != _columns(other, theirs):
-            mine, theirs = (Motion(each.steps, each.base, None) for each in (mine, theirs))
+            mine, theirs = (BodySamples(each.steps, each.base, None) for each in (mine, theirs))
             columns = _columns(body, mine)
             if columns != _columns(other, theirs):
                 return earliest(*dated)
@@ -192,7 +192,7 @@ class Samples:
         self,
         number: int,
         columns: list[tuple[str, int]],
-        tracks: tuple[Motion, Motion],
+        tracks: tuple[BodySamples, BodySamples],
         parts: tuple[Float64, Float64],
     ) -> None:
         """Note the largest differences of a body, of each quantity."""
@@ -229,7 +229,7 @@ class Samples:
             )
 
 
-def _columns(body: Body, track: Motion) -> list[tuple[str, int]]:
+def _columns(body: Body, track: BodySamples) -> list[tuple[str, int]]:
     """Return name and link of each of its numbers."""
     columns = [] if track.base is None else [(name, BASE) for name in MOTION_COLUMNS]
     return columns + ([] if track.joints is None else [*_joint_columns(body)])
@@ -242,7 +242,7 @@ def _joint_columns(body: Body) -> Iterator[tuple[str, int]]:
                 yield name, joint.link
 
 
-def _worst(differ: NDArray[np.bool_], base: NDArray[np.bool_] | None, track: Motion) -> int:
+def _worst(differ: NDArray[np.bool_], base: NDArray[np.bool_] | None, track: BodySamples) -> int:
     """Return the number of a body to name: of its base if that is beyond a tolerance."""
     named = differ.copy()
     if base is not None and track.base is not None:
@@ -282,7 +282,7 @@ def _part_of(body: Body, link: int, column: str) -> tuple[str | None, str]:
     return None if link < 0 else body.links[link + 1], QUANTITIES.get(column, "")
 
 
-def _parts(seen: Seen, body: Body, track: Motion) -> Float64:
+def _parts(seen: Seen, body: Body, track: BodySamples) -> Float64:
     """Return the states of base and links, shape (n, links, 13)."""
     if track.base is not None and (len(body.links) == 1 or body.hides_links):
         return motion_of(track.base)[:, None]

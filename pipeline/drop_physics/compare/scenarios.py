@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from drop_physics.compare.difference import Difference, Drop, Setting
+from drop_physics.compare.difference import Difference, DropInputs, Setting
 from drop_physics.physics.lookup import law_for
 from drop_physics.scenario import ENGINES_WITH
 
@@ -17,7 +17,7 @@ OF_EVERY_ENGINE = ("timestep_s", "gravity_m_s2", "mass_kg", "inertia_kg_m2", "bo
 """Fields of a scenario that two engines must have in common to be compared."""
 
 
-def scenario_differences(run: Drop, golden: Drop) -> list[Difference]:
+def scenario_differences(run: DropInputs, golden: DropInputs) -> list[Difference]:
     """Return the settings that make it another experiment.
 
     What differing scenarios say is not repeated from the engines. Where they agree, the name says
@@ -33,14 +33,14 @@ def scenario_differences(run: Drop, golden: Drop) -> list[Difference]:
     ]
 
 
-def engine_versions(run: Drop, golden: Drop) -> Iterator[Setting]:
+def engine_versions(run: DropInputs, golden: DropInputs) -> Iterator[Setting]:
     """Yield the versions that made two drops, where these differ."""
     for each in _engine_settings(run, golden):
         if _is_version(each.column):
             yield Setting(each.column, each.value, each.golden)
 
 
-def _scenario_differences(run: Drop, golden: Drop) -> list[Difference]:
+def _scenario_differences(run: DropInputs, golden: DropInputs) -> list[Difference]:
     mine, theirs = asdict(run.scenario), asdict(golden.scenario)
     if run.engine.body_sha256 == golden.engine.body_sha256:
         theirs["body"] = mine["body"]  # the same file under another name
@@ -52,7 +52,7 @@ def _scenario_differences(run: Drop, golden: Drop) -> list[Difference]:
     ]
 
 
-def _alike(run: Drop, golden: Drop, name: str) -> bool:
+def _alike(run: DropInputs, golden: DropInputs, name: str) -> bool:
     """Return whether the default of one engine is what the other was given."""
     if run.scenario.engine == golden.scenario.engine:
         return False
@@ -62,7 +62,7 @@ def _alike(run: Drop, golden: Drop, name: str) -> bool:
     return np.allclose(mine, theirs, rtol=SINGLE, atol=0)
 
 
-def _in_effect(side: Drop, name: str) -> tuple[Any, ...]:
+def _in_effect(side: DropInputs, name: str) -> tuple[Any, ...]:
     """Return what an engine makes of an option, numbers or, where that is not known, None."""
     if name in ("linear_damping", "angular_damping"):
         return (getattr(law_for(side.scenario, side.engine), name, None),)
@@ -73,7 +73,7 @@ def _in_effect(side: Drop, name: str) -> tuple[Any, ...]:
     return (None,)
 
 
-def _not_shared(run: Drop, golden: Drop) -> set[str]:
+def _not_shared(run: DropInputs, golden: DropInputs) -> set[str]:
     """Return the options that one of two different engines does not have."""
     engines = {side.scenario.engine for side in (run, golden)}
     if len(engines) == 1:
@@ -81,7 +81,7 @@ def _not_shared(run: Drop, golden: Drop) -> set[str]:
     return {"integrator"} | {name for name, have in ENGINES_WITH.items() if not engines <= {*have}}
 
 
-def _engine_settings(run: Drop, golden: Drop) -> list[Difference]:
+def _engine_settings(run: DropInputs, golden: DropInputs) -> list[Difference]:
     """Return what the two engines report differently, of what both report."""
     mine, theirs = asdict(run.engine), asdict(golden.engine)
     same_engine = run.scenario.engine == golden.scenario.engine

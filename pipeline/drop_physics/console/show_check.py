@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from drop_physics.compare.comparison import Comparison
     from drop_physics.compare.difference import Largest
-    from drop_physics.stages.check import Check, Frames
+    from drop_physics.stages.check import Check, FrameComparison
     from drop_physics.trace.calls import Call
 
 Pair = tuple[str, str]
@@ -355,7 +355,7 @@ def _call(call: Call | None) -> Message:
     return Message("{call} at {place}", **values)
 
 
-def _frames(frames: Frames) -> Message:
+def _frames(frames: FrameComparison) -> Message:
     """Say how pictures compare."""
     if not frames.compared:
         return Message("none compared: {why}", why=frames.why)

@@ -16,7 +16,7 @@ from drop_physics.physics import theory
 from drop_physics.physics.base import EXACT_MACHINES, Law, Motion
 from drop_physics.physics.lookup import fall_of, law_for
 from drop_physics.physics.rotations import same_way
-from drop_physics.physics.theory import Fall
+from drop_physics.physics.theory import TheoreticalFall
 from drop_physics.report import EngineReport
 from drop_physics.scenario import ENGINES, EXACT_INTEGRATORS, Scenario
 from drop_physics.trace.history import PIECE, Piece, Seen, joined
@@ -55,7 +55,7 @@ class Case:
         return self.sample(self.samples - 1)
 
     @cached_property
-    def fall(self) -> Fall:
+    def fall(self) -> TheoreticalFall:
         """The release and the drag, as the engine has them."""
         return fall_of(self.scenario)
 

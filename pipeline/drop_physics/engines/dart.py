@@ -14,7 +14,7 @@ from typing import Any
 import dartpy
 import numpy as np
 
-from drop_physics.engines.session import Numbers, RigidBody, Shape, force_of_point
+from drop_physics.engines.session import Numbers, PrimitiveShape, RigidBody, force_of_point
 from drop_physics.kinds import Quaternion
 from drop_physics.physics.rotations import matrix
 from drop_physics.scenario import Scenario
@@ -112,7 +112,7 @@ class DartSession:
         }
 
 
-def _attached(node: Any, shape: Shape) -> Any:  # noqa: ANN401 - the library is untyped
+def _attached(node: Any, shape: PrimitiveShape) -> Any:  # noqa: ANN401 - the library is untyped
     """Add a shape to a body, and return its surface."""
     part = node.createShapeNode(SHAPES[shape.kind](*shape.size_m))
     pose = np.eye(4)

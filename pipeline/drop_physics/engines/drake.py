@@ -30,7 +30,7 @@ from pydrake.multibody.tree import QuaternionFloatingJoint, RotationalInertia, S
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
 
-from drop_physics.engines.session import Numbers, RigidBody, Shape, force_of_point
+from drop_physics.engines.session import Numbers, PrimitiveShape, RigidBody, force_of_point
 from drop_physics.physics.rotations import matrix
 from drop_physics.scenario import Scenario
 
@@ -97,7 +97,7 @@ class DrakeSession:
         plant.SetVelocities(self._context, [*scenario.spin_rad_s, *scenario.velocity_m_s])
         self._simulator.Initialize()
 
-    def _surface(self, shape: Shape | None) -> ProximityProperties:
+    def _surface(self, shape: PrimitiveShape | None) -> ProximityProperties:
         """Return the contact properties of a shape, or of the floor."""
         surface = ProximityProperties()
         friction = CoulombFriction(self._friction, self._friction)

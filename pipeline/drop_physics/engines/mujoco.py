@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from drop_physics.engines.session import Numbers, RigidBody, Shape
+from drop_physics.engines.session import Numbers, PrimitiveShape, RigidBody
 from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.scenario import Scenario
 
@@ -124,7 +124,7 @@ class MujocoSession:
         }
 
 
-def _geom(shape: Shape) -> dict[str, Any]:
+def _geom(shape: PrimitiveShape) -> dict[str, Any]:
     """Return a shape in MuJoCo's terms: half a box's edges, half a cylinder's length."""
     a, b, c = shape.size_m
     x, y, z, w = shape.orientation

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.engines.session import Numbers, RigidBody, Shape, force_of_point
+from drop_physics.engines.session import Numbers, PrimitiveShape, RigidBody, force_of_point
 from drop_physics.scenario import Scenario
 
 with warnings.catch_warnings():  # about Vulkan, which is not used here
@@ -60,7 +60,7 @@ class PhysxSession:
             self._add(ground, sapien.Pose((0.0, 0.0, 0.0), X_TO_Z))
         self._has_floor = scenario.floor
 
-    def _shape(self, shape: Shape) -> physx.PhysxCollisionShape:
+    def _shape(self, shape: PrimitiveShape) -> physx.PhysxCollisionShape:
         x, y, z, w = shape.orientation
         pose, (a, b, c) = sapien.Pose(shape.position_m, (w, x, y, z)), shape.size_m
         if shape.kind == "box":

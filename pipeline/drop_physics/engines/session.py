@@ -21,7 +21,7 @@ Numbers = tuple[float, ...]
 
 
 @dataclass(frozen=True)
-class Shape:
+class PrimitiveShape:
     """One of a body's collision shapes."""
 
     kind: str
@@ -55,7 +55,7 @@ class RigidBody:
     name: str
     mass_kg: float
     inertia_kg_m2: Vector
-    shapes: tuple[Shape, ...]
+    shapes: tuple[PrimitiveShape, ...]
 
 
 def force_of_point(

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.compare.motions import NOTHING, Motion, motions, together
+from drop_physics.compare.motions import NOTHING, BodySamples, motions, together
 from drop_physics.compare.pairing import pairing
 from drop_physics.explain.times import Times
 from drop_physics.trace.events import Body
@@ -194,7 +194,7 @@ def _thinned(times_s: Float64, off: Float64) -> tuple[Float64, Float64]:
     return np.maximum.reduceat(times_s, edges), np.maximum.reduceat(off, edges)
 
 
-def _positions(body: Body, motion: Motion) -> dict[tuple[str | None, str], Float64]:
+def _positions(body: Body, motion: BodySamples) -> dict[tuple[str | None, str], Float64]:
     """Return the positions of a body, by joint and unit."""
     found: dict[tuple[str | None, str], Float64] = {}
     if motion.base is not None:

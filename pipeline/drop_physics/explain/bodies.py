@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 
 from drop_physics.physics.base import Law
 from drop_physics.physics.bullet_air import MAX_COORDINATE_VELOCITY_M_S
-from drop_physics.physics.bullet_tree import DAMPING, BulletTree, Reason, Settings, not_covered
+from drop_physics.physics.bullet_tree import (
+    DAMPING,
+    BulletTree,
+    Reason,
+    StepConditions,
+    not_covered,
+)
 from drop_physics.physics.lookup import RIGID
 from drop_physics.physics.tree import BASE, Tree
 from drop_physics.trace import events
@@ -203,7 +209,7 @@ class Epochs:
             calls.insert(0, Given(latest.at, record.body, BASE, known_from_start))
         law = law_of(record.body, reported, calls)
         law = self._laws.setdefault(_content(law), law)
-        settings = Settings(
+        settings = StepConditions(
             other_engine=self._other is not None,
             substeps=substeps,
             may_sleep=_may_sleep(record.body, calls),

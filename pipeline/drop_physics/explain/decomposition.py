@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from drop_physics.physics import theory
 from drop_physics.physics.base import Law, Motion, exactly
-from drop_physics.physics.theory import Fall
+from drop_physics.physics.theory import TheoreticalFall
 from drop_physics.physics.vectors import triple
 
 Float64 = NDArray[np.float64]
@@ -60,7 +60,12 @@ Path = Iterator[Sequence[Decimal]]
 
 
 def decompose(
-    law: Law, fall: Fall, simulated_m: Float64, *, first: int = 0, path: Path | None = None
+    law: Law,
+    fall: TheoreticalFall,
+    simulated_m: Float64,
+    *,
+    first: int = 0,
+    path: Path | None = None,
 ) -> Decomposition:
     """Break down simulated minus free-fall position, sample by sample.
 
@@ -129,8 +134,8 @@ def error_and_terms(
     return _row(decompose(law, _fall_from(start, law), position_m[None], first=steps), 0)
 
 
-def _fall_from(start: Motion, law: Law) -> Fall:
-    return Fall(
+def _fall_from(start: Motion, law: Law) -> TheoreticalFall:
+    return TheoreticalFall(
         position_m=triple(start.position_m[0]),
         velocity_m_s=triple(start.velocity_m_s[0]),
         gravity_m_s2=law.gravity_m_s2[2],

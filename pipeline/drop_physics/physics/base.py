@@ -90,7 +90,7 @@ def exactly(path: Iterator[Sequence[Decimal]], samples: int, start_m: Vector) ->
 
 
 @dataclass(frozen=True, kw_only=True)
-class RigidBody:
+class FreeBody:
     """A rigid body and the settings that its step depends on, in any engine."""
 
     timestep_s: float
@@ -109,7 +109,7 @@ class RigidBody:
         return self.timestep_s / self.substeps
 
 
-class Law(RigidBody, ABC):
+class Law(FreeBody, ABC):
     """The discrete law of one rigid body in the air; arrays have one row per sample.
 
     Where a method has no word of an engine's own, the engine has no limit of velocities.

@@ -16,7 +16,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from drop_physics.physics.base import RigidBody, Vector
+from drop_physics.physics.base import FreeBody, Vector
 from drop_physics.scenario import Coordinates
 
 Number = TypeVar("Number", float, Decimal)
@@ -41,7 +41,7 @@ def effective_damping(damping: float | None, coordinates: Coordinates) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class BulletBody(RigidBody):
+class BulletBody(FreeBody):
     """A rigid body with Bullet's own settings; damping is the engine's, never None."""
 
     linear_damping: float

@@ -23,7 +23,13 @@ from drop_physics.physics.impulses import (
     largest_per_step,
     per_step,
 )
-from drop_physics.physics.kinematics import Kinematics, Motion, generalised, kinematics, motion
+from drop_physics.physics.kinematics import (
+    Kinematics,
+    LinkVelocities,
+    generalised,
+    kinematics,
+    motion,
+)
 from drop_physics.physics.tree import States, Tree
 from drop_physics.physics.unreported import Unreported, shared_out
 
@@ -178,7 +184,7 @@ def _free_terms(
     }
 
 
-def damping(body: BulletTree, kin: Kinematics, moved: Motion) -> Float64:
+def damping(body: BulletTree, kin: Kinematics, moved: LinkVelocities) -> Float64:
     """Return the generalised force of Bullet's damping, shape (n, size).
 
     -m v (k + k |v|) and -I ω (k' + k' |ω|) on each link (`btMultiBody.cpp` 754-758, 841-843).
@@ -267,7 +273,7 @@ Reason = Literal[
 
 
 @dataclass(frozen=True, kw_only=True)
-class Settings:
+class StepConditions:
     """Facts of engine and body that decide whether a step is the sum."""
 
     other_engine: bool = False
@@ -282,7 +288,7 @@ class Settings:
     """Whether it has a planar joint."""
 
 
-def not_covered(settings: Settings, tree: Tree | None = None) -> tuple[Reason, ...]:
+def not_covered(settings: StepConditions, tree: Tree | None = None) -> tuple[Reason, ...]:
     """Return why a body's step need not be the sum; empty where it is, as far as settings say.
 
     - engine: another engine's step is not this sum; its law of one body in flight may be known.

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.physics.columns import cross, dot, product, times, turning_back
-from drop_physics.physics.kinematics import Kinematics, Motion, across, generalised
+from drop_physics.physics.kinematics import Kinematics, LinkVelocities, across, generalised
 from drop_physics.physics.tree import RATES
 
 Float64 = NDArray[np.float64]
@@ -127,7 +127,7 @@ def gravity(kin: Kinematics, gravity_m_s2: Float64) -> Float64:
     return generalised(kin, {link: tree.masses_kg[link + 1] * pull for link in tree.moving}, {})
 
 
-def bias(kin: Kinematics, moved: Motion, velocity: Float64) -> Float64:
+def bias(kin: Kinematics, moved: LinkVelocities, velocity: Float64) -> Float64:
     """Return Coriolis, centrifugal and gyroscopic forces, shape (n, size).
 
     -Σ Jvᵀ m a + Jwᵀ (I α + ω × I ω), with the accelerations a, α of the links at constant u.
@@ -168,7 +168,7 @@ def _inertia_times(kin: Kinematics, link: int) -> Callable[[Float64], Float64]:
     return lambda vector: times(turned, inertia * turning_back(turned, vector))
 
 
-def angular_momenta(kin: Kinematics, moved: Motion) -> dict[int, Float64]:
+def angular_momenta(kin: Kinematics, moved: LinkVelocities) -> dict[int, Float64]:
     """Return I ω of each link with mass, about its centre of mass [kg m²/s], shape (3, n)."""
     return {link: _inertia_times(kin, link)(moved.spins[link + 1]) for link in kin.tree.moving}
 

@@ -71,7 +71,7 @@ class Kinematics:
         return (self.centres[link + 1] + local).T
 
 
-class Motion(NamedTuple):
+class LinkVelocities(NamedTuple):
     """Velocities of base and links, per link: vectors in world axes, shape (3, n)."""
 
     spins: list[Float64]
@@ -117,7 +117,7 @@ def _turned(matrix: Float64, axis: Float64, angle: Float64) -> Float64:
     return np.asarray(turned)
 
 
-def motion(kin: Kinematics, velocity: Float64) -> Motion:
+def motion(kin: Kinematics, velocity: Float64) -> LinkVelocities:
     """Return how the links move; `velocity` is u, shape (n, size)."""
     tree, u = kin.tree, np.ascontiguousarray(velocity.T)
     still = np.zeros((3, len(kin)))
@@ -134,7 +134,7 @@ def motion(kin: Kinematics, velocity: Float64) -> Motion:
             moved = moved + sliding
         spins.append(spin)
         velocities.append(moved)
-    return Motion(spins, velocities)
+    return LinkVelocities(spins, velocities)
 
 
 def across(kin: Kinematics, u: Float64, link: int) -> tuple[Float64 | None, Float64 | None]:

@@ -11,19 +11,19 @@ from drop_physics.physics.dart import DartLaw
 from drop_physics.physics.drake import DrakeLaw
 from drop_physics.physics.mujoco import MujocoLaw
 from drop_physics.physics.physx import DEFAULT_ANGULAR_DAMPING, PhysxLaw
-from drop_physics.physics.theory import Fall
+from drop_physics.physics.theory import TheoreticalFall
 from drop_physics.report import EngineReport
 from drop_physics.scenario import EXACT_INTEGRATORS, Scenario
 
 
-def fall_of(scenario: Scenario) -> Fall:
+def fall_of(scenario: Scenario) -> TheoreticalFall:
     """Return the release and the drag of a scenario, as the engine has them."""
     if scenario.engine == "bullet":
         damping = effective_damping(scenario.linear_damping, scenario.coordinates)
         drag = drag_of(damping, scenario.coordinates)
     else:
         drag = Drag(scenario.linear_damping or 0.0, 0.0)
-    return Fall(
+    return TheoreticalFall(
         position_m=(0.0, 0.0, scenario.height_m),
         velocity_m_s=scenario.velocity_m_s,
         gravity_m_s2=scenario.effective_gravity_m_s2,

@@ -36,7 +36,7 @@ SERIES_TERMS = 36
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Fall:
+class TheoreticalFall:
     """The release of a body, and the drag of the air.
 
     `gravity_m_s2` is the signed z component: negative pulls down; 0 and upward are allowed.
@@ -56,24 +56,24 @@ class Fall:
 # -- without drag ---------------------------------------------------------------------------------
 
 
-def free_fall_position(fall: Fall, time_s: Float64) -> Float64:
+def free_fall_position(fall: TheoreticalFall, time_s: Float64) -> Float64:
     """Return x0 + v0 t + g t²/2 [m], shape (n, 3). Source: any textbook."""
     g = np.multiply.outer(time_s, (0.0, 0.0, fall.gravity_m_s2))
     return np.array(fall.position_m) + (np.array(fall.velocity_m_s) + g / 2) * time_s[:, None]
 
 
-def free_fall_height(fall: Fall, time_s: Float64) -> Float64:
+def free_fall_height(fall: TheoreticalFall, time_s: Float64) -> Float64:
     """Return its height [m], with the shape of `time_s`."""
     return free_fall_position(fall, time_s)[:, 2]
 
 
-def free_fall_velocity(fall: Fall, time_s: Float64) -> Float64:
+def free_fall_velocity(fall: TheoreticalFall, time_s: Float64) -> Float64:
     """Return v0 + g t [m/s], shape (n, 3)."""
     v0 = np.array(fall.velocity_m_s, dtype=np.float64)
     return v0 + np.outer(time_s, (0.0, 0.0, fall.gravity_m_s2))
 
 
-def timestep_displacement(fall: Fall, time_s: Float64, timestep_s: float) -> Float64:
+def timestep_displacement(fall: TheoreticalFall, time_s: Float64, timestep_s: float) -> Float64:
     """Return g t dt/2 [m], the error of semi-implicit Euler in free fall, shape (n, 3).
 
     It is exact, not a leading term: after step i the velocity is v0 + i g dt, and n of these add up
@@ -82,7 +82,7 @@ def timestep_displacement(fall: Fall, time_s: Float64, timestep_s: float) -> Flo
     return np.multiply.outer(time_s, (0.0, 0.0, fall.gravity_m_s2 * timestep_s / 2))
 
 
-def impact_time_free(fall: Fall, floor_height_m: float) -> float | None:
+def impact_time_free(fall: TheoreticalFall, floor_height_m: float) -> float | None:
     """Return when free fall reaches `floor_height_m` from above [s]; None if it never does.
 
     The first root of d + v0 t + g t²/2 = 0, in the form without cancellation. It is 0 for a body
@@ -110,7 +110,7 @@ def stopped_by_floor(heights_m: Float64, floor_height_m: float | None) -> Float6
 # -- with drag ------------------------------------------------------------------------------------
 
 
-def damping_displacement(fall: Fall, time_s: Float64) -> Float64:
+def damping_displacement(fall: TheoreticalFall, time_s: Float64) -> Float64:
     """Return x_damped - x_free [m], how far the drag moves the body, shape (n, 3).
 
     Without cancellation. Times are not negative, in any order [s]. An oblique throw through
@@ -119,12 +119,12 @@ def damping_displacement(fall: Fall, time_s: Float64) -> Float64:
     return _motion(fall, time_s).change
 
 
-def damped_fall_height(fall: Fall, time_s: Float64) -> Float64:
+def damped_fall_height(fall: TheoreticalFall, time_s: Float64) -> Float64:
     """Return the height of a body that falls with drag [m], with the shape of `time_s`."""
     return fall.height_m + _motion(fall, time_s).travel[:, 2]
 
 
-def impact_time_damped(fall: Fall, floor_height_m: float) -> float | None:
+def impact_time_damped(fall: TheoreticalFall, floor_height_m: float) -> float | None:
     """Return when the damped fall reaches `floor_height_m` from above [s]; None if never."""
     free_s = impact_time_free(fall, floor_height_m)
     if not free_s or not any(fall.drag):
@@ -148,7 +148,7 @@ def impact_time_damped(fall: Fall, floor_height_m: float) -> float | None:
     return _time_of_zero(state, latest) if state(latest)[0] <= 0 else None
 
 
-def _time_of_quadratic_drag(b: float, fall: Fall, floor_height_m: float) -> float:
+def _time_of_quadratic_drag(b: float, fall: TheoreticalFall, floor_height_m: float) -> float:
     """Return when a body without gravity arrives [s]: its path ln(1 + b v t)/b has no limit.
 
     The path is along its velocity, whose vertical share brings it down.
@@ -186,7 +186,7 @@ class _Motion(NamedTuple):
     velocity: Float64
 
 
-def _motion(fall: Fall, time: Float64) -> _Motion:
+def _motion(fall: TheoreticalFall, time: Float64) -> _Motion:
     time = np.asarray(time, dtype=np.float64)
     (vx, vy, vz), g, (a, b) = fall.velocity_m_s, fall.gravity_m_s2, fall.drag
     if max(a, b) < 1e-100:  # it changes no double, and its rate squared is 0
@@ -326,7 +326,7 @@ STRAIGHT = 1e-9
 """Sideways share of a speed below which the drag does not depend on it: its square is rounding."""
 
 
-def _oblique(fall: Fall, time: Float64) -> _Motion:
+def _oblique(fall: TheoreticalFall, time: Float64) -> _Motion:
     """Integrate an oblique throw: δ'' = -v (a + b |v|) with v = v_free + δ', δ the change.
 
     No closed form is known: |v| couples the directions. δ/k is integrated, with k the larger of a

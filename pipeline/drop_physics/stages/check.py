@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.compare.comparison import Comparison, compare
-from drop_physics.compare.difference import Difference, Drop, Side
+from drop_physics.compare.difference import Difference, DropInputs, Side
 from drop_physics.drop.case import case_seen
 from drop_physics.drop.engines_apart import apart, flight_of
 from drop_physics.errors import OutputError, RecordingError, check_suffix
@@ -34,7 +34,7 @@ NEITHER = Message("neither has images")
 
 
 @dataclass(frozen=True)
-class Frames:
+class FrameComparison:
     """How the pictures of two recordings compare."""
 
     compared: int
@@ -59,7 +59,7 @@ class Check(Shown, lines_of="drop_physics.console.show_check:check_lines"):
     """Largest difference that passes."""
     comparison: Comparison | None
     """None where there was no golden recording yet."""
-    frames: Frames | None
+    frames: FrameComparison | None
     """How the pictures compare; None where there was no golden recording yet."""
     engines: str | None = None
     """Of drops that differ in nothing but the engine: where and why these part."""
@@ -201,7 +201,7 @@ def _side(recording: Recording) -> Side:
         recording.seen,
         recording.origin,
         recording.ended or {},
-        None if drop is None else Drop(drop.scenario, drop.engine),
+        None if drop is None else DropInputs(drop.scenario, drop.engine),
     )
 
 
@@ -242,13 +242,13 @@ def _make_golden(run: Recording, golden: Path) -> None:
 # -- pictures -------------------------------------------------------------------------------------
 
 
-def _compare_frames(run: Recording, golden: Recording, *, until: int | None) -> Frames:
+def _compare_frames(run: Recording, golden: Recording, *, until: int | None) -> FrameComparison:
     """Compare the pictures that were taken until a state differs; later ones show other poses."""
     mine, theirs = _images(run), _images(golden)  # raises an error if damaged
     if (why := _incomparable(run, golden)) is not None:
-        return Frames(0, 0, None, why)
+        return FrameComparison(0, 0, None, why)
     if not mine and not theirs:
-        return Frames(0, 0, None, NEITHER)
+        return FrameComparison(0, 0, None, NEITHER)
     keys = sorted(mine.keys() | theirs.keys())
     compared = [key for key in keys if until is None or key[0] < until]
     differing = [
@@ -256,7 +256,7 @@ def _compare_frames(run: Recording, golden: Recording, *, until: int | None) -> 
     ]
     apart = len(keys) - len(compared)
     why = Message("{n} taken when the bodies are elsewhere", n=apart) if apart else None
-    return Frames(len(compared), len(differing), min(differing, default=None), why)
+    return FrameComparison(len(compared), len(differing), min(differing, default=None), why)
 
 
 def _incomparable(run: Recording, golden: Recording) -> Message | None:

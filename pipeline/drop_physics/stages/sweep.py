@@ -34,7 +34,7 @@ from drop_physics.sweeping.plan import Plan, name_of, plan_of
 from drop_physics.workers import cores
 
 if TYPE_CHECKING:
-    from drop_physics.stages.sweep_engines import EngineRun, Fall
+    from drop_physics.stages.sweep_engines import EngineRun, EngineTrajectory
 
 SHORT_STEPS = 200_000
 """Least number of steps for which a second process pays off: it takes as long to start."""
@@ -318,7 +318,7 @@ def _engine(
     return engines.in_processes(work, todo, jobs=jobs)
 
 
-def _falls(plan: Plan, results: pl.LazyFrame) -> list[Fall]:
+def _falls(plan: Plan, results: pl.LazyFrame) -> list[EngineTrajectory]:
     """Return what each run does beyond its error, in sweeps over engines or of spinning bodies."""
     spins = "spin_rad_s" in dict(plan.lists)
     if plan.samples is not None or not ("engine" in plan.axes or spins):

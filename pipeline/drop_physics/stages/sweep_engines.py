@@ -67,7 +67,7 @@ class EngineRun:
 
 
 @dataclass(frozen=True)
-class Fall:
+class EngineTrajectory:
     """The trajectory of one such run, to be plotted."""
 
     run: EngineRun
@@ -79,7 +79,7 @@ class Fall:
     """Share of the angular momentum that rounding may take, infinite where damping takes some."""
 
 
-def engine_falls(plan: Plan, results: pl.LazyFrame) -> list[Fall]:
+def engine_falls(plan: Plan, results: pl.LazyFrame) -> list[EngineTrajectory]:
     """Return the runs of a sweep over engines that did not fail, dropped once more."""
     failed = set(results.filter(pl.col("error").is_not_null()).select("run").collect()["run"])
     with Worlds() as worlds:
@@ -91,10 +91,10 @@ def engine_falls(plan: Plan, results: pl.LazyFrame) -> list[Fall]:
     return [replace(fall, run=replace(fall.run, order=_order(plan, fall, falls))) for fall in falls]
 
 
-def _order(plan: Plan, fall: Fall, falls: list[Fall]) -> float | None:
+def _order(plan: Plan, fall: EngineTrajectory, falls: list[EngineTrajectory]) -> float | None:
     """Return the order of a run's drift, against the next longer timestep of its scenario."""
 
-    def fixed(each: Fall) -> dict[str, Any]:
+    def fixed(each: EngineTrajectory) -> dict[str, Any]:
         values = plan.values(each.run.run)
         return {name: value for name, value in values.items() if name != "timestep_s"}
 
@@ -112,7 +112,7 @@ def _order(plan: Plan, fall: Fall, falls: list[Fall]) -> float | None:
     return math.log(drifts[0] / drifts[1]) / math.log(before.run.timestep_s / timestep_s)
 
 
-def _dropped(worlds: Worlds, run: int, scenario: Scenario) -> Fall:
+def _dropped(worlds: Worlds, run: int, scenario: Scenario) -> EngineTrajectory:
     world = worlds.world_of(scenario)
     fall = Batch.joined(world.samples(BATCH))
     states, contacts = table_of(fall.states), table_of(fall.contacts)
@@ -135,7 +135,7 @@ def _dropped(worlds: Worlds, run: int, scenario: Scenario) -> Fall:
     law = law_for(scenario, analysis.engine)
     damped = getattr(law, "angular_damping", 0.0) != 0
     lost = math.inf if damped else law.epsilon * math.sqrt(scenario.steps)
-    return Fall(of_engine, analysis.table["simulated_m"].to_numpy(), floor_m, lost)
+    return EngineTrajectory(of_engine, analysis.table["simulated_m"].to_numpy(), floor_m, lost)
 
 
 def _cause(rest: Rest, analysis: FallAnalysis) -> str | None:

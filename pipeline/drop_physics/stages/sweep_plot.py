@@ -17,7 +17,7 @@ from drop_physics.figures.style import Build
 from drop_physics.files.whole import written_whole
 from drop_physics.messages import Message
 from drop_physics.scenario import ENGINES
-from drop_physics.stages.sweep_engines import MOST_RUNS, Fall
+from drop_physics.stages.sweep_engines import MOST_RUNS, EngineTrajectory
 from drop_physics.stages.sweep_groups import Group
 from drop_physics.sweeping.folder import TERMS
 from drop_physics.sweeping.plan import Plan, label_of
@@ -27,7 +27,7 @@ def plot_sweep(
     path: Path,
     plan: Plan,
     studies: Sequence[Group],
-    falls: Sequence[Fall],
+    falls: Sequence[EngineTrajectory],
     *,
     at_s: float,
     at_samples: bool,
@@ -65,7 +65,7 @@ def plot_sweep(
         file.write(style.rendered(build, path.suffix[1:], dark=dark))
 
 
-def _build_engines(plan: Plan, falls: Sequence[Fall]) -> Build:
+def _build_engines(plan: Plan, falls: Sequence[EngineTrajectory]) -> Build:
     if not falls:
         raise DropError(
             "--plot has nothing to show: engines are compared in sweeps of up to {most} runs "

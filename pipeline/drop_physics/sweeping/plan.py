@@ -16,7 +16,7 @@ from drop_physics.errors import ScenarioError
 from drop_physics.fields import exact, outside
 from drop_physics.messages import Message, shell_command
 from drop_physics.scenario import Engine, Scenario
-from drop_physics.sweeping.sampling import Variation, drawn, variations_of
+from drop_physics.sweeping.sampling import RandomField, drawn, variations_of
 
 MOST_RUNS = 1_000_000_000_000
 
@@ -27,7 +27,7 @@ class Plan:
 
     lists: tuple[tuple[str, tuple[Any, ...]], ...] = ()
     """Field and its values, in the order of the scenario's options."""
-    variations: tuple[Variation, ...] = ()
+    variations: tuple[RandomField, ...] = ()
     samples: int | None = None
     """Number of runs of each scenario; None for one run, with nothing drawn."""
     seed: int = 0
@@ -166,7 +166,7 @@ def _lists_of(given: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
     return lists
 
 
-def _check_sampling(samples: int | None, seed: int, variations: Sequence[Variation]) -> None:
+def _check_sampling(samples: int | None, seed: int, variations: Sequence[RandomField]) -> None:
     if samples is not None and samples < 1:
         raise outside("--samples", Message("at least {low}", low=1), samples)
     if seed < 0:
@@ -180,7 +180,7 @@ def _check_sampling(samples: int | None, seed: int, variations: Sequence[Variati
 
 
 def _check_variations(
-    lists: Mapping[str, tuple[Any, ...]], variations: Sequence[Variation]
+    lists: Mapping[str, tuple[Any, ...]], variations: Sequence[RandomField]
 ) -> None:
     """Make sure that nothing is both listed and drawn, and that angles are drawn of angles."""
     for variation in variations:

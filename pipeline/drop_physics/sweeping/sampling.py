@@ -93,7 +93,7 @@ FORMS = ", ".join(
 
 
 @dataclass(frozen=True)
-class Variation:
+class RandomField:
     """One field, or one component of a vector, and the distribution it is drawn from."""
 
     field: str
@@ -119,7 +119,7 @@ def stream_of(seed: int, sample: int) -> Stream:
 
 
 def drawn(
-    variations: Sequence[Variation], given: dict[str, Any], *, seed: int, sample: int
+    variations: Sequence[RandomField], given: dict[str, Any], *, seed: int, sample: int
 ) -> dict[str, Any]:
     """Return the given fields with the values drawn for one sample.
 
@@ -150,7 +150,7 @@ def drawn(
 # -- reading --------------------------------------------------------------------------------------
 
 
-def variations_of(texts: Sequence[str]) -> tuple[Variation, ...]:
+def variations_of(texts: Sequence[str]) -> tuple[RandomField, ...]:
     """Read `--vary` options; they are drawn in the order of the scenario's options.
 
     Raises
@@ -171,7 +171,7 @@ def variations_of(texts: Sequence[str]) -> tuple[Variation, ...]:
     return tuple(variations)
 
 
-def _variation(text: str) -> Variation:
+def _variation(text: str) -> RandomField:
     try:
         return _read(text)
     except (ScenarioError, ValueError, OverflowError) as error:  # numpy's: of too wide a range
@@ -181,7 +181,7 @@ def _variation(text: str) -> Variation:
         ) from None
 
 
-def _read(text: str) -> Variation:
+def _read(text: str) -> RandomField:
     """Read NAME=DISTRIBUTION, and draw once; an error says what it must be."""
     target, equals, form = text.partition("=")
     kind, *parameters = form.strip().split(":")
@@ -193,7 +193,7 @@ def _read(text: str) -> Variation:
         chosen = tuple(map(option.read if axis is None else number, parameters))
         for value in chosen:
             option.check(value)
-        return Variation(field, axis, kind, chosen)
+        return RandomField(field, axis, kind, chosen)
     distribution = DISTRIBUTIONS.get(kind)
     if distribution is None or len(parameters) != len(distribution.parameters):
         raise ScenarioError("it must be one of {forms}", forms=FORMS)
@@ -208,7 +208,7 @@ def _read(text: str) -> Variation:
     if not (all(map(math.isfinite, values)) and distribution.is_valid(values)):
         raise ScenarioError("{kind} must have {rule}", kind=kind, rule=distribution.rule)
     distribution.draw(stream_of(0, 0), values)
-    return Variation(field, axis, kind, values)
+    return RandomField(field, axis, kind, values)
 
 
 def _target(name: str) -> tuple[str, int | None]:

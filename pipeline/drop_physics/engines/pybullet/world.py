@@ -26,7 +26,7 @@ from drop_physics.engines.pybullet.engine import data_folder, p
 from drop_physics.engines.pybullet.found import find_body
 from drop_physics.engines.pybullet.jointed import JointStates, joints_of
 from drop_physics.engines.pybullet.touching import ROUNDING_M, distances, touching_height
-from drop_physics.engines.session import Shape
+from drop_physics.engines.session import PrimitiveShape
 from drop_physics.errors import ScenarioError
 from drop_physics.kinds import Quaternion
 from drop_physics.physics.tree import Tree
@@ -296,10 +296,10 @@ class World:
             if value is not None
         }
 
-    def shapes(self) -> tuple[Shape, ...]:
+    def shapes(self) -> tuple[PrimitiveShape, ...]:
         """Return the base's collision shapes."""
         return tuple(
-            Shape(
+            PrimitiveShape(
                 SHAPES.get(kind, "unknown"),
                 size_m if kind == p.GEOM_BOX else (size_m[1] or size_m[0], size_m[0], 0.0),
                 position_m,
