@@ -399,6 +399,7 @@ def test_printed_check_of_the_same_physics(capsys: pytest.CaptureFixture[str]) -
         "versions": [{"name": "numpy_version", "value": "2.4", "golden": "2.3"}],
         "frames": {"compared": 41, "differing": 0, "first_step": None, "why": None},
         "updated": False,
+        "lacks": [],
     }
 
 
@@ -893,7 +894,8 @@ def test_texts_of_findings_name_options_that_exist() -> None:
     }
     found = {
         name
-        for path in (ROOT / "pipeline/drop_physics/analysis").rglob("*.py")
+        for room in ("rules", "drop", "analysis")
+        for path in (ROOT / "pipeline/drop_physics" / room).rglob("*.py")
         for name in re.findall(r"(?<![\w-])--[a-z][a-z-]+", path.read_text(encoding="utf-8"))
     }
     assert len(found) > 10

@@ -189,7 +189,7 @@ def _quoted(page: list[Block], folder: Path) -> Iterator[str]:
                 for command, shown in _typed(block.text):
                     printed = _lines(command, folder, exactly=True)
                     lines += [*f"$ {command}".splitlines(), *cut_alike(shown, printed)]
-            case "mermaid" | "":
+            case "mermaid" | "toml" | "":
                 pass
             case kind:
                 raise PageError(f"a block cannot be of kind {kind!r}")

@@ -49,6 +49,8 @@ if TYPE_CHECKING:
     from drop_physics.sweeping.plan import Plan as Plan
     from drop_physics.sweeping.plan import plan_of as plan_of
 
+    __version__: str
+
 _HOMES = {
     "DropError": "drop_physics.errors",
     "Scenario": "drop_physics.scenario",
@@ -86,6 +88,8 @@ def __dir__() -> list[str]:
 
 
 def __getattr__(name: str) -> object:
+    if name == "__version__":
+        return importlib.import_module("importlib.metadata").version("drop-physics")
     if name not in _HOMES:
         raise AttributeError(f"module 'drop_physics' has no attribute {name!r}")
     before = dict(os.environ)

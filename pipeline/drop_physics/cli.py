@@ -103,6 +103,9 @@ def analyze(
     out: given.Layer = None,
     table: given.Table = None,
     body: given.OfBody = None,
+    select: given.Select = None,
+    ignore: given.Ignore = None,
+    fail_on: given.FailOn = None,
     force: given.Force = False,
     verbose: given.Verbose = False,
     json: given.Json = False,
@@ -116,6 +119,9 @@ def analyze(
     from drop_physics.stages.found import recording_of
 
     at_s, recording = times(at or []), recording_of(run, output.note)
+    from drop_physics.stages.settings import settings
+
+    choice = settings().choice(select, ignore, fail_on)
     from drop_physics.console.show_analysis import show_analysis  # takes a second to load
     from drop_physics.stages.analyze import analyze
 
@@ -126,10 +132,12 @@ def analyze(
             body=body,
             out=out,
             table=table,
+            choice=choice,
+            script=run,
             force=force,
             progress=report,
         )
-    show_analysis(analysis, as_json=json, verbose=verbose)
+    raise typer.Exit(show_analysis(analysis, as_json=json, verbose=verbose, choice=choice))
 
 
 @app.command(
@@ -229,7 +237,7 @@ def check(
     run: given.Run,
     *,
     against: Annotated[Path, takes("GOLDEN.rrd", "The recording to compare with.")],
-    tolerance: given.Tolerance = 0.0,
+    tolerance: given.Tolerance = None,
     update: Annotated[bool, flag("Make RUN.rrd the golden recording.", "--update")] = False,
     summary: given.Summary = None,
     json: given.Json = False,
@@ -241,11 +249,13 @@ def check(
     from drop_physics.console.show_check import append_summary, show_check
     from drop_physics.files.outputs import check_apart, check_target
     from drop_physics.stages.check import check
+    from drop_physics.stages.settings import settings
 
     if summary is not None:
         check_target(summary, force=True)
         check_apart([summary], inputs=[run, against])
-    checked = check(run, against, tolerance_m=tolerance, update=update)
+    allowed_m = settings().tolerance_m if tolerance is None else tolerance
+    checked = check(run, against, tolerance_m=allowed_m, update=update)
     if summary is not None:
         append_summary(checked, summary)
     raise typer.Exit(show_check(checked, as_json=json))
@@ -322,6 +332,9 @@ def script(context: typer.Context, program: given.Program) -> None:
 
     target, *arguments = program
     digest_of_script(target, is_module=False)
+    from drop_physics.stages.settings import settings
+
+    choice = settings().choice()
     from drop_physics.console.show_analysis import show_analysis
     from drop_physics.console.show_record import note_ours, show_record
 
@@ -332,9 +345,9 @@ def script(context: typer.Context, program: given.Program) -> None:
     from drop_physics.stages.analyze import analyze
 
     with progress() as report:
-        analysis = analyze(recorded.recording, progress=report)
-    show_analysis(analysis, as_json=False)
-    raise typer.Exit(code)
+        analysis = analyze(recorded.recording, choice=choice, script=Path(target), progress=report)
+    found = show_analysis(analysis, as_json=False, choice=choice)
+    raise typer.Exit(code or found)
 
 
 @app.command(

@@ -42,6 +42,18 @@ At = Annotated[
     list[str] | None,
     takes("SECONDS", "Time at which to break the error down [s]; repeatable. [default: 0.3]"),
 ]
+Select = Annotated[
+    str | None, takes("CODE,…", "Report only these findings; all: whatever is left out else.")
+]
+Ignore = Annotated[str | None, takes("CODE,…", "Leave these findings out.")]
+FailOn = Annotated[
+    str | None,
+    takes(
+        "LEVEL",
+        "Exit with 3 if a finding is that grave or graver: broken, asked, model, repeat, note, or "
+        "never.",
+    ),
+]
 Fps = Annotated[
     float | None,
     takes("NUMBER", "Pictures per second of the gif, at most 50. [default: 20]", parser=a_number),
@@ -88,11 +100,11 @@ Folder = Annotated[
     Path, takes("DIR", "Folder for the files; created if missing.", "--out-dir", "-o")
 ]
 Tolerance = Annotated[
-    float,
+    float | None,
     takes(
         "METRES",
         "Largest difference that passes; for a velocity, the distance per step. 0: bit "
-        "for bit, but 1e-9 m for a drop in contact.",
+        "for bit, but 1e-9 m for a drop in contact. [default: 0]",
         parser=a_number,
     ),
 ]

@@ -42,14 +42,19 @@ def golden_recording(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator
     """Record a block, and compare it with `golden/NAME.rrd` beside the test's file.
 
     `golden_recording(name, tolerance="1e-9")` passes differences in motion of up to that many
-    metres; the default, 0, is bit for bit. `pytest --update-golden` writes the golden recordings.
-    What is done with PyBullet from here to the first block, as by fixtures after this one, belongs
-    to its recording.
+    metres; the default is `tolerance` in `[tool.drop]` of pyproject.toml, else 0, bit for bit.
+    `pytest --update-golden` writes the golden recordings. What is done with PyBullet from here to
+    the first block, as by fixtures after this one, belongs to its recording.
     """
     from drop_physics.errors import DropError
     from drop_physics.stages.record_block import Block, BlockWriter, record
+    from drop_physics.stages.settings import settings
 
     folder = request.path.parent / "golden"
+    try:
+        standard_m = settings(request.config.invocation_params.dir).tolerance_m
+    except DropError as error:
+        pytest.fail(str(error), pytrace=False)
     update = bool(request.config.getoption("--update-golden"))
     first = tmp_path / "golden_recording.rrd"
     watching = ExitStack()
@@ -67,8 +72,8 @@ def golden_recording(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator
     begun = [begin()]
 
     @contextmanager
-    def recorded(name: str, tolerance: float | str = 0.0) -> Iterator[None]:
-        golden, allowed_m = _named(folder, name), _length(tolerance)
+    def recorded(name: str, tolerance: float | str | None = None) -> Iterator[None]:
+        golden, allowed_m = _named(folder, name), _length(tolerance, standard_m)
         path = tmp_path / f"{name}.rrd"
         path.parent.mkdir(parents=True, exist_ok=True)
         writer, block = begun.pop() if begun else begin()
@@ -111,10 +116,10 @@ def _named(folder: Path, name: str) -> Path:
     return folder / f"{name}.rrd"
 
 
-def _length(tolerance: float | str) -> float:
-    """Return a tolerance in metres; `check` says which are allowed."""
+def _length(tolerance: float | str | None, standard_m: float) -> float:
+    """Return a tolerance in metres, the standard one of None; `check` says which are allowed."""
     try:
-        return float(tolerance)
+        return standard_m if tolerance is None else float(tolerance)
     except (TypeError, ValueError):
         pytest.fail(
             f"golden_recording: the tolerance must be a number of metres, got {tolerance!r}; "

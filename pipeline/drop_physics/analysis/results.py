@@ -229,6 +229,8 @@ class Analysis(Shown, lines_of=LINES):
     """All bodies that ever existed, or that of `--body`."""
     findings: list[Finding]
     """What was asked and what happened instead, and why; the gravest first."""
+    left_out: int = 0
+    """How many more were found, and left out: by the command, the script or the project."""
     by_body: dict[int, Explained]
     """How much of each body is explained, by number."""
     table: pl.DataFrame

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,8 @@ class Story:
         The questions to answer.
     other
         The law of one body in flight, where another engine than PyBullet steps it.
+    reports
+        Whether a finding is reported, or left out.
     also
         Called with each piece.
     """
@@ -56,6 +59,7 @@ class Story:
         whole: bool = False,
         answers: Sequence[type[Answer]] = ANSWERS,
         other: Law | None = None,
+        reports: Callable[[Finding], bool] = lambda _: True,
         also: Callable[[Piece], None] | None = None,
     ) -> None:
         clients = {each.client for each in seen.settings}
@@ -70,7 +74,7 @@ class Story:
         self.curves = CurveTable(seen, self.scene.times)
         self._answers = [question(self.scene) for question in answers]
         self._seen, self._origin = seen, origin
-        self._whole, self._also = whole, also
+        self._whole, self._also, self._reports = whole, also, reports
         self._rows: list[pl.DataFrame] = []
         ends_s = [
             self.scene.times[body.client].of(seen.samples.get(body.client, 1) - 1)
@@ -112,14 +116,22 @@ class Story:
             explained=_together([*by_body.values()]),
             bodies=[body.result(totals.get(n)) for n, body in self.bodies.items()],
             findings=self.findings(),
+            left_out=len(self.findings(reported=False)),
             by_body=by_body,
             table=self.table,
             curves=self.curves,
         )
 
-    def findings(self) -> list[Finding]:
-        """Return what the answers found, the gravest first, after the last piece."""
-        return ranked(each for answer in self._answers for each in answer.findings())
+    def findings(self, *, reported: bool = True) -> list[Finding]:
+        """Return what the answers found, or what of it is left out, the gravest first.
+
+        After the last piece.
+        """
+        return ranked(each for each in self._found if self._reports(each) == reported)
+
+    @cached_property
+    def _found(self) -> list[Finding]:
+        return [each for answer in self._answers for each in answer.findings()]
 
     @property
     def table(self) -> pl.DataFrame:

@@ -37,7 +37,8 @@ def lines_of_bodies(analysis: Analysis, *, verbose: bool = False) -> list[str]:
         body for body in analysis.bodies if body.segments["still"] < sum(body.segments.values())
     ]
     alone = len(analysis.bodies) < len(analysis.by_body)
-    lines = [*_headline(analysis), *finding_lines(analysis.findings, verbose=verbose)]
+    found = finding_lines(analysis.findings, verbose=verbose, left_out=analysis.left_out)
+    lines = [*_headline(analysis), *found]
     joints = _joints(moving, analysis.findings, verbose=verbose or alone)
     lines += joints
     if joints or verbose or alone:

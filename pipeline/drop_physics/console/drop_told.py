@@ -58,7 +58,11 @@ def lines_of_drop(analysis: DropAnalysis, *, verbose: bool = False) -> list[str]
         for body_told in analysis.bodies:
             for each in body_told.at:
                 lines += ["", *sum_lines(body_told, each)]
-    return [*lines, *finding_lines(analysis.findings, verbose=verbose, most=MOST_FINDINGS)]
+    left_out = analysis.left_out
+    return [
+        *lines,
+        *finding_lines(analysis.findings, verbose=verbose, left_out=left_out, most=MOST_FINDINGS),
+    ]
 
 
 def _dropped(analysis: DropAnalysis, body: str) -> Message:

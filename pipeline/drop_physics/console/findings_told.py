@@ -19,13 +19,16 @@ MOST_FINDINGS = 6
 NUMBER = 3
 """Columns of a finding's number."""
 GAP = 3
-"""Columns at least before its code."""
+"""Columns at least before its code, which stands behind the last line where there is room."""
 
 
 def finding_lines(
-    findings: Sequence[Finding], *, verbose: bool, most: int = MOST_FINDINGS
+    findings: Sequence[Finding], *, verbose: bool, left_out: int = 0, most: int = MOST_FINDINGS
 ) -> list[str]:
-    """Return the findings with their numbers, each with what changes it and where."""
+    """Return the findings with their numbers, each with its site and what changes it.
+
+    And how many are not listed, or were left out by choice.
+    """
     lines: list[str] = []
     shown = findings if verbose else findings[:most]
     for number, each in enumerate(shown, 1):
@@ -34,6 +37,9 @@ def finding_lines(
     if hidden:
         more = Message("and {findings}: --verbose", findings=counted(hidden, "finding"))
         lines.append(f"[dim]{' ' * NUMBER}{escape(translated(more))}[/]")
+    if left_out:
+        words = Message("{findings} left out: --select all", findings=counted(left_out, "finding"))
+        lines += ["", f"[dim]{escape(translated(words))}[/]"]
     return lines
 
 
@@ -47,14 +53,13 @@ def _finding(number: int, finding: Finding) -> list[str]:
     message = wrapped(translated(text), room)
     advice = [] if finding.advice is None else wrapped(translated(finding.advice), room)
     first, *rest = message
-    lines = [f"[{style}]{left(str(number), NUMBER)}[/][{style}]{escape(first)}[/]"]
+    # Alone on its line, as linters write it: terminals and editors open that.
+    lines = [f"[cyan]{escape(finding.site)}[/]"] if finding.site else []
+    lines += [f"[{style}]{left(str(number), NUMBER)}[/][{style}]{escape(first)}[/]"]
     lines += [f"{' ' * NUMBER}{escape(line)}" for line in rest]
     lines += [f"{' ' * NUMBER}[green]{escape(line)}[/]" for line in advice]
-    # Behind the last line where there is room.
-    where = f"  {finding.site}" if finding.site else ""
-    last = (advice or message)[-1]
-    tail = f"[dim]{finding.code}[/][cyan]{escape(where)}[/]"
-    space = room - columns_of(last) - columns_of(finding.code + where)
+    code = f"[dim]{finding.code}[/]"
+    space = room - columns_of((advice or message)[-1]) - columns_of(finding.code)
     if space < GAP:
-        return [*lines, f"{' ' * NUMBER}{tail}"]
-    return [*lines[:-1], f"{lines[-1]}{' ' * space}{tail}"]
+        return [*lines, f"{' ' * NUMBER}{code}"]
+    return [*lines[:-1], f"{lines[-1]}{' ' * space}{code}"]

@@ -86,7 +86,9 @@ class Recording:
     def origin_and_end(self) -> Properties:
         """The script, its arguments, and how it ended."""
         ended = self.ended or {}
-        return self.origin | {name: ended.get(name) for name in ("ended", "error", "error_site")}
+        digest = {name: ended[name] for name in ("script_sha256",) if name in ended}
+        of_end = {name: ended.get(name) for name in ("ended", "error", "error_site")}
+        return digest | self.origin | of_end
 
     @property
     def scenario(self) -> Scenario:

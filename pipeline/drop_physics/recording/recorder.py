@@ -156,6 +156,7 @@ class Recorder:
         yield writer.property_chunk(schema.RECORDING_PROPERTY, self._closing(ended))
 
     def _closing(self, ending: Ending) -> dict[str, Any]:
+        origin = self.inputs.get(schema.ORIGIN_PROPERTY, {})
         closing = {
             "schema_version": schema.SCHEMA_VERSION,
             "samples": self.samples,
@@ -168,6 +169,7 @@ class Recorder:
             "ended": ending.how,
             "error": ending.error[:LONGEST] or None,
             "error_site": ending.site[:LONGEST] or None,
+            "script_sha256": None if origin.get("script_sha256") else ending.main_sha256,
             "notes": [note[:LONGEST] for note in ending.notes[:MOST_NOTES]] or None,
             **{f"{entity}_sha256": each.hexdigest() for entity, each in self._made.tables.items()},
             "frames_sha256": [each.hexdigest() for _, each in sorted(self._pictures.items())]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,6 +21,9 @@ from drop_physics.recording.layer import Line, write_layer
 from drop_physics.recording.layer import Shown as LayerShown
 from drop_physics.recording.layer_file import is_layer, layer_of
 from drop_physics.recording.reader import Recording, read
+from drop_physics.rules.answer import Finding
+from drop_physics.rules.choice import EVERY, Choice
+from drop_physics.stages.ignored import Ignored
 from drop_physics.stages.narrative import events, findings_markdown
 from drop_physics.stages.telling import viewed
 from drop_physics.trace.history import Seen, body_named
@@ -42,6 +45,8 @@ def analyze(
     body: str | None = None,
     out: Path | str | None = None,
     table: Path | str | None = None,
+    choice: Choice = EVERY,
+    script: Path | None = None,
     force: bool = False,
     progress: Progress = lambda *_: None,
 ) -> Analysis:
@@ -60,6 +65,10 @@ def analyze(
         The layer recording to write; None puts it beside the recording.
     table
         A `.parquet` or `.csv` file for the table of all samples, or None.
+    choice
+        Which findings are reported.
+    script
+        Where the recorded script is, if known: its comments leave findings out.
     force
         Whether existing files may be replaced; a layer under its default name always is.
     progress
@@ -83,7 +92,14 @@ def analyze(
     progress(ANALYZING, 0, _PARTS)
     read_back = read(path)
     progress(ANALYZING, 1, _PARTS)
-    analysis = _analysis_of(read_back, at_s, whole=bool(tables))
+    folders = [Path(), path.parent, path.parent.parent, (script or Path()).parent]
+    ignored = Ignored(read_back.origin_and_end.get("script_sha256"), folders)
+    analysis = _analysis_of(
+        read_back,
+        at_s,
+        whole=bool(tables),
+        reports=lambda finding: choice.reports(finding, ignored.at(finding.site)),
+    )
     progress(ANALYZING, 2, _PARTS)
     write_layer(
         layer,
@@ -115,13 +131,29 @@ def _hulls(analysis: Analysis) -> frozenset[str]:
     return frozenset(label for label in found if label is not None)
 
 
-def _analysis_of(read_back: Recording, at_s: Sequence[float], *, whole: bool) -> Analysis:
+def _analysis_of(
+    read_back: Recording,
+    at_s: Sequence[float],
+    *,
+    whole: bool,
+    reports: Callable[[Finding], bool],
+) -> Analysis:
     seen = read_back.seen
     if read_back.drop is not None:
-        return drop_analysis_of(read_back.scenario, read_back.engine, seen, at_s=at_s, whole=whole)
+        of_drop = drop_analysis_of(
+            read_back.scenario, read_back.engine, seen, at_s=at_s, whole=whole
+        )
+        reported = [*filter(reports, of_drop.findings)]
+        return replace(of_drop, findings=reported, left_out=len(of_drop.findings) - len(reported))
     _check_times(at_s, seen)
-    origin = read_back.origin_and_end
-    return Story(seen, origin, at_s=at_s or DEFAULT_AT_S, sums_at_s=at_s, whole=whole).analysis()
+    return Story(
+        seen,
+        read_back.origin_and_end,
+        at_s=at_s or DEFAULT_AT_S,
+        sums_at_s=at_s,
+        whole=whole,
+        reports=reports,
+    ).analysis()
 
 
 def _shown(analysis: Analysis, seen: Seen) -> LayerShown:

@@ -1,4 +1,4 @@
-"""Which recording is meant: the one named, that of a script, or the newest there is."""
+"""The recording that is meant: the one named, that of a script, or the newest there is."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def _of_script(script: Path, note: Callable[[str], None]) -> Path:
 
 
 def is_of(origin: Origin, target: str, *, is_module: bool, where_unknown: bool = False) -> bool:
-    """Whether a recording was made of a script, by its resolved path, or of a module, by its name.
+    """Return whether a recording was made of a script (by its resolved path) or module (its name).
 
     `where_unknown` is returned of recordings that do not say where a script of that name was.
     """
@@ -146,6 +146,6 @@ def origin_of(path: Path) -> Origin | None:
 
 
 def _named_after(path: Path, origin: Origin) -> bool:
-    """Whether a recording has the name that its script gives it."""
+    """Return whether a recording has the name that its script gives it."""
     stem = stem_of(str(origin.get("script", "")).removeprefix("-m "))
     return re.fullmatch(rf"{re.escape(stem)}(-\d+)?", path.stem) is not None

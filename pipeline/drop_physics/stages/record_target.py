@@ -29,7 +29,7 @@ class Earlier:
     status: os.stat_result
 
     def is_unchanged(self) -> bool:
-        """Whether it is still that file: another process may have replaced it."""
+        """Return whether it is still that file: another process may have replaced it."""
         try:
             now = self.path.stat()
         except OSError:
@@ -126,7 +126,7 @@ def _earlier(
 
 
 def _has_step(path: Path) -> bool:
-    """Whether a recording has a step; one that cannot be read counts as one that has."""
+    """Return whether a recording has a step; one that cannot be read counts as one that has."""
     try:
         closing = properties_of(path).get(RECORDING_PROPERTY, {})
     except RecordingError:

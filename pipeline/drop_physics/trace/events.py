@@ -422,6 +422,8 @@ class Ending:
     """What of it the program has printed itself."""
     site: str = ""
     """File and line of the script's own that failed."""
+    main_sha256: str | None = None
+    """Digest of the text of the file that ran as `__main__`, a module or a script."""
     notes: list[str] = field(default_factory=list)
     """What is worth knowing about the recording."""
     made_with: dict[str, Any] = field(default_factory=dict)

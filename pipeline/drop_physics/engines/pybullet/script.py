@@ -143,7 +143,9 @@ class Listener(ABC):
             "unseeded": decoder.unseeded or None,
             "real_time": decoder.real_time,
         }
-        ending = Ending(notes=list(decoder.faults), made_with=made_with)
+        ending = Ending(
+            main_sha256=decoder.main_sha256, notes=list(decoder.faults), made_with=made_with
+        )
         ended = decoder.ended or {}
         if decoder.stopped:
             ending.how = decoder.stopped

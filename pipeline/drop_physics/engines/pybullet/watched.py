@@ -62,6 +62,8 @@ class Decoder:
         """The sites of the latest call, and of the latest that raised."""
         self.samples = 0
         self.python: dict[str, Any] = {}
+        self.main_sha256: str | None = None
+        """Digest of the file that runs as `__main__`, once it has made a call."""
         self.stopped = ""
         self.ended: dict[str, Any] | None = None
         self.faults: list[str] = []
@@ -166,6 +168,9 @@ class Decoder:
 
     def _on_python(self, **note: Any) -> None:  # noqa: ANN401
         self.python.update(note)
+
+    def _on_main(self, sha256: str, **_: object) -> None:
+        self.main_sha256 = sha256
 
     def _on_pybullet(self, version: int, **_: object) -> None:
         self.python["pybullet_api"] = version

@@ -10,6 +10,8 @@ import os
 import sys
 from collections.abc import Callable
 from functools import cache
+from hashlib import sha256
+from io import FileIO
 from struct import Struct
 from typing import TYPE_CHECKING, Any
 
@@ -119,7 +121,18 @@ class Calls:
         shown = self._shown.get(name)
         if shown is None:
             shown = self._shown[name] = shown_file(name)
+            if place.f_globals.get("__name__") == "__main__":
+                self._tell_main(name)
         return shown, place.f_lineno
+
+    def _tell_main(self, name: str) -> None:
+        """Send the digest of the file that runs as a script, if it is one."""
+        try:
+            with FileIO(name) as file:
+                digest = sha256(file.read()).hexdigest()
+        except OSError:
+            return
+        self._pipe.write(frame(NOTE, encoded({"what": "main", "sha256": digest})))
 
 
 def numbers_of(

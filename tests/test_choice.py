@@ -1,0 +1,338 @@
+"""Which findings are reported, as a linter's: by a command, a project, a comment in the script.
+
+And which let an analysis fail; where each stands.
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import drop_physics
+import pytest
+from conftest import Drop
+from drop_physics.rules.answer import LEVELS
+from drop_physics.rules.codes import CODES
+from drop_physics.stages.ignored import comments_in
+
+PACKAGE = Path(drop_physics.__file__).parent
+# Two arms that cannot hold their pose, loaded and driven on lines of their own.
+ARMS = """import pybullet as p
+import pybullet_data
+
+p.connect(p.DIRECT)
+p.setAdditionalSearchPath(pybullet_data.getDataPath())
+p.setGravity(0, 0, -9.81)
+one = p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)
+other = p.loadURDF("kuka_iiwa/model.urdf", [2, 0, 0], useFixedBase=True)
+for arm in (one, other):
+    for joint, angle in enumerate([0, 0.8, 0, -1.2, 0, 0.5, 0]):
+        p.resetJointState(arm, joint, angle)
+for joint, angle in enumerate([0, 0.8, 0, -1.2, 0, 0.5, 0]):
+    p.setJointMotorControl2(one, joint, p.POSITION_CONTROL, angle, force=20){one}
+    p.setJointMotorControl2({two}
+        other, joint, p.POSITION_CONTROL, angle, force=30
+    )
+for _ in range(100):
+    p.stepSimulation()
+__import__("random").random()
+"""
+OFF = "off-target"
+
+Analyzed = Callable[..., tuple[list[str], int]]
+
+
+@pytest.fixture
+def arms(drop: Drop, tmp_path: Path) -> Callable[..., None]:
+    """Return what records the script, with comments on its two lines."""
+
+    def record(one: str = "", two: str = "", *options: str) -> None:
+        (tmp_path / "arms.py").write_text(ARMS.format(one=one, two=two))
+        assert drop("record", *options, "arms.py").returncode == 0
+
+    return record
+
+
+@pytest.fixture
+def analyzed(drop: Drop) -> Analyzed:
+    """Return what analyzes the newest recording: sites of `off-target`, and what is left out."""
+
+    def analyze(*options: str) -> tuple[list[str], int]:
+        result = json.loads(drop("analyze", *options, "--json").stdout)
+        found = [each["site"] for each in result["findings"] if each["code"] == OFF]
+        return found, result["left_out"]
+
+    return analyze
+
+
+def project(folder: Path, text: str) -> None:
+    (folder / "pyproject.toml").write_text(text)
+
+
+# -- a command ------------------------------------------------------------------------------------
+
+
+def test_a_command_selects_and_ignores_and_says_how_many(
+    drop: Drop, arms: Callable[..., None], analyzed: Analyzed
+) -> None:
+    arms()
+    result = json.loads(drop("analyze", "--json").stdout)
+    codes = [each["code"] for each in result["findings"]]
+    assert (codes.count(OFF), result["left_out"]) == (1, 0)
+    others = len(codes) - 1
+    assert others > 0
+    assert analyzed("--ignore", OFF) == ([], 1)
+    assert analyzed("--select", OFF) == (["arms.py:13"], others)
+    assert analyzed("--select", f"slides, {OFF}", "--ignore", OFF) == ([], others + 1)
+    assert analyzed("--ignore", "all") == ([], others + 1)
+    assert "left out" not in drop("analyze").stdout
+    said = drop("analyze", "--ignore", OFF).stdout
+    assert "\n1 finding left out: --select all\n" in said
+    assert "its motor is at its" not in said
+
+
+def test_of_a_drop_too(drop: Drop) -> None:
+    drop("simulate", "--out", "run.rrd", "--no-camera", "--no-gravity")
+    result = json.loads(drop("analyze", "run.rrd", "--ignore", "no-gravity", "--json").stdout)
+    assert "no-gravity" not in [each["code"] for each in result["findings"]]
+    assert result["left_out"] == 1
+    assert "1 finding left out" in drop("analyze", "run.rrd", "--ignore", "no-gravity").stdout
+    assert drop("analyze", "run.rrd", "--fail-on", "asked").returncode == 3
+
+
+@pytest.mark.parametrize(
+    ("level", "code"),
+    [("broken", 0), ("asked", 3), ("model", 3), ("repeat", 3), ("note", 3), ("never", 0)],
+)
+def test_what_is_as_grave_or_graver_fails(
+    drop: Drop, arms: Callable[..., None], level: str, code: int
+) -> None:
+    arms()
+    done = drop("analyze", "--select", OFF, "--fail-on", level)
+    assert done.returncode == code
+    assert OFF in done.stdout  # it is all printed
+    assert ("1 finding of level" in done.stderr) == bool(code)
+    assert drop("analyze", "--ignore", "all", "--fail-on", level).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--select", "offtarget"], "--select takes codes of findings, got 'offtarget'; did you"),
+        (["--ignore", ""], "--ignore takes codes of findings, got ''"),
+        (["--fail-on", "grave"], "--fail-on takes broken or asked or model or repeat or note or"),
+    ],
+)
+def test_what_is_no_code_or_level_is_one_line(
+    drop: Drop, arms: Callable[..., None], options: list[str], said: str
+) -> None:
+    arms()
+    done = drop("analyze", "recordings/arms.rrd", *options)
+    assert (done.returncode, done.stdout, len(done.stderr.splitlines())) == (2, "", 1)
+    assert said in done.stderr
+
+
+# -- a project ------------------------------------------------------------------------------------
+
+
+def test_a_project_chooses_and_the_command_counts_more(
+    drop: Drop, arms: Callable[..., None], analyzed: Analyzed, tmp_path: Path
+) -> None:
+    arms()
+    project(tmp_path.parent, f'[tool.drop]\nignore = ["{OFF}"]\nfail-on = "note"\n')
+    try:
+        assert analyzed() == ([], 1)
+        assert analyzed("--select", OFF)[0] == ["arms.py:13"]
+        assert analyzed("--select", "all") == (["arms.py:13"], 0)
+        assert analyzed("--ignore", "slides") == ([], 1)
+        assert drop("analyze", "--select", "all").returncode == 3
+        assert drop("analyze", "--select", "all", "--fail-on", "broken").returncode == 0
+        assert drop("analyze", "--select", "all", "--fail-on", "never").returncode == 0
+        project(tmp_path, "[project]\nname = 'nearest'\n")  # without a table of ours
+        assert analyzed() == (["arms.py:13"], 0)
+        project(tmp_path, '[tool.drop]\nselect = ["slides"]\n')
+        assert analyzed()[0] == []
+        assert analyzed("--select", OFF)[0] == ["arms.py:13"]
+    finally:
+        (tmp_path.parent / "pyproject.toml").unlink()
+
+
+def test_a_project_lets_a_script_alone_fail(drop: Drop, tmp_path: Path) -> None:
+    (tmp_path / "arms.py").write_text(ARMS.format(one="", two=""))
+    assert drop("arms.py").returncode == 0
+    project(tmp_path, '[tool.drop]\nfail-on = "asked"\n')
+    assert drop("arms.py").returncode == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[tool.drop]\nignored = []", "has no ignored; did you mean ignore?"),
+        ('[tool.drop]\nignore = "slides"', "takes a list of codes, got 'slides'"),
+        ('[tool.drop]\nignore = ["slide"]', "got 'slide'; did you mean slides?"),
+        ('[tool.drop]\nselect = ["slide"]', "got 'slide'; did you mean slides?"),
+        ('[tool.drop]\nfail-on = "bad"', "takes broken or asked or model or repeat or note or"),
+        ("[tool.drop]\nfail-on = 3", "takes a level, got 3"),
+        ("[tool.drop]\ntolerance = true", "takes a number of metres, got True"),
+        ("[tool.drop", "cannot be read"),
+        ("tool = 3", "[tool.drop] must be a table"),
+        ("tool.drop = 3", "[tool.drop] must be a table"),
+    ],
+)
+def test_a_project_that_asks_for_what_is_not_there_is_one_line(
+    drop: Drop, tmp_path: Path, standard_recording: Path, text: str, said: str
+) -> None:
+    project(tmp_path, text)
+    done = drop("analyze", standard_recording)
+    assert (done.returncode, done.stdout, len(done.stderr.splitlines())) == (2, "", 1)
+    assert said in done.stderr
+    assert "pyproject.toml" in done.stderr
+
+
+@pytest.fixture(scope="module")
+def standard_recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a short drop."""
+    path = tmp_path_factory.mktemp("drop") / "run.rrd"
+    scenario = drop_physics.Scenario(duration_s=0.1)
+    drop_physics.simulate(scenario, path, camera=None)
+    return path
+
+
+def test_a_project_says_how_far_a_golden_may_be_off(drop: Drop, tmp_path: Path) -> None:
+    for name, height in (("golden", "1"), ("run", "1.000001")):
+        drop("simulate", "--out", f"{name}.rrd", "--no-camera", "--height", height)
+    check = ["check", "run.rrd", "--against", "golden.rrd"]
+    assert drop(*check).returncode == 3
+    project(tmp_path, "[tool.drop]\ntolerance = 1e-3\n")
+    said = drop(*check, "--json")
+    assert json.loads(said.stdout)["tolerance_m"] == 1e-3
+    assert json.loads(drop(*check, "--tolerance", "0", "--json").stdout)["tolerance_m"] == 0
+
+
+# -- a comment ------------------------------------------------------------------------------------
+
+
+def test_a_comment_spares_its_line_and_no_other(
+    arms: Callable[..., None], analyzed: Analyzed
+) -> None:
+    """The same finding on two arms is one, of the worse: it is not spared with the other's."""
+    arms(two="  # drop: ignore[off-target]")
+    assert analyzed() == (["arms.py:13"], 1)
+    arms(one="  # it is weak  # drop: ignore[slides, off-target]")
+    assert analyzed() == (["arms.py:14"], 1)
+    arms(one="  # drop: ignore[slides]", two="  # drop: ignore[]")
+    assert analyzed() == (["arms.py:13"], 0)
+    arms(one="  # drop: ignore[off-target]", two="  # drop: ignore[off-target]")
+    assert analyzed() == ([], 1)
+    assert analyzed("--select", OFF)[0] == ["arms.py:13"]  # the command counts more
+
+
+def test_a_comment_counts_only_in_the_text_that_was_recorded(
+    arms: Callable[..., None], analyzed: Analyzed, tmp_path: Path
+) -> None:
+    script = tmp_path / "arms.py"
+    arms()
+    assert analyzed() == (["arms.py:13"], 0)
+    both = dict.fromkeys(("one", "two"), "  # drop: ignore[off-target]")
+    script.write_text(ARMS.format(**both))  # edited, and not recorded again
+    assert analyzed() == (["arms.py:13"], 0)
+    arms(**both)
+    assert analyzed() == ([], 1)
+    script.unlink()
+    assert analyzed() == (["arms.py:13"], 0)
+
+
+def test_the_script_is_found_from_elsewhere_and_of_a_module_too(
+    drop: Drop, drop_process: Drop, tmp_path: Path
+) -> None:
+    folder = tmp_path / "sims"
+    folder.mkdir()
+    both = dict.fromkeys(("one", "two"), "  # drop: ignore[off-target]")
+    (folder / "arms.py").write_text(ARMS.format(**both))
+    assert drop_process("record", "-m", "sims.arms").returncode == 0
+    recorded = tmp_path / "recordings/sims.arms.rrd"
+    result = json.loads(drop("analyze", "--json").stdout)
+    assert (result["left_out"], result["recording"]) == (1, "recordings/sims.arms.rrd")
+    drop("record", "--out", "one.rrd", "sims/arms.py")
+    assert json.loads(drop("analyze", "one.rrd", "--json").stdout)["left_out"] == 1
+    (tmp_path / "e/f").mkdir(parents=True)
+    for analysis in (
+        drop("analyze", "one.rrd", "--json"),
+        drop("analyze", "--json", recorded),
+    ):
+        assert json.loads(analysis.stdout)["left_out"] == 1
+
+
+def test_only_comments_count_and_only_whole_ones() -> None:
+    text = b"""a = "# drop: ignore[one]"
+b = 1  # drop: ignore[two, three]
+c = 2  # drop:ignore[four] and why
+d = 3  # drop: ignore four
+e = (  # drop: ignore[five]
+    6,
+)
+"""
+    assert comments_in(text) == {2: {"two", "three"}, 3: {"four"}, 5: {"five"}}
+    assert comments_in(b"x = '\n# drop: ignore[one]\n") in ({}, {2: {"one"}})  # no Python: no error
+
+
+# -- what stands where ----------------------------------------------------------------------------
+
+
+def test_a_site_stands_first_and_alone(drop: Drop, arms: Callable[..., None]) -> None:
+    arms()
+    said = drop("analyze").stdout
+    assert re.search(r"^\narms\.py:13\n1  lbr_iiwa_joint_\d ", said, re.MULTILINE)
+    assert said.count("arms.py:13") == 1
+    assert re.search(r"^(?:   .*)? {3,}off-target$", said, re.MULTILINE)
+
+
+def test_every_code_of_a_finding_can_be_chosen() -> None:
+    """Those that are written in the sources of the rules, and no others."""
+    written: set[str] = set()
+    for path in [*(PACKAGE / "rules").rglob("*.py"), *(PACKAGE / "drop").rglob("*.py")]:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            match node:
+                case ast.keyword(arg="code" | "reason", value=value):
+                    texts = ast.walk(value)
+                case ast.Assign(targets=[ast.Name(id="code")], value=value):
+                    texts = ast.walk(value)
+                case ast.Call(func=ast.Name(id=name), args=[value, *_]) if name.endswith("_rule"):
+                    texts = ast.walk(value)
+                case ast.Assign(
+                    targets=[ast.Tuple(elts=[ast.Name(id="code"), *_])],
+                    value=ast.Tuple(elts=[value, *_]),
+                ):
+                    texts = ast.walk(value)
+                case ast.AnnAssign(target=ast.Name(id="LEVEL_OF"), value=ast.Dict(keys=keys)):
+                    texts = iter(keys)
+                case _:
+                    continue
+            written |= {
+                each.value
+                for each in texts
+                if isinstance(each, ast.Constant) and isinstance(each.value, str)
+            }
+    assert written == CODES
+    assert len(LEVELS) == 5
+
+
+# -- the package ----------------------------------------------------------------------------------
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_the_version_is_the_packages_and_stands_where_it_is_cited() -> None:
+    import tomllib
+    from importlib.metadata import version
+
+    assert drop_physics.__version__ == version("drop-physics")
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert f"\nversion: {declared['version']}\n" in (ROOT / "CITATION.cff").read_text()
+    assert (ROOT / "CHANGELOG.md").read_text().splitlines()[2] == f"## {declared['version']}"
+    assert {"authors", "urls", "classifiers"} <= declared.keys()
+    systems = [each for each in declared["classifiers"] if each.startswith("Operating System ::")]
+    assert systems == ["Operating System :: POSIX :: Linux"]
