@@ -76,6 +76,7 @@ def analysis_of_world(world: World) -> DropAnalysis:
         settings=[each for each in events if isinstance(each, Settings)],
         surfaces=[],
         solvers=[],
+        readings=[],
         puts=[],
         samples={},
         sampled=Sampled(batch.states, batch.contacts, batch.joints),

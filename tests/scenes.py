@@ -104,7 +104,7 @@ def _record(
         tempfile.TemporaryFile() as memory,
         tempfile.TemporaryFile() as stream,
     ):
-        memory.truncate(pipe.BLOCK_BYTES)
+        memory.truncate(pipe.SHARED_BYTES)
         watch = start.watch(
             os.dup(stream.fileno()),
             os.dup(memory.fileno()),

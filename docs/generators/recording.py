@@ -121,6 +121,9 @@ HAPPENED = {
     schema.SETTINGS: "what the engine reports of itself: timestep, gravity, solver …",
     schema.SET: "where a call placed a body between two steps, unless it was there already, to "
     "the bit",
+    schema.READINGS: "a place in the script has read: function, file, line, the arguments given, "
+    "what it read, in which steps and how often (where `exact` is false, estimated from one of 61 "
+    "steps); of pictures the first one's matrices",
     schema.SITES: "a place in the script that calls the engine: function, file, line, the form of "
     "its arguments with `{}` for each number",
     schema.RAISED: "what a call raised",

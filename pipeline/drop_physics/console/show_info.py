@@ -10,10 +10,11 @@ from drop_physics.messages import Message, joined, localized, shell_command, tra
 
 if TYPE_CHECKING:
     from drop_physics.stages.info import Info
+    from drop_physics.trace.readings import Reading
 
 COLUMN = 12
-MOST_BODIES = 6
-"""Bodies that are listed; all are in the JSON."""
+MOST_BODIES, MOST_READINGS = 6, 4
+"""Bodies, and places that read, that are listed; all are in the JSON."""
 
 
 def show_info(info: Info, *, as_json: bool) -> None:
@@ -22,6 +23,25 @@ def show_info(info: Info, *, as_json: bool) -> None:
         print_json(info.as_json())
     else:
         print_lines(*info_lines(info))
+
+
+def _readings(info: Info) -> list[str]:
+    """Say where the script reads most often, what and how often."""
+    most = sorted(info.readings, key=lambda each: -each.count)
+    told = [translated(_reading(each)) for each in most[:MOST_READINGS]]
+    more = len(most) - MOST_READINGS
+    if more > 0:
+        told.append(localized("and {more:,} more: see --json", more=more))
+    return told
+
+
+def _reading(place: Reading) -> Message:
+    flags = ", ".join(f"{name}={value}" for name, value in place.flags.items())
+    read = f"{place.function}({flags})" if flags else place.function
+    site = f"{place.file}:{place.line}"
+    if place.exact:
+        return Message("{read} at {site}, {n:,} times", read=read, site=site, n=place.count)
+    return Message("{read} at {site}, some {n:,} times", read=read, site=site, n=place.count)
 
 
 def info_lines(info: Info) -> list[str]:
@@ -50,6 +70,7 @@ def info_lines(info: Info) -> list[str]:
         Message("bodies"): "; ".join(bodies) if bodies else NONE,
         Message("samples"): samples,
         Message("frames"): f"{info.frames:,}" if info.frames else NONE,
+        **({Message("reads"): "; ".join(_readings(info))} if info.readings else {}),
         **({Message("lacks"): "; ".join(info.notes)} if info.notes else {}),
         Message("engine"): info.engine,
         Message("id"): info.recording_id,

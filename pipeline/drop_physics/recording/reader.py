@@ -249,6 +249,7 @@ def _seen(told: Told, sampled: RecordedSamples, closing: Properties) -> Seen:
         dynamics=saying.dynamics(told, bodies),
         settings=saying.settings(told),
         solvers=saying.solvers(told),
+        readings=saying.readings(told),
         puts=saying.puts(told, bodies),
         samples=dict(enumerate(listed(closing.get("samples_of_clients")))),
         sampled=sampled,

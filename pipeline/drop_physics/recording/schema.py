@@ -15,7 +15,7 @@ import numpy as np
 from drop_physics.trace.states import BASE_STATE, CONTACT
 
 APPLICATION_ID = "drop"
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 
 STEP_TIMELINE = "sim_step"
 TIME_TIMELINE = "sim_time"
@@ -63,6 +63,8 @@ SETTINGS = "engine"
 """A row when they change: timestep, gravity … of the engine."""
 SOLVER = "solver"
 """A row per simulation whose contact solver stopped before it converged, written at its end."""
+READINGS = "readings"
+"""A row per place that reads, written at the end: function, file, line, what it read and when."""
 SITES = "sites"
 """A row per place that calls a function of the engine: function, file, line, form of arguments."""
 CALLS = "calls"
@@ -83,7 +85,7 @@ CONSTRAINTS = "constraints"
 
 JSON = "json"
 """The column of their rows."""
-TOLD = (BODIES, SURFACES, SET, DYNAMICS, SETTINGS, SOLVER, SITES, RAISED)
+TOLD = (BODIES, SURFACES, SET, DYNAMICS, SETTINGS, SOLVER, READINGS, SITES, RAISED)
 """Entities with rows of JSON, covered by one digest."""
 
 HAPPENED = (STATES.entity, CONTACTS.entity, f"{JOINTS}/", SET, CALLS, "camera/")

@@ -33,13 +33,14 @@ from drop_physics.trace.events import (
     Solver,
     Surface,
 )
+from drop_physics.trace.readings import Lens, Reading, Subject
 from drop_physics.trace.states import Joints
 
 Values = dict[str, Any]
 Row = tuple[At, Values]
 Told = Mapping[str, list[Row]]
 """By entity, its rows in the order of steps and calls."""
-Event = Appearance | Surface | Dynamics | Settings | Site | Raised | Solver | Put
+Event = Appearance | Surface | Dynamics | Settings | Site | Raised | Solver | Reading | Put
 
 
 def row_of(event: Event) -> tuple[str, At, Values]:
@@ -68,6 +69,8 @@ def row_of(event: Event) -> tuple[str, At, Values]:
             held = {each.name: getattr(event, each.name) for each in fields(event)}
             del held["at"]
             return schema.SOLVER, at, held
+        case Reading():  # at no time of its own, as a site
+            return schema.READINGS, At(0, 0.0, event.number), asdict(event)
         case Put(at, body):
             joints = {name: getattr(event.joints, name)[0].tolist() for name in schema.OF_JOINTS}
             base = {"body": body.number, "base": event.base.tolist(), "counts": event.counts}
@@ -143,6 +146,19 @@ def settings(told: Told) -> list[Settings]:
 def solvers(told: Told) -> list[Solver]:
     """Return how often solvers stopped early."""
     return [Solver(at, **values) for at, values in told[schema.SOLVER]]
+
+
+def readings(told: Told) -> list[Reading]:
+    """Return the places that read."""
+    found = []
+    for _, values in told[schema.READINGS]:
+        camera = values["camera"]
+        parts: Values = {
+            "targets": tuple(Subject(**each) for each in values["targets"]),
+            "camera": None if camera is None else Lens(**_tuples(camera)),
+        }
+        found.append(Reading(**{**_tuples(values), **parts}))
+    return found
 
 
 def sites(told: Told) -> dict[int, Site]:

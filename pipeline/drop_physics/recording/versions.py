@@ -1,4 +1,4 @@
-"""Which recordings can be read: those of today's schema and of earlier ones; what these lack.
+"""The recordings that can be read: those of today's schema and of earlier ones; what these lack.
 
 Users keep golden recordings, so a landed change of the format raises `schema.SCHEMA_VERSION` and
 adds to `ADDED` what recordings of earlier schemas lack, and to `tests/recordings` some of the
@@ -29,8 +29,10 @@ class Addition(NamedTuple):
 
 OLDEST = 3
 """The first schema that is read."""
-ADDED: Mapping[int, Addition] = {}
-"""By the schema that added it."""
+ADDED: Mapping[int, Addition] = {
+    4: Addition(Message("where the script read its simulation"), of_drops=False),
+}
+"""What each schema added."""
 
 
 def check_version(version: object, path: Path) -> None:

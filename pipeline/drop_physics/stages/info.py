@@ -24,6 +24,7 @@ from drop_physics.shown import Shown
 from drop_physics.sweeping.plan import replay_command
 from drop_physics.trace.events import ENDED, Body, Dynamics
 from drop_physics.trace.history import Seen
+from drop_physics.trace.readings import Reading
 from drop_physics.trace.states import BODY_LABEL, FLOOR_LABEL, by_body
 
 REPLACED = "\ufffd"
@@ -67,6 +68,8 @@ class Info(Shown, lines_of="drop_physics.console.show_info:info_lines"):
     """The analysis beside it; None if there is none, or it is of another recording."""
     notes: list[str]
     """What it lacks, and from where on, in a sentence each."""
+    readings: list[Reading]
+    """Where the script reads, in the order in which it first does."""
 
     def as_json(self) -> dict[str, object]:
         """Return the contract's JSON object."""
@@ -109,6 +112,7 @@ def info(recording: Path | str) -> Info:
         command=command,
         layer=_layer(path, held.recording_id),
         notes=[*listed(ended.get("notes")), *([held.lacks] if held.lacks else [])],
+        readings=seen.readings,
     )
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from drop_physics.messages import Message
 from drop_physics.physics.tree import places
+from drop_physics.trace.readings import Reading
 from drop_physics.trace.states import Float64, Int64, Joints, Rows
 
 
@@ -392,6 +393,7 @@ Event = (
     | Calls
     | Raised
     | Solver
+    | Reading
     | Put
     | Image
     | Samples

@@ -15,6 +15,7 @@ from drop_physics.errors import ScenarioError
 from drop_physics.trace.events import Appearance, Body, Dynamics, Put, Settings, Solver, Surface
 from drop_physics.trace.log import Log
 from drop_physics.trace.poses import inertial_frames, links_of, rows_of, tree_of
+from drop_physics.trace.readings import Reading
 from drop_physics.trace.states import BASE, STATE, Joints, Rows, by_body, motion_of
 
 Float64 = NDArray[np.float64]
@@ -71,6 +72,8 @@ class Seen:
     settings: list[Settings]
     solvers: list[Solver]
     """One for each simulation and iteration limit whose solver stopped early."""
+    readings: list[Reading]
+    """The places in the script that read."""
     puts: list[Put]
     samples: Mapping[int, int]
     """Number of samples of each simulation, by client; empty if unknown."""

@@ -29,10 +29,10 @@ def shared_block() -> IO[bytes]:
     try:
         block = tempfile.TemporaryFile()  # noqa: SIM115 - the caller closes it
         try:
-            block.truncate(pipe.BLOCK_BYTES)
+            block.truncate(pipe.SHARED_BYTES)
             # Else, on a full disk, the process that maps it would die when it first writes to it.
             if hasattr(os, "posix_fallocate"):
-                os.posix_fallocate(block.fileno(), 0, pipe.BLOCK_BYTES)
+                os.posix_fallocate(block.fileno(), 0, pipe.SHARED_BYTES)
         except BaseException:
             block.close()
             raise
@@ -41,7 +41,7 @@ def shared_block() -> IO[bytes]:
             "a temporary file of {size}, which the script's process writes to, cannot be created "
             "in {folder}: {reason}; make room there, set TMPDIR to another folder, or see: "
             "ulimit -f",
-            size=decimal(pipe.BLOCK_BYTES),
+            size=decimal(pipe.SHARED_BYTES),
             folder=tempfile.tempdir or Message("any folder"),
             reason=error.strerror,
         ) from error

@@ -11,6 +11,7 @@ import signal
 import subprocess
 import time
 from abc import ABC, abstractmethod
+from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -119,6 +120,7 @@ class Listener(ABC):
             time.sleep(TICK_S / 10)
         if not self._left:
             yield from self.decoder.feed(self._left_behind())
+        self.decoder.counters = self._counters()
         yield from self.decoder.rest()
 
     @abstractmethod
@@ -134,6 +136,11 @@ class Listener(ABC):
             before, used = pipe.BLOCK.unpack_from(memory)
             start = pipe.BLOCK.size + max(0, self._received - before)
             return memory[start : pipe.BLOCK.size + used]
+
+    def _counters(self) -> Sequence[int]:
+        """Return how often places have read."""
+        with mmap.mmap(self._memory, pipe.SHARED_BYTES, access=mmap.ACCESS_READ) as memory:
+            return array("Q", memory[pipe.BLOCK_BYTES :])
 
     def ending(self) -> Ending:
         """Return how it ended, after its events."""

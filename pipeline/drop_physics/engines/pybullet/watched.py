@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from drop_physics.engines.pybullet.described import Numbering, moving_links, reported_of, shapes_of
 from drop_physics.engines.pybullet.frames import Frames, StreamError
 from drop_physics.engines.pybullet.gathered import Known, World
+from drop_physics.engines.pybullet.reads import Reads
 from drop_physics.engines.pybullet.surfaces import surfaces_of
 from drop_physics.engines.pybullet.watch import pipe
 from drop_physics.fields import counted
@@ -78,6 +79,9 @@ class Decoder:
         self._bodies: dict[int, Known] = {}
         self._numbering = Numbering()
         self._solvers: dict[tuple[int, int], Solver] = {}
+        self._reads = Reads()
+        self.counters: Sequence[int] = ()
+        """How often places have read, as counted in the memory shared with the process."""
         self._caller: World | None = None
         """The simulation that the last call was for."""
 
@@ -126,6 +130,8 @@ class Decoder:
         for world in self._worlds.values():
             yield from world.gathered()
         yield from self._solvers.values()
+        if self.counters:
+            yield from self._reads.counted(self.counters)
         if self._frames.broken:
             self._is_cut_off(Message("the script wrote into drop's pipe"))
         elif self._frames.is_cut and self.stopped != "disk":
@@ -233,6 +239,7 @@ class Decoder:
         described = self._numbering.described(its.client, dynamics, note)
         known = Known(described, its, dynamics, note["visual"], note["joints"], note["inertial"])
         self._bodies[body] = its.ids[note["id"]] = known
+        self._reads.bodies_came()
         at = self._at(its)
         yield Appearance(at, known.body, there=True, came=True, sampled=its.sampled)
         yield from surfaces_of(at, known.body)
@@ -252,6 +259,18 @@ class Decoder:
         if world.ids.get(known.body.engine_id) is known:
             del world.ids[known.body.engine_id]
         yield Appearance(self._at(world), known.body, there=False)
+
+    def _on_reset(self, world: int) -> None:
+        self._reads.forget(self._worlds[world])
+
+    def _on_reading(self, world: int, **note: Any) -> None:  # noqa: ANN401
+        self._reads.describe(client=self._worlds[world].client, **note)
+
+    def _on_read(self, world: int, **note: Any) -> None:  # noqa: ANN401
+        self._reads.read(self._worlds[world], **note)
+
+    def _on_unread(self, error: str) -> None:
+        self.faults.append(Message("not all is known that the script read: {error}", error=error))
 
     def _on_dynamics(self, body: int, dynamics: list[Any]) -> Iterator[Event]:
         known = self._bodies[body]

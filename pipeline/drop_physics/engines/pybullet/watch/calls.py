@@ -68,9 +68,7 @@ class Calls:
         self, world: World, name: str, args: tuple[Any, ...], kwargs: dict[str, Any], place: Any
     ) -> None:
         """Send a call that is made in a frame, and plan how to send the next one of its form."""
-        form, caller = Form(name, args, kwargs), place
-        while caller.f_back is not None and caller.f_code.co_filename.startswith(OURS):
-            caller = caller.f_back  # another recording within this one
+        form, caller = Form(name, args, kwargs), caller_of(place)
         code = caller.f_code
         described = (
             name,
@@ -135,6 +133,13 @@ class Calls:
         self._pipe.write(frame(NOTE, encoded({"what": "main", "sha256": digest})))
 
 
+def caller_of(place: Any) -> Any:
+    """Return the frame of the script that called: another recording may be within this one."""
+    while place.f_back is not None and place.f_code.co_filename.startswith(OURS):
+        place = place.f_back
+    return place
+
+
 def numbers_of(
     name: str, args: tuple[Any, ...], kwargs: dict[str, Any]
 ) -> Callable[..., Any] | None:
@@ -151,7 +156,7 @@ def numbers_of(
         elif kind in (list, tuple, range) and len(value) <= LONGEST:
             terms.append(f"*{its}")
             checks.append(f"len({its}) == {len(value)}")
-        elif _is_numpy(kind) and value.ndim < 2 and value.size <= LONGEST:
+        elif is_numpy(kind) and value.ndim < 2 and value.size <= LONGEST:
             terms.append(f"*{its}.tolist()" if value.ndim else f"{its}.tolist()")
             checks.append(f"{its}.shape == {value.shape}")
         elif value is None or kind in (bool, str, bytes):
@@ -206,7 +211,7 @@ class Form:
             return repr(value)
         if kind in (str, bytes):
             return _escaped(repr(value if len(value) <= 300 else value[:300]))
-        if _is_numpy(kind):
+        if is_numpy(kind):
             few = value if value.size <= 1024 else value.ravel()[:1024]
             return self._text(few.tolist(), depth)
         if issubclass(kind, int):
@@ -227,7 +232,8 @@ class Form:
         return _escaped(f"<{kind.__name__}>")
 
 
-def _is_numpy(kind: type) -> bool:
+def is_numpy(kind: type) -> bool:
+    """Return whether a type is an array or a number of numpy's."""
     return kind.__module__.partition(".")[0] == "numpy" and hasattr(kind, "tolist")
 
 

@@ -106,9 +106,10 @@ IK = those_that("asks for joints")
 POLLS = those_that("polls")
 """Where a script asks whether the user has done something."""
 DRAWS = those_that("draws")
-READS = those_that("reads states", "reads contacts", "reads models", "computes dynamics")
+CONVERTS = those_that("converts")
+PHOTOGRAPHS = ROLES["photographs"]
+READS = CONVERTS | those_that("reads states", "reads contacts", "reads models", "computes dynamics")
 CHANGES_NOTHING = READS | those_that(
-    "converts",
     "polls",
     "draws",
     "sets a window",
@@ -116,4 +117,4 @@ CHANGES_NOTHING = READS | those_that(
     "keeps notes",
     "asks for the client",
 )
-"""Of these nothing is recorded, unless they fail."""
+"""Of these only where they are called is recorded, of what reads, and how they fail."""

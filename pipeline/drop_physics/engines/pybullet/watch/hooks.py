@@ -20,6 +20,7 @@ from .clock import CALL_S, Clock
 from .handlers import handler
 from .pipe import Pipe
 from .quiet import Window
+from .readings import Readings
 from .solver import ASKED_EVERY
 from .turns import Turn
 from .varied import Variation
@@ -123,7 +124,7 @@ class Watch:
         World.varied = {} if variation is None else variation.engine
         self.on = True
         self.lock = Turn()
-        self.calls = Calls(pipe)
+        self.calls, self.readings = Calls(pipe), Readings(self)
         self.stopped: str | None = None
         self.worlds: dict[int, World] = {}
         self.windows: dict[int, Window] = {}
@@ -220,6 +221,7 @@ class Watch:
         self._last_end = max(self._last_end, (world.step + 1, world.time_s))
         self.worlds.pop(client, None)
         self.calls.forget()
+        self.readings.forget()
         self.windows.pop(client, None)
         self.real_time_since.pop(client, None)
 
@@ -240,6 +242,7 @@ class Watch:
             )
         self.worlds.pop(world.client, None)
         self.calls.forget()
+        self.readings.forget()
         self.real_time_since.pop(world.client, None)
 
     # -- steps and time ---------------------------------------------------------------------------
@@ -252,6 +255,8 @@ class Watch:
         else:
             result = self._varied_step(varied, world, original, args, kwargs)
         self.steps_made += 1
+        if self.steps_made == self.readings.next_turn:
+            self.readings.turn(self.steps_made)
         if get_ident() != self._thread:
             self._threads.add(current_thread())
         self.clock.step(world.time_s)
@@ -308,6 +313,7 @@ class Watch:
         self.real_time_since.pop(world.client, None)
         if on and world.client in self.windows:
             self.real_time_since[world.client] = (self.clock.now_s(), world.time_s)
+            self.readings.look()
             self.pipe.note("real_time", world=world.number, step=world.step)
 
     def let_time_pass(self) -> None:
@@ -343,6 +349,7 @@ class Watch:
     def stop(self, why: str) -> None:
         """End the script: here, and at any further call of pybullet."""
         self.stopped = why
+        self.readings.look()
         self.pipe.note("stop", why=why)
         self.pipe.flush()
         raise Stop(0)

@@ -41,6 +41,12 @@ IMAGE_HEAD = struct.Struct("<I")
 BLOCK = struct.Struct("=QQ")
 """At the block's start: bytes sent so far, and bytes in it now."""
 BLOCK_BYTES = 1 << 20
+PLACES, COUNTERS = 1 << 12, 3
+"""Behind it are, of so many places that read, so many whole numbers in 64 bits: readings in all;
+whether some may be missing; the last step in which one was looked at."""
+MOST_TARGETS = 1024
+"""Most bodies, links or pairs of them that are listed of a place that reads."""
+SHARED_BYTES = BLOCK_BYTES + 8 * PLACES * COUNTERS
 CUT_BYTES = 64
 """Of the block, for the note that it is full and the pipe closed."""
 LONGEST = 1 << 29
@@ -62,7 +68,8 @@ class Pipe:
     def __init__(self, pipe: int, block: int) -> None:
         self._pipe = pipe
         self._inode = os.fstat(pipe).st_ino
-        self.memory: Any = mmap.mmap(block, BLOCK_BYTES)
+        self.memory: Any = mmap.mmap(block, SHARED_BYTES)
+        self.counters: Any = memoryview(self.memory)[BLOCK_BYTES:].cast("Q")
         self.counts: Any = memoryview(self.memory)[: BLOCK.size].cast("Q")
         os.set_inheritable(pipe, False)
         os.close(block)
@@ -142,6 +149,7 @@ class Pipe:
         """Let everything that is still sent go nowhere."""
         self.open = False
         self.memory, self.counts = bytearray(BLOCK_BYTES), [0, 0]
+        self.counters = [0] * (PLACES * COUNTERS)
         self.end, self.limit = BLOCK.size, BLOCK.size + FLUSH_BYTES
 
     def _hand_over(self, data: bytes | memoryview) -> None:

@@ -140,6 +140,7 @@ class World:
         """Note that a reset has removed all bodies."""
         for body in self.bodies.values():
             self._pipe.note("gone", body=body.number)
+        self._pipe.note("reset", world=self.number)
         self.bodies, self.loaded, self.hulls, self._before = {}, {}, {}, set()
         self.fields = set()
         self.fresh, self.moved, self.changed, self.recoloured = set(), {}, set(), set()

@@ -1,0 +1,79 @@
+"""What a watched script read: places as its process describes them, and as often as it counts."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from drop_physics.engines.pybullet.gathered import World
+from drop_physics.engines.pybullet.watch import pipe
+from drop_physics.trace.readings import Lens, Reading, Subject
+
+Ids = Sequence[tuple[int, int | None]]
+"""What is read, by the engine's ids: bodies and their links, or a constraint."""
+
+
+class Reads:
+    """All places that read."""
+
+    def __init__(self) -> None:
+        self._places: dict[int, dict[str, Any]] = {}
+        self._targets: dict[int, dict[Subject | int, None]] = {}
+        """What each place read, in that order; constraints as their ids."""
+        self._cut: set[int] = set()
+        """Places of which something is missing."""
+        self._waiting: list[tuple[World, int, Ids]] = []
+        """What was read of bodies that are not described yet."""
+
+    def describe(self, number: int, camera: dict[str, Any] | None, **described: Any) -> None:  # noqa: ANN401
+        """Note a place."""
+        seen = camera and Lens(**{name: tuple(its or ()) for name, its in camera.items()})
+        described["arguments"] = tuple(described["arguments"])
+        self._places[number] = {"number": number, "camera": seen, **described}
+        self._targets[number] = {}
+
+    def read(self, world: World, number: int, targets: list[Ids]) -> None:
+        """Note what a place has read."""
+        self._waiting += [(world, number, target) for target in targets]
+        self.bodies_came()
+
+    def bodies_came(self) -> None:
+        """Name what has been read by the numbers of bodies, where these are known."""
+        waiting, self._waiting = self._waiting, []
+        for world, number, ids in waiting:
+            if "constraintUniqueId" in self._places[number]["arguments"]:
+                self._add(number, ids[0][0])
+            elif all(body in world.ids for body, _ in ids):
+                parts = [(world.ids[body].body.number, link) for body, link in ids]
+                self._add(number, Subject(*parts[0], *itertools.chain(*parts[1:])))
+            else:
+                self._waiting.append((world, number, ids))
+
+    def _add(self, number: int, target: Subject | int) -> None:
+        targets = self._targets[number]
+        if target in targets or len(targets) < pipe.MOST_TARGETS:
+            targets[target] = None
+        else:
+            self._cut.add(number)
+
+    def forget(self, world: World | None) -> None:
+        """Note that the bodies of a simulation that were not described, or all, never will be."""
+        self._cut |= {number for its, number, _ in self._waiting if world in (its, None)}
+        self._waiting = [each for each in self._waiting if world not in (each[0], None)]
+
+    def counted(self, counters: Sequence[int]) -> Iterator[Reading]:
+        """Yield all places, with what was counted of each."""
+        self.forget(None)
+        for number, place in self._places.items():
+            at, targets = number * pipe.COUNTERS, self._targets[number]
+            count, is_estimate, last_step = counters[at : at + pipe.COUNTERS]
+            yield Reading(
+                **place,
+                last_step=last_step,
+                count=count,
+                exact=not is_estimate,
+                targets=tuple(each for each in targets if isinstance(each, Subject)),
+                constraints=tuple(each for each in targets if isinstance(each, int)),
+                complete=number not in self._cut,
+            )

@@ -1,0 +1,195 @@
+"""Where a script reads: by place and form of the arguments, how often and from when to when.
+
+A reading takes PyBullet a microsecond, and looking at it one more. So after a while the readings of
+a function that reads all the time are looked at in one of 61 steps, and each counts as 61; those of
+others always are, and those from an instruction that had not read before. Counts are kept in memory
+that the recorder shares: no crash loses any.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING, Any
+
+from .arguments import CLIENT, client_of, named, number, vector
+from .calls import MOST_PLANS, caller_of, is_numpy
+from .functions import CONVERTS, PHOTOGRAPHS
+from .pipe import COUNTERS, MOST_TARGETS, PLACES
+
+if TYPE_CHECKING:
+    from .hooks import Watch
+    from .worlds import World
+
+EXACT, TOGETHER, SHARE = 256, 4, 61
+"""Every reading is looked at in so many steps; then in groups of so many, which are one of so many
+steps. The readings of a function that has read in the last two groups pass unseen between these: of
+one that reads in every tenth step none do."""
+OF = {
+    "bodyUniqueId": ("linkIndex", "linkIndices", "jointIndex", "jointIndices"),
+    "objectUniqueId": ("linkIndex",),
+    "bodyA": ("linkIndexA",),
+    "bodyB": ("linkIndexB",),
+    "parentObjectUniqueId": ("parentLinkIndex",),
+    "constraintUniqueId": (),
+}
+"""Arguments that name what is read, and those that name links of it."""
+FLAGS = ("computeLinkVelocity", "computeForwardKinematics", "flags", "reportHitNumber", "renderer")
+"""Arguments that change what is read: with other values, it is another place."""
+PLAIN = {int, float, bool, str, type(None)}
+"""Types of arguments by which a reading is known again; vectors are mostly others each time."""
+
+
+class Readings:
+    """Counts what a script reads, and describes the places where it does."""
+
+    def __init__(self, watch: Watch) -> None:
+        self._watch, self._fails = watch, False
+        self.next_turn = EXACT - TOGETHER - TOGETHER * SHARE
+        """After so many steps `turn` is due."""
+        self._all = False
+        """Whether this is a step of such a group."""
+        self._unseen: dict[str, int] = {}
+        """The functions whose readings pass unseen, and as how many one counts that is seen."""
+        self._passing: dict[str, set[int]] = {}
+        self._seen: dict[str, set[int]] = {}
+        """The instructions of each function from which they do, and all that have read."""
+        self._read: set[str] = set()
+        self._read_before: set[str] = set()
+        """The functions that have read in this group, and in the one before it."""
+        self._plans: dict[Any, tuple[int, World]] = {}
+        """Where readings are counted, and their simulations, by code, instruction and arguments."""
+        self._codes: list[Any] = []
+        """The code of these, so that none is replaced by another at its address."""
+        self._places: dict[Any, int] = {}
+        self._numbers: dict[str, list[int]] = {}
+        """The numbers of the places, by function."""
+        self._targets: dict[int, set[Any]] = {}
+        """What was read at each place."""
+
+    def passing(self, name: str) -> set[int]:
+        """Return the instructions from which readings with a function pass unseen."""
+        return self._passing.setdefault(name, set())
+
+    def turn(self, steps: int) -> None:
+        """Begin a group of steps in which every reading is looked at, or end it."""
+        self._all = not self._all
+        if self._all:
+            self.next_turn, self._read = steps + TOGETHER, set()
+            for name in self._unseen:
+                self._passing[name].clear()
+                self._unseen[name] = SHARE
+            return
+        self.look()
+        self.next_turn = steps + TOGETHER * (SHARE - 1)
+        if not self._watch.real_time_since:  # where a reading takes time
+            for name in self._read & self._read_before & self._passing.keys():
+                self._unseen[name] = 1
+                self._passing[name] |= self._seen[name]
+                for number in self._numbers[name]:
+                    self._watch.pipe.counters[number * COUNTERS + 1] = 1
+        self._read_before, self._read = self._read, set()
+
+    def look(self) -> None:
+        """Let no reading pass unseen until the next turn."""
+        for name in self._unseen:
+            self._passing[name].clear()
+        self._unseen = {}
+
+    def forget(self) -> None:
+        """Note that the numbers of bodies may mean others."""
+        self._plans, self._codes, self._targets = {}, [], {}
+
+    def count(self, name: str, args: tuple[Any, ...], kwargs: dict[str, Any], place: Any) -> None:
+        """Count a reading that a frame has made."""
+        key = name, id(place.f_code), place.f_lasti, args, *kwargs.items()
+        try:
+            at, world = self._plans[key]
+        except (KeyError, TypeError):  # TypeError: a list among the arguments
+            found = self._found(name, args, kwargs, place)
+            if found is None:
+                return
+            at, world = found
+            self._seen.setdefault(name, set()).add(place.f_lasti)
+            if PLAIN.issuperset(map(type, (*args, *kwargs.values()))):
+                if len(self._codes) >= MOST_PLANS:
+                    self._plans, self._codes = {}, []
+                self._plans[key] = found
+                self._codes.append(place.f_code)
+        self._read.add(name)
+        counters = self._watch.pipe.counters
+        counters[at] += self._unseen.get(name, 1)
+        counters[at + 2] = world.step
+
+    def fail(self, error: Exception) -> None:
+        """Note that something could not be counted; the script goes on."""
+        if not self._fails:
+            self._fails = True
+            self._watch.pipe.note("unread", error=f"{type(error).__name__}: {error}")
+
+    def _found(
+        self, name: str, args: tuple[Any, ...], kwargs: dict[str, Any], place: Any
+    ) -> tuple[int, World] | None:
+        """Return where a reading is counted and its simulation; describe it where it is new."""
+        watch, pipe = self._watch, self._watch.pipe
+        world = watch.worlds.get(client_of(name, args, kwargs))
+        if world is None and name in CONVERTS:  # which reads no simulation
+            world = next(iter(watch.worlds.values()), None)
+        if world is None:
+            return None
+        arguments = named(name, args, kwargs)
+        arguments.pop(CLIENT, None)
+        file, line = watch.calls.place(caller_of(place))
+        flags = {key: number(arguments[key]) for key in FLAGS if key in arguments}
+        described = name, file, line, world.client, *arguments, *flags.values()
+        which = self._places.get(described)
+        if which is None:
+            which = self._places[described] = len(self._places)
+            if which == PLACES:
+                pipe.note("unread", error=f"it reads at more than {PLACES} places")
+            elif which < PLACES:
+                self._numbers.setdefault(name, []).append(which)
+                pipe.note(
+                    "reading",
+                    number=which,
+                    world=world.number,
+                    function=name,
+                    file=file,
+                    line=line,
+                    arguments=[*arguments],
+                    flags=flags,
+                    first_step=world.step,
+                    camera=_camera(arguments) if name == PHOTOGRAPHS else None,
+                )
+        if which >= PLACES:
+            return None
+        known = self._targets.setdefault(which, set())
+        new = [target for target in dict.fromkeys(_targets(arguments)) if target not in known]
+        if new and len(known) <= MOST_TARGETS:  # one too many tells that there are more
+            known.update(new)
+            pipe.note("read", number=which, world=world.number, targets=new[: MOST_TARGETS + 1])
+        return which * COUNTERS, world
+
+
+def _targets(arguments: dict[str, Any]) -> list[Any]:
+    """Return what is read: each one or two bodies, by the engine's ids, with links or None."""
+    parts = []
+    for body, links in OF.items():
+        which = number(arguments.get(body))
+        if which is not None and which >= 0:
+            found = [_numbers(arguments[link]) for link in links if link in arguments]
+            parts.append([(which, link) for link in (found[0] if found else [None])])
+    return [*itertools.product(*parts)] if parts else []
+
+
+def _numbers(value: Any) -> list[int | None]:
+    if is_numpy(type(value)):
+        value = value.tolist()
+    return [*map(number, value)] if isinstance(value, (list, tuple, range)) else [number(value)]
+
+
+def _camera(arguments: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "size_px": [number(arguments.get(side)) for side in ("width", "height")],
+        "view": vector(arguments.get("viewMatrix")),
+        "projection": vector(arguments.get("projectionMatrix")),
+    }
