@@ -54,7 +54,9 @@ FILES = {str(path.relative_to(PACKAGE)): path for path in sorted(PACKAGE.rglob("
 def room_of(*parts: str) -> str:
     """Return the room of a path or module below the package: `scenario` has three files."""
     first = parts[0].removesuffix(".py")
-    return {"fields": "scenario", "kinds": "scenario", "cli_options": "cli"}.get(first, first)
+    return {"fields": "scenario", "option_types": "scenario", "cli_options": "cli"}.get(
+        first, first
+    )
 
 
 @cache

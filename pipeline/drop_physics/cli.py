@@ -115,7 +115,7 @@ def analyze(
     For a script's recording: why it did that, the worst first, with the call that changes it; then
     its joints and bodies. With --at the steps at these times, each as a sum of named impulses.
     """
-    from drop_physics.kinds import times
+    from drop_physics.option_types import times
     from drop_physics.stages.found import recording_of
 
     at_s, recording = times(at or []), recording_of(run, output.note)
@@ -210,7 +210,7 @@ def run(
     """Simulate, analyze and render: the whole story of one drop."""
     from drop_physics.console.show_run import show_run
     from drop_physics.figures.playback import Animation
-    from drop_physics.kinds import times
+    from drop_physics.option_types import times
     from drop_physics.stages.run import run
 
     animation = Animation(fps=fps, speed=speed, caption=caption, with_plot=with_plot)
@@ -296,7 +296,7 @@ def sweep(
 
         get_ready(jobs)
     from drop_physics.console.show_sweep import show_sweep
-    from drop_physics.kinds import times
+    from drop_physics.option_types import times
     from drop_physics.stages.sweep import sweep
     from drop_physics.sweeping.plan import plan_of
 

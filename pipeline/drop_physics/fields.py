@@ -15,8 +15,8 @@ from numbers import Integral, Real
 from typing import Any, Self
 
 from drop_physics.errors import ScenarioError
-from drop_physics.kinds import TEXT, Kind
 from drop_physics.messages import Message
+from drop_physics.option_types import TEXT, OptionType
 
 
 def fraction(value: float) -> str:
@@ -87,7 +87,7 @@ class Option:
 
     name: str
     help: str
-    kind: Kind
+    kind: OptionType
     default: str
     low: float = -math.inf
     high: float = math.inf
@@ -231,7 +231,7 @@ class Option:
 def option(
     name: str,
     help: str,  # noqa: A002 - the command line's word
-    kind: Kind = TEXT,
+    kind: OptionType = TEXT,
     *,
     default: Any,  # noqa: ANN401
     shown: str | None = None,

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from drop_physics.fields import Option
-from drop_physics.kinds import integer, number
+from drop_physics.option_types import integer, number
 from drop_physics.scenario import Camera, Scenario
 
 Given = Mapping[str, Any]

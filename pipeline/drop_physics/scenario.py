@@ -14,13 +14,13 @@ from typing import Literal, get_args
 
 from drop_physics.errors import ScenarioError
 from drop_physics.fields import Optioned, all_of, alternatives, option, shown
-from drop_physics.kinds import (
+from drop_physics.option_types import (
     INTEGER,
     NUMBER,
     ORIENTATION,
     SIZE,
     VECTOR,
-    Kind,
+    OptionType,
     Quaternion,
     Vector,
     number,
@@ -83,7 +83,7 @@ def gravity(text: str) -> float:
         raise ScenarioError("a number or one of {presets}", presets=presets) from None
 
 
-GRAVITY = Kind(gravity, "NUMBER|NAME", float)
+GRAVITY = OptionType(gravity, "NUMBER|NAME", float)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -14,9 +14,9 @@ from drop_physics.explain.decomposition import VectorTerms
 from drop_physics.explain.joints import JointRow
 from drop_physics.explain.jsonable import jsonable
 from drop_physics.explain.touches import Touch
+from drop_physics.printable import Printable
 from drop_physics.report import EngineReport
 from drop_physics.rules.answer import Finding
-from drop_physics.shown import Shown
 
 Vector = tuple[float, float, float]
 
@@ -214,7 +214,7 @@ class Explained:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Analysis(Shown, lines_of=LINES):
+class Analysis(Printable, lines_of=LINES):
     """Everything that the analysis of a recording found."""
 
     origin: dict[str, Any] | None

@@ -15,7 +15,7 @@ from drop_physics.console.output import harmless
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from drop_physics.shown import Shown
+    from drop_physics.printable import Printable
 
 PICTURES = {".gif": "gif", ".png": "png", ".webp": "webp", ".apng": "apng", ".svg": "svg+xml"}
 """What a browser shows: file suffix -> media type."""
@@ -37,18 +37,18 @@ WIDEST = 1000
 """Columns; the lines are already wrapped."""
 
 
-def text_of(result: Shown) -> str:
+def text_of(result: Printable) -> str:
     """Return what the terminal prints of a result, without colours."""
     return "\n".join(line.rstrip() for line in _printed(result).export_text().splitlines())
 
 
-def html_of(result: Shown) -> str:
+def html_of(result: Printable) -> str:
     """Return the same text as HTML, followed by the result's tables and pictures."""
     text = _printed(result).export_html(theme=THEME, inline_styles=True, code_format=PRE)
     return "\n".join([text, *_tables(result), *_pictures(result)])
 
 
-def _printed(result: Shown) -> Console:
+def _printed(result: Printable) -> Console:
     console = Console(
         file=io.StringIO(),
         record=True,

@@ -15,7 +15,7 @@ import dartpy
 import numpy as np
 
 from drop_physics.engines.session import Numbers, PrimitiveShape, RigidBody, force_of_point
-from drop_physics.kinds import Quaternion
+from drop_physics.option_types import Quaternion
 from drop_physics.physics.rotations import matrix
 from drop_physics.scenario import Scenario
 

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.kinds import Quaternion, Vector
+from drop_physics.option_types import Quaternion, Vector
 from drop_physics.physics.rotations import matrix
 
 Float64 = NDArray[np.float64]

@@ -22,11 +22,11 @@ from drop_physics.figures.animation import decoded
 from drop_physics.files.outputs import check_apart, check_target
 from drop_physics.files.whole import replaced
 from drop_physics.messages import Message, shell_command
+from drop_physics.printable import Printable
 from drop_physics.recording import sealing
 from drop_physics.recording.checks import damaged
 from drop_physics.recording.frames import frames, frames_of_cameras
 from drop_physics.recording.reader import Recording, is_recording, read
-from drop_physics.shown import Shown
 
 Image = tuple[int, int, int]
 """Step, camera, and how many images that took there before."""
@@ -48,7 +48,7 @@ class FrameComparison:
 
 
 @dataclass(frozen=True)
-class Check(Shown, lines_of="drop_physics.console.show_check:check_lines"):
+class Check(Printable, lines_of="drop_physics.console.show_check:check_lines"):
     """Whether a recording is the same physics as a golden one, and where it is not."""
 
     recording: Path

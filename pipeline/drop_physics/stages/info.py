@@ -13,6 +13,7 @@ from drop_physics.explain.jsonable import jsonable
 from drop_physics.explain.times import Times
 from drop_physics.fields import counted
 from drop_physics.messages import Message, joined, shell_command
+from drop_physics.printable import Printable
 from drop_physics.recording import schema
 from drop_physics.recording.about import engine_in_words
 from drop_physics.recording.frames import frames, frames_of_cameras
@@ -20,7 +21,6 @@ from drop_physics.recording.inputs import Drop
 from drop_physics.recording.layer_file import is_layer, layer_of
 from drop_physics.recording.reader import Recording, listed, read, recording_id
 from drop_physics.scenario import Scenario
-from drop_physics.shown import Shown
 from drop_physics.sweeping.plan import replay_command
 from drop_physics.trace.events import ENDED, Body, Dynamics
 from drop_physics.trace.history import Seen
@@ -32,7 +32,7 @@ REPLACED = "\ufffd"
 
 
 @dataclass(frozen=True)
-class Info(Shown, lines_of="drop_physics.console.show_info:info_lines"):
+class Info(Printable, lines_of="drop_physics.console.show_info:info_lines"):
     """What a recording is and holds."""
 
     recording: Path

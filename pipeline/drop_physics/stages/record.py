@@ -23,11 +23,11 @@ from drop_physics.engines.pybullet.script import Program
 from drop_physics.fields import all_of
 from drop_physics.files.outputs import check_apart
 from drop_physics.messages import Message
+from drop_physics.printable import Printable
 from drop_physics.recording import schema, writer
 from drop_physics.recording.about import about_script
 from drop_physics.recording.layout import layout
 from drop_physics.recording.recorder import Recorder
-from drop_physics.shown import Shown
 from drop_physics.stages.found import name_of, path_digest
 from drop_physics.stages.missing_file import missing_file
 from drop_physics.stages.program import (
@@ -47,7 +47,7 @@ CANNOT_LOAD = "pybullet.error: Cannot load"
 
 
 @dataclass(frozen=True)
-class Recorded(Shown, lines_of="drop_physics.console.show_record:record_lines"):
+class Recorded(Printable, lines_of="drop_physics.console.show_record:record_lines"):
     """What was recorded of a script."""
 
     recording: Path

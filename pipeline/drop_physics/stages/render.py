@@ -22,11 +22,11 @@ from drop_physics.figures.plot import Plot
 from drop_physics.files.outputs import check_apart, check_kind, check_target
 from drop_physics.files.whole import written_whole
 from drop_physics.messages import Message
+from drop_physics.printable import Printable
 from drop_physics.recording.checks import damaged
 from drop_physics.recording.contents import is_script
 from drop_physics.recording.reader import Recording, read
 from drop_physics.scenario import View
-from drop_physics.shown import Shown
 from drop_physics.stages.film import Film, frames_film, poses_film
 from drop_physics.stages.telling import plot_of
 from drop_physics.workers import Worker, cores
@@ -42,7 +42,7 @@ DRAW_PLOT = "drop_physics.figures.panel_plot:render"
 
 
 @dataclass(frozen=True)
-class Rendering(Shown, lines_of="drop_physics.console.show_run:rendering_lines"):
+class Rendering(Printable, lines_of="drop_physics.console.show_run:rendering_lines"):
     """What was rendered; a path is None where there was nothing to render."""
 
     gif: Path | None

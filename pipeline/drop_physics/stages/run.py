@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from drop_physics.figures.playback import EVERY_FRAME, Animation
 from drop_physics.files.outputs import make_folder, reserved
+from drop_physics.printable import Printable
 from drop_physics.scenario import STANDARD_CAMERA, Camera, Scenario
-from drop_physics.shown import Shown
 from drop_physics.workers import Worker
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ _DERIVED = (".analysis.rrd", ".gif", ".png")
 
 
 @dataclass(frozen=True)
-class Run(Shown, lines_of="drop_physics.console.show_run:run_lines"):
+class Run(Printable, lines_of="drop_physics.console.show_run:run_lines"):
     """The results of the three stages."""
 
     simulation: Simulation

@@ -15,12 +15,12 @@ from drop_physics.engines.worlds import world_of
 from drop_physics.errors import check_suffix
 from drop_physics.files.outputs import check_apart, check_room, check_target
 from drop_physics.messages import Message
+from drop_physics.printable import Printable
 from drop_physics.recording import writer
 from drop_physics.recording.falling import Progress
 from drop_physics.recording.layout import layout, look_of_drop
 from drop_physics.recording.live import shown
 from drop_physics.scenario import BYTES_PER_SAMPLE, STANDARD_CAMERA, Camera, Scenario
-from drop_physics.shown import Shown
 from drop_physics.stages.recorded import BATCH, recorded
 from drop_physics.workers import Worker
 
@@ -31,7 +31,7 @@ LARGE_BYTES = 1_000_000_000
 
 
 @dataclass(frozen=True)
-class Simulation(Shown, lines_of="drop_physics.console.show_run:simulation_lines"):
+class Simulation(Printable, lines_of="drop_physics.console.show_run:simulation_lines"):
     """What was recorded of a drop."""
 
     recording: Path

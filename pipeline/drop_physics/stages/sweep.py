@@ -23,8 +23,8 @@ from drop_physics.errors import DropError, ScenarioError
 from drop_physics.fields import counted, outside
 from drop_physics.files.outputs import check_apart, check_room, check_target
 from drop_physics.messages import Message
+from drop_physics.printable import Printable
 from drop_physics.scenario import Camera, Scenario
-from drop_physics.shown import Shown
 from drop_physics.stages.sweep_groups import Group, statistics_of, studies_of
 from drop_physics.stages.sweep_ledger import LEAST_SAMPLES, Ledger, Progress
 from drop_physics.stages.sweep_shard import RunShard, ShardDone, release_world
@@ -43,7 +43,7 @@ LEAST_BYTES = 50_000
 
 
 @dataclass(frozen=True)
-class Sweep(Shown, lines_of="drop_physics.console.show_sweep:sweep_lines"):
+class Sweep(Printable, lines_of="drop_physics.console.show_sweep:sweep_lines"):
     """The results of a sweep."""
 
     plan: Plan

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from drop_physics.engines.pybullet.script import Program
 from drop_physics.errors import DropError
 from drop_physics.messages import Message
-from drop_physics.shown import Shown
+from drop_physics.printable import Printable
 from drop_physics.stages.program import SEEDED_CLOCK_S, STOPPED, checked_limits
 from drop_physics.stages.trust_runs import (
     BASE,
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Trust(Shown, lines_of="drop_physics.console.show_trust:trust_lines"):
+class Trust(Printable, lines_of="drop_physics.console.show_trust:trust_lines"):
     """What of a script's result stands."""
 
     script: str

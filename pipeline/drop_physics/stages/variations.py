@@ -9,7 +9,7 @@ from typing import Any
 from drop_physics.engines.pybullet.watch.arguments import ARGUMENTS, CLIENT
 from drop_physics.errors import ScenarioError
 from drop_physics.fields import shown
-from drop_physics.kinds import number
+from drop_physics.option_types import number
 
 NUDGE = 1e-9
 """How far bodies and joints are moved before the first step [m, rad]."""

@@ -14,6 +14,7 @@ from drop_physics import colours
 from drop_physics.drop.one_sample import DEFAULT_AT_S
 from drop_physics.errors import ScenarioError
 from drop_physics.explain.times import Times
+from drop_physics.printable import Printable
 from drop_physics.recording import pictures, schema, viewer, writer
 from drop_physics.recording.contents import is_script
 from drop_physics.recording.drawing import poses_in_tree
@@ -24,13 +25,12 @@ from drop_physics.recording.reader import read, recording_id
 from drop_physics.recording.viewer import Viewer
 from drop_physics.recording.writer import Chunk
 from drop_physics.scenario import ENGINES, Engine, Scenario
-from drop_physics.shown import Shown
 from drop_physics.stages.check import check
 from drop_physics.trace.history import Seen
 
 
 @dataclass(frozen=True)
-class View(Shown, lines_of="drop_physics.console.show_view:view_lines"):
+class View(Printable, lines_of="drop_physics.console.show_view:view_lines"):
     """What the viewer shows, and how it is started."""
 
     recordings: list[Path]

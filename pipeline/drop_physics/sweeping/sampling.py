@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from drop_physics.errors import ScenarioError
-from drop_physics.kinds import INTEGER, TEXT, Vector, number
 from drop_physics.messages import Message
+from drop_physics.option_types import INTEGER, TEXT, Vector, number
 from drop_physics.scenario import Scenario
 
 Stream = np.random.Generator

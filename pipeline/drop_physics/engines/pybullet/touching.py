@@ -11,7 +11,7 @@ from collections.abc import Callable
 from operator import itemgetter
 
 from drop_physics.engines.pybullet.engine import p
-from drop_physics.kinds import Quaternion
+from drop_physics.option_types import Quaternion
 
 Distance = Callable[[float], float | None]
 """From a height of the body's centre to its distance from the floor [m]; None if unknown."""

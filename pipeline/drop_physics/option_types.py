@@ -1,4 +1,4 @@
-"""The kinds of value that an option takes: how each is parsed, and its components.
+"""The types of value that an option takes: the parser of each, and its components.
 
 Text is only ever parsed, never evaluated.
 """
@@ -94,8 +94,8 @@ def times(texts: Sequence[str]) -> list[float]:
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
-    """One kind of value."""
+class OptionType:
+    """One type of value."""
 
     read: Callable[[str], Any]
     """Parses a text; its ScenarioError says what is expected."""
@@ -111,9 +111,9 @@ class Kind:
     """The separator of its parts."""
 
 
-NUMBER = Kind(number, "NUMBER", float)
-INTEGER = Kind(integer, "N", int)
-VECTOR = Kind(vector, "X,Y,Z", float, (3,), ("x", "y", "z"))
-ORIENTATION = Kind(orientation, "R,P,Y|X,Y,Z,W", float, (3, 4), ("roll", "pitch", "yaw"))
-SIZE = Kind(size, "WIDTHxHEIGHT", int, (2,), joined="x")
-TEXT = Kind(str, "TEXT", str)
+NUMBER = OptionType(number, "NUMBER", float)
+INTEGER = OptionType(integer, "N", int)
+VECTOR = OptionType(vector, "X,Y,Z", float, (3,), ("x", "y", "z"))
+ORIENTATION = OptionType(orientation, "R,P,Y|X,Y,Z,W", float, (3, 4), ("roll", "pitch", "yaw"))
+SIZE = OptionType(size, "WIDTHxHEIGHT", int, (2,), joined="x")
+TEXT = OptionType(str, "TEXT", str)

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 NOTEBOOK, VIEW = "drop_physics.console.notebook", "drop_physics.stages.view"
 
 
-class Shown:
+class Printable:
     """A result that Python prints as the command does."""
 
     __slots__ = ()
@@ -20,7 +20,7 @@ class Shown:
 
     def __init_subclass__(cls, lines_of: str) -> None:
         cls.lines_of = lines_of
-        cls._repr_pretty_ = Shown._repr_pretty_  # type: ignore[method-assign]  # before a dataclass's __repr__
+        cls._repr_pretty_ = Printable._repr_pretty_  # type: ignore[method-assign]  # before a dataclass's __repr__
 
     def lines(self) -> list[str]:
         """Return what the terminal prints, with Rich's markup."""
