@@ -36,7 +36,7 @@ KINDS: dict[str, tuple[Callable[[object], bool], Message]] = {
 
 
 @dataclass(frozen=True)
-class Settings:
+class ProjectSettings:
     """The table of a project; empty where there is none."""
 
     path: Path
@@ -71,7 +71,7 @@ def _listed(text: str | None) -> list[str] | None:
     return None if text is None else [each.strip() for each in text.split(",")]
 
 
-def settings(folder: Path | None = None) -> Settings:
+def settings(folder: Path | None = None) -> ProjectSettings:
     """Return the settings in the nearest pyproject.toml in or above a folder, the working one.
 
     Raises
@@ -82,7 +82,7 @@ def settings(folder: Path | None = None) -> Settings:
     start = (folder or Path()).resolve()
     path = next((at / FILE for at in (start, *start.parents) if (at / FILE).is_file()), None)
     if path is None:
-        return Settings(Path(FILE), {})
+        return ProjectSettings(Path(FILE), {})
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
         table = tables.get("tool", {}).get("drop", {})
@@ -109,4 +109,4 @@ def settings(folder: Path | None = None) -> Settings:
                 kind=kind,
                 value=repr(value),
             )
-    return Settings(path, table)
+    return ProjectSettings(path, table)
