@@ -30,6 +30,11 @@ pytestmark = [
 ]
 
 
+def test_no_cell_is_empty_but_those_that_only_define(outputs: list[list[dict[str, Any]]]) -> None:
+    assert [bool(shown) for shown in outputs[1:]] == [True] * 5
+    assert "arm.rrd   721 samples" in outputs[1][0]["data"]["text/plain"]
+
+
 def test_a_result_is_shown_once_with_its_plot(outputs: list[list[dict[str, Any]]]) -> None:
     (shown,) = outputs[2]
     text, html = shown["data"]["text/plain"], shown["data"]["text/html"]
@@ -37,6 +42,8 @@ def test_a_result_is_shown_once_with_its_plot(outputs: list[list[dict[str, Any]]
     assert html.count("ends 1.3 rad off") == 1
     assert html.count("<img") == 1
     assert max(map(len, text.splitlines())) <= 80
+    assert "off-target  In[1], line 15" in text
+    assert "font-family: var(--jp-code-font-family, monospace)" in html
     assert all(colour not in html for colour in ("#000000", "#ffffff", "#008000"))
 
 
@@ -46,8 +53,9 @@ def test_the_arm_holds_with_the_force_that_is_named(outputs: list[list[dict[str,
 
 
 def test_a_viewer_is_shown_where_it_is_installed(outputs: list[list[dict[str, Any]]]) -> None:
-    kinds = [kind for shown in outputs[5] for kind in shown.get("data", {})]
-    assert "application/vnd.jupyter.widget-view+json" in kinds
+    film, *widgets = [shown["data"] for shown in outputs[5]]
+    assert "application/vnd.jupyter.widget-view+json" in widgets[-1]
+    assert "data:image/gif" in film["text/html"]  # until the viewer is there, or in its place
 
 
 def test_the_notebook_is_kept_without_outputs() -> None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import base64
 import inspect
+import io
 import pydoc
 import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import drop_physics
 import pybullet as p
@@ -15,6 +18,7 @@ import pytest
 from clients import release_clients
 from conftest import Drop
 from drop_physics import DropError, Run, Scenario, analyze, check, plan_of, simulate, sweep
+from drop_physics.engines.pybullet.watch.calls import shown_file
 from drop_physics.errors import (
     PARAMETERS,
     OutputError,
@@ -23,6 +27,8 @@ from drop_physics.errors import (
     in_parameters,
 )
 from drop_physics.scenario import Camera
+from drop_physics.trace.events import located
+from PIL import Image
 
 ROOT = Path(__file__).parents[1]
 
@@ -115,6 +121,31 @@ def test_a_result_prints_as_the_terminal_prints_it(
 
 
 @pytest.mark.long
+def test_without_a_viewer_a_notebook_shows_a_film_and_says_why(
+    standard: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    shown = standard.analysis.view()
+    html = shown._repr_html_()
+    assert "a viewer in a notebook needs rerun-notebook" in html
+    data = re.findall('src="data:image/gif;base64,([^"]*)"', html)
+    with Image.open(io.BytesIO(base64.b64decode(data[0]))) as film:
+        assert film.n_frames == 21  # every second one, so that it is short
+    swept = sweep({"timestep_s": [1 / 240]}, tmp_path / "swept")
+    with pytest.raises(ScenarioError, match="only the result of a recording can be viewed"):
+        swept.view()
+
+
+def test_a_line_of_a_notebook_is_named_by_its_cell(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in IPython's tracebacks; any other file keeps its name."""
+    cells = {"/tmp/ipykernel_7/1234.py": ("Cell", "In[3]")}
+    shell = SimpleNamespace(compile=SimpleNamespace(format_code_name=cells.get))
+    assert shown_file("/tmp/ipykernel_7/1234.py") == "1234.py"
+    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
+    assert located(shown_file("/tmp/ipykernel_7/1234.py"), 15) == "In[3], line 15"
+    assert located(shown_file("/tmp/other.py"), 15) == "other.py:15"
+
+
 def test_a_notebook_shows_text_table_and_plot(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, standard: Run
 ) -> None:

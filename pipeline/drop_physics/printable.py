@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib
 from typing import Any, ClassVar
 
-NOTEBOOK, VIEW = "drop_physics.console.notebook", "drop_physics.stages.view"
+NOTEBOOK = "drop_physics.console.notebook"
 
 
 class Printable:
@@ -40,6 +40,7 @@ class Printable:
     def view(self, *, height_px: int = 700) -> Any:  # noqa: ANN401 - a widget of Rerun's
         """Return Rerun's viewer of the result's recording, with its analysis, for a notebook.
 
-        It needs `rerun-notebook`, which `pip install '.[notebook]'` brings.
+        It needs `rerun-notebook`, which `pip install '.[notebook]'` brings, and a page in which
+        widgets live. Elsewhere a film of the recording stands in for it.
         """
-        return importlib.import_module(VIEW).in_notebook(self, height_px)
+        return importlib.import_module(NOTEBOOK).Viewed(self, height_px)

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import base64
+import importlib
 import io
+import uuid
 from collections.abc import Iterator
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.terminal_theme import TerminalTheme
 
 from drop_physics.console.output import harmless
+from drop_physics.errors import DropError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -19,7 +23,20 @@ if TYPE_CHECKING:
 
 PICTURES = {".gif": "gif", ".png": "png", ".webp": "webp", ".apng": "apng", ".svg": "svg+xml"}
 """What a browser shows: file suffix -> media type."""
-PRE = '<pre style="line-height: normal; overflow-x: auto">{code}</pre>'
+PRE = (
+    '<pre style="font-family: var(--jp-code-font-family, monospace); line-height: normal; '
+    'overflow-x: auto">{code}</pre>'
+)
+"""Text in columns, whatever the notebook does with its outputs."""
+HIDDEN = """<div id="{name}">{film}<p>{note}</p></div><script>{{
+const film = document.getElementById("{name}")
+const cell = film.closest(".jp-OutputArea, .output, .cell-output, body")
+const seen = setInterval(() => {{
+  if (cell.querySelector("canvas")) {{ film.style.display = "none"; clearInterval(seen) }}
+}}, 500)
+setTimeout(() => clearInterval(seen), 60000)
+}}</script>"""
+"""A film that hides once a viewer is beside it: not in a page that runs no script or no widget."""
 GREY = (127, 127, 127)
 COLOURS = [
     GREY,
@@ -88,6 +105,35 @@ def _pictures(result: Any) -> Iterator[str]:  # noqa: ANN401
         yield from _files(result.gif, result.plot)
     elif isinstance(result, Sweep):
         yield from _files(result.plot)
+
+
+class Viewed:
+    """Rerun's viewer in a notebook; where that cannot be shown, a film, or the result's plot."""
+
+    def __init__(self, result: Any, height_px: int) -> None:  # noqa: ANN401
+        from drop_physics.stages.render import film_of
+        from drop_physics.stages.view import in_notebook, recording_of
+
+        self._widget, note = None, ""
+        recording = recording_of(result)
+        try:
+            self._widget = in_notebook(result, height_px)
+        except DropError as missing:  # the viewer
+            note = escape(str(missing))
+        try:
+            film = _picture(film_of(recording), "gif")
+        except DropError:  # of nothing that can be drawn
+            film = "\n".join(_pictures(result))
+        self._html = HIDDEN.format(name=f"drop-{uuid.uuid4().hex}", film=film, note=note)
+
+    def _repr_html_(self) -> str:
+        return self._html
+
+    def _ipython_display_(self) -> None:
+        shell = importlib.import_module("IPython.display")
+        shell.display(shell.HTML(self._html))
+        if self._widget is not None:
+            shell.display(self._widget)
 
 
 def _files(*paths: Path | None) -> Iterator[str]:

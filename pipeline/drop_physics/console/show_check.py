@@ -348,7 +348,7 @@ def _call(call: Call | None) -> Message:
         arguments = f"{arguments[:LONGEST]}…"
     values = {
         "call": f"{call.at.call}: {call.function}({arguments})",
-        "place": f"{call.file}:{call.line}",
+        "place": call.site.place,
     }
     if call.raised:
         return Message("{call} raised {error} at {place}", error=call.raised, **values)

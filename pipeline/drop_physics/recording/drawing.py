@@ -320,7 +320,7 @@ class Drawing:
                 continue
             site = sites[number]
             numbers = seen.numbers[ends[place] : ends[place + 1]].tolist()
-            line = f"{site.function}({text_of(site, numbers)})   {site.file}:{site.line}"
+            line = f"{site.function}({text_of(site, numbers)})   {site.place}"
             if count == MOST_LINES:
                 line += "   (later calls from here are not listed)"
             rows = slice(place, place + 1)

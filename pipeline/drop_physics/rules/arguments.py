@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from drop_physics.trace.calls import Call
-from drop_physics.trace.events import Site
+from drop_physics.trace.events import Site, located
 
 
 def given(call: Call, name: str) -> tuple[float, ...]:
@@ -22,4 +22,4 @@ def number(call: Call, name: str, default: float = math.nan) -> float:
 
 def site_of(where: Call | Site) -> str:
     """Return file and line of a call, as findings cite it."""
-    return f"{where.file}:{where.line}"
+    return located(where.file, where.line)

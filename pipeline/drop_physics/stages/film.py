@@ -111,7 +111,8 @@ def poses_film(
     *,
     view: View,
     body: str | None,
-    table: pl.DataFrame,
+    table: pl.DataFrame | None,
+    most: int = MOST_DRAWN,
     dark: bool,
     clock: bool,
     hire: Callable[[int], Sequence[Worker]],
@@ -130,7 +131,9 @@ def poses_film(
     body
         The body for `close` and `follow`, by name or number; None for the one that moves farthest.
     table
-        Of a drop, the fall and its theory, as for `FallScene`.
+        Of a drop, the fall and its theory, as for `FallScene`; None to show the body alone.
+    most
+        How many pictures there are at most: of a longer film every second, third … of them.
     dark
         Whether it is for a dark page.
     clock
@@ -156,11 +159,11 @@ def poses_film(
     taken = held.camera if held.drop is not None else None
     dropped = [part for part in parts if part.number == BODY and math.isfinite(part.radius_m)]
     scene = None
-    if held.drop is not None and dropped:
+    if table is not None and held.drop is not None and dropped:
         floor_m = held.engine.rest_height_m if held.scenario.floor else None
         scene = FallScene(dropped, table, AXES, floor_m)
     every_s = taken.capture_every * held.scenario.timestep_s if taken else 1 / DRAWN_PER_S
-    times_s = _drawn_at(_end_s(held.seen, parts), every_s)
+    times_s = _drawn_at(_end_s(held.seen, parts), every_s, most)
     interval_s = times_s[1] - times_s[0] if len(times_s) > 1 else 1 / DRAWN_PER_S
     played = playback(animation, len(times_s), interval_s, most_fps=most_fps)
     shown_s = np.array(times_s)[played.frames]
@@ -189,10 +192,10 @@ def _end_s(seen: Seen, parts: Sequence[Part]) -> float:
     return max(*sampled_s, *(float(part.times_s[-1]) for part in parts), 0.0)
 
 
-def _drawn_at(end_s: float, interval_s: float) -> list[float]:
-    """Return the times at which pictures are drawn: evenly spaced, at most `MOST_DRAWN`."""
+def _drawn_at(end_s: float, interval_s: float, most: int) -> list[float]:
+    """Return the times at which pictures are drawn: evenly spaced, at most so many."""
     count = int(end_s / interval_s + 1e-9) + 1
-    every = -(-count // MOST_DRAWN)
+    every = -(-count // most)
     return [number * every * interval_s for number in range(-(-count // every))]
 
 

@@ -131,7 +131,7 @@ def record(
             keep_sleeping=keep_sleeping,
             seed=seed,
         )
-        how, error, site = "finished", "", ""
+        how, error, site = "finished", "", ending.NOWHERE
         try:
             yield block
         except Stop:

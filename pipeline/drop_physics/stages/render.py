@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
     from drop_physics.recording.falling import Progress  # its module loads Rerun
 
 
+SHORT, SHORT_FPS = 32, 10.0
+"""Most pictures of a short film, and pictures per second."""
 DRAW_PLOT = "drop_physics.figures.panel_plot:render"
 
 
@@ -270,6 +273,32 @@ def _composed(
             composition = composition or Composition(picture.size, plot, captions, dark=dark)
             yield composition.composed(picture, time_s)
         progress(words, done, count)
+
+
+def film_of(recording: Path) -> bytes:
+    """Return a short film of a recording, drawn from its poses, as a gif.
+
+    Raises
+    ------
+    RecordingError
+        If the recording cannot be read, or has nothing to show.
+    """
+    held, stream = read(recording), io.BytesIO()
+    with ExitStack() as running:
+        made = poses_film(
+            held,
+            Animation(fps=SHORT_FPS),
+            SHORT_FPS,
+            view="standard",
+            body=None,
+            table=None,
+            most=SHORT,
+            dark=False,
+            clock=True,
+            hire=_hiring(running, None),
+        )
+        write_animation(made.pictures, stream, suffix=".gif", fps=SHORT_FPS)
+    return stream.getvalue()
 
 
 def plot_png(analysis: Analysis | FallAnalysis, *, dark: bool = False) -> bytes:

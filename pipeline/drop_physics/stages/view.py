@@ -209,6 +209,20 @@ def show(shown: View) -> None:
             process.wait()
 
 
+def recording_of(result: Any) -> Path:  # noqa: ANN401
+    """Return the recording of a result.
+
+    Raises
+    ------
+    ScenarioError
+        If the result has none.
+    """
+    recording: Path | None = getattr(getattr(result, "simulation", result), "recording", None)
+    if recording is None:
+        raise ScenarioError("only the result of a recording can be viewed; view that of analyze")
+    return recording
+
+
 def in_notebook(result: Any, height_px: int) -> Any:  # noqa: ANN401 - a widget of Rerun's
     """Return Rerun's viewer of a result's recording, for a notebook.
 
@@ -219,11 +233,8 @@ def in_notebook(result: Any, height_px: int) -> Any:  # noqa: ANN401 - a widget 
     ScenarioError
         If the result has no recording.
     """
-    made = getattr(result, "simulation", result)
-    recording: Path | None = getattr(made, "recording", None)
-    if recording is None:
-        raise ScenarioError("only the result of a recording can be viewed; view that of analyze")
-    layer = getattr(made, "layer", None) or layer_of(recording)
+    recording = recording_of(result)
+    layer = getattr(result, "layer", None) or layer_of(recording)
     return viewer.in_notebook([recording, *([layer] if layer.is_file() else [])], height_px)
 
 

@@ -255,6 +255,11 @@ class Settings:
     values: Mapping[str, float | Sequence[float]]
 
 
+def located(file: str, line: int) -> str:
+    """Return a place as `arm.py:13`, which terminals link; in a notebook as `In[3], line 13`."""
+    return f"{file}, line {line}" if file.startswith("In[") else f"{file}:{line}"
+
+
 @dataclass(frozen=True)
 class Site:
     """A place that calls a function of the engine with arguments of one form."""
@@ -263,7 +268,7 @@ class Site:
     """In the recording, in order of the first calls."""
     function: str
     file: str
-    """File of the call, without folders of this machine."""
+    """File of the call, without folders of this machine; a notebook's cell is `In[3]`."""
     line: int
     """Counted from 1."""
     form: str
@@ -272,6 +277,11 @@ class Site:
     """The argument that each number belongs to; a vector's numbers have the same one."""
     whole: tuple[bool, ...]
     """Whether each number was a whole one in the first call."""
+
+    @property
+    def place(self) -> str:
+        """File and line, as findings cite them."""
+        return located(self.file, self.line)
 
     @cached_property
     def places(self) -> Mapping[str, slice]:

@@ -22,7 +22,7 @@ from drop_physics.engines.pybullet.watch import pipe
 from drop_physics.engines.pybullet.watched import Decoder
 from drop_physics.errors import DropError
 from drop_physics.messages import Message
-from drop_physics.trace.events import Ending, Event
+from drop_physics.trace.events import Ending, Event, located
 from drop_physics.workers import how_it_ended, under_load, users_environment
 
 WATCHING = Path(__file__).with_name("watch")
@@ -157,7 +157,8 @@ class Listener(ABC):
         if decoder.stopped:
             ending.how = decoder.stopped
         elif ended:
-            ending.how, ending.error, ending.site = ended["how"], ended["error"], ended["site"]
+            ending.how, ending.error = ended["how"], ended["error"]
+            ending.site = located(*ended["site"]) if ended["site"][0] else ""
             ending.printed = "" if _EXIT_CODE.fullmatch(ending.error) else ending.error
         else:
             ending.how, ending.error = "failed", Message("its process ended")

@@ -34,6 +34,7 @@ from drop_physics.trace.events import (
     Site,
     Solver,
     counted_s,
+    located,
 )
 
 Float64 = NDArray[np.float64]
@@ -305,10 +306,10 @@ class Decoder:
         self.real_time = True
 
     def _on_timing(self, file: str, line: int) -> None:
-        self.timing = f"{file}:{line}"
+        self.timing = located(file, line)
 
     def _on_unseeded(self, called: str, file: str, line: int) -> None:
-        self.unseeded.append(f"{called} at {file}:{line}")
+        self.unseeded.append(f"{called} at {located(file, line)}")
 
     def _on_fault(self, world: int, step: int, error: str) -> Iterator[Event]:
         self.faults.append(

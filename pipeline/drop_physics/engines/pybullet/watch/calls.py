@@ -243,7 +243,14 @@ def _escaped(text: str) -> str:
 
 
 def shown_file(name: str) -> str:
-    """Return a file's name, relative to the working directory or the module path."""
+    """Return a file's name, relative to the working directory or the module path.
+
+    That of a notebook's cell is `In[3]`, as IPython's own tracebacks say.
+    """
+    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    cell_of = getattr(getattr(shell, "compile", None), "format_code_name", None)
+    if cell_of is not None and cell_of(name):
+        return str(cell_of(name)[1])
     try:
         here = os.getcwd()
     except OSError:  # it was removed

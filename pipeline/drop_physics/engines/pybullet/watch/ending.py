@@ -24,6 +24,8 @@ WRAPPERS = (
 """The files whose functions stand before others: the script's tracebacks are without them."""
 LIBRARY = os.path.dirname(os.__file__)
 """The folder of Python's own modules."""
+NOWHERE = "", 0
+"""File and line where there is none."""
 PR_SET_PDEATHSIG, SIGKILL = 1, 9
 """From Linux's `sys/prctl.h` and `signal.h`."""
 
@@ -64,7 +66,7 @@ def run(watch: Watch, script: Callable[[], None], ours: str) -> None:
     raise SystemExit(code)  # not sys.exit, which the script may have replaced
 
 
-def end(watch: Watch, how: str, error: str = "", site: str = "") -> None:
+def end(watch: Watch, how: str, error: str = "", site: tuple[str, int] = NOWHERE) -> None:
     """Send the recorder what is left, and that the script is over: nothing follows."""
     watch.finish()
     watch.lock.remove()
@@ -72,7 +74,7 @@ def end(watch: Watch, how: str, error: str = "", site: str = "") -> None:
     watch.pipe.flush()
 
 
-def _tell(watch: Watch, how: str, error: str = "", site: str = "") -> None:
+def _tell(watch: Watch, how: str, error: str = "", site: tuple[str, int] = NOWHERE) -> None:
     """Tell how the script has ended, and with an error, in which line of its own.
 
     What its threads, its functions of `atexit` and its finalizers still do is recorded.
@@ -95,15 +97,15 @@ def _end_last(watch: Watch) -> None:
         watch.settle()
 
 
-def place_of(error: BaseException, ours: str) -> str:
-    """Return the last line of the script's own files that an error came through, as file:line."""
-    place = ""
+def place_of(error: BaseException, ours: str) -> tuple[str, int]:
+    """Return the last of the script's own files that an error came through, and the line."""
+    place = NOWHERE
     trace = error.__traceback__
     while trace is not None:
         name = trace.tb_frame.f_code.co_filename
         library = name.startswith(("<", LIBRARY)) or draws.INSTALLED.search(name)
         if not library and name not in WRAPPERS and not _is_ours(trace, ours):
-            place = f"{shown_file(name)}:{trace.tb_lineno}"
+            place = shown_file(name), trace.tb_lineno
         trace = trace.tb_next
     return place
 
