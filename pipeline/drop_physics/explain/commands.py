@@ -312,6 +312,8 @@ def _columns(told: Command, steps: Int64, width: int, timestep_s: Float64) -> Fl
     force = told.values.get("force", np.empty((0, 0)))
     force = force if force.shape[1] == width else one("force", FORCE)
     target, rate = one("targetPosition", 0.0), one("targetVelocity", 0.0)
+    turning = told.values.get("targetVelocity", np.full((len(steps), width), np.nan))
+    turning = turning if turning.shape[1] == width else np.full((len(steps), width), np.nan)
     kp, kd, top = one("positionGain", 0.1), one("velocityGain", 1.0), one("maxVelocity", 0.0)
     site = float(told.site.number)
     columns = np.empty((len(steps), len(NAMES), width))
@@ -319,7 +321,7 @@ def _columns(told: Command, steps: Int64, width: int, timestep_s: Float64) -> Fl
         (
             mode,
             np.where(position & single, target, np.nan),
-            rate if single else np.nan,
+            rate if single else turning,
             np.where(position, kp, 0.0),
             kd,
             force * timestep_s[:, None],

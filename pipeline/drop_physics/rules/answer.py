@@ -19,8 +19,9 @@ from drop_physics.explain.touches import TouchTable
 from drop_physics.messages import Message, joined
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.asked_of_bodies import AskedOfBodies
+from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.placing import Placing
-from drop_physics.trace.calls import Call
+from drop_physics.trace.calls import BODY_NAMES, Call
 from drop_physics.trace.events import Body
 from drop_physics.trace.history import Piece, Seen
 
@@ -131,12 +132,14 @@ class Scene:
     touches: TouchTable
     asked: AskedOfBodies = field(init=False)
     placing: Placing = field(init=False)
+    inputs: Inputs = field(init=False)
     piece: Piece = field(init=False)
     """The latest, and what its bodies did in it, by their numbers."""
     judged: Mapping[int, Judged] = field(init=False)
 
     def __post_init__(self) -> None:
         self.asked, self.placing = AskedOfBodies(self.seen.appearances), Placing(self.seen)
+        self.inputs = Inputs(self)
 
     def see(self, explained: Explained) -> None:
         """Take a piece, before any answer does."""
@@ -145,6 +148,7 @@ class Scene:
         self.touches.add(explained)
         self.asked.see(self.piece)
         self.placing.see(self.piece)
+        self.inputs.see()
 
     def forget(self) -> None:
         """Free the latest piece."""
@@ -156,6 +160,14 @@ class Scene:
         """Yield calls of the latest piece by the beginning of their names, each with its body."""
         for call, _, came in self.piece.calls.of_bodies(*functions):
             yield call, came.body
+
+    def body_of(self, call: Call) -> Body | None:
+        """Return the body that a call of the latest piece names, or whose constraint it names."""
+        place = next((at for name in BODY_NAMES if (at := call.site.places.get(name))), None)
+        if place is None:
+            return None
+        came = self.piece.calls.body_at(call, int(call.numbers[place.start]))
+        return None if came is None else came.body
 
     def driven(self) -> Iterator[Driven]:
         """Yield the joints of each body in the steps of the latest piece."""

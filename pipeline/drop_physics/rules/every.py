@@ -6,7 +6,12 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from drop_physics.messages import Message
-from drop_physics.rules import motors  # noqa: F401 - its rules are registered
+from drop_physics.rules import (  # noqa: F401 - their rules are registered
+    motors,
+    not_taken,
+    overwritten,
+    taken_elsewhere,
+)
 from drop_physics.rules.answer import Answer, Finding
 from drop_physics.rules.asleep import Asleep
 from drop_physics.rules.beyond_urdf import BeyondUrdf
@@ -23,6 +28,7 @@ from drop_physics.rules.ik_off import IkOff
 from drop_physics.rules.impossible_inertia import ImpossibleInertia
 from drop_physics.rules.inertia_from_shape import InertiaFromShape
 from drop_physics.rules.inertia_without_mass import InertiaWithoutMass
+from drop_physics.rules.input_rule import InputRules
 from drop_physics.rules.joined import Joined
 from drop_physics.rules.joint_damping import JointDamping
 from drop_physics.rules.massless import Massless
@@ -77,6 +83,7 @@ ANSWERS: tuple[type[Answer], ...] = (
     CollidesAsHull,
     Tunnelled,
     # calls and files
+    InputRules,
     ScriptFailed,
     NotStepped,
     NoGravity,
@@ -103,13 +110,20 @@ ANSWERS: tuple[type[Answer], ...] = (
 )
 
 
+BESIDE_NOTHING = frozenset(("default-damping",))
+"""What is true of nearly every run, and an answer only where nothing was asked in vain."""
+
+
 def ranked(findings: Iterable[Finding]) -> list[Finding]:
     """Return findings, the gravest first; the same one on many bodies is one, the worst of them."""
     groups: dict[tuple[str, str], list[Finding]] = {}
     for each in findings:
         text = each.message.template if isinstance(each.message, Message) else each.message
         groups.setdefault((each.code, text), []).append(each)
-    return sorted((_one_of(group) for group in groups.values()), key=lambda each: each.rank)
+    found = sorted((_one_of(group) for group in groups.values()), key=lambda each: each.rank)
+    if found and found[0].level in ("broken", "asked"):
+        found = [each for each in found if each.code not in BESIDE_NOTHING]
+    return found
 
 
 def _one_of(group: list[Finding]) -> Finding:

@@ -58,6 +58,8 @@ class NoGravity(Answer):
         for (client, episode), floats in self._floats.items():
             resets = self._resets.get(client, [])
             call, before = resets[episode - 1] if episode else (None, 0.0)
+            if client in self.scene.inputs.left_out("setGravity")[1]:
+                continue  # the call is there, and for another client: `other-client`
             if (client, episode) not in self._told and (client, before > 0) not in found:
                 found[client, before > 0] = _floats(floats, call, before)
         yield from found.values()

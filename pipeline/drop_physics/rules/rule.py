@@ -25,6 +25,7 @@ from drop_physics.messages import Message
 from drop_physics.rules.answer import Answer, Cure, Effect, Finding, Level, Noted, Notes, Scene
 from drop_physics.rules.joint import link_of, units_of
 from drop_physics.rules.thresholds import AT_TARGET_M, AT_TARGET_RAD
+from drop_physics.trace.events import Joint
 from drop_physics.trace.motors import POSITION
 
 Float64 = NDArray[np.float64]
@@ -84,6 +85,8 @@ class Rule:
     matches: Callable[[Any], Match]
     least_count: int = 1
     """Least number of steps in which it holds."""
+    reason: str | None = None
+    """Which of the code's causes it is."""
     words: Callable[[Worst], Said | None] = lambda _: None
 
     @property
@@ -104,7 +107,7 @@ class Rule:
         return Finding(
             code=self.code,
             level=said.level or self.level,
-            reason=said.reason,
+            reason=said.reason or self.reason,
             message=said.message,
             advice=said.advice if said.cure is None else said.cure.call,
             cure=said.cure,
@@ -120,12 +123,12 @@ JOINT_RULES: list[Rule] = []
 
 
 def joint_rule(
-    code: str, level: Level, *, least_count: float = 1
+    code: str, level: Level, *, least_count: float = 1, reason: str | None = None
 ) -> Callable[[Callable[[JointColumns], Match]], Rule]:
     """Make a function from joints to a match a rule: of each robot its worst joint is told."""
 
     def made(matches: Callable[[JointColumns], Match]) -> Rule:
-        rule = Rule(code, level, matches, int(least_count))
+        rule = Rule(code, level, matches, int(least_count), reason)
         JOINT_RULES.append(rule)
         return rule
 
@@ -152,6 +155,14 @@ class JointColumns:
         self.at_target = np.array([AT_TARGET_M if unit == "m" else AT_TARGET_RAD for unit in units])
         """Gap below which each joint is at its target, shape (joint_rates,)."""
 
+    def of_joints(self, number: Callable[[Joint], float]) -> Float64:
+        """Return a number of each joint as a column, the same in all steps."""
+        body = self.driven.body
+        values = np.empty(self.asked.target.shape[1])
+        for joint, place in zip(body.joints, body.rates, strict=True):
+            values[place] = number(joint)
+        return np.broadcast_to(values, self.asked.target.shape)
+
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - a column of either
         return getattr(self.driven if hasattr(self.driven, name) else self.asked, name)
 
@@ -161,21 +172,21 @@ class JointRules(Answer):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        self._noted: dict[tuple[str, int], Notes[int]] = {}
-        """By code and the number of a body, its joints."""
+        self._noted: dict[tuple[int, int], Notes[int]] = {}
+        """By the place of a rule and the number of a body, its joints."""
 
     @np.errstate(all="ignore")  # what is not asked for is nan
     def see(self) -> None:
         """Take a piece."""
         for driven in self.scene.driven():
             joints = JointColumns(driven)
-            for rule in JOINT_RULES:
+            for place, rule in enumerate(JOINT_RULES):
                 match = rule.matches(joints)
                 if match.where.any():
-                    self._note(rule, driven, match)
+                    self._note(place, driven, match)
 
-    def _note(self, rule: Rule, driven: Driven, match: Match) -> None:
-        notes = self._noted.setdefault((rule.code, driven.body.number), Notes())
+    def _note(self, place: int, driven: Driven, match: Match) -> None:
+        notes = self._noted.setdefault((place, driven.body.number), Notes())
         numbers = {"site": driven.asked.site, **match.numbers}
         for k in np.flatnonzero(match.where.any(axis=0)).tolist():
             rows, link = np.flatnonzero(match.where[:, k]), link_of(driven.body, k)
@@ -198,10 +209,10 @@ class JointRules(Answer):
 
     def findings(self) -> Iterator[Finding]:
         """Yield what each rule says of the worst joint of each body."""
-        for rule in JOINT_RULES:
-            for (code, number), notes in self._noted.items():
+        for place, rule in enumerate(JOINT_RULES):
+            for (which, number), notes in self._noted.items():
                 found = [each for each in notes.values() if each.count >= rule.least_count]
-                if code != rule.code or not found:
+                if which != place or not found:
                     continue
                 noted = max(found, key=lambda each: (each.most, each.count))
                 body = self.scene.body(number)

@@ -1,0 +1,85 @@
+"""A rule of inputs: what calls set is compared with what came of it, once, at the end.
+
+@input_rule("not-taken", "asked", "other-client")
+def other_client(inputs: Inputs) -> Iterator[tuple[Subject, Said]]: ...
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from drop_physics.rules.answer import Answer, Finding, Level, Span
+from drop_physics.rules.arguments import site_of
+from drop_physics.rules.inputs import Inputs
+from drop_physics.rules.rule import Said
+from drop_physics.trace.calls import Call
+from drop_physics.trace.events import Body
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What a finding about inputs is about."""
+
+    call: Call | None
+    body: Body | None = None
+    joint: str | None = None
+    steps: Span | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class InputRule:
+    """One rule of inputs: its code and reason, and what it says."""
+
+    code: str
+    level: Level
+    reason: str
+    matches: Callable[[Inputs], Iterator[tuple[Subject, Said]]]
+
+    @property
+    def meaning(self) -> str:
+        """What the code means for this reason, in a sentence."""
+        return (self.matches.__doc__ or "").strip()
+
+
+INPUT_RULES: list[InputRule] = []
+
+
+def input_rule(
+    code: str, level: Level, reason: str
+) -> Callable[[Callable[[Inputs], Iterator[tuple[Subject, Said]]]], InputRule]:
+    """Make a function of all inputs a rule: it yields what it is about, and what is said."""
+
+    def made(matches: Callable[[Inputs], Iterator[tuple[Subject, Said]]]) -> InputRule:
+        rule = InputRule(code, level, reason, matches)
+        INPUT_RULES.append(rule)
+        return rule
+
+    return made
+
+
+class InputRules(Answer):
+    """Asks all rules of inputs at the end."""
+
+    @np.errstate(all="ignore")
+    def findings(self) -> Iterator[Finding]:
+        """Yield what each rule says."""
+        for rule in INPUT_RULES:
+            for subject, said in rule.matches(self.scene.inputs):
+                yield Finding(
+                    code=rule.code,
+                    level=said.level or rule.level,
+                    reason=said.reason or rule.reason,
+                    message=said.message,
+                    advice=said.advice if said.cure is None else said.cure.call,
+                    cure=said.cure,
+                    body=None if subject.body is None else subject.body.label,
+                    joint=subject.joint,
+                    other=said.other,
+                    effect=said.effect,
+                    share=said.share or 0.0,
+                    steps=subject.steps,
+                    site=None if subject.call is None else site_of(subject.call),
+                )

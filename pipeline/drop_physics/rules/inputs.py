@@ -1,0 +1,212 @@
+"""What calls set, over the whole run, and what came of it: the table that rules of inputs read.
+
+@input_rule("not-taken", "asked", "other-client")
+def other_client(inputs: Inputs) -> Iterator[tuple[Subject, Said]]: ...
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.explain.judged import FLIGHT
+from drop_physics.trace.calls import Call
+from drop_physics.trace.events import Body
+from drop_physics.trace.requests import Request, requests
+from drop_physics.trace.states import Rows, between, by_body
+
+if TYPE_CHECKING:
+    from drop_physics.rules.answer import Scene
+
+Float64 = NDArray[np.float64]
+RESETS = ("resetBasePositionAndOrientation", "resetBaseVelocity", "resetJointState")
+"""Beginnings of the functions that put a body, or a joint, somewhere."""
+FOLLOWED = (
+    *RESETS,
+    "setCollisionFilter",
+    "calculateInverseKinematics",
+    "changeConstraint",
+    "createConstraint",
+    "load",
+    "setGravity",
+    "setTimeStep",
+    "setPhysicsEngineParameter",
+)
+"""Beginnings of the functions whose use is followed, besides those that command joints."""
+
+
+@dataclass
+class Use:
+    """How one place in the script used a function, on one body if it names one."""
+
+    first: Call
+    body: Body | None
+    count: int = 0
+    steps: set[int] = field(default_factory=set)
+    """Steps before the calls."""
+    last: Call = field(init=False)
+    low: dict[str, Float64] = field(default_factory=dict)
+    """By argument, the least of each of its numbers."""
+    high: dict[str, Float64] = field(default_factory=dict)
+
+    def add(self, call: Call) -> None:
+        """Add a call."""
+        self.last, self.count = call, self.count + 1
+        self.steps.add(call.at.step)
+        for name, numbers in call.values.items():
+            values = np.array(numbers)
+            if name not in self.low or self.low[name].shape != values.shape:
+                self.low[name] = self.high[name] = values
+            self.low[name] = np.minimum(self.low[name], values)
+            self.high[name] = np.maximum(self.high[name], values)
+
+    def constant(self, name: str) -> bool:
+        """Return whether an argument always had the same numbers."""
+        return name in self.low and bool(np.array_equal(self.low[name], self.high[name]))
+
+
+@dataclass
+class Motion:
+    """What became of a body: where its base began and ended, and how it moved."""
+
+    samples: int = 0
+    first_m: Float64 | None = None
+    last_m: Float64 | None = None
+    in_flight: set[int] = field(default_factory=set)
+    """Samples that steps in flight led to, whether calls had set its velocity or not."""
+
+    @property
+    def moved_m(self) -> float:
+        """How far from its first place the base ended."""
+        if self.first_m is None or self.last_m is None:
+            return 0.0
+        return float(np.linalg.norm(self.last_m - self.first_m))
+
+
+@dataclass
+class Drive:
+    """Targets that calls gave a constraint between a body and the world."""
+
+    body: Body
+    call: Call
+    targets_m: list[tuple[float, ...]] = field(default_factory=list)
+    places_m: list[Float64] = field(default_factory=list)
+    """Where the body was at each of these calls."""
+
+
+@dataclass
+class Inputs:
+    """Grows chunk by chunk; complete when the rules are asked."""
+
+    scene: Scene
+    uses: dict[tuple[int, int | None], Use] = field(default_factory=dict)
+    """By the number of a site, and of the body that its calls name."""
+    loads: dict[tuple[int, int], Call] = field(default_factory=dict)
+    """By client and the engine's id, the last call that loaded a body."""
+    requests: list[Request] = field(default_factory=list)
+    commanded: defaultdict[int, dict[int, Call | None]] = field(
+        default_factory=lambda: defaultdict(dict)
+    )
+    """By the number of a body, the joints that calls command."""
+    motions: defaultdict[int, Motion] = field(default_factory=lambda: defaultdict(Motion))
+    drives: dict[tuple[int, int], Drive] = field(default_factory=dict)
+    """By client and the engine's id, the constraints whose target calls change."""
+    touched: dict[tuple[int, int], int] = field(default_factory=dict)
+    """Pairs of bodies that pressed on each other, the lower number first: in how many steps."""
+    deepest: defaultdict[int, dict[int, float]] = field(default_factory=lambda: defaultdict(dict))
+    """By the number of a body, samples and its deepest overlap then [m]."""
+
+    def see(self) -> None:
+        """Take a chunk."""
+        calls = self.scene.piece.calls
+        bases = by_body(self.scene.piece.bases)
+        for call in calls.of(*FOLLOWED):
+            self._use(call)
+            self._drive(call, bases)
+        self.requests += requests(calls, self.scene.seen.dynamics, self.scene.seen.settings)
+        for command in calls.commands():
+            ids = np.unique(command.bodies).tolist()
+            for number in ids:
+                came, which = calls.bodies_at(command.client, number, command.calls)
+                for k in np.unique(which[which >= 0]).tolist():
+                    joints = np.unique(command.joints[(command.bodies == number) & (which == k)])
+                    self.commanded[came[k].body.number] |= dict.fromkeys(joints.tolist())
+        for number, judged in self.scene.judged.items():
+            motion = self.motions[number]
+            motion.samples += len(judged.steps)
+            motion.in_flight |= set(judged.steps[judged.kind == FLIGHT].tolist())
+            for steps in judged.stretches:
+                if len(steps):
+                    begin, end = steps.before.position_m[0], steps.after.position_m[-1]
+                    motion.first_m = begin.copy() if motion.first_m is None else motion.first_m
+                    motion.last_m = end.copy()
+        pairs = self.scene.touches.pairs
+        for first, second, rows in pairs.by_pair(pairs.normal_n > 0):
+            key = first, second
+            self.touched[key] = self.touched.get(key, 0) + len(rows)
+            for number in key:
+                deepest = self.deepest[number]
+                for step, depth in zip(
+                    pairs.step[rows].tolist(), pairs.depth_m[rows].tolist(), strict=True
+                ):
+                    deepest[step] = max(depth, deepest.get(step, 0.0))
+
+    def _drive(self, call: Call, bases: Mapping[int, Rows]) -> None:
+        """Note a constraint to the world, or a target that a call gives it."""
+        if call.function == "createConstraint" and call.values["childBodyUniqueId"][0] < 0:
+            came = self.scene.piece.calls.body_at(call, int(call.values["parentBodyUniqueId"][0]))
+            if came is not None and np.isfinite(call.result):
+                self.drives[call.client, int(call.result)] = Drive(came.body, call)
+        target = call.values.get("jointChildPivot", ())
+        if call.function != "changeConstraint" or len(target) != 3:
+            return
+        drive = self.drives.get((call.client, int(call.values["userConstraintUniqueId"][0])))
+        base = None if drive is None else bases.get(drive.body.number)
+        if drive is None or base is None:
+            return
+        here = between(base, call.at.step, call.at.step + 1)["position_m"]
+        if len(here):
+            drive.call = call
+            drive.targets_m.append(target)
+            drive.places_m.append(here[0].copy())
+
+    def _use(self, call: Call) -> None:
+        if call.function.startswith("load") and np.isfinite(call.result):
+            self.loads[call.client, int(call.result)] = call
+        came = self.scene.body_of(call)
+        key = call.site.number, None if came is None else came.number
+        self.uses.setdefault(key, Use(call, came)).add(call)
+
+    def of(self, *functions: str) -> Iterator[Use]:
+        """Yield the uses of functions, by the beginning of their names."""
+        for use in self.uses.values():
+            if use.first.function.startswith(functions):
+                yield use
+
+    def load_of(self, body: Body) -> Call | None:
+        """Return the call that loaded a body; None if it is not known."""
+        return self.loads.get((body.client, body.engine_id))
+
+    def left_out(self, function: str) -> tuple[list[Use], list[int]]:
+        """Return the uses of a setter for client 0, and the clients that it was meant for as well.
+
+        None is left out where a call names a client, or where it is called less often than there
+        are clients.
+        """
+        uses = [*self.of(function)]
+        mine = [use for use in uses if use.first.client == 0]
+        named = any("physicsClientId" in use.first.site.places for use in mine)
+        clients = self.clients()
+        if named or sum(use.count for use in mine) < len(clients):
+            return mine, []
+        return mine, [c for c in clients if c and all(use.first.client != c for use in uses)]
+
+    def clients(self) -> list[int]:
+        """Return the simulations that were stepped with a body in them."""
+        bodies = self.scene.seen.bodies
+        return sorted({bodies[n].client for n, motion in self.motions.items() if motion.samples})
