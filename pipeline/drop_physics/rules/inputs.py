@@ -104,8 +104,8 @@ class Inputs:
     """Grows chunk by chunk; complete when the rules are asked."""
 
     scene: Scene
-    uses: dict[tuple[int, int | None], Use] = field(default_factory=dict)
-    """By the number of a site, and of the body that its calls name."""
+    uses: dict[tuple[int, int, int | None], Use] = field(default_factory=dict)
+    """By the number of a site, its client, and the number of the body that its calls name."""
     loads: dict[tuple[int, int], Call] = field(default_factory=dict)
     """By client and the engine's id, the last call that loaded a body."""
     requests: list[Request] = field(default_factory=list)
@@ -179,7 +179,7 @@ class Inputs:
         if call.function.startswith("load") and np.isfinite(call.result):
             self.loads[call.client, int(call.result)] = call
         came = self.scene.body_of(call)
-        key = call.site.number, None if came is None else came.number
+        key = call.site.number, call.client, None if came is None else came.number
         self.uses.setdefault(key, Use(call, came)).add(call)
 
     def of(self, *functions: str) -> Iterator[Use]:

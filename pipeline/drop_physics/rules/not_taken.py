@@ -21,7 +21,7 @@ IK_LISTS = ("lowerLimits", "upperLimits", "jointRanges", "restPoses")
 def joint_friction(joints: JointColumns) -> Match:
     """PyBullet never uses `<dynamics friction>` of a joint, which coasts with its motor off."""
     friction = joints.of_joints(lambda joint: joint.friction)
-    off = (joints.impulse == 0) & (joints.pd != 1)
+    off = (joints.impulse == 0) & (joints.pd != 1) & (joints.steps.reported.commanded == 0)
     where = off & (friction > 0) & (np.abs(joints.rate) > COASTS_RAD_S)
     return Match(where, np.abs(joints.rate), {"friction": friction})
 
