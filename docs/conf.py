@@ -24,6 +24,7 @@ root_doc = "README"
 include_patterns = ["*.md", "docs/*.md", "recordings/*.md"]
 exclude_patterns = [".*", "build", "dist"]
 myst_enable_extensions = ["attrs_inline"]
+myst_heading_anchors = 3  # links to parts of pages, by the names that they have in a clone
 smartquotes = False
 html_theme = "furo"
 html_copy_source = False
