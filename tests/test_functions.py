@@ -6,6 +6,7 @@ import inspect
 from collections import Counter
 from pathlib import Path
 
+import numpy as np
 import pybullet as p
 from drop_physics.engines.pybullet.watch.arguments import ARGUMENTS
 from drop_physics.engines.pybullet.watch.functions import CHANGES_NOTHING, READ_AGAIN, ROLES
@@ -72,3 +73,22 @@ def test_the_older_motor_call_means_what_its_mode_and_length_say(tmp_path: Path)
     whole = {"positionGain": (0.2,), "velocityGain": (0.8,), "targetVelocity": (0.1,)}
     assert told[8, 2] == told[4, 2] | whole | {"force": (90.0,)}
     assert "force" not in told[8, 1]  # PyBullet applies no torque then
+
+
+def test_torque_control_without_a_torque_gives_the_default_of_the_force(tmp_path: Path) -> None:
+    """100,000 N m, which takes a joint to PyBullet's clamp at once."""
+    scene = """
+p.setGravity(0, 0, -9.81)
+k = p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)
+for j in range(7):
+    p.setJointMotorControl2(k, j, p.VELOCITY_CONTROL, force=0)
+p.setJointMotorControl2(k, 0, p.TORQUE_CONTROL)
+steps(2)
+p.setJointMotorControlArray(k, [1, 2], p.TORQUE_CONTROL)
+p.setJointMotorControl(k, 3, p.TORQUE_CONTROL, 0, 0, 5, 0, 0)
+steps(2)
+"""
+    seen = record(scene, tmp_path / "torque.rrd").seen
+    totals = explanation(seen).totals[0]
+    assert totals.explained == totals.samples == 5
+    assert np.abs(seen.joints[0].velocity[1]).max() == 100.0

@@ -35,6 +35,8 @@ LOADED, BEFORE = -2, -3
 DEFAULT_IMPULSES = {1: 1.0, 3: 1000.0}
 """The largest of the motor that a joint begins with, by its degrees of freedom [N s or N m s]."""
 TIMESTEP_S = 1 / 240
+DEFAULTS_TO_FORCE = ("setJointMotorControl2", "setJointMotorControlArray")
+"""Calls of TORQUE_CONTROL that give a torque of FORCE where none is given."""
 TIMESTEPS = {"setTimeStep": "timeStep", "setPhysicsEngineParameter": "fixedTimeStep"}
 """Functions that set the timestep, and the argument."""
 
@@ -263,6 +265,8 @@ class Commands:
             joint = self._joints.setdefault(key, _Joint(_fresh((width,))))
             joint.calls.append((moments[:, motor], columns[motor]))
             torque, efforts = modes == TORQUE, told.values.get("force")
+            if efforts is None and told.site.function in DEFAULTS_TO_FORCE:
+                efforts = np.full((len(modes), 1), FORCE)
             if torque.any() and efforts is not None and efforts.shape[1] == width:
                 joint.torques.append((told.calls[torque], steps[torque], efforts[torque]))
         if servo.any():
