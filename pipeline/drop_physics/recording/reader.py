@@ -11,10 +11,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.errors import RecordingError
@@ -40,7 +39,9 @@ from drop_physics.scenario import Camera, Scenario
 from drop_physics.trace.events import At, Joint, order
 from drop_physics.trace.history import Seen
 from drop_physics.trace.states import in_step_order
-from drop_physics.trace.tables import table_of
+
+if TYPE_CHECKING:
+    import polars as pl
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -114,11 +115,15 @@ class Recording:
     @cached_property
     def states(self) -> pl.DataFrame:
         """One row per sample and part, in the order of step, body and link."""
+        from drop_physics.trace.tables import table_of  # with Polars, which few need
+
         return table_of(in_step_order(self.seen.states))
 
     @property
     def contacts(self) -> pl.DataFrame:
         """One row per contact point, in step order."""
+        from drop_physics.trace.tables import table_of
+
         return table_of(self.seen.contacts)
 
 

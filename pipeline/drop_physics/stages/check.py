@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from drop_physics.compare.comparison import Comparison, compare
 from drop_physics.compare.difference import Difference, DropInputs, Side
-from drop_physics.drop.case import case_seen
-from drop_physics.drop.engines_apart import apart, flight_of
 from drop_physics.errors import OutputError, RecordingError, check_suffix
 from drop_physics.fields import outside
 from drop_physics.figures.animation import decoded
@@ -179,6 +177,9 @@ def _checked(run: Recording, golden: Recording, tolerance_m: float) -> Check:
         pictures = replace(pictures, first_step=None)
     engines = None
     if [each.column for each in comparison.differences] == ["engine"]:
+        from drop_physics.drop.case import case_seen
+        from drop_physics.drop.engines_apart import apart, flight_of
+
         flights = [
             flight_of(*case_seen(each.scenario, each.engine, each.seen)) for each in (run, golden)
         ]
