@@ -36,8 +36,9 @@ from drop_physics.recording.told import Told
 from drop_physics.recording.versions import lacking
 from drop_physics.report import EngineReport
 from drop_physics.scenario import Camera, Scenario
-from drop_physics.trace.events import At, Joint, order
+from drop_physics.trace.events import Appearance, At, Joint, Raised, Solver, order
 from drop_physics.trace.history import Seen
+from drop_physics.trace.readings import Reading
 from drop_physics.trace.states import in_step_order
 
 if TYPE_CHECKING:
@@ -240,9 +241,10 @@ def digests(held: Contents) -> dict[str, Any]:
 
 
 def _seen(told: Told, sampled: RecordedSamples, closing: Properties) -> Seen:
-    appearances = saying.appearances(told)
+    appearances = saying.events(told, schema.BODIES, Appearance)
     bodies = saying.bodies_of(appearances)
-    sampled.sites, sampled.raised = saying.sites(told), saying.raised(told)
+    sampled.sites = saying.sites(told)
+    sampled.raised = saying.events(told, schema.RAISED, Raised)
     sampled.appearances = appearances
     sampled.numbers = {
         body.label: number for number, body in bodies.items() if any(map(_moves, body.joints))
@@ -253,8 +255,8 @@ def _seen(told: Told, sampled: RecordedSamples, closing: Properties) -> Seen:
         surfaces=saying.surfaces(told),
         dynamics=saying.dynamics(told, bodies),
         settings=saying.settings(told),
-        solvers=saying.solvers(told),
-        readings=saying.readings(told),
+        solvers=saying.events(told, schema.SOLVER, Solver),
+        readings=saying.events(told, schema.READINGS, Reading),
         puts=saying.puts(told, bodies),
         samples=dict(enumerate(listed(closing.get("samples_of_clients")))),
         sampled=sampled,
