@@ -24,6 +24,8 @@ REASONS = {
     "mass_for_all": "wrong-body",
     "panda_fingers_ik": "ik-index",
     "tiny_and_heavy": "scale-keeps-mass",
+    "link_stale": "reading-stale",
+    "kinematic_velocity": "reading-static",
 }
 """Scripts of the corpus that have a cure, and why they did not get what they asked for."""
 

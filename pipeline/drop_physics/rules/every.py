@@ -10,6 +10,7 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
     motors,
     not_taken,
     overwritten,
+    reading,
     taken_elsewhere,
 )
 from drop_physics.rules.answer import Answer, Finding

@@ -27,6 +27,8 @@ class Subject:
     body: Body | None = None
     joint: str | None = None
     steps: Span | None = None
+    site: str | None = None
+    """File and line, where no call that sets something is the cause."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,5 +83,5 @@ class InputRules(Answer):
                     effect=said.effect,
                     share=said.share or 0.0,
                     steps=subject.steps,
-                    site=None if subject.call is None else site_of(subject.call),
+                    site=subject.site if subject.call is None else site_of(subject.call),
                 )

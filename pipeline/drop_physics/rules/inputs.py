@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.judged import FLIGHT
+from drop_physics.physics.kinematics import kinematics, motion
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body
 from drop_physics.trace.requests import Request, requests
@@ -116,6 +117,10 @@ class Inputs:
     motions: defaultdict[int, Motion] = field(default_factory=lambda: defaultdict(Motion))
     drives: dict[tuple[int, int], Drive] = field(default_factory=dict)
     """By client and the engine's id, the constraints whose target calls change."""
+    link_way_m: dict[tuple[int, int | None], float] = field(default_factory=dict)
+    """By body and link, of those whose poses are read: the longest way in one step [m]."""
+    torque_alone: set[tuple[int, int]] = field(default_factory=set)
+    """Bodies and joints that TORQUE_CONTROL drives, and whose motors gave nothing."""
     touched: dict[tuple[int, int], int] = field(default_factory=dict)
     """Pairs of bodies that pressed on each other, the lower number first: in how many steps."""
     deepest: defaultdict[int, dict[int, float]] = field(default_factory=lambda: defaultdict(dict))
@@ -145,6 +150,8 @@ class Inputs:
                     begin, end = steps.before.position_m[0], steps.after.position_m[-1]
                     motion.first_m = begin.copy() if motion.first_m is None else motion.first_m
                     motion.last_m = end.copy()
+        self._links()
+        self._torques()
         pairs = self.scene.touches.pairs
         for first, second, rows in pairs.by_pair(pairs.normal_n > 0):
             key = first, second
@@ -155,6 +162,39 @@ class Inputs:
                     pairs.step[rows].tolist(), pairs.depth_m[rows].tolist(), strict=True
                 ):
                     deepest[step] = max(depth, deepest.get(step, 0.0))
+
+    def _links(self) -> None:
+        """Note how far links whose poses are read go in a step."""
+        read = {
+            (subject.body, subject.link)
+            for each in self.scene.seen.readings
+            if each.function.startswith("getLinkState")
+            for subject in each.targets
+            if subject.link is not None
+        }
+        for number in {body for body, _ in read} & self.scene.judged.keys():
+            for steps in self.scene.judged[number].stretches:
+                tree = steps.law.tree
+                if not len(steps) or not tree.size:
+                    continue
+                moved = motion(kinematics(tree, steps.after), steps.after.velocity).velocities
+                for link in [link for body, link in read if body == number and link < tree.links]:
+                    speed = np.linalg.norm(moved[link + 1], axis=0)
+                    way_m = float((speed * steps.reported.timestep_s).max())
+                    key = number, link
+                    self.link_way_m[key] = max(way_m, self.link_way_m.get(key, 0.0))
+
+    def _torques(self) -> None:
+        """Note the joints that only TORQUE_CONTROL drives."""
+        for driven in self.scene.driven():
+            acts = (driven.steps.reported.commanded != 0).any(axis=0)
+            motor = (driven.torque != 0).any(axis=0)
+            for joint, place in zip(driven.body.joints, driven.body.rates, strict=True):
+                key = driven.body.number, joint.link
+                if acts[place].any() and not motor[place].any():
+                    self.torque_alone.add(key)
+                elif motor[place].any():
+                    self.torque_alone.discard(key)
 
     def _drive(self, call: Call, bases: Mapping[int, Rows]) -> None:
         """Note a constraint to the world, or a target that a call gives it."""

@@ -116,3 +116,10 @@ SAME_GAP = _of(
     "Largest change of the gap between a body and the targets set from it.",
     "lift_by_constraint",
 )
+STALE_M = _of(
+    "STALE_M",
+    1e-3,
+    "m",
+    "Least way of a link in one step that its stale pose is off.",
+    "link_stale",
+)
