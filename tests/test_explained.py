@@ -13,7 +13,8 @@ from conftest import Drop, Recorder, judge
 from drop_physics.drop.results import DropAnalysis
 from drop_physics.drop.story import drop_analysis_of
 from drop_physics.recording.reader import Recording
-from drop_physics.trace.states import BODY
+from drop_physics.trace.states import BODY, CONTACT, STATE
+from drop_physics.trace.tables import rows_in
 from dropped import Sampled
 from engine import ROUNDS_ONCE, shape, urdf_of
 
@@ -177,7 +178,8 @@ def test_what_is_recorded_after_the_last_state_is_no_sample(recorded: Recorder) 
             return 20_000
 
     recording = recorded()
-    sampled = Ahead(recording.states, recording.contacts, None)
+    states, contacts = rows_in(recording.states, STATE), rows_in(recording.contacts, CONTACT)
+    sampled = Ahead(states, contacts, None)
     seen = replace(recording.seen, sampled=sampled)
     analysis = drop_analysis_of(recording.scenario, recording.engine, seen)
     assert analysis.table.equals(judge(recording).table)
