@@ -128,7 +128,12 @@ for i in range(60):
 STILL = "for j in range(p.getNumJoints(c)):\n    p.resetJointState(c, j, 0)"
 PENDULUM = """
 p.setGravity(0, 0, -9.81)
-k = p.loadURDF("pendulum5.urdf", useFixedBase=True)
+ball = p.createCollisionShape(p.GEOM_SPHERE, radius=.05)
+k = p.createMultiBody(
+    0, basePosition=[0, 0, 2], linkMasses=[1], linkCollisionShapeIndices=[ball],
+    linkVisualShapeIndices=[-1], linkPositions=[[0, 0, 0]], linkOrientations=[[0, 0, 0, 1]],
+    linkInertialFramePositions=[[0, 0, -1]], linkInertialFrameOrientations=[[0, 0, 0, 1]],
+    linkParentIndices=[0], linkJointTypes=[p.JOINT_REVOLUTE], linkJointAxis=[[0, 1, 0]])
 {more}
 for j in range(p.getNumJoints(k)):
     p.setJointMotorControl2(k, j, p.VELOCITY_CONTROL, force=0)

@@ -1060,7 +1060,7 @@ SLIDING = FLOOR + (
     ("scene", "between", "why"),
     some(
         [
-            (STACK, "", "contacts start from"),
+            (STACK, "", "solved in another order"),
             (SLIDING, "p.changeDynamics(c, -1, lateralFriction=0.1)", "p.changeDynamics"),
             (AIR + CUBE, "p.setGravity(0, 0, 0)", "p.setGravity"),
             (

@@ -6,6 +6,7 @@ And which let an analysis fail; where each stands.
 from __future__ import annotations
 
 import ast
+import itertools
 import json
 import re
 from collections.abc import Callable
@@ -300,8 +301,10 @@ def test_every_code_of_a_finding_can_be_chosen() -> None:
                     texts = ast.walk(value)
                 case ast.Assign(targets=[ast.Name(id="code")], value=value):
                     texts = ast.walk(value)
-                case ast.Call(func=ast.Name(id=name), args=[value, *_]) if name.endswith("_rule"):
-                    texts = ast.walk(value)
+                case ast.Call(func=ast.Name(id=name), args=[value, _, *more]) if name.endswith(
+                    "_rule"
+                ):
+                    texts = itertools.chain.from_iterable(map(ast.walk, (value, *more)))
                 case ast.Assign(
                     targets=[ast.Tuple(elts=[ast.Name(id="code"), *_])],
                     value=ast.Tuple(elts=[value, *_]),

@@ -1147,6 +1147,11 @@ def _momentum_drift(said: Said) -> None:
     near(said.value, true, 1e-6 * true + 1e-9, "angular momentum drift")
 
 
+@checks("left_out")
+def _left_out(said: Said) -> None:
+    hold(said.value == 0, "findings that nobody chose to leave out")
+
+
 @checks("bodies")
 def _bodies(said: Said) -> None:
     """Hold the energy and the momentum of what falls, and that all of it is booked to causes."""

@@ -1,7 +1,7 @@
 """A rule of inputs: what calls set is compared with what came of it, once, at the end.
 
 @input_rule("not-taken", "asked", "other-client")
-def other_client(inputs: Inputs) -> Iterator[tuple[Subject, Said]]: ...
+def other_client(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]: ...
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from drop_physics.trace.events import Body
 
 
 @dataclass(frozen=True)
-class Subject:
+class InputSubject:
     """What a finding about inputs is about."""
 
     call: Call | None
@@ -38,7 +38,7 @@ class InputRule:
     code: str
     level: Level
     reason: str
-    matches: Callable[[Inputs], Iterator[tuple[Subject, Said]]]
+    matches: Callable[[Inputs], Iterator[tuple[InputSubject, Said]]]
 
     @property
     def meaning(self) -> str:
@@ -51,10 +51,10 @@ INPUT_RULES: list[InputRule] = []
 
 def input_rule(
     code: str, level: Level, reason: str
-) -> Callable[[Callable[[Inputs], Iterator[tuple[Subject, Said]]]], InputRule]:
+) -> Callable[[Callable[[Inputs], Iterator[tuple[InputSubject, Said]]]], InputRule]:
     """Make a function of all inputs a rule: it yields what it is about, and what is said."""
 
-    def made(matches: Callable[[Inputs], Iterator[tuple[Subject, Said]]]) -> InputRule:
+    def made(matches: Callable[[Inputs], Iterator[tuple[InputSubject, Said]]]) -> InputRule:
         rule = InputRule(code, level, reason, matches)
         INPUT_RULES.append(rule)
         return rule

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from drop_physics.explain.judged import FLIGHT
 from drop_physics.physics.kinematics import kinematics, motion
 from drop_physics.trace.calls import Call
-from drop_physics.trace.events import Body
+from drop_physics.trace.events import Body, Dynamics
 from drop_physics.trace.requests import Request, requests
 from drop_physics.trace.states import Rows, between, by_body
 
@@ -52,7 +52,7 @@ class Use:
     """Steps before the calls."""
     last: Call = field(init=False)
     low: dict[str, Float64] = field(default_factory=dict)
-    """By argument, the least of each of its numbers."""
+    """The least of each number of an argument, by its name."""
     high: dict[str, Float64] = field(default_factory=dict)
 
     def add(self, call: Call) -> None:
@@ -72,7 +72,7 @@ class Use:
 
 
 @dataclass
-class Motion:
+class BaseMotion:
     """What became of a body: where its base began and ended, and how it moved."""
 
     samples: int = 0
@@ -106,15 +106,15 @@ class Inputs:
 
     scene: Scene
     uses: dict[tuple[int, int, int | None], Use] = field(default_factory=dict)
-    """By the number of a site, its client, and the number of the body that its calls name."""
+    """Uses by the number of a site, its client, and the number of the body that its calls name."""
     loads: dict[tuple[int, int], Call] = field(default_factory=dict)
-    """By client and the engine's id, the last call that loaded a body."""
+    """The last call that loaded a body, by client and the engine's id."""
     requests: list[Request] = field(default_factory=list)
     commanded: defaultdict[int, dict[int, Call | None]] = field(
         default_factory=lambda: defaultdict(dict)
     )
     """By the number of a body, the joints that calls command."""
-    motions: defaultdict[int, Motion] = field(default_factory=lambda: defaultdict(Motion))
+    motions: defaultdict[int, BaseMotion] = field(default_factory=lambda: defaultdict(BaseMotion))
     drives: dict[tuple[int, int], Drive] = field(default_factory=dict)
     """By client and the engine's id, the constraints whose target calls change."""
     link_way_m: dict[tuple[int, int | None], float] = field(default_factory=dict)
@@ -227,6 +227,11 @@ class Inputs:
         for use in self.uses.values():
             if use.first.function.startswith(functions):
                 yield use
+
+    def first_dynamics(self, body: Body) -> Dynamics | None:
+        """Return what the engine first reported of a body; None of a soft body."""
+        its = (each for each in self.scene.seen.dynamics if each.body.number == body.number)
+        return next(its, None)
 
     def load_of(self, body: Body) -> Call | None:
         """Return the call that loaded a body; None if it is not known."""

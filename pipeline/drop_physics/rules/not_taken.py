@@ -8,7 +8,7 @@ import numpy as np
 
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure
-from drop_physics.rules.input_rule import Subject, input_rule
+from drop_physics.rules.input_rule import InputSubject, input_rule
 from drop_physics.rules.inputs import Inputs, Use
 from drop_physics.rules.joint import effort
 from drop_physics.rules.rule import JointColumns, Match, Said, Worst, joint_rule
@@ -82,7 +82,7 @@ def _(worst: Worst) -> Said:
 
 
 @input_rule("not-taken", "asked", "no-effect")
-def ik_lists(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
+def ik_lists(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """Inverse kinematics ignores lists that do not have one number for each movable joint."""
     for use in inputs.of("calculateInverseKinematics"):
         if use.body is None:
@@ -103,13 +103,13 @@ def ik_lists(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
         )
         advice = Message("give lists with one number for each joint that moves: {n}", n=movable)
         yield (
-            Subject(use.first, use.body),
+            InputSubject(use.first, use.body),
             Said(message=message, cure=Cure("ik", use.body.label, float(movable), advice)),
         )
 
 
 @input_rule("not-taken", "asked", "other-client")
-def other_client(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
+def other_client(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """A setter without `physicsClientId` is client 0's, and the other simulation has none."""
     for function in ("setGravity", "setTimeStep", "setPhysicsEngineParameter"):
         mine, left = inputs.left_out(function)
@@ -127,18 +127,18 @@ def other_client(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
             "p.{function}(…, physicsClientId={client})", function=function, client=left[0]
         )
         cure = Cure("right-client", str(left[0]), None, advice)
-        yield Subject(mine[0].first), Said(message=message, cure=cure)
+        yield InputSubject(mine[0].first), Said(message=message, cure=cure)
 
 
 @input_rule("not-taken", "asked", "scale-keeps-mass")
-def scale_keeps_mass(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
+def scale_keeps_mass(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """`globalScaling` scales what a body looks like, and leaves the mass of its file."""
     heavy = {each.body.number for each in inputs.requests if each.name == "mass" and each.body}
     for number, body in inputs.scene.seen.bodies.items():
         scale = body.asked.scale
         touches = any(number in pair and _moving(inputs, pair) for pair in inputs.touched)
-        first = next(e for e in inputs.scene.seen.dynamics if e.body.number == number)
-        mass_kg = float(np.nansum(first.reported["mass_kg"]))
+        first = inputs.first_dynamics(body)
+        mass_kg = 0.0 if first is None else float(np.nansum(first.reported["mass_kg"]))
         if 1 / SCALE <= scale <= SCALE or number in heavy or not touches or not mass_kg > 0:
             continue
         message = Message(
@@ -154,7 +154,7 @@ def scale_keeps_mass(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
         load = inputs.load_of(body)
         cure = Cure("mass", body.label, mass_kg * scale**3, advice)
         share = abs(np.log10(scale**3))
-        yield Subject(load, body), Said(message=message, cure=cure, share=float(share))
+        yield InputSubject(load, body), Said(message=message, cure=cure, share=float(share))
 
 
 def _moving(inputs: Inputs, pair: tuple[int, int]) -> bool:
@@ -163,8 +163,8 @@ def _moving(inputs: Inputs, pair: tuple[int, int]) -> bool:
 
 
 @input_rule("not-taken", "asked", "contact-despite-filter")
-def contact_despite_filter(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
-    """By default two bodies touch if either one's mask lets them."""
+def contact_despite_filter(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """Two bodies touch if either one's mask lets them, unless collisionFilterMode is 0."""
     masks: dict[int, Use] = {}
     for use in inputs.of("setCollisionFilterGroupMask"):
         if use.body is not None and "collisionFilterMask" in use.low:
@@ -194,7 +194,7 @@ def contact_despite_filter(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
             steps=steps,
         )
         advice = Message("p.setPhysicsEngineParameter(collisionFilterMode=0) asks both masks")
-        subject = Subject(masks[off.number].last if off else None, off)
+        subject = InputSubject(masks[off.number].last if off else None, off)
         cure = Cure("collision-off", off.label if off else None, None, advice)
         other = on.label if on else None
         yield subject, Said(message=message, cure=cure, other=other)

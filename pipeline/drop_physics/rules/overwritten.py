@@ -8,7 +8,7 @@ import numpy as np
 
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Span
-from drop_physics.rules.input_rule import Subject, input_rule
+from drop_physics.rules.input_rule import InputSubject, input_rule
 from drop_physics.rules.inputs import Inputs, Use
 from drop_physics.rules.rule import Said
 from drop_physics.rules.thresholds import (
@@ -22,7 +22,7 @@ from drop_physics.rules.thresholds import (
 
 
 @input_rule("overwritten", "asked", "velocity-set-each-step")
-def velocity_set_each_step(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
+def velocity_set_each_step(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """A velocity that is set before each step takes away what gravity gave in the last one."""
     for use in inputs.of("resetBaseVelocity"):
         body, z = use.body, use.low.get("linearVelocity", np.zeros(0))
@@ -42,7 +42,7 @@ def velocity_set_each_step(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
             vz=float(z[2]),
         )
         advice = Message("hand on its vertical velocity: p.getBaseVelocity(body)[0][2]")
-        subject = Subject(use.first, body, steps=Span(falls[0], falls[-1], len(falls)))
+        subject = InputSubject(use.first, body, steps=Span(falls[0], falls[-1], len(falls)))
         cure = Cure("without", body.label, None, advice)
         yield subject, Said(message=message, cure=cure, share=len(falls) / motion.samples)
 
@@ -56,7 +56,7 @@ def _falls(inputs: Inputs, client: int) -> tuple[float, float]:
 
 
 @input_rule("overwritten", "asked", "pose-set-each-step")
-def pose_set_each_step(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
+def pose_set_each_step(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """A pose that is set step after step has no force: it goes through what it meets."""
     for use in inputs.of("resetJointState", "resetBasePositionAndOrientation"):
         body = use.body
@@ -82,7 +82,7 @@ def pose_set_each_step(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
         advice = Message("drive it there: p.setJointMotorControl2(…, p.POSITION_CONTROL, …)")
         if joint is None:
             advice = Message("move it by a force, a velocity, or a constraint")
-        subject = Subject(use.first, body, joint, Span(min(deep), max(deep), len(deep)))
+        subject = InputSubject(use.first, body, joint, Span(min(deep), max(deep), len(deep)))
         yield (
             subject,
             Said(
@@ -101,7 +101,7 @@ def _steps(inputs: Inputs, use: Use) -> int:
 
 
 @input_rule("overwritten", "asked", "drive-lags")
-def drive_lags(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
+def drive_lags(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """A constraint closes a share of the gap in a step; a target set from the body stays ahead."""
     for drive in inputs.drives.values():
         if len(drive.targets_m) < FALLS_STEPS * 2:
@@ -125,6 +125,6 @@ def drive_lags(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
         advice = Message("set each target from the last target, not from the body")
         cure = Cure("targets-held", drive.body.label, None, advice)
         yield (
-            Subject(drive.call, drive.body),
+            InputSubject(drive.call, drive.body),
             Said(message=message, cure=cure, share=1 - made_m / gap_m),
         )

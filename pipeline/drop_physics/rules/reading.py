@@ -8,7 +8,7 @@ import numpy as np
 
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure
-from drop_physics.rules.input_rule import Subject, input_rule
+from drop_physics.rules.input_rule import InputSubject, input_rule
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.rule import Said
 from drop_physics.rules.thresholds import STALE_M
@@ -20,7 +20,7 @@ def _site(reading: Reading) -> str:
 
 
 @input_rule("reading", "note", "reading-stale")
-def stale(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
+def stale(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """The pose of a link is that of one step earlier, unless it is computed again."""
     for each in inputs.scene.seen.readings:
         if not each.function.startswith("getLinkState"):
@@ -45,13 +45,13 @@ def stale(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
         )
         cure = Cure("right-link", body.label, 1.0, advice)
         yield (
-            Subject(None, body, site=_site(each)),
+            InputSubject(None, body, site=_site(each)),
             Said(message=message, cure=cure, share=way_m / STALE_M),
         )
 
 
 @input_rule("reading", "note", "reading-static")
-def static(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
+def static(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """The velocity of a base that only calls move is what a call gave it, and 0 without one."""
     posed = {u.body.number: u for u in inputs.of("resetBasePosition") if u.body is not None}
     given = {u.body.number for u in inputs.of("resetBaseVelocity") if u.body is not None}
@@ -72,11 +72,14 @@ def static(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
             )
             advice = Message("p.resetBaseVelocity(body, …) beside the pose gives it one")
             cure = Cure("support-velocity", body.label, None, advice)
-            yield Subject(None, body, site=_site(each)), Said(message=message, cure=cure, share=1.0)
+            yield (
+                InputSubject(None, body, site=_site(each)),
+                Said(message=message, cure=cure, share=1.0),
+            )
 
 
 @input_rule("reading", "note", "reading-torque")
-def torque(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
+def torque(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """`getJointState` gives the torque of the motor, and not that of TORQUE_CONTROL."""
     for each in inputs.scene.seen.readings:
         if not each.function.startswith("getJointState"):
@@ -95,14 +98,14 @@ def torque(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
             advice = Message("the torque is the one that the script gives")
             name = body.joints[subject.link].name
             yield (
-                Subject(None, body, name, site=_site(each)),
+                InputSubject(None, body, name, site=_site(each)),
                 Said(message=message, advice=advice, share=1.0),
             )
             break
 
 
 @input_rule("reading", "note", "reading-depth")
-def depth(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
+def depth(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """The depth buffer of a camera with perspective is not linear in the distance."""
     for each in inputs.scene.seen.readings:
         lens = each.camera
@@ -118,5 +121,5 @@ def depth(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
             far=far,
         )
         advice = Message("far * near / (far - (far - near) * depth) is the distance in m")
-        yield Subject(None, site=_site(each)), Said(message=message, advice=advice)
+        yield InputSubject(None, site=_site(each)), Said(message=message, advice=advice)
         return

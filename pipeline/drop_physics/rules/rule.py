@@ -50,14 +50,14 @@ class Said:
     cure: Cure | None = None
     """What would change it; its call is the advice."""
     advice: Message | None = None
-    """In place of a cure that no call makes."""
+    """The advice where no call makes the cure."""
     effect: Effect | None = None
     share: float | None = None
     """The effect over what is normal for it; the size, if it is None."""
     reason: str | None = None
     other: str | None = None
     level: Level | None = None
-    """In place of the rule's."""
+    """The level where it is not the rule's."""
 
 
 class Worst:
@@ -173,7 +173,7 @@ class JointRules(Answer):
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
         self._noted: dict[tuple[int, int], Notes[int]] = {}
-        """By the place of a rule and the number of a body, its joints."""
+        """What is noted of the joints, by the place of a rule and the number of a body."""
 
     @np.errstate(all="ignore")  # what is not asked for is nan
     def see(self) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from drop_physics.messages import Message, joined
 from drop_physics.rules.answer import Cure, Effect
 from drop_physics.rules.arguments import given
-from drop_physics.rules.input_rule import Subject, input_rule
+from drop_physics.rules.input_rule import InputSubject, input_rule
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.rule import Said
 from drop_physics.rules.thresholds import FRAME_APART_M, LEFT_M
@@ -17,7 +17,7 @@ from drop_physics.trace.requests import Request
 
 
 @input_rule("taken-elsewhere", "asked", "call-elsewhere")
-def call_elsewhere(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
+def call_elsewhere(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """A call of `changeDynamics` for a link lands on the base where a later setter carries it."""
     lost: dict[int, list[Request]] = {}
     for each in inputs.requests:
@@ -55,7 +55,7 @@ def call_elsewhere(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
             )
         advice = Message("give {carrier} in a call of its own", carrier=carrier)
         cure = Cure("right-link", link, None, advice)
-        yield Subject(call, body), Said(message=message, cure=cure, share=float(len(found)))
+        yield InputSubject(call, body), Said(message=message, cure=cure, share=float(len(found)))
 
 
 _CARRIERS = (
@@ -68,7 +68,7 @@ _CARRIERS = (
 
 
 @input_rule("taken-elsewhere", "asked", "wrong-body")
-def wrong_body(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
+def wrong_body(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """A body that was made to stay is given mass, and falls."""
     for each in inputs.requests:
         body = each.body
@@ -87,7 +87,7 @@ def wrong_body(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
             "leave {body} out of the call: mass 0 keeps a body in place", body=body.label
         )
         yield (
-            Subject(each.call, body),
+            InputSubject(each.call, body),
             Said(
                 message=message,
                 cure=Cure("without", body.label, None, advice),
@@ -110,7 +110,7 @@ def _stood(inputs: Inputs, request: Request) -> bool:
 
 
 @input_rule("taken-elsewhere", "asked", "ik-index")
-def ik_index(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
+def ik_index(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """Answers of inverse kinematics are sent to joints by their index, fixed joints among them."""
     for use in inputs.of("calculateInverseKinematics"):
         body = use.body
@@ -133,19 +133,21 @@ def ik_index(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
             "send the answers to the joints for which p.getJointInfo(body, joint)[3] > -1"
         )
         cure = Cure("ik", body.label, None, advice)
-        subject = Subject(use.first, body, body.joints[left[0]].name)
+        subject = InputSubject(use.first, body, body.joints[left[0]].name)
         yield subject, Said(message=message, cure=cure, share=float(len(left)))
 
 
 @input_rule("taken-elsewhere", "asked", "reset-frame")
-def reset_frame(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
+def reset_frame(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """A reset places the centre of mass, where a load places the frame of the file."""
     for use in inputs.of("resetBasePositionAndOrientation"):
         body = use.body
         load = None if body is None else inputs.load_of(body)
         if body is None or load is None:
             continue
-        first = next(e for e in inputs.scene.seen.dynamics if e.body.number == body.number)
+        first = inputs.first_dynamics(body)
+        if first is None:
+            continue
         frame_m = np.nan_to_num(first.reported["inertial_position_m"][0])
         apart_m = float(np.linalg.norm(frame_m))
         place = given(load, "basePosition") or (0.0, 0.0, 0.0)
@@ -165,4 +167,7 @@ def reset_frame(inputs: Inputs) -> Iterator[tuple[Subject, Said]]:
         )
         cure = Cure("lifted", body.label, float(frame_m[2]), advice)
         effect = Effect(apart_m, "m")
-        yield Subject(use.first, body), Said(message=message, cure=cure, effect=effect, share=1.0)
+        yield (
+            InputSubject(use.first, body),
+            Said(message=message, cure=cure, effect=effect, share=1.0),
+        )

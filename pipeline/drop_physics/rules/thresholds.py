@@ -18,7 +18,7 @@ class Threshold(NamedTuple):
 
 
 TABLE: dict[str, Threshold] = {}
-"""By the name of the constant."""
+"""All thresholds by the names of their constants."""
 
 
 def _of(name: str, value: float, unit: str, meaning: str, evidence: str) -> float:
