@@ -28,7 +28,7 @@ Float64 = NDArray[np.float64]
 Build = Callable[[Scenario, RigidBody], Session]
 
 SESSIONS: dict[Engine, str] = {
-    "mujoco": "drop_physics.engines.mujoco:MujocoSession",
+    "mujoco": "drop_physics.engines.mujoco.world:MujocoSession",
     "dart": "drop_physics.engines.dart:DartSession",
     "drake": "drop_physics.engines.drake:DrakeSession",
     "physx": "drop_physics.engines.physx:PhysxSession",
