@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from drop_physics.engines.pybullet.watch import pipe
 from drop_physics.errors import DropError
 
-FRAMES = {pipe.NOTE, pipe.SAMPLE, pipe.SET, pipe.CALL, pipe.RESULT, pipe.IMAGE}
+FRAMES = {pipe.NOTE, pipe.SAMPLE, pipe.SET, pipe.CALL, pipe.RESULT, pipe.IMAGE, pipe.MUJOCO}
 
 
 class StreamError(DropError):

@@ -10,18 +10,13 @@ import traceback
 from collections.abc import Callable
 from types import TracebackType
 
-from . import clock, draws, handlers, hooks, varied
 from .calls import shown_file
 from .hooks import Stop, Watch
 
-WRAPPERS = (
-    hooks.__file__,
-    handlers.__file__,
-    clock.__file__,
-    draws.__file__,
-    varied.__file__,
-)
-"""The files whose functions stand before others: the script's tracebacks are without them."""
+_HERE = os.path.dirname(os.path.abspath(__file__))
+_ENGINES = os.path.dirname(os.path.dirname(_HERE))
+WRAPPERS = (_HERE + os.sep, os.path.join(_ENGINES, "mujoco", "watch", ""))
+"""The folders whose functions stand before others: the script's tracebacks are without them."""
 LIBRARY = os.path.dirname(os.__file__)
 """The folder of Python's own modules."""
 NOWHERE = "", 0
@@ -104,7 +99,7 @@ def place_of(error: BaseException, ours: str) -> tuple[str, int]:
     while trace is not None:
         name = trace.tb_frame.f_code.co_filename
         library = name.startswith(("<", LIBRARY)) or draws.INSTALLED.search(name)
-        if not library and name not in WRAPPERS and not _is_ours(trace, ours):
+        if not library and not name.startswith(WRAPPERS) and not _is_ours(trace, ours):
             place = shown_file(name), trace.tb_lineno
         trace = trace.tb_next
     return place
@@ -126,7 +121,7 @@ def _hide_wrappers(failure: BaseException) -> None:
         cleaned.add(id(error))
         trace, kept = error.__traceback__, []
         while trace is not None:
-            if trace.tb_frame.f_code.co_filename not in WRAPPERS:
+            if not trace.tb_frame.f_code.co_filename.startswith(WRAPPERS):
                 kept.append(trace)
             trace = trace.tb_next
         for before, after in zip(kept, [*kept[1:], None]):

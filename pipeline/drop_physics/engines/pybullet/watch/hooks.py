@@ -254,19 +254,23 @@ class Watch:
             result = self._step(world, original, args, kwargs)
         else:
             result = self._varied_step(varied, world, original, args, kwargs)
+        self.count(world.time_s)
+        return result
+
+    def count(self, time_s: float) -> None:
+        """Count a step that leads to a time [s]; end the script where that is its limit."""
         self.steps_made += 1
         if self.steps_made == self.readings.next_turn:
             self.readings.turn(self.steps_made)
         if get_ident() != self._thread:
             self._threads.add(current_thread())
-        self.clock.step(world.time_s)
+        self.clock.step(time_s)
         if self.steps_made == self._limit_steps:
             self.stop("steps")
         if self._limit_s is not None:
             self._check_time()
-        if not world.step % TOLD_EVERY:
+        if not self.steps_made % TOLD_EVERY:
             self.pipe.tick()
-        return result
 
     def _varied_step(
         self, varied: Variation, world: World, original: Any, args: Any, kwargs: Any

@@ -23,7 +23,9 @@ HEADER = struct.Struct("<cI")
 """Header of a frame: kind and length."""
 
 NOTE, SAMPLE, SET, CALL, RESULT, IMAGE = b"J", b"S", b"P", b"K", b"R", b"I"
-"""Kinds: a note is JSON; the others are doubles after a small head.
+MUJOCO = b"M"
+"""Kinds: a note is JSON; MUJOCO is as in `engines/mujoco/frames`; the others are doubles after a
+small head.
 
 SAMPLE: of the bodies of the last layout, in its order, what can move: 13 of the base, then the
 positions, velocities and efforts of its joints; the forces of its constraints; 23 of each contact

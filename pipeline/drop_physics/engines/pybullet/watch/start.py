@@ -1,20 +1,22 @@
-"""Start watching: from now on, what the script does with pybullet is reported."""
+"""Start watching: from now on, what the script does with its engines is reported."""
 
 from __future__ import annotations
 
 import importlib.abc
 import importlib.machinery
 import importlib.util
+import os
 import platform
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from types import ModuleType
 from typing import Any
 
 from .clock import Clock
 from .draws import Draws
 from .hooks import Watch
-from .pipe import Pipe
+from .pipe import MUJOCO, Pipe, frame
 from .varied import Variation
 
 
@@ -29,7 +31,7 @@ def watch(
     begins_s: float | None = None,
     variation: dict[str, Any] | None = None,
 ) -> Watch:
-    """Watch pybullet, as soon as it is imported.
+    """Watch pybullet and mujoco, as soon as they are imported.
 
     Parameters
     ----------
@@ -62,16 +64,48 @@ def watch(
     draws = Draws(seed, started.tell_draw)
     draws.begin()
     started.on_removal(draws.remove)
-    for name, then in (("pybullet", started.install), ("numpy.random", draws.on_numpy)):
-        once = name != "pybullet"  # which a script may forget, and import again
+
+    def on_import(name: str, then: Callable[[ModuleType], None], *, once: bool = True) -> None:
         if name in sys.modules:
             then(sys.modules[name])
             if once:
-                continue
+                return
         finder = _OnImport(name, then, once=once)
         sys.meta_path.insert(0, finder)
         started.on_removal(finder.remove)
+
+    on_import("numpy.random", draws.on_numpy)
+    # A script may forget an engine, and import it again.
+    on_import("pybullet", started.install, once=False)
+    on_import("mujoco", partial(_on_mujoco, started, on_import, []), once=False)
     return started
+
+
+def _on_mujoco(host: Watch, on_import: Any, known: list[Any], module: ModuleType) -> None:
+    """Watch mujoco; what does so needs numpy, and is loaded when mujoco is."""
+    if not known:
+        watch = importlib.import_module(f"{_mujoco_package()}.watch.hooks")
+        known.append(watch.MujocoWatch(host, MUJOCO, frame, on_import))
+    known[0].install(module)
+
+
+def _mujoco_package() -> str:
+    """Return the name of the package beside our own; in a script's process it has one of ours."""
+    if not __package__.startswith("_"):
+        return "drop_physics.engines.mujoco"
+    name = "_drop_mujoco"
+    if name not in sys.modules:
+        folder = os.path.join(os.path.dirname(__file__), "..", "..", "mujoco")
+        folder = os.path.abspath(folder)
+        spec = importlib.util.spec_from_file_location(
+            name, os.path.join(folder, "__init__.py"), submodule_search_locations=[folder]
+        )
+        assert spec is not None
+        assert spec.loader is not None
+        package = importlib.util.module_from_spec(spec)
+        sys.modules[name] = package
+        spec.loader.exec_module(package)
+    return name
 
 
 class _OnImport(importlib.abc.MetaPathFinder):

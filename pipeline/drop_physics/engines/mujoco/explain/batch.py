@@ -1,0 +1,164 @@
+"""Steps of one simulation that wait to be explained together."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from . import integrators
+from .constraints import HELD, POINT, constrained
+from .copied import Copies
+from .forces import smooth
+from .integrators import RK4, STAGES, WEIGHTS
+from .layout import Layout
+from .summed import Summed, Terms, summed
+
+
+class Answer(NamedTuple):
+    """A batch, explained."""
+
+    steps: Any
+    """The numbers of its steps, shape (n,)."""
+    summed: Summed
+    points: Any
+    held: Any
+    """Contacts and other constraints (`constraints.POINT`, `HELD`); `row` is the step's number."""
+    actuators: Any
+    """The force of each actuator, shape (n, outputs)."""
+
+
+class Batch:
+    """Gathers steps that one integrator has taken.
+
+    Parameters
+    ----------
+    m, d
+        The model, and the data that it is evaluated in.
+    layout, terms
+        Of the model.
+    integrator
+        Its number.
+    version
+        MuJoCo's.
+    """
+
+    def __init__(
+        self,
+        m: Any,
+        d: Any,
+        layout: Layout,
+        terms: Terms,
+        integrator: int,
+        version: tuple[int, ...],
+    ) -> None:
+        self._m, self._d, self._layout, self._terms = m, d, layout, terms
+        self.integrator, self._version = integrator, version
+        implicit = integrator in (integrators.IMPLICIT, integrators.IMPLICITFAST)
+        self.copies = Copies(m, d, layout.mass_name, implicit=implicit)
+        self._stages = STAGES if integrator == RK4 else 1
+        self.room = max(1, self.copies.room // self._stages)
+        self._qpos, self._qvel = np.empty((self.room, m.nq)), np.empty((self.room, m.nv))
+        self._after = np.empty((self.room, m.nv))
+        self._begin()
+
+    def _begin(self) -> None:
+        self.steps: list[int] = []
+        self._h: list[float] = []
+        self._qfrc: dict[int, Any] = {}
+        self._xfrc: dict[int, Any] = {}
+        self._xipos: dict[int, Any] = {}
+        self.copies.begin()
+
+    @property
+    def is_full(self) -> bool:
+        """Return whether the next step belongs to another batch."""
+        return len(self.steps) >= self.room or self.copies.is_full
+
+    def before(self, qpos: Any, qvel: Any) -> None:
+        """Keep the state before a step."""
+        at = len(self.steps)
+        self._qpos[at], self._qvel[at] = qpos, qvel
+
+    def evaluated(self, sparse: bool, applied: bool, pushed: bool) -> None:
+        """Copy an evaluation of forces: one for each step, or for each of its stages."""
+        at, d = self.copies.count, self._d
+        if applied:
+            self._qfrc[at] = d.qfrc_applied.copy()
+        if pushed:
+            self._xfrc[at] = d.xfrc_applied.copy()
+            self._xipos[at] = d.xipos.copy()
+        self.copies.copy(sparse)
+
+    def after(self, step: int, qvel: Any, h: float) -> None:
+        """Count a step."""
+        self._after[len(self.steps)] = qvel
+        self.steps.append(step)
+        self._h.append(h)
+
+    def explain(self, *, sparse: bool) -> Answer:
+        """Return the steps as sums, and begin anew."""
+        m, layout, copies = self._m, self._layout, self.copies
+        copies.contacts.check(self._d)
+        n, h = len(self.steps), np.array(self._h)
+        held = copies.named()
+        count = copies.count
+        if self._xipos:
+            held["xipos"] = _filled(self._xipos, count, (m.nbody, 3))
+        dense = smooth(
+            m,
+            layout,
+            held,
+            _filled(self._qfrc, count, (m.nv,)) if self._qfrc else None,
+            _filled(self._xfrc, count, (m.nbody, 6)) if self._xfrc else None,
+        )
+        found = constrained(copies, layout.joint, m.nv, sparse=sparse)
+        before = {"qpos": self._qpos[:n], "qvel": self._qvel[:n]}
+        change = self._after[:n] - before["qvel"]
+        mass = held[layout.mass_name]
+        stages = self._stages
+        momentum = layout.mass.times(mass[::stages], change)
+        groups = found.groups
+        if stages > 1:
+            dense = [each._replace(values=integrators.averaged(each.values)) for each in dense]
+            dense += integrators.added_by_stages(layout, held)
+            added: list[Any] = []
+            if groups is not None:
+                weights = np.repeat(np.array(WEIGHTS)[groups.rows % stages], np.diff(groups.starts))
+                groups = groups._replace(
+                    rows=groups.rows // stages, values=groups.values * weights
+                )
+        else:
+            added = [
+                integrators.added(
+                    m, layout, held, self.integrator, h, before, change, self._version
+                )
+            ]
+        total = summed(self._terms, momentum, dense, groups, h, added)
+        numbers = np.array(self.steps)
+        forces = held["actuator_force"][::stages].copy() if m.nu else np.zeros((n, 0))
+        answer = Answer(
+            numbers,
+            total,
+            _of_steps(found.points, numbers, stages, POINT),
+            _of_steps(found.held, numbers, stages, HELD),
+            forces,
+        )
+        self._begin()
+        return answer
+
+
+def _filled(rows: dict[int, Any], count: int, shape: tuple[int, ...]) -> Any:
+    """Return arrays of some rows as one, zero elsewhere."""
+    full = np.zeros((count, *shape))
+    for row, values in rows.items():
+        full[row] = values
+    return full
+
+
+def _of_steps(rows: Any, numbers: Any, stages: int, dtype: Any) -> Any:
+    """Return rows of the first evaluation of each step, with the step's number."""
+    first = rows[rows["row"] % stages == 0] if stages > 1 else rows
+    found = np.array(first, dtype)
+    found["row"] = numbers[first["row"] // stages] if len(first) else 0
+    return found

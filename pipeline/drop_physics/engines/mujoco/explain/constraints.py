@@ -1,0 +1,227 @@
+"""The forces of constraints: equalities, friction losses, limits, and each pair's push and friction.
+
+MuJoCo has a row of the Jacobian J and a force f for each constraint, in any order. Rows with one
+cause are a group; its force is the sum of J f over its rows. A contact's rows are the edges of a
+pyramid, whose normal is the mean of the first two, or the normal and two tangents of a cone.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+EQUALITY, FRICTION_DOF, FRICTION_TENDON, LIMIT_JOINT, LIMIT_TENDON = range(5)
+FRICTIONLESS, PYRAMIDAL, ELLIPTIC = 5, 6, 7
+"""`mjtConstraint`."""
+KINDS = ("equality", "friction loss", "tendon friction", "limit", "tendon limit")
+PUSH, FRICTION = "push", "friction"
+MOST_FORCES = 6
+"""Of a contact: normal, two tangents, torsion, two of rolling."""
+
+POINT = np.dtype(
+    [
+        ("row", np.int32), ("first", np.int32), ("second", np.int32), ("dim", np.int32),
+        ("distance", np.float64), ("position", np.float64, 3), ("frame", np.float64, (2, 3)),
+        ("friction", np.float64, 5), ("force", np.float64, MOST_FORCES),
+    ]
+)  # fmt: skip
+"""A contact: evaluation, geoms, how many forces; distance [m], position [m], normal (from the first
+to the second geom) and first tangent; friction; forces along normal and tangents [N], torques
+about them [N m]."""
+HELD = np.dtype(
+    [
+        ("row", np.int32), ("kind", np.int32), ("id", np.int32),
+        ("position", np.float64), ("force", np.float64),
+    ]
+)  # fmt: skip
+"""A row of another constraint: evaluation, type, number of what is constrained; how far it is from
+being met; its force."""
+
+
+class Groups(NamedTuple):
+    """Forces of constraints, a group for each evaluation and cause."""
+
+    rows: Any
+    """The evaluation of each group, shape (g,)."""
+    kinds: Any
+    """Its type: of `KINDS`, or 5 for a push and 6 for friction, shape (g,)."""
+    first: Any
+    second: Any
+    """Numbers of what is constrained, shape (g,)."""
+    dofs: Any
+    """The degrees of freedom of all groups, one behind the other."""
+    values: Any
+    """The forces on them."""
+    starts: Any
+    """Where each group begins in them, shape (g + 1,)."""
+
+
+class Constrained(NamedTuple):
+    """All that constraints do in some evaluations."""
+
+    groups: Groups | None
+    points: Any
+    held: Any
+
+
+def constrained(copies: Any, joint_of: Any, nv: int, *, sparse: bool) -> Constrained:
+    """Return the forces of constraints in all evaluations that were copied.
+
+    Parameters
+    ----------
+    copies
+        The `Copies`.
+    joint_of
+        The joint of each degree of freedom.
+    nv
+        How many of these there are.
+    sparse
+        Whether the Jacobian was kept sparse.
+    """
+    nefc, ncon = np.array(copies.nefc), np.array(copies.ncon)
+    total = int(nefc.sum())
+    if not total:
+        return Constrained(None, np.empty(0, POINT), np.empty(0, HELD))
+    row_of = np.repeat(np.arange(len(nefc)), nefc)
+    base = np.cumsum(nefc) - nefc
+    types = copies.joined("efc_type", np.int32)
+    ids = copies.joined("efc_id", np.int32)
+    forces = copies.joined("efc_force", np.float64)
+    position = copies.joined("efc_pos", np.float64)
+    others = np.flatnonzero(types < FRICTIONLESS)
+    named = np.where(types == FRICTION_DOF, joint_of[np.minimum(ids, len(joint_of) - 1)], ids)
+    held = np.empty(len(others), HELD)
+    held["row"], held["kind"], held["id"] = row_of[others], types[others], named[others]
+    held["position"], held["force"] = position[others], forces[others]
+    points, of_contacts = _points(copies, ncon, base, types, forces)
+    # Rows and their weights: what is not a contact's, then pushes, then friction.
+    rows = np.concatenate([others, of_contacts.rows, of_contacts.rows])
+    weights = np.concatenate([forces[others], of_contacts.pushes, of_contacts.frictions])
+    count = len(of_contacts.rows)
+    kinds = np.concatenate([types[others], np.full(count, 5), np.full(count, 6)])
+    first = np.concatenate([named[others], of_contacts.first, of_contacts.first])
+    second = np.concatenate([np.full(len(others), -1), of_contacts.second, of_contacts.second])
+    acting = weights != 0.0
+    rows, weights, kinds = rows[acting], weights[acting], kinds[acting]
+    first, second = first[acting], second[acting]
+    evaluation = row_of[rows]
+    order = np.lexsort((second, first, kinds, evaluation))
+    rows, weights, kinds = rows[order], weights[order], kinds[order]
+    first, second, evaluation = first[order], second[order], evaluation[order]
+    new = np.ones(len(rows), bool)
+    if len(rows):
+        for key in (evaluation, kinds, first, second):
+            new[1:] &= True
+        new[1:] = (
+            (np.diff(evaluation) != 0) | (np.diff(kinds) != 0)
+            | (np.diff(first) != 0) | (np.diff(second) != 0)
+        )  # fmt: skip
+    begins = np.flatnonzero(new)
+    if sparse:
+        dofs, values, starts = _sparse_sums(copies, row_of, base, rows, weights, new)
+    else:
+        dofs, values, starts = _dense_sums(copies, nv, rows, weights, begins)
+    groups = Groups(
+        evaluation[begins], kinds[begins], first[begins], second[begins], dofs, values, starts
+    )
+    return Constrained(groups, points, held)
+
+
+class _OfContacts(NamedTuple):
+    """The rows of contacts, and their weights."""
+
+    rows: Any
+    pushes: Any
+    frictions: Any
+    first: Any
+    second: Any
+
+
+def _points(copies: Any, ncon: Any, base: Any, types: Any, forces: Any) -> tuple[Any, _OfContacts]:
+    """Return the contacts with their forces, and what of each row is push and friction."""
+    empty = np.empty(0, np.int64)
+    none = _OfContacts(empty, np.empty(0), np.empty(0), empty, empty)
+    if not ncon.any():
+        return np.empty(0, POINT), none
+    raw = copies.joined("contact", copies.contacts.dtype)
+    row_of = np.repeat(np.arange(len(ncon)), ncon)
+    acting = np.flatnonzero(raw["efc_address"] >= 0)
+    raw, row_of = raw[acting], row_of[acting]
+    if not len(raw):
+        return np.empty(0, POINT), none
+    begin = base[row_of] + raw["efc_address"]
+    kind, dim = types[begin], raw["dim"].astype(np.int64)
+    width = np.where(kind == PYRAMIDAL, 2 * (dim - 1), np.where(kind == ELLIPTIC, dim, 1))
+    # All rows of all contacts, one behind the other.
+    contact = np.repeat(np.arange(len(raw)), width)
+    place = np.arange(int(width.sum())) - np.repeat(np.cumsum(width) - width, width)
+    rows = begin[contact] + place
+    f, pyramidal = forces[rows], kind[contact] == PYRAMIDAL
+    sums = np.add.reduceat(f, np.cumsum(width) - width)
+    pushes = np.where(
+        pyramidal, np.where(place < 2, sums[contact] / 2, 0.0), np.where(place == 0, f, 0.0)
+    )
+    points = np.zeros(len(raw), POINT)
+    points["row"], points["dim"] = row_of, dim
+    points["first"], points["second"] = raw["geom"][:, 0], raw["geom"][:, 1]
+    points["distance"], points["position"] = raw["dist"], raw["pos"]
+    points["frame"] = raw["frame"].reshape(-1, 3, 3)[:, :2]
+    points["friction"] = raw["friction"]
+    points["force"][:, 0] = np.where(kind == PYRAMIDAL, sums, forces[begin])
+    # The edges of a pyramid come in pairs, along a tangent and against it.
+    tangent = np.where(pyramidal, place // 2 + 1, place)
+    sign = np.where(pyramidal, np.where(place % 2, -1.0, 1.0), 1.0)
+    scale = np.where(pyramidal, raw["friction"][contact, np.minimum(tangent, 5) - 1], 1.0)
+    along = np.flatnonzero(tangent > 0)
+    np.add.at(points["force"], (contact[along], tangent[along]), (sign * scale * f)[along])
+    first, second = points["first"][contact], points["second"][contact]
+    return points, _OfContacts(rows, pushes, f - pushes, first, second)
+
+
+def _dense_sums(copies: Any, nv: int, rows: Any, weights: Any, begins: Any) -> tuple[Any, ...]:
+    """Return the sums of groups of rows of a full Jacobian: dofs, values, starts."""
+    if not len(rows):
+        return np.empty(0, int), np.empty(0), np.zeros(1, int)
+    jacobian = copies.joined("efc_J", np.float64).reshape(-1, nv)
+    sums = np.add.reduceat(jacobian[rows] * weights[:, None], begins, axis=0)
+    group, dofs = np.nonzero(sums)
+    starts = np.searchsorted(group, np.arange(len(begins) + 1))
+    return dofs, sums[group, dofs], starts
+
+
+def _sparse_sums(
+    copies: Any, row_of: Any, base: Any, rows: Any, weights: Any, new: Any
+) -> tuple[Any, ...]:
+    """Return the sums of groups of rows of a sparse Jacobian: dofs, values, starts.
+
+    The rows of a group have the same columns, with the same bodies; where one has not, its group
+    is summed by column.
+    """
+    jacobian = copies.joined("efc_J", np.float64)
+    columns = copies.joined("efc_J_colind", np.int32)
+    counts = copies.joined("efc_J_rownnz", np.int32).astype(np.int64)
+    lengths = np.array([len(piece) // 8 for piece in copies.rows["efc_J"]])
+    filled = np.zeros(len(base), np.int64)
+    with_rows = np.flatnonzero(np.array(copies.nefc))
+    filled[with_rows] = np.cumsum(lengths) - lengths
+    starts = copies.joined("efc_J_rowadr", np.int32) + filled[row_of]
+    width = counts[rows]
+    total = int(width.sum())
+    place = np.arange(total) - np.repeat(np.cumsum(width) - width, width)
+    entry = np.repeat(starts[rows], width) + place
+    values = jacobian[entry] * np.repeat(weights, width)
+    group = np.cumsum(new) - 1
+    widest = np.maximum.reduceat(width, np.flatnonzero(new)) if len(rows) else np.empty(0, int)
+    begin = np.concatenate([[0], np.cumsum(widest)])
+    target = np.repeat(begin[group], width) + place
+    summed = np.bincount(target, values, minlength=int(begin[-1]))
+    dofs = np.full(int(begin[-1]), -1)
+    dofs[target] = columns[entry]
+    if (dofs[target] == columns[entry]).all():
+        return dofs, summed, begin
+    key = np.repeat(group, width) * (int(columns.max()) + 1) + columns[entry]
+    unique, which = np.unique(key, return_inverse=True)
+    summed = np.bincount(which, values, minlength=len(unique))
+    per = int(columns.max()) + 1
+    return unique % per, summed, np.searchsorted(unique // per, np.arange(int(new.sum()) + 1))

@@ -1,0 +1,255 @@
+"""The named forces of some evaluations that are not constraints': per degree of freedom, all at once.
+
+Each is a `Term`: what MuJoCo itself has computed, or a part of it by the formula that is cited.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .layout import DOFS, TINY, Layout, either
+
+DISABLE_SPRING, DISABLE_DAMPER, DISABLE_GRAVITY = 1 << 5, 1 << 6, 1 << 7
+"""`mjtDisableBit`."""
+JOINTS = (0, 1)
+"""Transmissions to a joint (`mjTRN_JOINT`, `mjTRN_JOINTINPARENT`), and to a tendon."""
+TENDON = 3
+
+
+class Term(NamedTuple):
+    """A force by its cause."""
+
+    kind: str
+    first: int
+    """Number of the actuator, joint, body, geom …; -1 where the cause has none."""
+    second: int
+    """Number of a pair's other geom, or -1."""
+    dofs: Any
+    """The degrees of freedom that it acts on, or None: all."""
+    values: Any
+    """The forces, shape (r, dofs)."""
+
+
+def term(kind: str, values: Any, first: int = -1, dofs: Any = None) -> Term:
+    """Return a force that belongs to no pair."""
+    return Term(kind, first, -1, dofs, values)
+
+
+def smooth(m: Any, layout: Layout, held: dict[str, Any], qfrc: Any, xfrc: Any) -> list[Term]:
+    """Return all forces of some evaluations but those of constraints.
+
+    Parameters
+    ----------
+    m, layout
+        The model, as it was in all of them.
+    held
+        What was copied, by name, shape (r, elements).
+    qfrc, xfrc
+        Applied forces, shapes (r, nv) and (r, nbody, 6), or None where none was.
+    """
+    gravity = gravity_of(m, layout, held)
+    found = [term("gravity", gravity), term("bias", -held["qfrc_bias"] - gravity)]
+    found += _passive(m, layout, held)
+    found += _actuators(m, layout, held)
+    if qfrc is not None:
+        found.append(term("applied", qfrc))
+    if xfrc is not None:
+        found += _pushes(m, layout, held, xfrc)
+    return found
+
+
+def gravity_of(m: Any, layout: Layout, held: dict[str, Any]) -> Any:
+    """Return the generalised weight, shape (r, nv).
+
+    A dof moves what its body carries, of mass M about the centre c, as `cdof` says: with velocity
+    lin + rot × (c - o), where o is the centre of mass of the whole tree. Its share of the weight is
+    M g · that. `mj_rne` at rest gives the same (`tests/test_mujoco_explain.py`).
+    """
+    r = len(held["cdof"])
+    gravity = np.array(m.opt.gravity)
+    if m.opt.disableflags & DISABLE_GRAVITY or not gravity.any():
+        return np.zeros((r, layout.nv))
+    motions = held["cdof"].reshape(r, -1, 6)
+    centres = held["subtree_com"].reshape(r, -1, 3)
+    carried = layout.subtree_masses(m)[layout.body][:, None]
+    divided_by = np.maximum(np.array(m.body_subtreemass)[layout.body], TINY)[:, None]
+    moments = centres[:, layout.body] * divided_by - carried * centres[:, layout.root]
+    turned = np.cross(motions[..., :3], moments)
+    return (carried * motions[..., 3:] + turned) @ gravity
+
+
+def _passive(m: Any, layout: Layout, held: dict[str, Any]) -> list[Term]:
+    """Return springs, dampers, fluid, gravity compensation, adhesion, and what callbacks add."""
+    rest, found = held["qfrc_passive"], []
+    springs, dampers = held["qfrc_spring"], held["qfrc_damper"]
+    for each in _tendons(m, held):
+        found.append(each.whole)
+        springs = _less(springs, each.dofs, each.spring)
+        dampers = _less(dampers, each.dofs, each.damper)
+        rest = _less(rest, each.dofs, each.spring + each.damper)
+    named = [("spring", springs), ("damper", dampers), ("fluid", held["qfrc_fluid"])]
+    if "qfrc_adhesion" in held:
+        named.append(("adhesion", held["qfrc_adhesion"]))
+    by_actuator = np.array(m.jnt_actgravcomp, bool)[layout.joint]
+    named.append(("gravity compensation", np.where(by_actuator, 0.0, held["qfrc_gravcomp"])))
+    for kind, values in named:
+        if values.any():
+            found.append(term(kind, values))
+            rest = rest - values
+    largest = np.abs(held["qfrc_passive"]).max(initial=0.0)
+    if np.abs(rest).max(initial=0.0) > ROUNDING * largest:
+        found.append(term("passive callback", rest))
+    return found
+
+
+class Stretched(NamedTuple):
+    """The spring and damper of a tendon."""
+
+    whole: Term
+    dofs: Any
+    spring: Any
+    damper: Any
+
+
+def _tendons(m: Any, held: dict[str, Any]) -> list[Stretched]:
+    """Return what the spring and damper of each tendon do (`mj_springdamper`)."""
+    found: list[Stretched] = []
+    if not m.ntendon:
+        return found
+    no_spring = bool(m.opt.disableflags & DISABLE_SPRING)
+    no_damper = bool(m.opt.disableflags & DISABLE_DAMPER)
+    for i in range(m.ntendon):
+        stiffness = _coefficients(m, "tendon_stiffness", i)
+        damping = _coefficients(m, "tendon_damping", i)
+        damping = _with_actuators(m, "tendon", i, damping)
+        if no_spring or not stiffness.any():
+            stiffness = np.zeros(1)
+        if no_damper or not damping.any():
+            damping = np.zeros(1)
+        if not (stiffness.any() or damping.any()):
+            continue
+        length, rate = held["ten_length"][:, i], held["ten_velocity"][:, i]
+        lower, upper = m.tendon_lengthspring[i]
+        beyond = np.where(length > upper, length - upper, np.minimum(length - lower, 0.0))
+        spring = -beyond * polynomial(stiffness, beyond)
+        damper = -rate * polynomial(damping, np.abs(rate))
+        dofs, arms = _sparse_row(held, m, "ten_J", i)
+        parts = arms * spring[:, None], arms * damper[:, None]
+        found.append(Stretched(term("tendon", sum(parts), i, dofs), dofs, *parts))
+    return found
+
+
+def _actuators(m: Any, layout: Layout, held: dict[str, Any]) -> list[Term]:
+    """Return what each actuator does, and what the force ranges of joints take from it."""
+    found: list[Term] = []
+    if not m.nu:
+        return found
+    total = held["qfrc_actuator"]
+    left, forces = total, held["actuator_force"]
+    for i in np.flatnonzero(forces.any(axis=0)):
+        dofs, arms = _sparse_row(held, m, "moment", i, "actuator_moment")
+        values = arms * forces[:, i, None]
+        found.append(term("actuator", values, int(i), dofs))
+        left = _less(left, dofs, values)
+    by_actuator = np.array(m.jnt_actgravcomp, bool)[layout.joint]
+    if by_actuator.any():
+        values = np.where(by_actuator, held["qfrc_gravcomp"], 0.0)
+        found.append(term("gravity compensation", values))
+        left = left - values
+    scale = np.abs(total).max(initial=0.0) + np.abs(left).max(initial=0.0)
+    if np.abs(left).max(initial=0.0) > ROUNDING * scale:
+        found.append(term("joint force range", left))
+    return found
+
+
+def _pushes(m: Any, layout: Layout, held: dict[str, Any], xfrc: Any) -> list[Term]:
+    """Return what is applied to each body at its centre of mass (`mj_xfrcAccumulate`)."""
+    r, found = len(xfrc), []
+    motions = held["cdof"].reshape(r, -1, 6)
+    origins = held["subtree_com"].reshape(r, -1, 3)
+    for body in np.flatnonzero(xfrc.any(axis=(0, 2))):
+        dofs = layout.moving[body]
+        if not len(dofs):
+            continue
+        motion = motions[:, dofs]
+        arm = held["xipos"].reshape(r, -1, 3)[:, body] - origins[:, m.body_rootid[body]]
+        moved = motion[..., 3:] + np.cross(motion[..., :3], arm[:, None])
+        push, turn = xfrc[:, body, :3], xfrc[:, body, 3:]
+        values = moved @ push[..., None] + motion[..., :3] @ turn[..., None]
+        found.append(term("pushed", values[..., 0], int(body), dofs))
+    return found
+
+
+ROUNDING = 1e-13
+"""What is a smaller share of the whole is rounding, and no force of its own."""
+
+
+def polynomial(coefficients: Any, x: Any) -> Any:
+    """Return c0 + c1 x + c2 x² … (`mju_polyForce`)."""
+    return sum(c * x**power for power, c in enumerate(coefficients))
+
+
+def _coefficients(m: Any, name: str, i: int) -> Any:
+    """Return a linear coefficient, and those of higher powers where this version has any."""
+    higher = getattr(m, f"{name}poly", None)
+    linear = np.atleast_1d(np.asarray(getattr(m, name)[i], float))
+    return linear if higher is None else np.concatenate([linear, np.atleast_1d(higher[i])])
+
+
+def _with_actuators(m: Any, what: str, i: int, coefficients: Any) -> Any:
+    """Return damping of a joint or tendon with what its actuators add (`mj_actuatorDamping`)."""
+    if not hasattr(m, "actuator_damping"):
+        return coefficients
+    types = JOINTS if what == "joint" else (TENDON,)
+    mine = np.isin(m.actuator_trntype, types) & (m.actuator_trnid[:, 0] == i)
+    for actuator in np.flatnonzero(mine):
+        out = m.actuator_outadr[actuator] if hasattr(m, "actuator_outadr") else actuator
+        gear = m.actuator_gear[out, 0] ** 2
+        coefficients = coefficients + gear * _coefficients(m, "actuator_damping", actuator)
+    return coefficients
+
+
+def damping_of(m: Any) -> Any:
+    """Return the coefficients of each dof's damping, linear first, shape (nv, powers)."""
+    rows = []
+    for dof in range(m.nv):
+        own = _coefficients(m, "dof_damping", dof)
+        rows.append(_with_actuators(m, "joint", m.dof_jntid[dof], own))
+    return np.array(rows)
+
+
+def _sparse_row(held: dict[str, Any], m: Any, name: str, i: int, numbers: str = "") -> Any:
+    """Return columns and values, shape (r, columns), of a row of a sparse matrix."""
+    numbers = numbers or name
+    values = held[numbers]
+    counts, starts, columns = (
+        held[f"{name}_{part}"] if f"{name}_{part}" in held else np.array([getattr(m, f"{name}_{part}").ravel()])
+        for part in ("rownnz", "rowadr", "colind")
+    )
+    count, start = counts[0, i], starts[0, i]
+    if (counts[:, i] == count).all() and (starts[:, i] == start).all():
+        its = columns[:, start : start + count]
+        if (its == its[0]).all():
+            return its[0].copy(), values[:, start : start + count]
+    # A path that has changed: all columns.
+    full = np.zeros((len(values), m.nv))
+    for row in range(len(values)):
+        which = min(row, len(counts) - 1)
+        start, count = starts[which, i], counts[which, i]
+        full[row, columns[which, start : start + count]] = values[row, start : start + count]
+    return np.arange(m.nv), full
+
+
+def _less(values: Any, dofs: Any, part: Any) -> Any:
+    """Return values less what a part of the dofs has."""
+    values = values.copy()
+    values[:, dofs] -= part
+    return values
+
+
+def dofs_of_joint(m: Any, joint: int) -> Any:
+    """Return the degrees of freedom of a joint."""
+    first = m.jnt_dofadr[joint]
+    return np.arange(first, first + DOFS[m.jnt_type[joint]])

@@ -1,0 +1,172 @@
+"""What MuJoCo's integrators add to the forces of a state, and what a solver leaves.
+
+Each integrator solves for the acceleration a = (u' - u)/h:
+
+    Euler, without dampers        a is the solver's qacc, so M a - forces is what the solver left
+    Euler, with dampers           (M + h D) a = forces, D the slope of the dampers (`mj_EulerSkip`)
+    implicit                      (M - h J) a = forces, J the slope of all forces (`mj_implicitSkip`)
+    implicitfast                  the same, without the slope of the bias, and J symmetric; bodies
+                                  that move freely have both (since 3.11)
+    RK4                           a = sum of b_i a_i over four stages (`added_by_stages`)
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .forces import Term, damping_of, polynomial, term
+from .layout import Layout
+
+EULER, RK4, IMPLICIT, IMPLICITFAST = 0, 1, 2, 3
+"""`mjtIntegrator`."""
+DISABLE_DAMPER, DISABLE_EULERDAMP = 1 << 6, 1 << 15
+INTEGRATOR, SOLVER = "integrator", "solver"
+STAGES = 4
+WEIGHTS = (1 / 6, 1 / 3, 1 / 3, 1 / 6)
+"""Of the stages of RK4."""
+GYROSCOPIC_SINCE = (3, 11)
+"""From this version on implicitfast has the slope of the bias of bodies that move freely."""
+
+
+def left_by_solver(layout: Layout, held: dict[str, Any]) -> Any:
+    """Return M qacc less all forces, shape (r, nv): 0 but for what the solver left."""
+    forces = held["qfrc_smooth"] + held["qfrc_constraint"]
+    return layout.mass.times(held[layout.mass_name], held["qacc"]) - forces
+
+
+def added(
+    m: Any,
+    layout: Layout,
+    held: dict[str, Any],
+    integrator: int,
+    h: Any,
+    before: dict[str, Any],
+    change: Any,
+    version: tuple[int, ...],
+) -> Term:
+    """Return the impulse that an integrator adds to those of forces.
+
+    Parameters
+    ----------
+    m, layout, held
+        The model, and what was copied.
+    integrator
+        Its number.
+    h
+        Timesteps [s], shape (n,).
+    before
+        `qpos` and `qvel` before each step.
+    change
+        u' - u, shape (n, nv).
+    version
+        MuJoCo's.
+    """
+    if integrator == EULER:
+        damping = damping_of(m)
+        off = m.opt.disableflags & (DISABLE_DAMPER | DISABLE_EULERDAMP)
+        if off or not damping.any():
+            return term(SOLVER, h[:, None] * left_by_solver(layout, held))
+        powers = np.arange(1, damping.shape[1] + 1)
+        slope = polynomial((damping * powers).T, np.abs(before["qvel"]))
+        return term(INTEGRATOR, -h[:, None] * slope * change)
+    slopes, n = held["qDeriv"], len(change)
+    if integrator == IMPLICITFAST:
+        values = _symmetric(layout, slopes, change)
+        if version >= GYROSCOPIC_SINCE:
+            for at, dof in zip(layout.alone_at, layout.alone):
+                its = slice(dof, dof + 6)
+                block = _rows(layout, slopes, dof) - _bias_slope(m, layout, held, before, at, dof)
+                values[:, its] = (block @ change[:, its, None])[..., 0]
+    else:
+        products = slopes * change[:, layout.d_columns]
+        values = np.add.reduceat(products, layout.d_starts, axis=1) if n else products
+    return term(INTEGRATOR, h[:, None] * values)
+
+
+def averaged(values: Any) -> Any:
+    """Return the mean of what four stages have, weighted as RK4 does: (4 n, k) becomes (n, k)."""
+    stages = values.reshape(-1, STAGES, *values.shape[1:])
+    return np.tensordot(np.array(WEIGHTS), stages, (0, 1))
+
+
+def added_by_stages(layout: Layout, held: dict[str, Any]) -> list[Term]:
+    """Return what RK4 adds to the mean of the forces of its stages, as forces, shape (n, nv).
+
+    u' - u = h sum of b_i a_i, and M_i a_i = forces + what the solver left. So with the mass matrix
+    of the first stage, M_1 (u' - u) is h sum of b_i (forces + solver + (M_1 - M_i) a_i).
+    """
+    numbers, accelerations = held[layout.mass_name], held["qacc"]
+    first = np.repeat(numbers[::STAGES], STAGES, axis=0)
+    return [
+        term(SOLVER, averaged(left_by_solver(layout, held))),
+        term(INTEGRATOR, averaged(layout.mass.times(first - numbers, accelerations))),
+    ]
+
+
+def _symmetric(layout: Layout, slopes: Any, change: Any) -> Any:
+    """Return the symmetric matrix whose lower half is that of `slopes`, times vectors."""
+    rows, columns = layout.d_rows, layout.d_columns
+    values = np.zeros_like(change)
+    lower = np.flatnonzero(columns <= rows)
+    below = np.flatnonzero(columns < rows)
+    for row, column, entry in ((rows, columns, lower), (columns, rows, below)):
+        into, order = row[entry], np.argsort(row[entry], kind="stable")
+        if not len(into):
+            continue
+        products = slopes[:, entry[order]] * change[:, column[entry[order]]]
+        present, starts = np.unique(into[order], return_index=True)
+        values[:, present] += np.add.reduceat(products, starts, axis=1)
+    return values
+
+
+def _rows(layout: Layout, slopes: Any, dof: int) -> Any:
+    """Return the block of a body that moves freely, shape (n, 6, 6)."""
+    mine = np.flatnonzero((layout.d_rows >= dof) & (layout.d_rows < dof + 6))
+    block = np.zeros((len(slopes), 6, 6))
+    block[:, layout.d_rows[mine] - dof, layout.d_columns[mine] - dof] = slopes[:, mine]
+    return block
+
+
+def _bias_slope(
+    m: Any, layout: Layout, held: dict[str, Any], before: dict[str, Any], at: int, dof: int
+) -> Any:
+    """Return the slope of the bias of a body that moves freely, shape (n, 6, 6).
+
+    With mass m, centre of mass c and inertia I about the joint, all in the body's axes R, it is
+    m R (ω × (ω × c)) and ω × I ω. M holds m, -m R c×, and I with the armature.
+    """
+    mass = layout.mass.block(held[layout.mass_name], np.arange(dof, dof + 6))
+    spin = before["qvel"][:, dof + 3 : dof + 6]
+    turn = _matrices(before["qpos"][:, at + 3 : at + 7])
+    inertia = mass[:, 3:, 3:] - np.diag(m.dof_armature[dof + 3 : dof + 6])
+    offset = -np.swapaxes(turn, 1, 2) @ mass[:, :3, 3:]  # m c×
+    centre = np.stack([offset[:, 2, 1], offset[:, 0, 2], offset[:, 1, 0]], axis=1)
+    w = _cross(spin)
+    block = np.zeros((len(spin), 6, 6))
+    block[:, :3, 3:] = turn @ -(_cross(np.cross(spin, centre)) + w @ _cross(centre))
+    block[:, 3:, 3:] = w @ inertia - _cross((inertia @ spin[..., None])[..., 0])
+    return block
+
+
+def _cross(vectors: Any) -> Any:
+    """Return the matrices that take b to a × b, shape (n, 3, 3)."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    zero = np.zeros_like(x)
+    rows = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]])
+    return np.moveaxis(rows, -1, 0)
+
+
+def _matrices(quaternions: Any) -> Any:
+    """Return rotation matrices of quaternions, real part first, shape (n, 3, 3)."""
+    q = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    w, x, y, z = q.T
+    rows = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    return np.moveaxis(rows, -1, 0)

@@ -1,0 +1,539 @@
+"""A script's steps, taken again from what its process has sent.
+
+A step is replayed if it leads to the recorded state to the last bit. Only such a step is explained:
+the sum of one that leads elsewhere would close, too, and say nothing of the script's.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from .. import frames, memory
+from ..frames import CALLBACKS, CAUSES, FLAGS, STALE, UNPOSED
+from .batch import Batch
+from .integrators import EULER, IMPLICIT, IMPLICITFAST, RK4
+from .layout import Layout
+from .summed import Terms
+
+EXPLAINED, REPLAYED, OTHER = 0, 1, 2
+"""Of a step: the sum closes; it leads to the recorded state, but has no sum; it leads elsewhere."""
+REASONS = (
+    "",
+    "remainder",
+    "nothing moves",
+    "integrator",
+    "version",
+    "flex",
+    "plugin",
+    "sleep",
+    "delay",
+    "auto-reset",
+    "stale",
+    "unknown",
+)
+"""Why a step is not explained: the sum leaves something; there is no degree of freedom; the integrator has no sum here; this
+version's law was not tested; deformable bodies; plugins; sleeping bodies; delayed actuators; MuJoCo
+has reset itself within it; it was taken with data of another state, which were then found to lead to
+the recorded one; none of these."""
+CLOSES = 1e-11
+"""A remainder up to this share of the largest impulse is rounding."""
+TESTED = ((3, 3), (4, 0))
+"""The first and last version whose steps have a sum."""
+MIDPOINT = ((3, 7), (3, 10))
+"""In these, implicit integrators turn bodies that move freely by a rule of their own."""
+SLEEP, IPC = 1 << 4, 1 << 6
+"""`mjtEnableBit`."""
+NO_ACTUATION, NO_RESET = 1 << 11, 1 << 16
+"""`mjtDisableBit`."""
+INSTABLE = tuple(
+    int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC")
+)
+"""The warnings with which MuJoCo resets itself."""
+VERSION = tuple(int(part) for part in mujoco.__version__.split(".")[:2])
+
+SPARE = 1 << 16
+"""Results of so many unexplained steps are sent at once."""
+
+
+class ReplayedModel:
+    """A model as the script had it.
+
+    Parameters
+    ----------
+    number
+        Its number in the stream.
+    binary
+        It in MuJoCo's binary form.
+    names
+        What may be edited in it, as the stream numbers it.
+    """
+
+    def __init__(self, number: int, binary: bytes, names: list[str]) -> None:
+        self.number = number
+        self.m = mujoco.MjModel.from_binary_path("model.mjb", {"model.mjb": binary})
+        places = {field.name: field for field in memory.fields_of(self.m)}
+        self.fields = [places[name] for name in names]
+        self.layout = Layout(self.m, mujoco.MjData(self.m))
+        self.terms = Terms()
+
+    def edit(self, number: int, indices: Any, values: Any) -> None:
+        """Change elements of a field."""
+        field = self.fields[number]
+        held = np.frombuffer(memory.view_of(field.address, field.size), field.dtype)
+        held[indices] = values
+
+
+class ReplayedData:
+    """A simulation that is replayed.
+
+    Parameters
+    ----------
+    number
+        Its number in the stream.
+    model
+        Its model.
+    size
+        Bytes of the core of its state.
+    """
+
+    def __init__(self, number: int, model: ReplayedModel, size: int) -> None:
+        self.number = number
+        self.step = 0
+        self.posed: list[tuple[str, Any, Any]] = []
+        """What data are of another state in the next step."""
+        self.answers: list[tuple[int, Any]] = []
+        """What callbacks do within the next step."""
+        self.statuses: list[tuple[int, int]] = []
+        """Of steps since the last result: status and reason."""
+        self.first = 0
+        """The first of these."""
+        self.batch: Batch | None = None
+        self.use(model)
+        if self.core.size != size:
+            raise LookupError(f"a state has {self.core.size} bytes here, and {size} in the script")
+
+    def use(self, model: ReplayedModel) -> None:
+        """Go on with a model."""
+        before = None if not hasattr(self, "d") else self.state()
+        self.model, m = model, model.m
+        self.d, self.other = mujoco.MjData(m), None
+        self.core, self.user = memory.core_of(self.d), memory.user_of(self.d)
+        for part in (*self.core.parts, *self.user.parts):
+            part.view[:] = bytes(part.size)
+        self.d.time = 0.0
+        if before is not None:
+            self.load(self.d, before)
+        self.qpos, self.qvel = self.d.qpos, self.d.qvel
+        self.warned = memory.warnings_of(self.d)
+        self.is_applied = self.is_pushed = False
+        self.look()
+
+    def state(self) -> tuple[float, bytes, bytes]:
+        """Return the state as it is."""
+        return self.d.time, bytes(self.core.view), bytes(self.user.view)
+
+    def load(self, d: Any, state: tuple[float, bytes, bytes]) -> None:
+        """Set the state of these data."""
+        d.time, core, user = state
+        for stretch, held in ((self.core, core), (self.user, user)):
+            if held:
+                stretch.view[:] = held
+
+    def write(self, name: str, indices: Any, values: Any) -> None:
+        """Write elements of a part of the state."""
+        held = getattr(self.d, name).reshape(-1)
+        if name in FLAGS:
+            held = held.view(np.uint8)
+        if indices is None:
+            held[:] = values
+        else:
+            held[indices] = values
+
+    def look(self) -> None:
+        """Note whether anything is applied."""
+        self.is_applied = bool(self.d.qfrc_applied.any())
+        self.is_pushed = bool(self.d.xfrc_applied.any())
+
+
+class Replay:
+    """Takes a stream's payloads, and yields payloads that answer."""
+
+    def __init__(self) -> None:
+        self._models: dict[int, ReplayedModel] = {}
+        self._binaries: dict[str, bytearray] = {}
+        self._waiting: dict[int, dict[str, Any]] = {}
+        """Models that were named and are not complete."""
+        self._data: dict[int, ReplayedData] = {}
+        self._callbacks: set[str] = set()
+        self._calls: Iterator[tuple[int, Any]] = iter(())
+        """What is left of the answers of callbacks."""
+        self._stages: list[bytes] | None = None
+        """The states that a step of RK4 goes through, while it is taken."""
+        self._now: ReplayedData | None = None
+
+    def take(self, payload: bytes) -> Iterator[bytes]:
+        """Take a payload."""
+        kind = payload[:1]
+        if kind == frames.STEP:
+            _, function, _, number, _, time_s = frames.STEP_HEAD.unpack_from(payload)
+            state = self._data[number]
+            yield from self._step(state, function, time_s, payload[frames.STEP_HEAD.size :])
+        elif kind == frames.WRITTEN:
+            self._written(payload)
+        elif kind == frames.EDITED:
+            yield from self._edited(payload)
+        elif kind == frames.CALLBACK:
+            self._called(payload)
+        elif kind == frames.ARRAYS:
+            head, arrays = frames.arrays_of(payload)
+            if head["what"] == "binary":
+                self._binaries[head["digest"]][head["at"] :] = arrays["bytes"].tobytes()
+        elif kind == frames.NOTE:
+            note = json.loads(payload[1:])
+            do: Callable[..., Any] | None = getattr(self, f"_on_{note.pop('what')}", None)
+            if do is not None:
+                yield from do(**note) or ()
+
+    def rest(self) -> Iterator[bytes]:
+        """Explain what is left; the stream is over."""
+        for state in self._data.values():
+            yield from self._finish(state)
+
+    # -- notes ------------------------------------------------------------------------------------
+
+    def _on_model(self, number: int, digest: str, fields: list[Any], **_: Any) -> None:
+        self._binaries.setdefault(digest, bytearray())
+        self._waiting[number] = {"digest": digest, "names": [name for name, *_ in fields]}
+
+    def _on_world(self, number: int, model: int, core_bytes: int, **_: Any) -> None:
+        self._data[number] = ReplayedData(number, self._model(model), core_bytes)
+
+    def _on_model_of(self, world: int, model: int) -> Iterator[bytes]:
+        state = self._data[world]
+        yield from self._finish(state)
+        state.use(self._model(model))
+
+    def _on_callback(self, name: str) -> None:
+        if name not in self._callbacks:
+            self._callbacks.add(name)
+            which = CALLBACKS.index(name[5:])
+            getattr(mujoco, f"set_{name}")(lambda *_: self._answer(which))
+
+    def _model(self, number: int) -> ReplayedModel:
+        waiting = self._waiting.pop(number, None)
+        if waiting is not None:
+            binary = bytes(self._binaries[waiting["digest"]])
+            self._models[number] = ReplayedModel(number, binary, waiting["names"])
+        return self._models[number]
+
+    # -- what the script did ----------------------------------------------------------------------
+
+    def _written(self, payload: bytes) -> None:
+        _, cause, count, number, _, _, time_s = frames.WRITTEN_HEAD.unpack_from(payload)
+        at, state = frames.WRITTEN_HEAD.size, self._data[number]
+        posed = CAUSES[cause] == "posed"
+        for _ in range(count):
+            name, indices, values, at = frames.part_of(payload, at)
+            if posed:
+                state.posed.append((name, indices, values))
+            else:
+                state.write(name, indices, values)
+        if not posed:
+            state.d.time = time_s
+            state.look()
+
+    def _edited(self, payload: bytes) -> Iterator[bytes]:
+        _, _, field, number, _, _, count = frames.EDITED_HEAD.unpack_from(payload)
+        model = self._models[number]
+        for state in self._data.values():
+            if state.model is model:
+                yield from self._finish(state)
+        at = frames.EDITED_HEAD.size
+        indices = np.frombuffer(payload, np.uint32, count, at)
+        values = np.frombuffer(payload, model.fields[field].dtype, count, at + 4 * count)
+        model.edit(field, indices, values)
+
+    def _called(self, payload: bytes) -> None:
+        *_, number, count = frames.CALLBACK_HEAD.unpack_from(payload)
+        at, state = frames.CALLBACK_HEAD.size, self._data[number]
+        for _ in range(count):
+            which = payload[at]
+            at += 1
+            if CALLBACKS[which] not in ("control", "passive"):
+                state.answers.append((which, struct.unpack_from("<d", payload, at)[0]))
+                at += 8
+                continue
+            parts, many = [], payload[at]
+            at += 1
+            for _ in range(many):
+                *part, at = frames.part_of(payload, at)
+                parts.append(part)
+            if CALLBACKS[which] == "passive":
+                nv = state.model.m.nv
+                parts.append(["qfrc_passive", None, np.frombuffer(payload, np.float64, nv, at)])
+                at += 8 * nv
+            state.answers.append((which, parts))
+
+    def _answer(self, which: int) -> Any:
+        """Do again what a callback of the script did."""
+        state = self._now
+        if state is None:
+            return 0.0
+        if self._stages is not None and which == 0:
+            self._stages.append(bytes(state.core.view) + struct.pack("<d", state.d.time))
+        known, answer = next(self._calls, (-1, 0.0))
+        if known != which:
+            return 0.0
+        if isinstance(answer, list):
+            for name, indices, values in answer:
+                state.write(name, indices, values)
+            return None
+        return int(answer) if CALLBACKS[which] == "contactfilter" else answer
+
+    # -- steps ------------------------------------------------------------------------------------
+
+    def _step(
+        self, state: ReplayedData, function: int, time_s: float, core: bytes
+    ) -> Iterator[bytes]:
+        """Take a step, compare, and keep what it takes to explain it."""
+        m, d = state.model.m, state.d
+        which, flags = function & 15, function & (STALE | UNPOSED)
+        integrator = self._integrator(m, which)
+        reason = self._uncovered(m, state, integrator)
+        batch = None
+        if not reason:
+            batch = state.batch
+            if batch is None or batch.integrator != integrator or batch.is_full:
+                yield from self._finish(state)
+                batch = state.batch = self._batch(state, integrator)
+            batch.before(state.qpos, state.qvel)
+        stepping = integrator == RK4 and batch is not None
+        before = state.state() if flags or stepping else None
+        warned = bytes(state.warned) if not m.opt.disableflags & NO_RESET else b""
+        self._now, self._calls = state, iter(state.answers)
+        self._stages = [] if stepping else None
+        _take(m, state, which)
+        stages, self._stages = self._stages, None
+        self._now = None
+        same = d.time == time_s and _equal(state, core)
+        status = EXPLAINED
+        if not same:
+            status, reason = OTHER, "unknown"
+            if flags and before is not None:
+                reason = self._stale(state, before, flags, which, time_s, core)
+            d.time, state.core.view[:] = time_s, core
+        elif warned and warned != state.warned and _has_reset(warned, state.warned):
+            status, reason = REPLAYED, "auto-reset"
+        elif batch is None:
+            status = REPLAYED
+        elif stages is not None and before is not None:
+            if len(stages) != 4:
+                status, reason = REPLAYED, "integrator"
+            else:
+                self._evaluate(state, batch, before, stages)
+        else:
+            batch.evaluated(_is_sparse(m), state.is_applied, state.is_pushed)
+        if status == EXPLAINED and batch is not None:
+            batch.after(state.step, state.qvel, m.opt.timestep)
+        if state.answers:
+            state.look()
+        state.answers, state.posed = [], []
+        state.statuses.append((status, REASONS.index(reason)))
+        state.step += 1
+        if len(state.statuses) >= SPARE:
+            yield from self._finish(state)
+
+    def _integrator(self, m: Any, which: int) -> int:
+        """Return the integrator that a function uses."""
+        chosen = int(m.opt.integrator)
+        if which == 0:
+            return chosen
+        if which == 3:
+            return chosen if chosen in (IMPLICIT, IMPLICITFAST) else -1
+        if which == 1 and chosen in (IMPLICIT, IMPLICITFAST):
+            return chosen
+        return RK4 if which == 4 else EULER
+
+    def _uncovered(self, m: Any, state: ReplayedData, integrator: int) -> str:
+        """Return why steps like this have no sum, or nothing."""
+        if integrator not in (EULER, RK4, IMPLICIT, IMPLICITFAST):
+            return "integrator"
+        if not TESTED[0] <= VERSION <= TESTED[1]:
+            return "version"
+        implicit = integrator in (IMPLICIT, IMPLICITFAST)
+        if implicit and MIDPOINT[0] <= VERSION <= MIDPOINT[1] and len(state.model.layout.alone):
+            return "version"
+        if not m.nv:
+            return "nothing moves"
+        if m.nflex or m.opt.enableflags & IPC:
+            return "flex"
+        if m.nplugin:
+            return "plugin"
+        if getattr(m, "nhistory", 0):
+            return "delay"
+        if m.opt.enableflags & SLEEP and (state.d.tree_asleep >= 0).any():
+            return "sleep"
+        if integrator == RK4 and m.opt.disableflags & NO_ACTUATION:
+            return "integrator"  # its stages are seen by the callback of actuation
+        return ""
+
+    def _batch(self, state: ReplayedData, integrator: int) -> Batch:
+        model, d = state.model, state.d
+        if integrator == RK4:
+            state.other = d = state.other or mujoco.MjData(model.m)
+            self._on_callback("mjcb_control")
+        return Batch(model.m, d, model.layout, model.terms, integrator, VERSION)
+
+    def _evaluate(
+        self,
+        state: ReplayedData,
+        batch: Batch,
+        before: tuple[float, bytes, bytes],
+        stages: list[bytes],
+    ) -> None:
+        """Compute again what a step of RK4 has computed in its stages."""
+        m, other = state.model.m, state.other
+        core, user = memory.core_of(other), memory.user_of(other)
+        sparse = _is_sparse(m)
+        answers = list(state.answers)
+        warm = [part for part in core.parts if part.name == "qacc_warmstart"]
+        for stage in stages:
+            core.view[:] = stage[:-8]
+            for part in warm:
+                part.view[:] = before[1][part.begin : part.end]
+            (other.time,) = struct.unpack("<d", stage[-8:])
+            if user.size:
+                user.view[:] = before[2]
+            self._now, self._calls = _Elsewhere(other), iter(answers)
+            mujoco.mj_forward(m, other)
+            answers = list(self._calls)
+            self._now = None
+            batch.evaluated(sparse, state.is_applied, state.is_pushed)
+
+    def _stale(
+        self,
+        state: ReplayedData,
+        before: tuple[float, bytes, bytes],
+        flags: int,
+        which: int,
+        time_s: float,
+        core: bytes,
+    ) -> str:
+        """Return whether a step with data of the state that was sent leads to the recorded one."""
+        if not flags & STALE:
+            return "unknown"
+        m, d = state.model.m, state.d
+        state.load(d, before)
+        for name, indices, values in state.posed:
+            state.write(name, indices, values)
+        self._now, self._calls = state, iter(state.answers)
+        (mujoco.mj_step1 if which == 1 else mujoco.mj_forward)(m, d)
+        state.load(d, before)
+        _finish_step(m, d, which)
+        self._now = None
+        return "stale" if d.time == time_s and _equal(state, core) else "unknown"
+
+    def _finish(self, state: ReplayedData) -> Iterator[bytes]:
+        """Explain what waits, and send it with what became of the steps since."""
+        arrays: dict[str, Any] = {}
+        said: dict[str, Any] = {}
+        if state.statuses:
+            statuses = np.array(state.statuses, np.uint8)
+            if state.batch is not None and state.batch.steps:
+                answer = state.batch.explain(sparse=_is_sparse(state.model.m))
+                arrays = self._packed(state, answer, statuses)
+                said = self._said(state.model.terms)
+            arrays["status"], arrays["reason"] = statuses.T
+            yield frames.arrays_bytes(
+                "explained", arrays, world=state.number, model=state.model.number, first=state.first, **said
+            )
+        state.first, state.statuses = state.step, []
+
+    def _packed(self, state: ReplayedData, answer: Any, statuses: Any) -> dict[str, Any]:
+        """Return an answer's arrays; steps whose sum leaves something are not explained."""
+        summed = answer.summed
+        open_ = answer.steps[~(summed.remainder <= CLOSES)] - state.first
+        statuses[open_, 0], statuses[open_, 1] = REPLAYED, REASONS.index("remainder")
+        points, held = answer.points, answer.held
+        arrays = {
+            "steps": answer.steps,
+            "pattern": summed.patterns,
+            "values": summed.values,
+            "remainder": summed.remainder,
+            "largest": summed.largest,
+            "actuator_force": answer.actuators,
+        }
+        arrays |= {f"point.{name}": points[name] for name in points.dtype.names}
+        arrays |= {f"held.{name}": held[name] for name in held.dtype.names}
+        return arrays
+
+    def _said(self, terms: Terms) -> dict[str, Any]:
+        """Return the terms and patterns that were not sent yet."""
+        new = [
+            [kind, first, second, dofs.tolist()]
+            for kind, first, second, dofs in terms.made[terms.told :]
+        ]
+        patterns = [each.tolist() for each in terms.patterns[terms.patterns_told :]]
+        terms.told, terms.patterns_told = len(terms.made), len(terms.patterns)
+        return {"terms": new, "patterns": patterns}
+
+
+class _Elsewhere:
+    """Writes what a callback wrote into other data."""
+
+    def __init__(self, d: Any) -> None:
+        self.d, self.core = d, memory.core_of(d)
+
+    def write(self, name: str, indices: Any, values: Any) -> None:
+        """Write elements of a part of the state."""
+        held = getattr(self.d, name).reshape(-1)
+        held = held.view(np.uint8) if name in FLAGS else held
+        held[slice(None) if indices is None else indices] = values
+
+
+def _take(m: Any, state: ReplayedData, which: int) -> None:
+    """Take a step as the script did."""
+    d = state.d
+    if which == 0:
+        mujoco.mj_step(m, d)
+        return
+    user = bytes(state.user.view)
+    (mujoco.mj_step1 if which == 1 else mujoco.mj_forward)(m, d)
+    state.user.view[:] = user
+    _finish_step(m, d, which)
+
+
+def _finish_step(m: Any, d: Any, which: int) -> None:
+    """Take the second half of a step."""
+    if which == 4:
+        mujoco.mj_RungeKutta(m, d, 4)
+    else:
+        (mujoco.mj_step2, mujoco.mj_Euler, mujoco.mj_implicit)[which - 1](m, d)
+
+
+def _equal(state: ReplayedData, core: bytes) -> bool:
+    """Return whether a step led to a recorded core; what lies between its parts does not count."""
+    view = state.core.view
+    if view == core or view.tobytes() == core:
+        return True
+    return all(part.view.tobytes() == core[part.begin : part.end] for part in state.core.parts)
+
+
+def _has_reset(before: bytes, now: memoryview) -> bool:
+    """Return whether a warning with which MuJoCo resets itself has become more frequent."""
+    was = np.frombuffer(before, np.int32).reshape(-1, 2)[:, 1]
+    is_ = np.frombuffer(now, np.int32).reshape(-1, 2)[:, 1]
+    return bool((is_[list(INSTABLE)] > was[list(INSTABLE)]).any())
+
+
+def _is_sparse(m: Any) -> bool:
+    """Return the form of the constraints' Jacobian."""
+    return bool(mujoco.mj_isSparse(m))
+
+

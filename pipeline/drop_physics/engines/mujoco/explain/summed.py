@@ -1,0 +1,199 @@
+"""The sum of a batch of steps: which terms each has, their values, and what is left."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .constraints import FRICTION, KINDS, PUSH, Groups
+from .forces import Term
+
+OF_GROUPS = (*KINDS, PUSH, FRICTION)
+
+
+class Named(NamedTuple):
+    """A term that was met."""
+
+    number: int
+    dofs: Any
+    """The degrees of freedom that it has acted on so far."""
+
+
+class Terms:
+    """The terms of a model that were met so far, by number."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[str, int, int], Named] = {}
+        self.made: list[tuple[str, int, int, Any]] = []
+        """Kind, first, second and dofs of each, by number."""
+        self.told = 0
+        """How many of them were sent."""
+        self._patterns: dict[bytes, int] = {}
+        self.patterns: list[Any] = []
+        """The numbers of the terms that a step has, in the order of its values."""
+        self.patterns_told = 0
+
+    def of(self, kind: str, first: int, second: int, dofs: Any) -> Named:
+        """Return the term of a cause that acts on these dofs, and perhaps on more."""
+        key = kind, first, second
+        known = self._known.get(key)
+        if known is not None:
+            dofs = np.union1d(known.dofs, dofs)
+            if len(dofs) == len(known.dofs):
+                return known
+        known = self._known[key] = Named(len(self.made), dofs)
+        self.made.append((*key, dofs))
+        return known
+
+    def pattern(self, numbers: Any) -> int:
+        """Return the number of a list of terms."""
+        key = numbers.tobytes()
+        found = self._patterns.get(key)
+        if found is None:
+            found = self._patterns[key] = len(self.patterns)
+            self.patterns.append(numbers)
+        return found
+
+
+class Summed(NamedTuple):
+    """A batch of steps as sums."""
+
+    patterns: Any
+    """The pattern of each step, shape (n,)."""
+    values: Any
+    """The impulses of all steps, one behind the other; within a step, term by term."""
+    starts: Any
+    """Where each step begins in them, shape (n + 1,)."""
+    remainder: Any
+    """The largest part of M (u' - u) that no term is, in shares of the largest impulse, (n,)."""
+    largest: Any
+    """The largest impulse [N s or N m s], shape (n,)."""
+
+
+class _Block(NamedTuple):
+    """A term in some steps."""
+
+    number: int
+    steps: Any
+    values: Any
+
+
+def summed(
+    terms: Terms, change: Any, dense: list[Term], groups: Groups | None, h: Any, added: list[Term]
+) -> Summed:
+    """Return the sum of each step.
+
+    Parameters
+    ----------
+    terms
+        The model's terms; new ones are added.
+    change
+        M (u' - u), shape (n, nv).
+    dense, groups
+        Forces; the row of a group is its step.
+    h
+        Timestep of each step [s], shape (n,), by which forces become impulses.
+    added
+        What is an impulse, and no force.
+    """
+    n, nv = change.shape
+    total = np.zeros((n, nv))
+    largest = np.zeros(n)
+    blocks: list[_Block] = []
+    forces = [each._replace(values=each.values * h[:, None]) for each in dense]
+    for each in (*forces, *added):
+        dofs = np.arange(nv) if each.dofs is None else each.dofs
+        values = each.values
+        total[:, dofs] += values
+        size = np.abs(values)
+        largest = np.maximum(largest, size.max(axis=1, initial=0.0))
+        acting = size.any(axis=0)
+        if not acting.any():
+            continue
+        known = terms.of(each.kind, each.first, each.second, dofs[acting])
+        steps = np.flatnonzero(size.any(axis=1))
+        if len(known.dofs) != len(dofs) or (known.dofs != dofs).any():
+            full = np.zeros((n, nv))
+            full[:, dofs] = values
+            values = full[:, known.dofs]
+        blocks.append(_Block(known.number, steps, values[steps]))
+    flat = None
+    if groups is not None and len(groups.rows):
+        flat = _flat(terms, groups, h)
+        row = np.repeat(groups.rows, np.diff(groups.starts))
+        impulses = groups.values * h[row]
+        total += np.bincount(row * nv + groups.dofs, impulses, minlength=n * nv).reshape(n, nv)
+        np.maximum.at(largest, row, np.abs(impulses))
+    left = np.abs(change - total).max(axis=1, initial=0.0)
+    remainder = np.divide(left, largest, out=np.zeros(n), where=largest > 0.0)
+    remainder[(largest == 0.0) & (left > 0.0)] = np.inf
+    remainder[~np.isfinite(left)] = np.inf
+    return _laid_out(terms, n, blocks, flat, remainder, largest)
+
+
+class _Flat(NamedTuple):
+    """Groups with their terms."""
+
+    numbers: Any
+    """Of the term of each group, shape (g,)."""
+    rows: Any
+    group: Any
+    """The group of each value."""
+    places: Any
+    """Where each value is in its term."""
+    values: Any
+
+
+def _flat(terms: Terms, groups: Groups, h: Any) -> _Flat:
+    """Return groups with the numbers of their terms, and impulses with their places in these."""
+    cause = np.stack([groups.kinds, groups.first, groups.second], axis=1)
+    causes, which = np.unique(cause, axis=0, return_inverse=True)
+    which = which.ravel()
+    width = np.diff(groups.starts)
+    group = np.repeat(np.arange(len(groups.rows)), width)
+    of_value = which[group]
+    order = np.argsort(of_value, kind="stable")
+    ends = np.searchsorted(of_value[order], np.arange(len(causes) + 1))
+    numbers = np.empty(len(causes), np.int64)
+    places = np.empty(len(of_value), np.int64)
+    for each, (kind, first, second) in enumerate(causes.tolist()):
+        mine = order[ends[each] : ends[each + 1]]
+        its = groups.dofs[mine]
+        known = terms.of(OF_GROUPS[kind], first, second, np.unique(its))
+        numbers[each] = known.number
+        places[mine] = np.searchsorted(known.dofs, its)
+    values = groups.values * h[groups.rows[group]]
+    return _Flat(numbers[which], groups.rows, group, places, values)
+
+
+def _laid_out(
+    terms: Terms, n: int, blocks: list[_Block], flat: _Flat | None, remainder: Any, largest: Any
+) -> Summed:
+    """Return values step by step, and within a step term by term, in the order of their numbers."""
+    numbers = [block.number for block in blocks]
+    if flat is not None:
+        numbers += np.unique(flat.numbers).tolist()
+    active = np.array(sorted(set(numbers)), np.int64)
+    widths = np.array([len(terms.made[number][3]) for number in active], np.int64)
+    present = np.zeros((n, len(active)), bool)
+    for block in blocks:
+        present[block.steps, np.searchsorted(active, block.number)] = True
+    if flat is not None:
+        column = np.searchsorted(active, flat.numbers)
+        present[flat.rows, column] = True
+    size = np.where(present, widths, 0)
+    ends = np.cumsum(size, axis=1)
+    starts = np.concatenate([[0], np.cumsum(ends[:, -1])]) if len(active) else np.zeros(n + 1, int)
+    values = np.zeros(int(starts[-1]))
+    begins = ends - size + starts[:-1, None] if len(active) else size
+    for block in blocks:
+        at = begins[block.steps, np.searchsorted(active, block.number)]
+        values[at[:, None] + np.arange(block.values.shape[1])] = block.values
+    if flat is not None:
+        at = begins[flat.rows, column]
+        np.add.at(values, at[flat.group] + flat.places, flat.values)
+    packed = np.packbits(present, axis=1)
+    _, first, which = np.unique(packed, axis=0, return_index=True, return_inverse=True)
+    known = np.array([terms.pattern(active[present[step]]) for step in first.tolist()], np.int64)
+    return Summed(known[which.ravel()], values, starts, remainder, largest)

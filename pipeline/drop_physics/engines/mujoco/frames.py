@@ -1,0 +1,141 @@
+"""What a MuJoCo script's process sends of its simulations: packed frames, written and read here.
+
+Two processes share this file: the script's own (`watch`), which may have an older Python and none
+of our packages, and the one that reads. `explain` replays the same frames, and answers with `ARRAYS`.
+
+Every payload begins with one letter:
+
+NOTE      JSON, with `what`
+ARRAYS    named arrays: length of a JSON head, the head `{"what", …, "arrays": [[name, dtype, shape]]}`,
+          and the numbers of each array in turn
+STEP      `STEP_HEAD` and the core of the state after a step, as it lies in memory
+WRITTEN   `WRITTEN_HEAD` and the parts of a state that are not what the last step left
+EDITED    `EDITED_HEAD` and the elements of a model's array that were changed in place
+DONE      `DONE_HEAD`: a call that resets, or makes data current, was made
+CALLBACK  `CALLBACK_HEAD` and what the script's callbacks did within the step that follows
+WARNED    `WARNED_HEAD` and MuJoCo's counters of warnings, as they were after the step before
+
+A part of a state is `PART_HEAD`, the indices (uint32) if not all elements are sent, and the values.
+"""
+
+from __future__ import annotations
+
+import json
+from struct import Struct
+from typing import Any
+
+import numpy as np
+
+NOTE, ARRAYS, STEP, WRITTEN = b"N", b"A", b"S", b"W"
+EDITED, DONE, CALLBACK, WARNED = b"E", b"D", b"C", b"!"
+
+STEP_HEAD = Struct("<cBHIId")
+"""STEP, by which function (`STEPS`), 0, number of the simulation, site, time after it [s]."""
+WRITTEN_HEAD = Struct("<cBHIIid")
+"""WRITTEN, by what (`CAUSES`), number of parts, simulation, site, argument of the call, time [s]."""
+EDITED_HEAD = Struct("<cBHIIII")
+"""EDITED, 0, number of the field, model, simulation at whose step it was seen, site, count.
+
+The indices into the flat array (uint32) and the new values follow."""
+DONE_HEAD = Struct("<cBHIIi")
+"""DONE, function (`CAUSES`), 0, simulation, site, argument."""
+CALLBACK_HEAD = Struct("<cBHII")
+"""CALLBACK, 0, 0, simulation, number of calls; each is a byte (`CALLBACKS`), then what it did."""
+WARNED_HEAD = Struct("<cBHI")
+"""WARNED, 0, 0, simulation; pairs of int32 follow: last info, number."""
+PART_HEAD = Struct("<BBHI")
+"""Number of the part (`PARTS`), 1 if indices follow, 0, how many elements."""
+
+STEPS = ("mj_step", "mj_step2", "mj_Euler", "mj_implicit", "mj_RungeKutta")
+"""Functions that make a step, by number."""
+STALE = 1 << 6
+"""Added to a step's function: its positions were computed for another state, which was sent as the
+parts of a WRITTEN by "posed" just before."""
+UNPOSED = 1 << 7
+"""Added likewise: its positions are those of the state before the step before."""
+
+CAUSES = (
+    "memory",
+    "posed",
+    "first",
+    "step",
+    "mj_resetData",
+    "mj_resetDataKeyframe",
+    "mj_resetDataDebug",
+    "mj_setState",
+    "mj_copyState",
+    "mj_copyData",
+    "mj_setConst",
+    "mj_forward",
+    "mj_step1",
+    "mj_inverse",
+    "mj_kinematics",
+    "mj_fwdPosition",
+)
+"""What changed a state: the script's own writes; nothing, it is what data were computed for; it is the
+state when first seen; the step before, in which MuJoCo has reset itself; or a function."""
+CALLBACKS = ("control", "passive", "act_dyn", "act_gain", "act_bias", "contactfilter")
+
+CORE = ("qpos", "qvel", "act", "history", "plastic", "qacc_warmstart", "plugin_state")
+"""What a step changes, in the order of MuJoCo's memory."""
+USER = ("ctrl", "qfrc_applied", "xfrc_applied", "eq_active", "mocap_pos", "mocap_quat")
+"""What only the script changes, likewise."""
+PARTS = (*CORE, *USER)
+FLAGS = ("eq_active",)
+"""Parts whose elements are bytes; those of all others are doubles."""
+LONG = 32
+"""A part of more elements is sent as indices and values where fewer than half have changed."""
+
+
+def part_bytes(number: int, before: bytes | memoryview, now: bytes | memoryview) -> bytes:
+    """Return what has changed in a part of the state, as a frame has it."""
+    dtype = np.uint8 if PARTS[number] in FLAGS else np.float64
+    new = np.frombuffer(now, dtype)
+    if len(new) > LONG:
+        bits = np.uint8 if dtype is np.uint8 else np.uint64
+        changed = np.flatnonzero(np.frombuffer(before, bits) != new.view(bits))
+        if 2 * len(changed) < len(new):
+            indices = changed.astype(np.uint32)
+            return PART_HEAD.pack(number, 1, 0, len(changed)) + indices.tobytes() + new[changed].tobytes()
+    return PART_HEAD.pack(number, 0, 0, len(new)) + bytes(now)
+
+
+def part_of(payload: bytes, at: int) -> tuple[str, Any, Any, int]:
+    """Return a part's name, the indices of its elements or None, their values, and where it ends."""
+    number, sparse, _, count = PART_HEAD.unpack_from(payload, at)
+    at += PART_HEAD.size
+    indices = None
+    if sparse:
+        indices = np.frombuffer(payload, np.uint32, count, at)
+        at += 4 * count
+    name = PARTS[number]
+    dtype = np.dtype(np.uint8 if name in FLAGS else np.float64)
+    values = np.frombuffer(payload, dtype, count, at)
+    return name, indices, values, at + count * dtype.itemsize
+
+
+def note_bytes(what: str, **values: Any) -> bytes:
+    """Return a note as a payload."""
+    return NOTE + json.dumps({"what": what, **values}).encode("utf-8", "replace")
+
+
+def arrays_bytes(what: str, arrays: dict[str, Any], **values: Any) -> bytes:
+    """Return named arrays as a payload."""
+    held = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+    listed = [[name, array.dtype.str, array.shape] for name, array in held.items()]
+    head = json.dumps({"what": what, **values, "arrays": listed}).encode("utf-8", "replace")
+    parts = [ARRAYS, len(head).to_bytes(4, "little"), head]
+    return b"".join([*parts, *(array.tobytes() for array in held.values())])
+
+
+def arrays_of(payload: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the JSON head of an ARRAYS payload, without `arrays`, and the arrays by name."""
+    length = int.from_bytes(payload[1:5], "little")
+    head = json.loads(payload[5 : 5 + length])
+    at, arrays = 5 + length, {}
+    for name, kind, shape in head.pop("arrays"):
+        dtype = np.dtype(kind)
+        count = int(np.prod(shape, dtype=np.int64))
+        arrays[name] = np.frombuffer(payload, dtype, count, at).reshape(shape)
+        at += count * dtype.itemsize
+    return head, arrays

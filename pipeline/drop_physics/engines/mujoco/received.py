@@ -1,0 +1,323 @@
+"""What a MuJoCo script's process has sent, put together: models, steps, and what was set by whom.
+
+The other end of `watch`; the stream is described in `frames`.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.engines.mujoco import frames
+from drop_physics.engines.mujoco.frames import CAUSES, STALE, UNPOSED
+
+Float64 = NDArray[np.float64]
+
+PIECE_STEPS, PIECE_BYTES = 1 << 12, 1 << 22
+"""A piece has at most so many steps, and bytes of states."""
+LENGTH = struct.Struct("<I")
+"""Before each payload in a spool."""
+
+
+@dataclass
+class Model:
+    """A model, as it was when it was first stepped."""
+
+    number: int
+    digest: str
+    fields: list[tuple[str, np.dtype[Any], tuple[int, ...]]]
+    """What may be edited in it: name, type and shape."""
+    arrays: dict[str, NDArray[Any]]
+    """What an analysis reads, by MuJoCo's names; options as `opt.timestep`."""
+    held: dict[int, NDArray[Any]] = field(default_factory=dict)
+    """By field, what it holds now, where that was edited."""
+
+
+@dataclass(frozen=True)
+class Site:
+    """A line of the script that calls MuJoCo, perhaps through a library."""
+
+    file: str
+    line: int
+    via: str
+    via_line: int
+
+
+@dataclass(frozen=True)
+class Written:
+    """What was written into a state before a step."""
+
+    step: int
+    """The step that is the first to see it."""
+    cause: str
+    """One of `frames.CAUSES`."""
+    argument: int
+    """The keyframe that was reset to."""
+    site: int
+    """Where it was seen, or the function called."""
+    since: int
+    """The call before, or -1: who writes without a call does so between the two."""
+    time_s: float
+    """The time of the state afterwards [s]."""
+    parts: dict[str, tuple[NDArray[np.uint32] | None, NDArray[Any]]]
+    """By name, which elements (None: all of them) got which values."""
+
+
+@dataclass(frozen=True)
+class Edited:
+    """What was written into a model in place."""
+
+    step: int
+    """The step of the simulation at which it was seen."""
+    world: int
+    model: int
+    name: str
+    """As the script writes it."""
+    indices: NDArray[np.uint32]
+    """Into the flat array."""
+    old: NDArray[Any]
+    new: NDArray[Any]
+    site: int
+    since: int
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Steps of one simulation, without a gap."""
+
+    world: int
+    model: int
+    first: int
+    """Number of the first step; a simulation's first is 0."""
+    times_s: Float64
+    """Time after each step, shape (n,)."""
+    functions: NDArray[np.uint8]
+    """By which function of `frames.STEPS`, shape (n,)."""
+    stale: NDArray[np.uint8]
+    """0, or `frames.STALE` or `UNPOSED`: data were of another state, shape (n,)."""
+    sites: NDArray[np.int32]
+    """Where each was called, shape (n,)."""
+    parts: dict[str, Float64]
+    """By name of `frames.CORE`, the state after each step, shape (n, width)."""
+    written: list[Written]
+    edited: list[Edited]
+    warnings: list[tuple[int, int, int, int]]
+    """Step, kind, how often in that step, and last info."""
+
+
+@dataclass
+class _World:
+    """A simulation, as far as it is known."""
+
+    number: int
+    model: int
+    core: list[tuple[str, int, int]]
+    """Name, begin and size [bytes] of its parts within a step's bytes."""
+    size: int
+    step: int = 0
+    site: int = -1
+    heads: list[tuple[int, int, float]] = field(default_factory=list)
+    bodies: list[bytes] = field(default_factory=list)
+    written: list[Written] = field(default_factory=list)
+    edited: list[Edited] = field(default_factory=list)
+    warnings: list[tuple[int, int, int, int]] = field(default_factory=list)
+    counts: dict[int, int] = field(default_factory=dict)
+
+    @property
+    def is_full(self) -> bool:
+        """Return whether enough steps are gathered for a piece."""
+        n = len(self.bodies)
+        return n >= PIECE_STEPS or n * self.size >= PIECE_BYTES
+
+    def piece(self) -> Piece:
+        """Return what was gathered, and begin anew."""
+        n = len(self.bodies)
+        functions, sites, times = map(np.array, zip(*self.heads, strict=True))
+        raw = np.frombuffer(b"".join(self.bodies), np.uint8).reshape(n, self.size)
+        parts = {
+            name: np.ascontiguousarray(raw[:, begin : begin + size]).view(np.float64)
+            for name, begin, size in self.core
+        }
+        flags = functions.astype(np.uint8)
+        found = Piece(
+            self.number, self.model, self.step - n, times, flags & 15, flags & (STALE | UNPOSED),
+            sites.astype(np.int32), parts, self.written, self.edited, self.warnings,
+        )  # fmt: skip
+        self.heads, self.bodies, self.written, self.edited, self.warnings = [], [], [], [], []
+        return found
+
+
+class Received:
+    """Takes payloads in order, and yields pieces.
+
+    Parameters
+    ----------
+    spool
+        A file that gets all that `explain` needs, or None.
+    """
+
+    def __init__(self, spool: BinaryIO | None = None) -> None:
+        self._spool = spool
+        self.version = self.python = ""
+        self.models: dict[int, Model] = {}
+        self.sites: list[Site] = []
+        self.uncaught: list[dict[str, Any]] = []
+        """What else steps models and is not recorded: `name`, `file`, `line`."""
+        self.warnings: list[str] = []
+        """Texts of MuJoCo's warnings, each once."""
+        self.callbacks: list[str] = []
+        self.faults: list[str] = []
+        self.viewer = False
+        """Whether the script opened a passive viewer."""
+        self.posed_without_steps: dict[int, int] = {}
+        """By simulation, how often positions were changed for `mj_forward` before its first step:
+        a script that integrates by itself makes no step that is seen."""
+        self._constants: dict[str, dict[str, NDArray[Any]]] = {}
+        self._worlds: dict[int, _World] = {}
+
+    @property
+    def steps(self) -> int:
+        """Steps received so far."""
+        return sum(world.step for world in self._worlds.values())
+
+    def take(self, payload: bytes) -> Iterator[Piece]:
+        """Take a payload."""
+        if self._spool is not None:
+            self._spool.write(LENGTH.pack(len(payload)) + payload)
+        kind = payload[:1]
+        if kind == frames.STEP:
+            _, function, _, number, site, time_s = frames.STEP_HEAD.unpack_from(payload)
+            world = self._worlds[number]
+            world.heads.append((function, site, time_s))
+            world.bodies.append(payload[frames.STEP_HEAD.size :])
+            world.step += 1
+            world.site = site
+        elif kind == frames.WRITTEN:
+            self._on_written(payload)
+        elif kind == frames.NOTE:
+            note = json.loads(payload[1:])
+            yield from getattr(self, f"_on_{note.pop('what')}")(**note) or ()
+            return
+        elif kind == frames.EDITED:
+            self._on_edited(payload)
+        elif kind == frames.WARNED:
+            self._on_warned(payload)
+        elif kind == frames.DONE:
+            self._on_done(payload)
+        elif kind == frames.ARRAYS:
+            head, arrays = frames.arrays_of(payload)
+            if head["what"] == "constants":
+                self._constants[head["digest"]] = arrays
+        else:
+            return
+        world = self._worlds.get(number) if kind == frames.STEP else None
+        if world is not None and world.is_full:
+            yield world.piece()
+
+    def rest(self) -> Iterator[Piece]:
+        """Yield what is gathered; the stream is over."""
+        for world in self._worlds.values():
+            if world.bodies:
+                yield world.piece()
+
+    # -- numbers ----------------------------------------------------------------------------------
+
+    def _on_written(self, payload: bytes) -> None:
+        _, cause, count, number, site, argument, time_s = frames.WRITTEN_HEAD.unpack_from(payload)
+        if CAUSES[cause] == "posed":
+            return
+        at, parts = frames.WRITTEN_HEAD.size, {}
+        for _ in range(count):
+            name, indices, values, at = frames.part_of(payload, at)
+            parts[name] = indices, values
+        world = self._worlds[number]
+        if CAUSES[cause] == "mj_forward" and not world.step and "qpos" in parts:
+            self.posed_without_steps[number] = self.posed_without_steps.get(number, 0) + 1
+        world.written.append(
+            Written(world.step, CAUSES[cause], argument, site, world.site, time_s, parts)
+        )
+        world.site = site
+
+    def _on_done(self, payload: bytes) -> None:
+        _, cause, _, number, site, argument = frames.DONE_HEAD.unpack_from(payload)
+        world = self._worlds[number]
+        world.written.append(
+            Written(world.step, CAUSES[cause], argument, site, world.site, np.nan, {})
+        )
+        world.site = site
+
+    def _on_edited(self, payload: bytes) -> None:
+        _, _, which, number, by, site, count = frames.EDITED_HEAD.unpack_from(payload)
+        model, world = self.models[number], self._worlds[by]
+        name, dtype, shape = model.fields[which]
+        at = frames.EDITED_HEAD.size
+        indices = np.frombuffer(payload, np.uint32, count, at)
+        new = np.frombuffer(payload, dtype, count, at + 4 * count)
+        held = model.held.get(which)
+        if held is None:
+            held = np.array(model.arrays.get(name, np.zeros(shape, dtype)), dtype).ravel()
+            model.held[which] = held
+        old = held[indices]
+        held[indices] = new
+        world.edited.append(
+            Edited(world.step, by, number, name, indices, old, new, site, world.site)
+        )
+
+    def _on_warned(self, payload: bytes) -> None:
+        (*_, number) = frames.WARNED_HEAD.unpack_from(payload)
+        pairs = np.frombuffer(payload, np.int32, offset=frames.WARNED_HEAD.size).reshape(-1, 2)
+        world = self._worlds[number]
+        for kind, (info, times) in enumerate(pairs.tolist()):
+            before = world.counts.get(kind, 0)
+            world.counts[kind] = times
+            if times > before:
+                world.warnings.append((world.step - 1, kind, times - before, info))
+
+    # -- notes ------------------------------------------------------------------------------------
+
+    def _on_mujoco(self, version: str, python: str) -> None:
+        self.version, self.python = version, python
+
+    def _on_model(self, number: int, digest: str, fields: list[Any], **_: Any) -> None:  # noqa: ANN401
+        of_fields = [(name, np.dtype(kind), tuple(shape)) for name, kind, shape in fields]
+        self.models[number] = Model(number, digest, of_fields, self._constants.get(digest, {}))
+
+    def _on_world(
+        self, number: int, model: int, core: list[tuple[str, int, int]], core_bytes: int, **_: Any  # noqa: ANN401
+    ) -> None:
+        held = self.models[model]
+        held.arrays = held.arrays or self._constants[held.digest]
+        self._worlds[number] = _World(number, model, core, core_bytes)
+
+    def _on_model_of(self, world: int, model: int) -> Iterator[Piece]:
+        its = self._worlds[world]
+        if its.bodies:
+            yield its.piece()
+        its.model = model
+
+    def _on_site(self, number: int, **place: Any) -> None:  # noqa: ANN401
+        if number != len(self.sites):
+            raise ValueError(f"site {number} after {len(self.sites)}")
+        self.sites.append(Site(**place))
+
+    def _on_uncaught(self, **what: Any) -> None:  # noqa: ANN401
+        self.uncaught.append(what)
+
+    def _on_warning(self, text: str, **_: Any) -> None:  # noqa: ANN401
+        self.warnings.append(text)
+
+    def _on_callback(self, name: str) -> None:
+        if name not in self.callbacks:
+            self.callbacks.append(name)
+
+    def _on_viewer(self) -> None:
+        self.viewer = True
+
+    def _on_fault(self, error: str, **_: Any) -> None:  # noqa: ANN401
+        self.faults.append(error)

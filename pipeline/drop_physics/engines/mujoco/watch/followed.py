@@ -1,0 +1,319 @@
+"""A model and a state (MjModel, MjData) of a watched script, as they were last sent."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import struct
+import weakref
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import memory
+from ..frames import (
+    CALLBACK,
+    CALLBACK_HEAD,
+    CAUSES,
+    DONE,
+    DONE_HEAD,
+    EDITED,
+    EDITED_HEAD,
+    STALE,
+    STEP,
+    STEP_HEAD,
+    UNPOSED,
+    WARNED,
+    WARNED_HEAD,
+    WRITTEN,
+    WRITTEN_HEAD,
+    arrays_bytes,
+    note_bytes,
+    part_bytes,
+)
+
+if TYPE_CHECKING:
+    from .hooks import MujocoWatch
+
+PIECE_BYTES = 1 << 20
+"""A model's binary form is sent in pieces of so many bytes."""
+LOOKS = re.compile(
+    r"tex_\w+|light_\w+|vis\w*|bvh_\w+|oct_\w+|\w+_user|mesh_(normal|texcoord|facenormal"
+    r"|facetexcoord|poly\w*|pathadr|bvh\w*|oct\w*)|skin_\w+|flex\w*|efm\w*|plugin_attr\w*"
+    r"|mat_tex\w+|paths|text_\w+|map\w+|[BM]_\w+|D_\w+|cam_(mat0|pos0|poscom0)|names_map"
+)
+"""Arrays of a model that no analysis needs: looks, and what speeds up a step."""
+MEMORY, POSED, FIRST, RESET = map(CAUSES.index, ("memory", "posed", "first", "step"))
+FRAME = struct.Struct("<cI" + STEP_HEAD.format[1:])
+"""The head of a frame, and that of a step in it."""
+OF_FRAME = FRAME.size - STEP_HEAD.size
+"""Bytes of a frame before its payload."""
+
+
+class WatchedModel:
+    """A model whose memory is compared with what it held.
+
+    Parameters
+    ----------
+    watch
+        What is told.
+    m
+        The MjModel; nothing here keeps it alive.
+    number
+        Its number in the stream.
+    """
+
+    def __init__(self, watch: MujocoWatch, m: Any, number: int) -> None:
+        self.watch, self.number, self.ref = watch, number, weakref.ref(m)
+        self.fields = memory.fields_of(m)
+        stretches = memory.stretches_of(self.fields)
+        self.pairs = [(saved, view) for saved, view, _ in stretches]
+        """What was sent, and what is there now."""
+        self._begins = [begin for _, _, begin in stretches]
+        self._tell(m)
+
+    def _tell(self, m: Any) -> None:
+        """Send the model: a digest, what an analysis reads, and all of it unless that was sent."""
+        binary = np.empty(self.watch.mujoco.mj_sizeModel(m), np.uint8)
+        self.watch.mujoco.mj_saveModel(m, None, binary)
+        digest = hashlib.sha256(binary).hexdigest()
+        send, known = self.watch.send, digest in self.watch.digests
+        send(
+            note_bytes(
+                "model",
+                number=self.number,
+                digest=digest,
+                bytes=len(binary),
+                known=known,
+                fields=[[f.name, f.dtype.str, f.shape] for f in self.fields],
+            )
+        )
+        if known:
+            return
+        self.watch.digests.add(digest)
+        send(arrays_bytes("constants", constants_of(m), digest=digest))
+        for at in range(0, len(binary), PIECE_BYTES):
+            piece = binary[at : at + PIECE_BYTES]
+            send(arrays_bytes("binary", {"bytes": piece}, digest=digest, at=at))
+
+    def tell_edits(self, world: int, site: int) -> None:
+        """Send what has been edited in place."""
+        for (saved, view), begin in zip(self.pairs, self._begins):
+            if saved == view:
+                continue
+            end = begin + len(saved)
+            for number, field in enumerate(self.fields):
+                if not begin <= field.address < end:
+                    continue
+                at = field.address - begin
+                now = np.frombuffer(view[at : at + field.size], field.dtype)
+                raw = np.frombuffer(view[at : at + field.size], np.uint8)
+                old = np.frombuffer(saved, np.uint8, field.size, at)
+                changed = (raw != old).reshape(-1, field.dtype.itemsize).any(axis=1)
+                if changed.any():
+                    indices = np.flatnonzero(changed).astype(np.uint32)
+                    head = EDITED_HEAD.pack(
+                        EDITED, 0, number, self.number, world, site, len(indices)
+                    )
+                    self.watch.send(head + indices.tobytes() + now[changed].tobytes())
+            saved[:] = view
+
+
+def constants_of(m: Any) -> dict[str, Any]:
+    """Return what an analysis reads of a model: arrays, sizes, options, and the names of all."""
+    found: dict[str, Any] = {}
+    for name in dir(m):
+        if name.startswith("_") or LOOKS.fullmatch(name):
+            continue
+        value = getattr(m, name)
+        if isinstance(value, np.ndarray):
+            if value.size:
+                found[name] = value
+        elif isinstance(value, (int, float)):
+            found[name] = np.array(value)
+        elif isinstance(value, bytes):
+            found[name] = np.frombuffer(value, np.uint8)
+    for name in dir(m.opt):
+        value = getattr(m.opt, name)
+        if not name.startswith("_") and isinstance(value, (int, float, np.ndarray)):
+            found[f"opt.{name}"] = np.array(value)
+    return found
+
+
+class WatchedData:
+    """A state whose steps are sent.
+
+    Parameters
+    ----------
+    watch
+        What is told.
+    model
+        The model that it was last stepped with.
+    d
+        The MjData; nothing here keeps it alive.
+    number
+        Its number in the stream.
+    site
+        Where it was seen first.
+    """
+
+    def __init__(
+        self, watch: MujocoWatch, model: WatchedModel, d: Any, number: int, site: int
+    ) -> None:
+        self.watch, self.model, self.number, self.ref = watch, model, number, weakref.ref(d)
+        self.core, self.user = memory.core_of(d), memory.user_of(d)
+        self.warned = memory.warnings_of(d)
+        self._warnings = bytearray(self.warned)
+        self._passive = memory.view_of(d.qfrc_passive.ctypes.data, d.qfrc_passive.nbytes)
+        self.lost = False
+        """Whether it could not be read, and is followed no longer."""
+        self.time = self.elapsed_s = 0.0
+        self.answers: list[bytes] = []
+        """What callbacks have done within the step that is being made."""
+        self._calling = bytearray()
+        self._posed: tuple[bytes, bytes] | None = None
+        """Core and user part of the state that positions were computed for; None if that was the
+        state before the last step."""
+        parts = [[part.name, part.begin, part.size] for part in self.core.parts]
+        user = [[part.name, part.begin, part.size] for part in self.user.parts]
+        watch.send(
+            note_bytes(
+                "world", number=number, model=model.number, core=parts, user=user,
+                core_bytes=self.core.size,
+            )
+        )  # fmt: skip
+        self.tell_written(d, site, FIRST)
+
+    @property
+    def is_written(self) -> bool:
+        """Whether the state is not what was last sent; the time apart."""
+        return self.core.saved != self.core.view or self.user.saved != self.user.view
+
+    def before(self, d: Any, site: int) -> None:
+        """Send what was written since the last step, to the state or the model."""
+        core, user = self.core, self.user
+        if core.saved != core.view or user.saved != user.view or d.time != self.time:
+            self.tell_written(d, site, MEMORY)
+        for saved, view in self.model.pairs:
+            if saved != view:
+                self.model.tell_edits(self.number, site)
+                break
+
+    def tell_written(self, d: Any, site: int, cause: int, argument: int = 0) -> None:
+        """Send the parts of the state that changed without a step."""
+        count, parts = 0, b""
+        for stretch in (self.core, self.user):
+            if stretch.saved != stretch.view:
+                more, frames = stretch.changed()
+                count, parts = count + more, parts + frames
+        self.time = d.time
+        head = WRITTEN_HEAD.pack(WRITTEN, cause, count, self.number, site, argument, self.time)
+        self.watch.send(head + parts)
+
+    def pose(self, d: Any, site: int, cause: int, complete: bool) -> None:
+        """Send what was written before a function makes data current; note for which state."""
+        if self.is_written:
+            self.tell_written(d, site, cause)
+        if complete:
+            self._posed = bytes(self.core.view), bytes(self.user.view)
+
+    def set_by(self, d: Any, site: int, cause: int, argument: int) -> None:
+        """Send what a function has set, or that it was called and set nothing new."""
+        if self.is_written or d.time != self.time:
+            self.tell_written(d, site, cause, argument)
+        else:
+            head = DONE_HEAD.pack(DONE, cause, 0, self.number, site, argument)
+            self.watch.send(head)
+        self._posed = None
+
+    def staleness(self, everything: bool) -> int:
+        """Send what data are of, before a step that does not compute them; return a flag.
+
+        With `everything`, the step takes nothing from the state but what it adds to.
+        """
+        posed, self._posed = self._posed, None
+        if posed is None:
+            return UNPOSED
+        parts, count = b"", 0
+        for stretch, held in zip((self.core, self.user), posed):
+            for part in stretch.parts:
+                before = held[part.begin : part.end]
+                if (everything or part.name in _POSING) and before != bytes(part.view):
+                    parts += part_bytes(part.number, part.view, before)
+                    count += 1
+        if not count:
+            return 0
+        head = WRITTEN_HEAD.pack(WRITTEN, POSED, count, self.number, 0, 0, self.time)
+        self.watch.send(head + parts)
+        return STALE
+
+    def after(self, d: Any, site: int, function: int) -> None:
+        """Send a step that was made."""
+        core, time, pipe = self.core, d.time, self.watch.pipe
+        reset = self.user.saved != self.user.view  # by a callback, or because MuJoCo has reset
+        if self.answers:
+            self._tell_answers()
+            self.user.saved[:] = self.user.view
+            reset = False
+        dt = time - self.time
+        if dt > 0.0:
+            self.elapsed_s += dt
+        self.time = time
+        size = core.size
+        end = pipe.end
+        if end <= pipe.limit and size < PLAIN:
+            FRAME.pack_into(
+                pipe.memory, end, self.watch.letter, STEP_HEAD.size + size,
+                STEP, function, 0, self.number, site, time,
+            )  # fmt: skip
+            end += FRAME.size
+            pipe.memory[end : end + size] = core.view
+            pipe.sent(end + size)
+        else:
+            head = STEP_HEAD.pack(STEP, function, 0, self.number, site, time)
+            self.watch.send(head + bytes(core.view))
+        core.saved[:] = core.view
+        self._posed = None
+        if reset:
+            self.tell_written(d, site, RESET)
+        if self._warnings != self.warned:
+            self._warnings[:] = self.warned
+            head = WARNED_HEAD.pack(WARNED, 0, 0, self.number)
+            self.watch.send(head + bytes(self.warned))
+
+    # -- what callbacks do within a step ----------------------------------------------------------
+
+    def begin_calling(self) -> None:
+        """Begin a step in which callbacks may be called."""
+        self._calling[:] = self.user.saved
+
+    def called(self, which: int, answer: float | None) -> None:
+        """Note what a callback did: what it returned, or what it wrote."""
+        head = bytes((which,))
+        if answer is not None:
+            self.answers.append(head + struct.pack("<d", answer))
+            return
+        user, calling = self.user, memoryview(self._calling)
+        parts, count = b"", 0
+        for part in user.parts:
+            before = calling[part.begin : part.end]
+            now = user.view[part.begin : part.end]
+            if bytes(before) != bytes(now):
+                parts += part_bytes(part.number, before, now)
+                count += 1
+        self._calling[:] = user.view
+        passive = bytes(self._passive) if which == _PASSIVE else b""
+        self.answers.append(head + bytes((count,)) + parts + passive)
+
+    def _tell_answers(self) -> None:
+        head = CALLBACK_HEAD.pack(CALLBACK, 0, 0, self.number, len(self.answers))
+        self.watch.send(head + b"".join(self.answers))
+        self.answers = []
+
+
+PLAIN = 1 << 14
+"""Shorter cores go straight into the block."""
+_POSING = ("qpos", "qvel", "act", "mocap_pos", "mocap_quat", "eq_active")
+"""What positions, velocities and constraints are computed from."""
+_PASSIVE = 1
+"""Number of the callback that adds passive forces."""

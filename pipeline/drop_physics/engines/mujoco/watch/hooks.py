@@ -1,0 +1,465 @@
+"""The functions of mujoco that make steps or change states, each replaced by one that calls it.
+
+The script sees no difference: numbers are MuJoCo's own, to the last bit. What else steps a model
+(`uncaught`) is named, and a window is answered by `viewer`.
+"""
+
+from __future__ import annotations
+
+import operator
+import os
+import sys
+from collections.abc import Callable
+from sys import _getframe
+from threading import get_ident
+from types import ModuleType
+from typing import Any
+
+from ..frames import CALLBACKS, CAUSES, STEPS, note_bytes
+from . import uncaught
+from .followed import WatchedData, WatchedModel
+from .viewer import install_viewer
+
+RESETS = (
+    "mj_resetData",
+    "mj_resetDataKeyframe",
+    "mj_resetDataDebug",
+    "mj_setState",
+    "mj_copyState",
+    "mj_copyData",
+    "mj_setConst",
+)
+"""Functions that set a state."""
+PARTLY = ("mj_setState", "mj_copyState", "mj_setConst")
+"""Those of them that leave parts of a state as the script has written them."""
+WHICH = {"mj_copyData": (1, 0), "mj_copyState": (0, 2)}
+"""Which of their arguments are the model, and the state that is changed: (0, 1) of all others."""
+POSES = ("mj_forward", "mj_step1", "mj_inverse", "mj_fwdPosition")
+"""Functions after which data belong to the state as it is."""
+COMPLETE = ("mj_forward", "mj_step1")
+"""Those of them that compute all that `mj_step2` and the integrators take."""
+MOST_WARNINGS = 100
+"""Different texts of warnings that are sent."""
+WARNS_TO_STDERR = (3, 9)
+"""From this version on, MuJoCo prints warnings there."""
+PACKAGES = ("site-packages", "dist-packages")
+"""In the path of a library's module."""
+
+
+class MujocoWatch:
+    """What is known of a script's use of mujoco.
+
+    Parameters
+    ----------
+    host
+        What watches the script: its pipe, its turns, its clock, its limits (`on`, `check`, `count`,
+        `calls.place`, `pipe`, `lock`, `clock`, `on_removal`).
+    letter
+        The kind of our frames in its pipe.
+    frame
+        What makes a frame of a kind and a payload.
+    on_import
+        What calls a function with a module once that is imported.
+    """
+
+    def __init__(
+        self,
+        host: Any,
+        letter: bytes,
+        frame: Callable[[bytes, bytes], bytes],
+        on_import: Callable[[str, Callable[[ModuleType], None]], None],
+    ) -> None:
+        self.host, self.pipe, self.letter = host, host.pipe, letter
+        self._frame, self._on_import = frame, on_import
+        self.mujoco: Any = None
+        self.originals: dict[str, Any] = {}
+        """MuJoCo's own functions."""
+        self.data: dict[int, WatchedData] = {}
+        """States by their object's `id`, which is used again: compare `ref`."""
+        self.models: dict[int, WatchedModel] = {}
+        self.digests: set[str] = set()
+        """Of models whose binary form was sent."""
+        self.callbacks: dict[str, Any] = {}
+        """The script's own, by name."""
+        self.stepping: dict[int, WatchedData] = {}
+        """The state that a thread makes a step of, while there are callbacks."""
+        self.sites: dict[tuple[int, int], int] = {}
+        """Sites by code and instruction, of calls that no library makes."""
+        self._sites: dict[tuple[int, int, int, int], int] = {}
+        self._codes: list[Any] = []
+        """The code of sites, so that none is replaced by another at its address."""
+        self._libraries: dict[int, bool] = {}
+        """Whether a code belongs to a library, by its `id`."""
+        self._models = self._worlds = 0
+        """How many of them were sent."""
+        self._warning: Any = None
+        """The script's own handler of warnings."""
+        self._warnings: dict[str, int] = {}
+
+    def install(self, module: ModuleType) -> None:
+        """Replace functions of mujoco, in place."""
+        again = self.mujoco is not None
+        self.mujoco = module
+        makers = [(name, _stepping) for name in STEPS]
+        makers += [(name, _resetting) for name in RESETS]
+        makers += [(name, _posing) for name in POSES]
+        for name, maker in makers:
+            original = getattr(module, name, None)
+            if original is None or getattr(original, "drop_watch", None) is self:
+                continue
+            self.originals[name] = getattr(original, "drop_plain", original)
+            self._replace(module, name, maker(self, name, self.originals[name]))
+        for name in CALLBACKS:
+            self._hook_callback(module, f"mjcb_{name}")
+        self._hook_warnings(module)
+        if again:
+            return
+        self.tell("mujoco", version=module.__version__, python=sys.version.split()[0])
+        self._on_import("mujoco.viewer", self._on_viewer)
+        for name in uncaught.IMPORTED:
+            self._on_import(name, lambda _, name=name: self.tell_uncaught(name, None))
+        for name, functions in uncaught.CALLED.items():
+            self._on_import(name, lambda module, f=functions: uncaught.install(self, module, f))
+
+    def _on_viewer(self, module: ModuleType) -> None:
+        install_viewer(self, module)
+
+    def _replace(self, module: Any, name: str, hook: Any) -> None:
+        original = getattr(module, name)
+        plain = getattr(original, "drop_plain", original)
+        for attribute in ("__name__", "__qualname__", "__doc__", "__module__"):
+            setattr(hook, attribute, getattr(plain, attribute, None))
+        hook.drop_plain, hook.drop_watch = plain, self
+        setattr(module, name, hook)
+        self.host.on_removal(lambda: setattr(module, name, original))
+
+    # -- what is sent -----------------------------------------------------------------------------
+
+    def send(self, payload: bytes) -> None:
+        """Send a payload; the caller holds the turn."""
+        self.pipe.write(self._frame(self.letter, payload))
+
+    def tell(self, what: str, **values: Any) -> None:
+        """Send a note."""
+        with self.host.lock:
+            self.send(note_bytes(what, **values))
+
+    def tell_uncaught(self, name: str, place: Any) -> None:
+        """Name something that steps models and is not recorded."""
+        file, line = ("", 0) if place is None else self.host.calls.place(place)
+        self.tell("uncaught", name=name, file=file, line=line)
+
+    def site_of(self, place: Any) -> int:
+        """Return the number of the line of the script that a frame's call comes from.
+
+        A call within an installed library belongs to the line that called the library.
+        """
+        code = place.f_code
+        outer = place
+        if self._libraries.get(id(code)) is not False:
+            outer = self._outside(place)
+        key = (id(code), place.f_lasti, id(outer.f_code), outer.f_lasti)
+        site = self._sites.get(key)
+        if site is None:
+            site = self._sites[key] = len(self._sites)
+            self._codes += [code, outer.f_code]
+            file, line = self.host.calls.place(outer)
+            via, at = ("", 0) if outer is place else self.host.calls.place(place)
+            self.send(note_bytes("site", number=site, file=file, line=line, via=via, via_line=at))
+            if outer is place:
+                self.sites[key[:2]] = site
+        return site
+
+    def _outside(self, place: Any) -> Any:
+        """Return the innermost frame that is not a library's."""
+        outer = place
+        while outer is not None:
+            code = outer.f_code
+            known = self._libraries.get(id(code))
+            if known is None:
+                path = code.co_filename
+                known = path.startswith("<frozen") or any(name in path for name in PACKAGES)
+                known = known or path.startswith(LIBRARY)
+                self._libraries[id(code)] = known
+                self._codes.append(code)
+            if not known:
+                return outer
+            outer = outer.f_back
+        return place
+
+    # -- states -----------------------------------------------------------------------------------
+
+    def seen(self, m: Any, d: Any, place: Any) -> tuple[WatchedData | None, int]:
+        """Return what follows a state, and the number of a site; None where it cannot be followed.
+
+        The caller holds the turn.
+        """
+        try:
+            site = self.site_of(place)
+            state = self.state_of(m, d, site)
+            return (None if state is None or state.lost else state), site
+        except Exception as error:  # noqa: BLE001 - our errors must not reach the script
+            self.lose(None, error)
+            return None, 0
+
+    def state_of(self, m: Any, d: Any, site: int) -> WatchedData | None:
+        """Return what follows a state, from now on if nothing did; None if it is none."""
+        module = self.mujoco
+        if not isinstance(m, module.MjModel) or not isinstance(d, module.MjData):
+            return None
+        model = self.models.get(id(m))
+        if model is None or model.ref() is not m:
+            self._forget()
+            model = self.models[id(m)] = WatchedModel(self, m, self._models)
+            self._models += 1
+        state = self.data.get(id(d))
+        if state is None or state.ref() is not d:
+            state = self.data[id(d)] = WatchedData(self, model, d, self._worlds, site)
+            self._worlds += 1
+        elif state.model is not model:
+            state.model = model
+            self.send(note_bytes("model_of", world=state.number, model=model.number))
+        return state
+
+    def _forget(self) -> None:
+        """Forget what the script has let go of."""
+        for table in (self.data, self.models):
+            gone = [key for key, held in table.items() if held.ref() is None]  # type: ignore[attr-defined]
+            for key in gone:
+                del table[key]
+
+    def guarded(self, state: WatchedData, do: Callable[..., Any], *arguments: Any) -> bool:
+        """Do something of ours; if it fails, the state is dropped, and the script goes on."""
+        try:
+            do(*arguments)
+        except Exception as error:  # noqa: BLE001 - our errors must not reach the script
+            self.lose(state, error)
+            return False
+        return True
+
+    def lose(self, state: WatchedData | None, error: Exception) -> None:
+        """Follow a state no longer."""
+        number = None if state is None else state.number
+        self.send(note_bytes("fault", world=number, error=f"{type(error).__name__}: {error}"))
+        if state is not None:
+            state.lost = True
+
+    # -- callbacks --------------------------------------------------------------------------------
+
+    def _hook_callback(self, module: Any, name: str) -> None:
+        setter, getter = getattr(module, f"set_{name}", None), getattr(module, f"get_{name}", None)
+        if setter is None or getter is None or getattr(setter, "drop_watch", None) is self:
+            return
+        plain = getattr(setter, "drop_plain", setter)
+        which = CALLBACKS.index(name[5:])
+
+        def set_callback(callback: Any) -> None:
+            if not self.host.on or not callable(callback):
+                plain(callback)
+                self.callbacks.pop(name, None)
+                if callback is not None and self.host.on:
+                    self.tell_uncaught(f"set_{name}", _getframe(1))
+                return
+            plain(_calling(self, which, callback))
+            self.callbacks[name] = callback
+            self.tell("callback", name=name)
+
+        def get_callback() -> Any:
+            return self.callbacks.get(name) or getter()
+
+        self._replace(module, f"set_{name}", set_callback)
+        self._replace(module, f"get_{name}", get_callback)
+        self.host.on_removal(lambda: plain(self.callbacks.get(name) or getter()))
+
+    # -- warnings ---------------------------------------------------------------------------------
+
+    def _hook_warnings(self, module: Any) -> None:
+        """Take MuJoCo's warnings, which it would append to MUJOCO_LOG.TXT, and print them."""
+        setter, getter = module.set_mju_user_warning, module.get_mju_user_warning
+        if getattr(setter, "drop_watch", None) is self:
+            return
+        plain = getattr(setter, "drop_plain", setter)
+        self._warning = getter()
+        stream = 2 if _version(module.__version__) >= WARNS_TO_STDERR else 1
+
+        def warn(text: Any) -> None:
+            text = text.decode(errors="replace") if isinstance(text, bytes) else str(text)
+            if self._warning is not None:
+                self._warning(text)
+            else:
+                (sys.stdout if stream == 1 else sys.stderr).flush()
+                os.write(stream, f"WARNING: {text}\n\n".encode(errors="replace"))
+            known = text.partition(" Time = ")[0]
+            if self.host.on and known not in self._warnings and len(self._warnings) < MOST_WARNINGS:
+                self._warnings[known] = 1
+                state = self.stepping.get(get_ident())
+                self.tell("warning", text=text, world=None if state is None else state.number)
+
+        def set_warning(handler: Any) -> None:
+            self._warning = handler
+
+        def get_warning() -> Any:
+            return self._warning
+
+        plain(warn)
+        self._replace(module, "set_mju_user_warning", set_warning)
+        self._replace(module, "get_mju_user_warning", get_warning)
+        self.host.on_removal(lambda: plain(self._warning))
+
+
+def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
+    """Return what makes steps, one by one, and sends each."""
+    host, states, callbacks, sites = watch.host, watch.data, watch.callbacks, watch.sites
+    lock, pipe, now = host.lock, host.pipe, watch.stepping
+    acquire, release, kept, frame = lock.acquire, lock.release, lock.kept, _getframe
+    number, takes_steps = STEPS.index(name), name == "mj_step"
+
+    def step(*args: Any, **kwargs: Any) -> Any:
+        if not host.on:
+            return original(*args, **kwargs)
+        if len(args) == 2 and not kwargs:
+            (m, d), count, rest = args, 1, ()
+        else:
+            try:
+                m, d, count, rest = _arguments(takes_steps, *args, **kwargs)
+            except TypeError:
+                return original(*args, **kwargs)  # which raises MuJoCo's own error
+        place, function = frame(1), number
+        site = sites.get((id(place.f_code), place.f_lasti))
+        state = states.get(id(d))
+        if site is None or state is None or state.ref() is not d or state.model.ref() is not m:
+            with lock:
+                state, site = watch.seen(m, d, place)
+        if state is None:
+            return original(*args, **kwargs)
+        for _ in range(count):
+            if state.lost:
+                original(m, d, *rest)
+                continue
+            acquire()
+            try:
+                if host.stopped or pipe.gone:
+                    host.check()
+                state.before(d, site)
+                if number:
+                    function = number | state.staleness(everything=number > 1)
+                if callbacks:
+                    state.begin_calling()
+                    now[get_ident()] = state
+            except Exception as error:  # noqa: BLE001 - our errors must not reach the script
+                watch.lose(state, error)
+            finally:
+                release()
+                if kept:
+                    lock.give_back()
+            try:
+                original(m, d, *rest)
+            finally:
+                if now:
+                    now.pop(get_ident(), None)
+            acquire()
+            try:
+                state.after(d, site, function)
+                host.count(state.elapsed_s)
+            except Exception as error:  # noqa: BLE001 - likewise
+                watch.lose(state, error)
+            finally:
+                release()
+                if kept:
+                    lock.give_back()
+        return None
+
+    return step
+
+
+def _arguments(takes_steps: bool, m: Any, d: Any, *rest: Any, **more: Any) -> Any:
+    """Return model, state, how many steps, and further arguments of a function that steps.
+
+    Raises
+    ------
+    TypeError
+        If the function cannot be called with these.
+    """
+    if not takes_steps:
+        return m, d, 1, (*rest, *more.values())
+    (count,) = (*rest, *more.values()) or (1,)
+    if not {*more} <= {"nstep"}:
+        raise TypeError
+    return m, d, int(operator.index(count)), ()
+
+
+def _resetting(watch: MujocoWatch, name: str, original: Any) -> Any:
+    """Return what sets a state, and sends what that changes."""
+    host, cause = watch.host, CAUSES.index(name)
+    of_model, of_data = WHICH.get(name, (0, 1))
+
+    def reset(*args: Any, **kwargs: Any) -> Any:
+        if not host.on:
+            return original(*args, **kwargs)
+        given, state, d = [*args, *kwargs.values()], None, None
+        with host.lock:
+            host.check()
+            if len(given) > max(of_model, of_data):
+                d = given[of_data]
+                state, site = watch.seen(given[of_model], d, _getframe(1))
+            if state is not None and name in PARTLY:
+                watch.guarded(state, state.before, d, site)
+        result = original(*args, **kwargs)
+        if state is not None and not state.lost:
+            argument = given[2] if name == "mj_resetDataKeyframe" else 0
+            with host.lock:
+                watch.guarded(state, state.set_by, d, site, cause, argument)
+        return result
+
+    return reset
+
+
+def _posing(watch: MujocoWatch, name: str, original: Any) -> Any:
+    """Return what makes data current, and sends what was written before."""
+    host, cause = watch.host, CAUSES.index(name)
+    complete, callbacks, now = name in COMPLETE, watch.callbacks, watch.stepping
+
+    def pose(*args: Any, **kwargs: Any) -> Any:
+        given = [*args, *kwargs.values()]
+        if not host.on or len(given) < 2:
+            return original(*args, **kwargs)
+        m, d = given[:2]
+        with host.lock:
+            host.check()
+            state, site = watch.seen(m, d, _getframe(1))
+            if state is not None:
+                watch.guarded(state, state.pose, d, site, cause, complete)
+                if callbacks and name == "mj_step1":
+                    state.begin_calling()
+                    now[get_ident()] = state
+        try:
+            return original(*args, **kwargs)
+        finally:
+            if now:
+                now.pop(get_ident(), None)
+
+    return pose
+
+
+def _calling(watch: MujocoWatch, which: int, callback: Any) -> Any:
+    """Return what calls a script's callback, and notes what it did within a step."""
+    now = watch.stepping
+
+    def call(*args: Any) -> Any:
+        answer = callback(*args)
+        state = now.get(get_ident())
+        if state is not None and not state.lost:
+            with watch.host.lock:
+                watch.guarded(state, state.called, which, answer)
+        return answer
+
+    return call
+
+
+def _version(text: str) -> tuple[int, ...]:
+    """Return a version's numbers."""
+    return tuple(int(part) for part in text.split(".")[:2])
+
+
+LIBRARY = os.path.dirname(os.__file__) + os.sep
+"""The folder of Python's own modules."""

@@ -1,0 +1,49 @@
+"""What steps a model and is not recorded: it is named, so that nobody takes it for recorded."""
+
+from __future__ import annotations
+
+import functools
+from sys import _getframe
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .hooks import MujocoWatch
+
+IMPORTED = ("mujoco.mjx", "mujoco_warp")
+"""Modules whose steps run elsewhere: named once they are imported."""
+CALLED = {
+    "mujoco.rollout": ("rollout", "Rollout.rollout"),
+    "mujoco.batch": ("Batch.step", "Batch.forward"),
+}
+"""Functions that step in threads of their own: named once they are called."""
+
+
+def install(watch: MujocoWatch, module: ModuleType, names: tuple[str, ...]) -> None:
+    """Put what names a function before some functions of a module."""
+    for name in names:
+        owner: Any = module
+        *classes, attribute = name.split(".")
+        for each in classes:
+            owner = getattr(owner, each, None)
+        original = vars(owner).get(attribute) if owner is not None else None
+        if callable(original) and getattr(original, "drop_watch", None) is not watch:
+            hook = _naming(watch, f"{module.__name__}.{name}", original)
+            setattr(owner, attribute, hook)
+            watch.host.on_removal(functools.partial(setattr, owner, attribute, original))
+
+
+def _naming(watch: MujocoWatch, name: str, original: Any) -> Any:
+    """Return what names a function once, and calls it."""
+    named = False
+
+    @functools.wraps(original)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        nonlocal named
+        if watch.host.on and not named:
+            named = True
+            watch.tell_uncaught(name, _getframe(1))
+        return original(*args, **kwargs)
+
+    call.drop_watch = watch  # type: ignore[attr-defined]
+    return call

@@ -1,0 +1,85 @@
+"""The answers of a viewer that nobody looks at: `launch_passive` without a window."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .hooks import MujocoWatch
+
+SHOWN = (
+    *("sync", "update_hfield", "update_mesh", "update_texture"),
+    *("set_texts", "clear_texts", "set_figures", "clear_figures", "set_images", "clear_images"),
+)
+"""What a viewer is told and nothing hangs on."""
+MOST_GEOMS = 10_000
+"""Geometries that a script may draw, as many as a window takes."""
+
+
+class QuietViewer:
+    """Stands for the handle of a passive viewer.
+
+    Parameters
+    ----------
+    watch
+        What ends a script that waits for a user who is not there.
+    m, d
+        What it would show.
+    """
+
+    def __init__(self, watch: MujocoWatch, m: Any, d: Any) -> None:
+        module, self._watch = watch.mujoco, watch
+        self.m, self.d, self.viewport = m, d, None
+        self.cam, self.opt, self.perturb = (
+            module.MjvCamera(),
+            module.MjvOption(),
+            module.MjvPerturb(),
+        )
+        self.user_scn = module.MjvScene(m, MOST_GEOMS)
+        self._open = True
+        for name in SHOWN:
+            setattr(self, name, _nothing)
+
+    def is_running(self) -> bool:
+        """Return whether the window is open; asking takes time on the script's clock."""
+        if self._open and self._watch.host.on:
+            with self._watch.host.lock:
+                self._watch.host.check()
+                self._watch.host.clock.ask()
+        return self._open
+
+    def close(self) -> None:
+        """Close the window."""
+        self._open = False
+
+    @contextlib.contextmanager
+    def lock(self) -> Iterator[None]:
+        """Hold back a thread that does not exist."""
+        yield
+
+    def __enter__(self) -> QuietViewer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _nothing(*_: Any, **__: Any) -> None:
+    pass
+
+
+def install_viewer(watch: MujocoWatch, module: ModuleType) -> None:
+    """Let no passive viewer open a window."""
+    original: Callable[..., Any] = module.launch_passive  # type: ignore[attr-defined]
+
+    def launch_passive(model: Any, data: Any, **_: Any) -> QuietViewer:
+        if not watch.host.on:
+            return original(model, data, **_)  # type: ignore[no-any-return]
+        watch.tell("viewer")
+        return QuietViewer(watch, model, data)
+
+    setattr(module, "launch_passive", launch_passive)  # noqa: B010
+    watch.host.on_removal(lambda: setattr(module, "launch_passive", original))
