@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from . import integrators
-from .constraints import HELD, POINT, constrained
+from .constraints import HELD, POINT, Pairs, constrained
 from .copied import Copies
-from .forces import smooth
+from .forces import JOINTS, smooth
 from .integrators import RK4, STAGES, WEIGHTS
-from .layout import Layout
+from .layout import SLIDE, Layout
 from .summed import Summed, Terms, summed
 
 
@@ -25,7 +25,9 @@ class Answer(NamedTuple):
     held: Any
     """Contacts and other constraints (`constraints.POINT`, `HELD`); `row` is the step's number."""
     actuators: Any
-    """The force of each actuator, shape (n, outputs)."""
+    """The forces of the actuators `which`, shape (n, len(which))."""
+    which: Any
+    """Those whose forces do not follow from their impulses: they drive no single joint."""
 
 
 class Batch:
@@ -35,7 +37,7 @@ class Batch:
     ----------
     m, d
         The model, and the data that it is evaluated in.
-    layout, terms
+    layout, terms, pairs
         Of the model.
     integrator
         Its number.
@@ -49,10 +51,13 @@ class Batch:
         d: Any,
         layout: Layout,
         terms: Terms,
+        pairs: Pairs,
         integrator: int,
         version: tuple[int, ...],
     ) -> None:
-        self._m, self._d, self._layout, self._terms = m, d, layout, terms
+        self._m, self._d, self._layout = m, d, layout
+        self._terms, self._pairs = terms, pairs
+        self._read = _read_of(m) if m.nu else np.empty(0, int)
         self.integrator, self._version = integrator, version
         implicit = integrator in (integrators.IMPLICIT, integrators.IMPLICITFAST)
         self.copies = Copies(m, d, layout.mass_name, implicit=implicit)
@@ -112,7 +117,7 @@ class Batch:
             _filled(self._qfrc, count, (m.nv,)) if self._qfrc else None,
             _filled(self._xfrc, count, (m.nbody, 6)) if self._xfrc else None,
         )
-        found = constrained(copies, layout.joint, m.nv, sparse=sparse)
+        found = constrained(copies, self._pairs, layout.joint, m.nv, sparse=sparse)
         before = {"qpos": self._qpos[:n], "qvel": self._qvel[:n]}
         change = self._after[:n] - before["qvel"]
         mass = held[layout.mass_name]
@@ -136,16 +141,24 @@ class Batch:
             ]
         total = summed(self._terms, momentum, dense, groups, h, added)
         numbers = np.array(self.steps)
-        forces = held["actuator_force"][::stages].copy() if m.nu else np.zeros((n, 0))
+        forces = held["actuator_force"][::stages, self._read] if m.nu else np.zeros((n, 0))
         answer = Answer(
             numbers,
             total,
             _of_steps(found.points, numbers, stages, POINT),
             _of_steps(found.held, numbers, stages, HELD),
             forces,
+            self._read,
         )
         self._begin()
         return answer
+
+
+def _read_of(m: Any) -> Any:
+    """Return the actuators whose forces do not follow from what they do to one joint."""
+    single = np.isin(m.actuator_trntype, JOINTS)
+    joints = np.where(single, m.actuator_trnid[:, 0], 0)
+    return np.flatnonzero(~single | (np.array(m.jnt_type)[joints] < SLIDE) | (m.actuator_gear[:len(single), 0] == 0.0))
 
 
 def _filled(rows: dict[int, Any], count: int, shape: tuple[int, ...]) -> Any:

@@ -21,22 +21,55 @@ MOST_FORCES = 6
 
 POINT = np.dtype(
     [
-        ("row", np.int32), ("first", np.int32), ("second", np.int32), ("dim", np.int32),
-        ("distance", np.float64), ("position", np.float64, 3), ("frame", np.float64, (2, 3)),
-        ("friction", np.float64, 5), ("force", np.float64, MOST_FORCES),
+        ("row", np.int32), ("pair", np.int32),
+        ("distance", np.float32), ("position", np.float32, 3), ("normal", np.float32, 3),
+        ("force", np.float32, 3), ("torque", np.float32, 3),
     ]
 )  # fmt: skip
-"""A contact: evaluation, geoms, how many forces; distance [m], position [m], normal (from the first
-to the second geom) and first tangent; friction; forces along normal and tangents [N], torques
-about them [N m]."""
+"""A contact: evaluation, number of its pair (`Pairs`); distance [m], position [m], normal from the
+first geom to the second, force [N] and torque about the position [N m] on the second, all in the
+world's axes. Single precision: impulses have more."""
 HELD = np.dtype(
     [
         ("row", np.int32), ("kind", np.int32), ("id", np.int32),
-        ("position", np.float64), ("force", np.float64),
+        ("position", np.float32), ("force", np.float32),
     ]
 )  # fmt: skip
-"""A row of another constraint: evaluation, type, number of what is constrained; how far it is from
-being met; its force."""
+"""A row of an equality or a tendon's limit: evaluation, type, number of what is constrained; how far
+it is from being met; its force."""
+TOLD = (EQUALITY, LIMIT_TENDON)
+"""Of others, joints say how far they are, and impulses what they do."""
+
+
+class Pairs:
+    """The pairs of geoms, with the friction between them, that were met so far, by number."""
+
+    def __init__(self) -> None:
+        self._known: dict[bytes, int] = {}
+        self.made: list[list[float]] = []
+        """Of each the first geom, the second, and five coefficients of friction."""
+        self.told = 0
+        """How many of them were sent."""
+
+    def numbers(self, geoms: Any, frictions: Any) -> Any:
+        """Return the number of each pair; shapes (c, 2) and (c, 5)."""
+        rows = np.column_stack([geoms, frictions])
+        mixed = (rows.view(np.uint64) * _MIXED).sum(axis=1, dtype=np.uint64)
+        _, first, which = np.unique(mixed, return_index=True, return_inverse=True)
+        found = []
+        for row in rows[first]:
+            key = row.tobytes()
+            if key not in self._known:
+                self._known[key] = len(self.made)
+                self.made.append(row.tolist())
+            found.append(self._known[key])
+        return np.array(found, np.int32)[which.ravel()]
+
+
+_MIXED = np.array(
+    [2 * (0x9E3779B97F4A7C15 * k % 2**63) + 1 for k in range(1, 8)], np.uint64
+)
+"""Odd numbers, with which other rows have other sums."""
 
 
 class Groups(NamedTuple):
@@ -65,13 +98,17 @@ class Constrained(NamedTuple):
     held: Any
 
 
-def constrained(copies: Any, joint_of: Any, nv: int, *, sparse: bool) -> Constrained:
+def constrained(
+    copies: Any, pairs: Pairs, joint_of: Any, nv: int, *, sparse: bool
+) -> Constrained:
     """Return the forces of constraints in all evaluations that were copied.
 
     Parameters
     ----------
     copies
         The `Copies`.
+    pairs
+        The model's; new ones are added.
     joint_of
         The joint of each degree of freedom.
     nv
@@ -91,10 +128,11 @@ def constrained(copies: Any, joint_of: Any, nv: int, *, sparse: bool) -> Constra
     position = copies.joined("efc_pos", np.float64)
     others = np.flatnonzero(types < FRICTIONLESS)
     named = np.where(types == FRICTION_DOF, joint_of[np.minimum(ids, len(joint_of) - 1)], ids)
-    held = np.empty(len(others), HELD)
-    held["row"], held["kind"], held["id"] = row_of[others], types[others], named[others]
-    held["position"], held["force"] = position[others], forces[others]
-    points, of_contacts = _points(copies, ncon, base, types, forces)
+    told = np.flatnonzero(np.isin(types, TOLD))
+    held = np.empty(len(told), HELD)
+    held["row"], held["kind"], held["id"] = row_of[told], types[told], named[told]
+    held["position"], held["force"] = position[told], forces[told]
+    points, of_contacts = _points(copies, pairs, ncon, base, types, forces)
     # Rows and their weights: what is not a contact's, then pushes, then friction.
     rows = np.concatenate([others, of_contacts.rows, of_contacts.rows])
     weights = np.concatenate([forces[others], of_contacts.pushes, of_contacts.frictions])
@@ -111,8 +149,6 @@ def constrained(copies: Any, joint_of: Any, nv: int, *, sparse: bool) -> Constra
     first, second, evaluation = first[order], second[order], evaluation[order]
     new = np.ones(len(rows), bool)
     if len(rows):
-        for key in (evaluation, kinds, first, second):
-            new[1:] &= True
         new[1:] = (
             (np.diff(evaluation) != 0) | (np.diff(kinds) != 0)
             | (np.diff(first) != 0) | (np.diff(second) != 0)
@@ -138,7 +174,9 @@ class _OfContacts(NamedTuple):
     second: Any
 
 
-def _points(copies: Any, ncon: Any, base: Any, types: Any, forces: Any) -> tuple[Any, _OfContacts]:
+def _points(
+    copies: Any, pairs: Pairs, ncon: Any, base: Any, types: Any, forces: Any
+) -> tuple[Any, _OfContacts]:
     """Return the contacts with their forces, and what of each row is push and friction."""
     empty = np.empty(0, np.int64)
     none = _OfContacts(empty, np.empty(0), np.empty(0), empty, empty)
@@ -162,20 +200,21 @@ def _points(copies: Any, ncon: Any, base: Any, types: Any, forces: Any) -> tuple
     pushes = np.where(
         pyramidal, np.where(place < 2, sums[contact] / 2, 0.0), np.where(place == 0, f, 0.0)
     )
-    points = np.zeros(len(raw), POINT)
-    points["row"], points["dim"] = row_of, dim
-    points["first"], points["second"] = raw["geom"][:, 0], raw["geom"][:, 1]
-    points["distance"], points["position"] = raw["dist"], raw["pos"]
-    points["frame"] = raw["frame"].reshape(-1, 3, 3)[:, :2]
-    points["friction"] = raw["friction"]
-    points["force"][:, 0] = np.where(kind == PYRAMIDAL, sums, forces[begin])
     # The edges of a pyramid come in pairs, along a tangent and against it.
     tangent = np.where(pyramidal, place // 2 + 1, place)
-    sign = np.where(pyramidal, np.where(place % 2, -1.0, 1.0), 1.0)
+    sign = np.where(pyramidal & (place % 2 == 1), -1.0, 1.0)
     scale = np.where(pyramidal, raw["friction"][contact, np.minimum(tangent, 5) - 1], 1.0)
     along = np.flatnonzero(tangent > 0)
-    np.add.at(points["force"], (contact[along], tangent[along]), (sign * scale * f)[along])
-    first, second = points["first"][contact], points["second"][contact]
+    local = np.zeros((len(raw), MOST_FORCES))
+    local[:, 0] = np.where(kind == PYRAMIDAL, sums, forces[begin])
+    np.add.at(local, (contact[along], tangent[along]), (sign * scale * f)[along])
+    frame = raw["frame"].reshape(-1, 3, 3)
+    points = np.zeros(len(raw), POINT)
+    points["row"], points["pair"] = row_of, pairs.numbers(raw["geom"], raw["friction"])
+    points["distance"], points["position"], points["normal"] = raw["dist"], raw["pos"], frame[:, 0]
+    points["force"] = np.einsum("cf,cfx->cx", local[:, :3], frame)
+    points["torque"] = np.einsum("cf,cfx->cx", local[:, 3:], frame)
+    first, second = raw["geom"][contact].T
     return points, _OfContacts(rows, pushes, f - pushes, first, second)
 
 

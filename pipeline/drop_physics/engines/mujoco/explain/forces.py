@@ -9,10 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .layout import DOFS, TINY, Layout, either
+from .flags import NO_DAMPER, NO_GRAVITY, NO_SPRING
+from .layout import TINY, Layout
 
-DISABLE_SPRING, DISABLE_DAMPER, DISABLE_GRAVITY = 1 << 5, 1 << 6, 1 << 7
-"""`mjtDisableBit`."""
 JOINTS = (0, 1)
 """Transmissions to a joint (`mjTRN_JOINT`, `mjTRN_JOINTINPARENT`), and to a tendon."""
 TENDON = 3
@@ -69,7 +68,7 @@ def gravity_of(m: Any, layout: Layout, held: dict[str, Any]) -> Any:
     """
     r = len(held["cdof"])
     gravity = np.array(m.opt.gravity)
-    if m.opt.disableflags & DISABLE_GRAVITY or not gravity.any():
+    if m.opt.disableflags & NO_GRAVITY or not gravity.any():
         return np.zeros((r, layout.nv))
     motions = held["cdof"].reshape(r, -1, 6)
     centres = held["subtree_com"].reshape(r, -1, 3)
@@ -118,18 +117,15 @@ def _tendons(m: Any, held: dict[str, Any]) -> list[Stretched]:
     found: list[Stretched] = []
     if not m.ntendon:
         return found
-    no_spring = bool(m.opt.disableflags & DISABLE_SPRING)
-    no_damper = bool(m.opt.disableflags & DISABLE_DAMPER)
-    for i in range(m.ntendon):
-        stiffness = _coefficients(m, "tendon_stiffness", i)
-        damping = _coefficients(m, "tendon_damping", i)
-        damping = _with_actuators(m, "tendon", i, damping)
-        if no_spring or not stiffness.any():
-            stiffness = np.zeros(1)
-        if no_damper or not damping.any():
-            damping = np.zeros(1)
-        if not (stiffness.any() or damping.any()):
-            continue
+    no_spring = bool(m.opt.disableflags & NO_SPRING)
+    no_damper = bool(m.opt.disableflags & NO_DAMPER)
+    all_stiffness = _coefficients(m, "tendon_stiffness") * (not no_spring)
+    all_damping = _coefficients(m, "tendon_damping")
+    for tendon, coefficients in _of_actuators(m, (TENDON,)):
+        all_damping[tendon] += coefficients
+    all_damping *= not no_damper
+    for i in np.flatnonzero(all_stiffness.any(axis=1) | all_damping.any(axis=1)).tolist():
+        stiffness, damping = all_stiffness[i], all_damping[i]
         length, rate = held["ten_length"][:, i], held["ten_velocity"][:, i]
         lower, upper = m.tendon_lengthspring[i]
         beyond = np.where(length > upper, length - upper, np.minimum(length - lower, 0.0))
@@ -191,33 +187,35 @@ def polynomial(coefficients: Any, x: Any) -> Any:
     return sum(c * x**power for power, c in enumerate(coefficients))
 
 
-def _coefficients(m: Any, name: str, i: int) -> Any:
-    """Return a linear coefficient, and those of higher powers where this version has any."""
-    higher = getattr(m, f"{name}poly", None)
-    linear = np.atleast_1d(np.asarray(getattr(m, name)[i], float))
-    return linear if higher is None else np.concatenate([linear, np.atleast_1d(higher[i])])
+def _coefficients(m: Any, name: str) -> Any:
+    """Return linear coefficients, and those of higher powers where this version has any."""
+    higher = getattr(m, f"{name}poly", np.zeros((len(getattr(m, name)), 0)))
+    return np.column_stack([getattr(m, name), higher])
 
 
-def _with_actuators(m: Any, what: str, i: int, coefficients: Any) -> Any:
-    """Return damping of a joint or tendon with what its actuators add (`mj_actuatorDamping`)."""
+def _of_actuators(m: Any, types: tuple[int, ...]) -> list[tuple[int, Any]]:
+    """Return what actuators add to the damping of what they drive (`mj_actuatorDamping`).
+
+    Pairs of the number of a joint or tendon, and coefficients.
+    """
     if not hasattr(m, "actuator_damping"):
-        return coefficients
-    types = JOINTS if what == "joint" else (TENDON,)
-    mine = np.isin(m.actuator_trntype, types) & (m.actuator_trnid[:, 0] == i)
-    for actuator in np.flatnonzero(mine):
+        return []
+    damped = (m.actuator_damping != 0.0) | (m.actuator_dampingpoly != 0.0).any(axis=1)
+    found = []
+    for actuator in np.flatnonzero(damped & np.isin(m.actuator_trntype, types)):
         out = m.actuator_outadr[actuator] if hasattr(m, "actuator_outadr") else actuator
         gear = m.actuator_gear[out, 0] ** 2
-        coefficients = coefficients + gear * _coefficients(m, "actuator_damping", actuator)
-    return coefficients
+        coefficients = gear * _coefficients(m, "actuator_damping")[actuator]
+        found.append((int(m.actuator_trnid[actuator, 0]), coefficients))
+    return found
 
 
 def damping_of(m: Any) -> Any:
     """Return the coefficients of each dof's damping, linear first, shape (nv, powers)."""
-    rows = []
-    for dof in range(m.nv):
-        own = _coefficients(m, "dof_damping", dof)
-        rows.append(_with_actuators(m, "joint", m.dof_jntid[dof], own))
-    return np.array(rows)
+    damping = _coefficients(m, "dof_damping")
+    for joint, coefficients in _of_actuators(m, JOINTS):
+        damping[m.dof_jntid == joint] += coefficients
+    return damping
 
 
 def _sparse_row(held: dict[str, Any], m: Any, name: str, i: int, numbers: str = "") -> Any:
@@ -247,9 +245,3 @@ def _less(values: Any, dofs: Any, part: Any) -> Any:
     values = values.copy()
     values[:, dofs] -= part
     return values
-
-
-def dofs_of_joint(m: Any, joint: int) -> Any:
-    """Return the degrees of freedom of a joint."""
-    first = m.jnt_dofadr[joint]
-    return np.arange(first, first + DOFS[m.jnt_type[joint]])

@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
+from .flags import NO_EULERDAMP
 from .forces import Term, damping_of, polynomial, term
 from .layout import Layout
 
 EULER, RK4, IMPLICIT, IMPLICITFAST = 0, 1, 2, 3
 """`mjtIntegrator`."""
-DISABLE_DAMPER, DISABLE_EULERDAMP = 1 << 6, 1 << 15
 INTEGRATOR, SOLVER = "integrator", "solver"
 STAGES = 4
 WEIGHTS = (1 / 6, 1 / 3, 1 / 3, 1 / 6)
@@ -65,8 +65,7 @@ def added(
     """
     if integrator == EULER:
         damping = damping_of(m)
-        off = m.opt.disableflags & (DISABLE_DAMPER | DISABLE_EULERDAMP)
-        if off or not damping.any():
+        if m.opt.disableflags & NO_EULERDAMP or not damping.any():
             return term(SOLVER, h[:, None] * left_by_solver(layout, held))
         powers = np.arange(1, damping.shape[1] + 1)
         slope = polynomial((damping * powers).T, np.abs(before["qvel"]))

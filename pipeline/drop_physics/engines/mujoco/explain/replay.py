@@ -15,8 +15,10 @@ import mujoco
 import numpy as np
 
 from .. import frames, memory
-from ..frames import CALLBACKS, CAUSES, FLAGS, STALE, UNPOSED
+from ..frames import CALLBACKS, CAUSES, FLAGS, STALE, STEPS, UNPOSED
 from .batch import Batch
+from .constraints import Pairs
+from .flags import IPC, NO_ACTUATION, NO_RESET, SLEEP
 from .integrators import EULER, IMPLICIT, IMPLICITFAST, RK4
 from .layout import Layout
 from .summed import Terms
@@ -47,10 +49,6 @@ TESTED = ((3, 3), (4, 0))
 """The first and last version whose steps have a sum."""
 MIDPOINT = ((3, 7), (3, 10))
 """In these, implicit integrators turn bodies that move freely by a rule of their own."""
-SLEEP, IPC = 1 << 4, 1 << 6
-"""`mjtEnableBit`."""
-NO_ACTUATION, NO_RESET = 1 << 11, 1 << 16
-"""`mjtDisableBit`."""
 INSTABLE = tuple(
     int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC")
 )
@@ -80,13 +78,59 @@ class ReplayedModel:
         places = {field.name: field for field in memory.fields_of(self.m)}
         self.fields = [places[name] for name in names]
         self.layout = Layout(self.m, mujoco.MjData(self.m))
-        self.terms = Terms()
+        self.terms, self.pairs = Terms(), Pairs()
+        self._look()
+
+    def _look(self) -> None:
+        """Read what each step asks of the model."""
+        m = self.m
+        self.timestep = float(m.opt.timestep)
+        self.sparse = bool(mujoco.mj_isSparse(m))
+        self.resets = not m.opt.disableflags & NO_RESET
+        self.sleeps = bool(m.opt.enableflags & SLEEP)
+        integrators = [self._integrator(which) for which in range(len(STEPS))]
+        self.integrators = [(each, self._uncovered(each)) for each in integrators]
+        """By function, the integrator that it uses, and why its steps have no sum."""
 
     def edit(self, number: int, indices: Any, values: Any) -> None:
         """Change elements of a field."""
         field = self.fields[number]
         held = np.frombuffer(memory.view_of(field.address, field.size), field.dtype)
         held[indices] = values
+        self._look()
+
+    def _integrator(self, which: int) -> int:
+        """Return the integrator that a function uses."""
+        chosen = int(self.m.opt.integrator)
+        if which == 0:
+            return chosen
+        if which == 3:
+            return chosen if chosen in (IMPLICIT, IMPLICITFAST) else -1
+        if which == 1 and chosen in (IMPLICIT, IMPLICITFAST):
+            return chosen
+        return RK4 if which == 4 else EULER
+
+    def _uncovered(self, integrator: int) -> str:
+        """Return why steps with an integrator have no sum, or nothing."""
+        m = self.m
+        if integrator not in (EULER, RK4, IMPLICIT, IMPLICITFAST):
+            return "integrator"
+        if not TESTED[0] <= VERSION <= TESTED[1]:
+            return "version"
+        implicit = integrator in (IMPLICIT, IMPLICITFAST)
+        if implicit and MIDPOINT[0] <= VERSION <= MIDPOINT[1] and len(self.layout.alone):
+            return "version"
+        if not m.nv:
+            return "nothing moves"
+        if m.nflex or m.opt.enableflags & IPC:
+            return "flex"
+        if m.nplugin:
+            return "plugin"
+        if getattr(m, "nhistory", 0):
+            return "delay"
+        if integrator == RK4 and m.opt.disableflags & NO_ACTUATION:
+            return "integrator"  # its stages are seen by the callback of actuation
+        return ""
 
 
 class ReplayedData:
@@ -154,6 +198,10 @@ class ReplayedData:
             held[:] = values
         else:
             held[indices] = values
+        if name == "qfrc_applied":
+            self.is_applied = bool(held.any())
+        elif name == "xfrc_applied":
+            self.is_pushed = bool(held.any())
 
     def look(self) -> None:
         """Note whether anything is applied."""
@@ -246,7 +294,6 @@ class Replay:
                 state.write(name, indices, values)
         if not posed:
             state.d.time = time_s
-            state.look()
 
     def _edited(self, payload: bytes) -> Iterator[bytes]:
         _, _, field, number, _, _, count = frames.EDITED_HEAD.unpack_from(payload)
@@ -302,10 +349,12 @@ class Replay:
         self, state: ReplayedData, function: int, time_s: float, core: bytes
     ) -> Iterator[bytes]:
         """Take a step, compare, and keep what it takes to explain it."""
-        m, d = state.model.m, state.d
+        model, d = state.model, state.d
+        m = model.m
         which, flags = function & 15, function & (STALE | UNPOSED)
-        integrator = self._integrator(m, which)
-        reason = self._uncovered(m, state, integrator)
+        integrator, reason = model.integrators[which]
+        if model.sleeps and (d.tree_asleep >= 0).any():
+            reason = reason or "sleep"
         batch = None
         if not reason:
             batch = state.batch
@@ -315,12 +364,11 @@ class Replay:
             batch.before(state.qpos, state.qvel)
         stepping = integrator == RK4 and batch is not None
         before = state.state() if flags or stepping else None
-        warned = bytes(state.warned) if not m.opt.disableflags & NO_RESET else b""
+        warned = state.warned.tobytes() if model.resets else b""
         self._now, self._calls = state, iter(state.answers)
-        self._stages = [] if stepping else None
+        self._stages = stages = [] if stepping else None
         _take(m, state, which)
-        stages, self._stages = self._stages, None
-        self._now = None
+        self._now = self._stages = None
         same = d.time == time_s and _equal(state, core)
         status = EXPLAINED
         if not same:
@@ -338,57 +386,23 @@ class Replay:
             else:
                 self._evaluate(state, batch, before, stages)
         else:
-            batch.evaluated(_is_sparse(m), state.is_applied, state.is_pushed)
+            batch.evaluated(model.sparse, state.is_applied, state.is_pushed)
         if status == EXPLAINED and batch is not None:
-            batch.after(state.step, state.qvel, m.opt.timestep)
-        if state.answers:
-            state.look()
+            batch.after(state.step, state.qvel, model.timestep)
         state.answers, state.posed = [], []
         state.statuses.append((status, REASONS.index(reason)))
         state.step += 1
         if len(state.statuses) >= SPARE:
             yield from self._finish(state)
 
-    def _integrator(self, m: Any, which: int) -> int:
-        """Return the integrator that a function uses."""
-        chosen = int(m.opt.integrator)
-        if which == 0:
-            return chosen
-        if which == 3:
-            return chosen if chosen in (IMPLICIT, IMPLICITFAST) else -1
-        if which == 1 and chosen in (IMPLICIT, IMPLICITFAST):
-            return chosen
-        return RK4 if which == 4 else EULER
-
-    def _uncovered(self, m: Any, state: ReplayedData, integrator: int) -> str:
-        """Return why steps like this have no sum, or nothing."""
-        if integrator not in (EULER, RK4, IMPLICIT, IMPLICITFAST):
-            return "integrator"
-        if not TESTED[0] <= VERSION <= TESTED[1]:
-            return "version"
-        implicit = integrator in (IMPLICIT, IMPLICITFAST)
-        if implicit and MIDPOINT[0] <= VERSION <= MIDPOINT[1] and len(state.model.layout.alone):
-            return "version"
-        if not m.nv:
-            return "nothing moves"
-        if m.nflex or m.opt.enableflags & IPC:
-            return "flex"
-        if m.nplugin:
-            return "plugin"
-        if getattr(m, "nhistory", 0):
-            return "delay"
-        if m.opt.enableflags & SLEEP and (state.d.tree_asleep >= 0).any():
-            return "sleep"
-        if integrator == RK4 and m.opt.disableflags & NO_ACTUATION:
-            return "integrator"  # its stages are seen by the callback of actuation
-        return ""
-
     def _batch(self, state: ReplayedData, integrator: int) -> Batch:
         model, d = state.model, state.d
         if integrator == RK4:
             state.other = d = state.other or mujoco.MjData(model.m)
             self._on_callback("mjcb_control")
-        return Batch(model.m, d, model.layout, model.terms, integrator, VERSION)
+        return Batch(
+            model.m, d, model.layout, model.terms, model.pairs, integrator, VERSION
+        )
 
     def _evaluate(
         self,
@@ -400,13 +414,10 @@ class Replay:
         """Compute again what a step of RK4 has computed in its stages."""
         m, other = state.model.m, state.other
         core, user = memory.core_of(other), memory.user_of(other)
-        sparse = _is_sparse(m)
+        sparse = state.model.sparse
         answers = list(state.answers)
-        warm = [part for part in core.parts if part.name == "qacc_warmstart"]
         for stage in stages:
             core.view[:] = stage[:-8]
-            for part in warm:
-                part.view[:] = before[1][part.begin : part.end]
             (other.time,) = struct.unpack("<d", stage[-8:])
             if user.size:
                 user.view[:] = before[2]
@@ -446,9 +457,9 @@ class Replay:
         if state.statuses:
             statuses = np.array(state.statuses, np.uint8)
             if state.batch is not None and state.batch.steps:
-                answer = state.batch.explain(sparse=_is_sparse(state.model.m))
+                answer = state.batch.explain(sparse=state.model.sparse)
                 arrays = self._packed(state, answer, statuses)
-                said = self._said(state.model.terms)
+                said = self._said(state.model)
             arrays["status"], arrays["reason"] = statuses.T
             yield frames.arrays_bytes(
                 "explained", arrays, world=state.number, model=state.model.number, first=state.first, **said
@@ -460,28 +471,36 @@ class Replay:
         summed = answer.summed
         open_ = answer.steps[~(summed.remainder <= CLOSES)] - state.first
         statuses[open_, 0], statuses[open_, 1] = REPLAYED, REASONS.index("remainder")
-        points, held = answer.points, answer.held
         arrays = {
-            "steps": answer.steps,
-            "pattern": summed.patterns,
+            "steps": answer.steps.astype(np.int32),
+            "pattern": summed.patterns.astype(np.int32),
             "values": summed.values,
-            "remainder": summed.remainder,
-            "largest": summed.largest,
-            "actuator_force": answer.actuators,
+            "remainder": summed.remainder.astype(np.float32),
+            "largest": summed.largest.astype(np.float32),
         }
-        arrays |= {f"point.{name}": points[name] for name in points.dtype.names}
-        arrays |= {f"held.{name}": held[name] for name in held.dtype.names}
+        if len(answer.which):
+            arrays |= {"actuators": answer.which, "actuator_force": answer.actuators}
+        for prefix, rows in (("point", answer.points), ("held", answer.held)):
+            if len(rows):
+                counts = np.searchsorted(rows["row"], answer.steps, "right")
+                arrays[f"{prefix}.count"] = np.diff(counts, prepend=0).astype(np.int32)
+                arrays |= {f"{prefix}.{name}": rows[name] for name in rows.dtype.names[1:]}
+        if not answer.points["torque"].any():
+            arrays.pop("point.torque", None)
         return arrays
 
-    def _said(self, terms: Terms) -> dict[str, Any]:
-        """Return the terms and patterns that were not sent yet."""
+    def _said(self, model: ReplayedModel) -> dict[str, Any]:
+        """Return the terms, patterns and pairs that were not sent yet."""
+        terms, pairs = model.terms, model.pairs
         new = [
             [kind, first, second, dofs.tolist()]
             for kind, first, second, dofs in terms.made[terms.told :]
         ]
         patterns = [each.tolist() for each in terms.patterns[terms.patterns_told :]]
+        met = pairs.made[pairs.told :]
         terms.told, terms.patterns_told = len(terms.made), len(terms.patterns)
-        return {"terms": new, "patterns": patterns}
+        pairs.told = len(pairs.made)
+        return {"terms": new, "patterns": patterns, "pairs": met}
 
 
 class _Elsewhere:
@@ -530,10 +549,3 @@ def _has_reset(before: bytes, now: memoryview) -> bool:
     was = np.frombuffer(before, np.int32).reshape(-1, 2)[:, 1]
     is_ = np.frombuffer(now, np.int32).reshape(-1, 2)[:, 1]
     return bool((is_[list(INSTABLE)] > was[list(INSTABLE)]).any())
-
-
-def _is_sparse(m: Any) -> bool:
-    """Return the form of the constraints' Jacobian."""
-    return bool(mujoco.mj_isSparse(m))
-
-
