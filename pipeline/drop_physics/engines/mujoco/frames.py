@@ -1,13 +1,13 @@
 """What a MuJoCo script's process sends of its simulations: packed frames, written and read here.
 
 Two processes share this file: the script's own (`watch`), which may have an older Python and none
-of our packages, and the one that reads. `explain` replays the same frames, and answers with `ARRAYS`.
+of our packages, and the one that reads. `explain` replays the frames, and answers with `ARRAYS`.
 
 Every payload begins with one letter:
 
 NOTE      JSON, with `what`
-ARRAYS    named arrays: length of a JSON head, the head `{"what", …, "arrays": [[name, dtype, shape]]}`,
-          and the numbers of each array in turn
+ARRAYS    named arrays: length of a JSON head, the head, which ends with
+          `"arrays": [[name, dtype, shape], …]`, and the numbers of each array in turn
 STEP      `STEP_HEAD` and the core of the state after a step, as it lies in memory
 WRITTEN   `WRITTEN_HEAD` and the parts of a state that are not what the last step left
 EDITED    `EDITED_HEAD` and the elements of a model's array that were changed in place
@@ -32,7 +32,7 @@ EDITED, DONE, CALLBACK, WARNED = b"E", b"D", b"C", b"!"
 STEP_HEAD = Struct("<cBHIId")
 """STEP, by which function (`STEPS`), 0, number of the simulation, site, time after it [s]."""
 WRITTEN_HEAD = Struct("<cBHIIid")
-"""WRITTEN, by what (`CAUSES`), number of parts, simulation, site, argument of the call, time [s]."""
+"""WRITTEN, by what (`CAUSES`), number of parts, simulation, site, argument of a call, time [s]."""
 EDITED_HEAD = Struct("<cBHIIII")
 """EDITED, 0, number of the field, model, simulation at whose step it was seen, site, count.
 
@@ -72,8 +72,8 @@ CAUSES = (
     "mj_kinematics",
     "mj_fwdPosition",
 )
-"""What changed a state: the script's own writes; nothing, it is what data were computed for; it is the
-state when first seen; the step before, in which MuJoCo has reset itself; or a function."""
+"""What changed a state: the script's own writes; nothing, it is what data were computed for; it is
+the state when first seen; the step before, in which MuJoCo has reset itself; or a function."""
 CALLBACKS = ("control", "passive", "act_dyn", "act_gain", "act_bias", "contactfilter")
 
 CORE = ("qpos", "qvel", "act", "history", "plastic", "qacc_warmstart", "plugin_state")
@@ -96,12 +96,16 @@ def part_bytes(number: int, before: bytes | memoryview, now: bytes | memoryview)
         changed = np.flatnonzero(np.frombuffer(before, bits) != new.view(bits))
         if 2 * len(changed) < len(new):
             indices = changed.astype(np.uint32)
-            return PART_HEAD.pack(number, 1, 0, len(changed)) + indices.tobytes() + new[changed].tobytes()
+            return (
+                PART_HEAD.pack(number, 1, 0, len(changed))
+                + indices.tobytes()
+                + new[changed].tobytes()
+            )
     return PART_HEAD.pack(number, 0, 0, len(new)) + bytes(now)
 
 
 def part_of(payload: bytes, at: int) -> tuple[str, Any, Any, int]:
-    """Return a part's name, the indices of its elements or None, their values, and where it ends."""
+    """Return a part's name, indices of its elements or None, their values, and where it ends."""
     number, sparse, _, count = PART_HEAD.unpack_from(payload, at)
     at += PART_HEAD.size
     indices = None

@@ -54,7 +54,7 @@ class Part:
         Of the stretch.
     """
 
-    __slots__ = ("begin", "end", "name", "number", "saved", "size", "view", "_head")
+    __slots__ = ("_head", "begin", "end", "name", "number", "saved", "size", "view")
 
     def __init__(
         self, name: str, begin: int, size: int, view: memoryview, saved: bytearray
@@ -92,7 +92,7 @@ class Stretch:
         names = sorted(held, key=places.__getitem__)
         begin = min(places.values(), default=0)
         self.size = places[names[-1]] + held[names[-1]].nbytes - begin if names else 0
-        for before, after in zip(names, names[1:]):
+        for after, before in zip(names[1:], names):
             if not 0 <= places[after] - places[before] - held[before].nbytes < ALIGNED:
                 raise LookupError(f"{after} does not lie behind {before}")
         self.view = view_of(begin, self.size) if names else memoryview(b"")
@@ -104,9 +104,7 @@ class Stretch:
 
     def changed(self) -> tuple[int, bytes]:
         """Return how many arrays do not hold what was remembered, and these as a frame has them."""
-        found = [
-            part.frame() for part in self.parts if part.saved.tobytes() != part.view.tobytes()
-        ]
+        found = [part.frame() for part in self.parts if part.saved.tobytes() != part.view.tobytes()]
         self.saved[:] = self.view
         return len(found), b"".join(found)
 

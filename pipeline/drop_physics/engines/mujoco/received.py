@@ -144,11 +144,19 @@ class _World:
             name: np.ascontiguousarray(raw[:, begin : begin + size]).view(np.float64)
             for name, begin, size in self.core
         }
-        flags = functions.astype(np.uint8)
         found = Piece(
-            self.number, self.model, self.step - n, times, flags & 15, flags & (STALE | UNPOSED),
-            sites.astype(np.int32), parts, self.written, self.edited, self.warnings,
-        )  # fmt: skip
+            world=self.number,
+            model=self.model,
+            first=self.step - n,
+            times_s=times,
+            functions=(functions & 15).astype(np.uint8),
+            stale=(functions & (STALE | UNPOSED)).astype(np.uint8),
+            sites=sites.astype(np.int32),
+            parts=parts,
+            written=self.written,
+            edited=self.edited,
+            warnings=self.warnings,
+        )
         self.heads, self.bodies, self.written, self.edited, self.warnings = [], [], [], [], []
         return found
 
@@ -192,18 +200,12 @@ class Received:
             self._spool.write(LENGTH.pack(len(payload)) + payload)
         kind = payload[:1]
         if kind == frames.STEP:
-            _, function, _, number, site, time_s = frames.STEP_HEAD.unpack_from(payload)
-            world = self._worlds[number]
-            world.heads.append((function, site, time_s))
-            world.bodies.append(payload[frames.STEP_HEAD.size :])
-            world.step += 1
-            world.site = site
+            yield from self._on_step(payload)
         elif kind == frames.WRITTEN:
             self._on_written(payload)
         elif kind == frames.NOTE:
             note = json.loads(payload[1:])
             yield from getattr(self, f"_on_{note.pop('what')}")(**note) or ()
-            return
         elif kind == frames.EDITED:
             self._on_edited(payload)
         elif kind == frames.WARNED:
@@ -214,11 +216,6 @@ class Received:
             head, arrays = frames.arrays_of(payload)
             if head["what"] == "constants":
                 self._constants[head["digest"]] = arrays
-        else:
-            return
-        world = self._worlds.get(number) if kind == frames.STEP else None
-        if world is not None and world.is_full:
-            yield world.piece()
 
     def rest(self) -> Iterator[Piece]:
         """Yield what is gathered; the stream is over."""
@@ -227,6 +224,15 @@ class Received:
                 yield world.piece()
 
     # -- numbers ----------------------------------------------------------------------------------
+
+    def _on_step(self, payload: bytes) -> Iterator[Piece]:
+        _, function, _, number, site, time_s = frames.STEP_HEAD.unpack_from(payload)
+        world = self._worlds[number]
+        world.heads.append((function, site, time_s))
+        world.bodies.append(payload[frames.STEP_HEAD.size :])
+        world.step, world.site = world.step + 1, site
+        if world.is_full:
+            yield world.piece()
 
     def _on_written(self, payload: bytes) -> None:
         _, cause, count, number, site, argument, time_s = frames.WRITTEN_HEAD.unpack_from(payload)
@@ -289,7 +295,12 @@ class Received:
         self.models[number] = Model(number, digest, of_fields, self._constants.get(digest, {}))
 
     def _on_world(
-        self, number: int, model: int, core: list[tuple[str, int, int]], core_bytes: int, **_: Any  # noqa: ANN401
+        self,
+        number: int,
+        model: int,
+        core: list[tuple[str, int, int]],
+        core_bytes: int,
+        **_: Any,  # noqa: ANN401
     ) -> None:
         held = self.models[model]
         held.arrays = held.arrays or self._constants[held.digest]
@@ -312,7 +323,7 @@ class Received:
     def _on_warning(self, text: str, **_: Any) -> None:  # noqa: ANN401
         self.warnings.append(text)
 
-    def _on_callback(self, name: str) -> None:
+    def _on_callback(self, name: str, **_: Any) -> None:  # noqa: ANN401
         if name not in self.callbacks:
             self.callbacks.append(name)
 

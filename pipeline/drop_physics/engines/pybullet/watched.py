@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -75,6 +75,8 @@ class Decoder:
         self.unseeded: list[str] = []
         self.timing = ""
         """Where the script first read a time after a step: file and line."""
+        self.mujoco: Callable[[bytes], object] = len
+        """What takes the payloads of `engines/mujoco/frames`."""
         self._frames = Frames()
         self._worlds: dict[int, World] = {}
         self._bodies: dict[int, Known] = {}
@@ -123,6 +125,8 @@ class Decoder:
             elif kind == pipe.RESULT:
                 if self._caller is not None:
                     self._caller.add_result(*pipe.NUMBER.unpack(payload))
+            elif kind == pipe.MUJOCO:
+                self.mujoco(payload)
             else:
                 yield from self._on_image(payload)
 

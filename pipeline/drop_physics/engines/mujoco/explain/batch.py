@@ -130,9 +130,7 @@ class Batch:
             added: list[Any] = []
             if groups is not None:
                 weights = np.repeat(np.array(WEIGHTS)[groups.rows % stages], np.diff(groups.starts))
-                groups = groups._replace(
-                    rows=groups.rows // stages, values=groups.values * weights
-                )
+                groups = groups._replace(rows=groups.rows // stages, values=groups.values * weights)
         else:
             added = [
                 integrators.added(
@@ -158,7 +156,11 @@ def _read_of(m: Any) -> Any:
     """Return the actuators whose forces do not follow from what they do to one joint."""
     single = np.isin(m.actuator_trntype, JOINTS)
     joints = np.where(single, m.actuator_trnid[:, 0], 0)
-    return np.flatnonzero(~single | (np.array(m.jnt_type)[joints] < SLIDE) | (m.actuator_gear[:len(single), 0] == 0.0))
+    return np.flatnonzero(
+        ~single
+        | (np.array(m.jnt_type)[joints] < SLIDE)
+        | (m.actuator_gear[: len(single), 0] == 0.0)
+    )
 
 
 def _filled(rows: dict[int, Any], count: int, shape: tuple[int, ...]) -> Any:

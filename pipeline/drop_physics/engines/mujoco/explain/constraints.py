@@ -1,4 +1,4 @@
-"""The forces of constraints: equalities, friction losses, limits, and each pair's push and friction.
+"""The forces of constraints: equalities, friction losses, limits, each pair's push and friction.
 
 MuJoCo has a row of the Jacobian J and a force f for each constraint, in any order. Rows with one
 cause are a group; its force is the sum of J f over its rows. A contact's rows are the edges of a
@@ -21,22 +21,29 @@ MOST_FORCES = 6
 
 POINT = np.dtype(
     [
-        ("row", np.int32), ("pair", np.int32),
-        ("distance", np.float32), ("position", np.float32, 3), ("normal", np.float32, 3),
-        ("force", np.float32, 3), ("torque", np.float32, 3),
+        ("row", np.int32),
+        ("pair", np.int32),
+        ("distance", np.float32),
+        ("position", np.float32, 3),
+        ("normal", np.float32, 3),
+        ("force", np.float32, 3),
+        ("torque", np.float32, 3),
     ]
-)  # fmt: skip
+)
 """A contact: evaluation, number of its pair (`Pairs`); distance [m], position [m], normal from the
 first geom to the second, force [N] and torque about the position [N m] on the second, all in the
 world's axes. Single precision: impulses have more."""
 HELD = np.dtype(
     [
-        ("row", np.int32), ("kind", np.int32), ("id", np.int32),
-        ("position", np.float32), ("force", np.float32),
+        ("row", np.int32),
+        ("kind", np.int32),
+        ("id", np.int32),
+        ("position", np.float32),
+        ("force", np.float32),
     ]
-)  # fmt: skip
-"""A row of an equality or a tendon's limit: evaluation, type, number of what is constrained; how far
-it is from being met; its force."""
+)
+"""A row of an equality or a tendon's limit: evaluation, type, number of what is constrained; how
+far it is from being met; its force."""
 TOLD = (EQUALITY, LIMIT_TENDON)
 """Of others, joints say how far they are, and impulses what they do."""
 
@@ -66,9 +73,7 @@ class Pairs:
         return np.array(found, np.int32)[which.ravel()]
 
 
-_MIXED = np.array(
-    [2 * (0x9E3779B97F4A7C15 * k % 2**63) + 1 for k in range(1, 8)], np.uint64
-)
+_MIXED = np.array([2 * (0x9E3779B97F4A7C15 * k % 2**63) + 1 for k in range(1, 8)], np.uint64)
 """Odd numbers, with which other rows have other sums."""
 
 
@@ -98,9 +103,7 @@ class Constrained(NamedTuple):
     held: Any
 
 
-def constrained(
-    copies: Any, pairs: Pairs, joint_of: Any, nv: int, *, sparse: bool
-) -> Constrained:
+def constrained(copies: Any, pairs: Pairs, joint_of: Any, nv: int, *, sparse: bool) -> Constrained:
     """Return the forces of constraints in all evaluations that were copied.
 
     Parameters
@@ -150,9 +153,11 @@ def constrained(
     new = np.ones(len(rows), bool)
     if len(rows):
         new[1:] = (
-            (np.diff(evaluation) != 0) | (np.diff(kinds) != 0)
-            | (np.diff(first) != 0) | (np.diff(second) != 0)
-        )  # fmt: skip
+            (np.diff(evaluation) != 0)
+            | (np.diff(kinds) != 0)
+            | (np.diff(first) != 0)
+            | (np.diff(second) != 0)
+        )
     begins = np.flatnonzero(new)
     if sparse:
         dofs, values, starts = _sparse_sums(copies, row_of, base, rows, weights, new)

@@ -63,7 +63,7 @@ def spans_of(arrays: dict[str, Any]) -> list[Span]:
 
 
 class Contacts:
-    """Where an MjData keeps its contacts: at the start of its arena, one struct behind the other."""
+    """Where an MjData keeps its contacts: at the start of its arena, one behind the other."""
 
     def __init__(self) -> None:
         self.size = 0

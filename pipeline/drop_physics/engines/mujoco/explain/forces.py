@@ -1,4 +1,4 @@
-"""The named forces of some evaluations that are not constraints': per degree of freedom, all at once.
+"""The forces of some evaluations, but those of constraints: by cause, on each degree of freedom.
 
 Each is a `Term`: what MuJoCo itself has computed, or a part of it by the formula that is cited.
 """
@@ -144,10 +144,10 @@ def _actuators(m: Any, layout: Layout, held: dict[str, Any]) -> list[Term]:
         return found
     total = held["qfrc_actuator"]
     left, forces = total, held["actuator_force"]
-    for i in np.flatnonzero(forces.any(axis=0)):
+    for i in np.flatnonzero(forces.any(axis=0)).tolist():
         dofs, arms = _sparse_row(held, m, "moment", i, "actuator_moment")
         values = arms * forces[:, i, None]
-        found.append(term("actuator", values, int(i), dofs))
+        found.append(term("actuator", values, i, dofs))
         left = _less(left, dofs, values)
     by_actuator = np.array(m.jnt_actgravcomp, bool)[layout.joint]
     if by_actuator.any():
@@ -223,7 +223,9 @@ def _sparse_row(held: dict[str, Any], m: Any, name: str, i: int, numbers: str = 
     numbers = numbers or name
     values = held[numbers]
     counts, starts, columns = (
-        held[f"{name}_{part}"] if f"{name}_{part}" in held else np.array([getattr(m, f"{name}_{part}").ravel()])
+        held[f"{name}_{part}"]
+        if f"{name}_{part}" in held
+        else np.array([getattr(m, f"{name}_{part}").ravel()])
         for part in ("rownnz", "rowadr", "colind")
     )
     count, start = counts[0, i], starts[0, i]

@@ -4,7 +4,7 @@ Each integrator solves for the acceleration a = (u' - u)/h:
 
     Euler, without dampers        a is the solver's qacc, so M a - forces is what the solver left
     Euler, with dampers           (M + h D) a = forces, D the slope of the dampers (`mj_EulerSkip`)
-    implicit                      (M - h J) a = forces, J the slope of all forces (`mj_implicitSkip`)
+    implicit                      (M - h J) a = forces, J their slope (`mj_implicitSkip`)
     implicitfast                  the same, without the slope of the bias, and J symmetric; bodies
                                   that move freely have both (since 3.11)
     RK4                           a = sum of b_i a_i over four stages (`added_by_stages`)

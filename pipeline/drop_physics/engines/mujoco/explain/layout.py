@@ -96,9 +96,10 @@ class Layout:
 
     def _mass(self, m: Any) -> Symmetric:
         if self.mass_name == "M":
-            rows = np.repeat(np.arange(m.nv), m.M_rownnz)
-            return Symmetric(rows, np.array(m.M_colind)[: len(rows)], m.nv)
-        rows, columns = [], []
+            row = np.repeat(np.arange(m.nv), m.M_rownnz)
+            return Symmetric(row, np.array(m.M_colind)[: len(row)], m.nv)
+        rows: list[int] = []
+        columns: list[int] = []
         for dof in range(m.nv):  # each row goes from the diagonal to the root
             other = dof
             while other >= 0:

@@ -6,8 +6,10 @@ the sum of one that leads elsewhere would close, too, and say nothing of the scr
 
 from __future__ import annotations
 
+import copy
 import json
 import struct
+from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -39,10 +41,10 @@ REASONS = (
     "stale",
     "unknown",
 )
-"""Why a step is not explained: the sum leaves something; there is no degree of freedom; the integrator has no sum here; this
-version's law was not tested; deformable bodies; plugins; sleeping bodies; delayed actuators; MuJoCo
-has reset itself within it; it was taken with data of another state, which were then found to lead to
-the recorded one; none of these."""
+"""Why a step is not explained: the sum leaves something; there is no degree of freedom; the
+integrator has no sum here; this version's law was not tested; deformable bodies; plugins; sleeping
+bodies; delayed actuators; MuJoCo has reset itself within it; it was taken with data of another
+state, which were found to lead to the recorded one; none of these."""
 CLOSES = 1e-11
 """A remainder up to this share of the largest impulse is rounding."""
 TESTED = ((3, 3), (4, 0))
@@ -166,7 +168,9 @@ class ReplayedData:
         """Go on with a model."""
         before = None if not hasattr(self, "d") else self.state()
         self.model, m = model, model.m
-        self.d, self.other = mujoco.MjData(m), None
+        self.d: Any = mujoco.MjData(m)
+        self.other: Any = None
+        """Data in which the stages of a step are evaluated."""
         self.core, self.user = memory.core_of(self.d), memory.user_of(self.d)
         for part in (*self.core.parts, *self.user.parts):
             part.view[:] = bytes(part.size)
@@ -218,12 +222,12 @@ class Replay:
         self._waiting: dict[int, dict[str, Any]] = {}
         """Models that were named and are not complete."""
         self._data: dict[int, ReplayedData] = {}
-        self._callbacks: set[str] = set()
-        self._calls: Iterator[tuple[int, Any]] = iter(())
-        """What is left of the answers of callbacks."""
+        self._calls: dict[int, deque[Any]] = {}
+        """What is left of the answers of each callback."""
         self._stages: list[bytes] | None = None
         """The states that a step of RK4 goes through, while it is taken."""
-        self._now: ReplayedData | None = None
+        self._now: ReplayedData | _Elsewhere | None = None
+        mujoco.set_mju_user_warning(lambda _: None)  # they were said when the script ran
 
     def take(self, payload: bytes) -> Iterator[bytes]:
         """Take a payload."""
@@ -267,11 +271,10 @@ class Replay:
         yield from self._finish(state)
         state.use(self._model(model))
 
-    def _on_callback(self, name: str) -> None:
-        if name not in self._callbacks:
-            self._callbacks.add(name)
-            which = CALLBACKS.index(name[5:])
-            getattr(mujoco, f"set_{name}")(lambda *_: self._answer(which))
+    def _on_callback(self, name: str, on: bool) -> None:
+        which = CALLBACKS.index(name[5:])
+        callback = (lambda *_: self._answer(which)) if on else None
+        getattr(mujoco, f"set_{name}")(callback)
 
     def _model(self, number: int) -> ReplayedModel:
         waiting = self._waiting.pop(number, None)
@@ -334,9 +337,10 @@ class Replay:
             return 0.0
         if self._stages is not None and which == 0:
             self._stages.append(bytes(state.core.view) + struct.pack("<d", state.d.time))
-        known, answer = next(self._calls, (-1, 0.0))
-        if known != which:
+        left = self._calls.get(which)
+        if not left:
             return 0.0
+        answer = left.popleft()
         if isinstance(answer, list):
             for name, indices, values in answer:
                 state.write(name, indices, values)
@@ -364,17 +368,26 @@ class Replay:
             batch.before(state.qpos, state.qvel)
         stepping = integrator == RK4 and batch is not None
         before = state.state() if flags or stepping else None
+        spare = copy.copy(d) if flags & UNPOSED else None
         warned = state.warned.tobytes() if model.resets else b""
-        self._now, self._calls = state, iter(state.answers)
-        self._stages = stages = [] if stepping else None
+        self._now, self._calls = state, _by_callback(state.answers)
+        stages: list[bytes] | None = [] if stepping else None
+        self._stages = stages
+        if stepping:  # its stages are seen by a callback
+            mujoco.set_mjcb_control(lambda *_: self._answer(0))
         _take(m, state, which)
         self._now = self._stages = None
-        same = d.time == time_s and _equal(state, core)
+        same = d.time == time_s and _equal(state.core, core)
         status = EXPLAINED
         if not same:
             status, reason = OTHER, "unknown"
-            if flags and before is not None:
-                reason = self._stale(state, before, flags, which, time_s, core)
+            if before is not None and flags & STALE:
+                reason = self._stale(state, before, which, time_s, core)
+            elif spare is not None:
+                _finish_step(m, spare, which)
+                reached = memory.core_of(spare)
+                if spare.time == time_s and _equal(reached, core):
+                    reason = "stale"
             d.time, state.core.view[:] = time_s, core
         elif warned and warned != state.warned and _has_reset(warned, state.warned):
             status, reason = REPLAYED, "auto-reset"
@@ -399,10 +412,7 @@ class Replay:
         model, d = state.model, state.d
         if integrator == RK4:
             state.other = d = state.other or mujoco.MjData(model.m)
-            self._on_callback("mjcb_control")
-        return Batch(
-            model.m, d, model.layout, model.terms, model.pairs, integrator, VERSION
-        )
+        return Batch(model.m, d, model.layout, model.terms, model.pairs, integrator, VERSION)
 
     def _evaluate(
         self,
@@ -415,15 +425,14 @@ class Replay:
         m, other = state.model.m, state.other
         core, user = memory.core_of(other), memory.user_of(other)
         sparse = state.model.sparse
-        answers = list(state.answers)
+        calls = _by_callback(state.answers)
         for stage in stages:
             core.view[:] = stage[:-8]
             (other.time,) = struct.unpack("<d", stage[-8:])
             if user.size:
                 user.view[:] = before[2]
-            self._now, self._calls = _Elsewhere(other), iter(answers)
+            self._now, self._calls = _Elsewhere(other), calls
             mujoco.mj_forward(m, other)
-            answers = list(self._calls)
             self._now = None
             batch.evaluated(sparse, state.is_applied, state.is_pushed)
 
@@ -431,24 +440,21 @@ class Replay:
         self,
         state: ReplayedData,
         before: tuple[float, bytes, bytes],
-        flags: int,
         which: int,
         time_s: float,
         core: bytes,
     ) -> str:
         """Return whether a step with data of the state that was sent leads to the recorded one."""
-        if not flags & STALE:
-            return "unknown"
         m, d = state.model.m, state.d
         state.load(d, before)
         for name, indices, values in state.posed:
             state.write(name, indices, values)
-        self._now, self._calls = state, iter(state.answers)
+        self._now, self._calls = state, _by_callback(state.answers)
         (mujoco.mj_step1 if which == 1 else mujoco.mj_forward)(m, d)
         state.load(d, before)
         _finish_step(m, d, which)
         self._now = None
-        return "stale" if d.time == time_s and _equal(state, core) else "unknown"
+        return "stale" if d.time == time_s and _equal(state.core, core) else "unknown"
 
     def _finish(self, state: ReplayedData) -> Iterator[bytes]:
         """Explain what waits, and send it with what became of the steps since."""
@@ -462,7 +468,12 @@ class Replay:
                 said = self._said(state.model)
             arrays["status"], arrays["reason"] = statuses.T
             yield frames.arrays_bytes(
-                "explained", arrays, world=state.number, model=state.model.number, first=state.first, **said
+                "explained",
+                arrays,
+                world=state.number,
+                model=state.model.number,
+                first=state.first,
+                **said,
             )
         state.first, state.statuses = state.step, []
 
@@ -516,6 +527,14 @@ class _Elsewhere:
         held[slice(None) if indices is None else indices] = values
 
 
+def _by_callback(answers: list[tuple[int, Any]]) -> dict[int, deque[Any]]:
+    """Return the answers of each callback, in order."""
+    found: dict[int, deque[Any]] = {}
+    for which, answer in answers:
+        found.setdefault(which, deque()).append(answer)
+    return found
+
+
 def _take(m: Any, state: ReplayedData, which: int) -> None:
     """Take a step as the script did."""
     d = state.d
@@ -536,12 +555,11 @@ def _finish_step(m: Any, d: Any, which: int) -> None:
         (mujoco.mj_step2, mujoco.mj_Euler, mujoco.mj_implicit)[which - 1](m, d)
 
 
-def _equal(state: ReplayedData, core: bytes) -> bool:
+def _equal(reached: memory.Stretch, core: bytes) -> bool:
     """Return whether a step led to a recorded core; what lies between its parts does not count."""
-    view = state.core.view
-    if view == core or view.tobytes() == core:
+    if reached.view.tobytes() == core:
         return True
-    return all(part.view.tobytes() == core[part.begin : part.end] for part in state.core.parts)
+    return all(part.view.tobytes() == core[part.begin : part.end] for part in reached.parts)
 
 
 def _has_reset(before: bytes, now: memoryview) -> bool:

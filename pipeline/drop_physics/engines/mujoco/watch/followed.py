@@ -76,7 +76,7 @@ class WatchedModel:
         """Send the model: a digest, what an analysis reads, and all of it unless that was sent."""
         binary = np.empty(self.watch.mujoco.mj_sizeModel(m), np.uint8)
         self.watch.mujoco.mj_saveModel(m, None, binary)
-        digest = hashlib.sha256(binary).hexdigest()
+        digest = hashlib.sha256(binary.data).hexdigest()
         send, known = self.watch.send, digest in self.watch.digests
         send(
             note_bytes(
@@ -178,10 +178,14 @@ class WatchedData:
         user = [[part.name, part.begin, part.size] for part in self.user.parts]
         watch.send(
             note_bytes(
-                "world", number=number, model=model.number, core=parts, user=user,
+                "world",
+                number=number,
+                model=model.number,
+                core=parts,
+                user=user,
                 core_bytes=self.core.size,
             )
-        )  # fmt: skip
+        )
         self.tell_written(d, site, FIRST)
 
     @property
@@ -263,9 +267,17 @@ class WatchedData:
         end = pipe.end
         if end <= pipe.limit and size < PLAIN:
             FRAME.pack_into(
-                pipe.memory, end, self.watch.letter, STEP_HEAD.size + size,
-                STEP, function, 0, self.number, site, time,
-            )  # fmt: skip
+                pipe.memory,
+                end,
+                self.watch.letter,
+                STEP_HEAD.size + size,
+                STEP,
+                function,
+                0,
+                self.number,
+                site,
+                time,
+            )
             end += FRAME.size
             pipe.memory[end : end + size] = core.view
             pipe.sent(end + size)

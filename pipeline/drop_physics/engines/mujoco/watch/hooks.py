@@ -10,6 +10,7 @@ import operator
 import os
 import sys
 from collections.abc import Callable
+from functools import partial
 from sys import _getframe
 from threading import get_ident
 from types import ModuleType
@@ -117,9 +118,12 @@ class MujocoWatch:
         self.tell("mujoco", version=module.__version__, python=sys.version.split()[0])
         self._on_import("mujoco.viewer", self._on_viewer)
         for name in uncaught.IMPORTED:
-            self._on_import(name, lambda _, name=name: self.tell_uncaught(name, None))
+            self._on_import(name, partial(self._on_uncaught, name))
         for name, functions in uncaught.CALLED.items():
-            self._on_import(name, lambda module, f=functions: uncaught.install(self, module, f))
+            self._on_import(name, partial(uncaught.install, self, functions))
+
+    def _on_uncaught(self, name: str, _: ModuleType) -> None:
+        self.tell_uncaught(name, None)
 
     def _on_viewer(self, module: ModuleType) -> None:
         install_viewer(self, module)
@@ -127,8 +131,8 @@ class MujocoWatch:
     def _replace(self, module: Any, name: str, hook: Any) -> None:
         original = getattr(module, name)
         plain = getattr(original, "drop_plain", original)
-        for attribute in ("__name__", "__qualname__", "__doc__", "__module__"):
-            setattr(hook, attribute, getattr(plain, attribute, None))
+        hook.__name__ = hook.__qualname__ = name
+        hook.__doc__, hook.__module__ = plain.__doc__, "mujoco"  # so that it can be pickled
         hook.drop_plain, hook.drop_watch = plain, self
         setattr(module, name, hook)
         self.host.on_removal(lambda: setattr(module, name, original))
@@ -224,7 +228,7 @@ class MujocoWatch:
     def _forget(self) -> None:
         """Forget what the script has let go of."""
         for table in (self.data, self.models):
-            gone = [key for key, held in table.items() if held.ref() is None]  # type: ignore[attr-defined]
+            gone = [key for key, held in table.items() if held.ref() is None]
             for key in gone:
                 del table[key]
 
@@ -256,13 +260,14 @@ class MujocoWatch:
         def set_callback(callback: Any) -> None:
             if not self.host.on or not callable(callback):
                 plain(callback)
-                self.callbacks.pop(name, None)
+                if self.callbacks.pop(name, None) is not None:
+                    self.tell("callback", name=name, on=False)
                 if callback is not None and self.host.on:
                     self.tell_uncaught(f"set_{name}", _getframe(1))
                 return
             plain(_calling(self, which, callback))
             self.callbacks[name] = callback
-            self.tell("callback", name=name)
+            self.tell("callback", name=name, on=True)
 
         def get_callback() -> Any:
             return self.callbacks.get(name) or getter()

@@ -19,7 +19,7 @@ CALLED = {
 """Functions that step in threads of their own: named once they are called."""
 
 
-def install(watch: MujocoWatch, module: ModuleType, names: tuple[str, ...]) -> None:
+def install(watch: MujocoWatch, names: tuple[str, ...], module: ModuleType) -> None:
     """Put what names a function before some functions of a module."""
     for name in names:
         owner: Any = module

@@ -73,7 +73,7 @@ def _nothing(*_: Any, **__: Any) -> None:
 
 def install_viewer(watch: MujocoWatch, module: ModuleType) -> None:
     """Let no passive viewer open a window."""
-    original: Callable[..., Any] = module.launch_passive  # type: ignore[attr-defined]
+    original: Callable[..., Any] = module.launch_passive
 
     def launch_passive(model: Any, data: Any, **_: Any) -> QuietViewer:
         if not watch.host.on:

@@ -10,6 +10,7 @@ import traceback
 from collections.abc import Callable
 from types import TracebackType
 
+from . import draws
 from .calls import shown_file
 from .hooks import Stop, Watch
 

@@ -1,0 +1,227 @@
+"""Steps that were explained in the script's interpreter, as arrays.
+
+`explained` runs `explain` on what a script has sent, and yields what became of its steps in pieces.
+"""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.engines.mujoco import frames
+from drop_physics.engines.mujoco.received import LENGTH
+from drop_physics.errors import DropError
+from drop_physics.workers import how_it_ended, users_environment
+
+Float64 = NDArray[np.float64]
+
+EXPLAIN = Path(__file__).with_name("explain")
+EXPLAINED, REPLAYED, OTHER = 0, 1, 2
+"""Of a step: its sum closes; it leads to the recorded state; it leads elsewhere."""
+REASONS = (
+    *("", "remainder", "nothing moves", "integrator", "version", "flex", "plugin", "sleep"),
+    *("delay", "auto-reset", "stale", "unknown"),
+)
+"""Why a step is not explained, by number (`explain.replay`)."""
+
+TOUCH = np.dtype(
+    [
+        ("step", np.int64),
+        ("first", np.int32),
+        ("second", np.int32),
+        ("friction", np.float64, 5),
+        ("distance_m", np.float64),
+        ("position_m", np.float64, 3),
+        ("normal", np.float64, 3),
+        ("force_n", np.float64, 3),
+        ("torque_n_m", np.float64, 3),
+    ]
+)
+"""A contact point of a step: geoms; friction (two tangents, torsion, two of rolling); normal from
+the first to the second; force, and torque about the position, on the second. World axes."""
+HELD = np.dtype(
+    [
+        ("step", np.int64),
+        ("kind", np.int32),
+        ("id", np.int32),
+        ("position", np.float64),
+        ("force", np.float64),
+    ]
+)
+"""A row of an equality (kind 0) or a tendon's limit (4)."""
+
+
+class Term(NamedTuple):
+    """A cause of impulses."""
+
+    kind: str
+    """`gravity`, `bias`, `spring`, `damper`, `fluid`, `adhesion`, `gravity compensation`,
+    `passive callback`, `tendon`, `actuator`, `joint force range`, `applied`, `pushed`, `equality`,
+    `friction loss`, `tendon friction`, `limit`, `tendon limit`, `push`, `friction`, `integrator`,
+    `solver`."""
+    first: int
+    """Number of the tendon, actuator, body (pushed), equality, joint or geom; -1: there is none."""
+    second: int
+    """Number of a pair's other geom, or -1."""
+    dofs: NDArray[np.int64]
+    """The degrees of freedom that it acts on."""
+
+
+@dataclass
+class Vocabulary:
+    """What the pieces of one model name by number."""
+
+    terms: list[Term] = field(default_factory=list)
+    patterns: list[NDArray[np.int64]] = field(default_factory=list)
+    pairs: Float64 = field(default_factory=lambda: np.zeros((0, 7)))
+
+
+@dataclass(frozen=True)
+class ExplainedPiece:
+    """What became of some steps of one simulation, without a gap."""
+
+    world: int
+    model: int
+    first: int
+    """The number of the first step."""
+    status: NDArray[np.uint8]
+    """`EXPLAINED`, `REPLAYED` or `OTHER`, of each step, shape (n,)."""
+    reason: NDArray[np.uint8]
+    """Why not `EXPLAINED`, into `REASONS`, shape (n,)."""
+    steps: NDArray[np.int64]
+    """Those that have a sum, shape (k,)."""
+    pattern: NDArray[np.int32]
+    """The list of terms of each of them, shape (k,)."""
+    values: Float64
+    """Impulses [N s or N m s], step by step, within a step term by term, within it dof by dof."""
+    remainder: NDArray[np.float32]
+    """The part of M (u' - u) that no term is, in shares of the largest impulse, shape (k,)."""
+    largest: NDArray[np.float32]
+    """The largest impulse of each, shape (k,)."""
+    actuators: NDArray[np.int64]
+    """Those whose forces are kept; others drive one joint, and their impulses tell."""
+    actuator_force: Float64
+    """Their forces, shape (k, len(actuators))."""
+    touches: NDArray[Any]
+    """The contact points, as `TOUCH`."""
+    held: NDArray[Any]
+    """Rows of equalities and tendons' limits, as `HELD`."""
+    vocabulary: Vocabulary
+
+    def impulses(self, nv: int) -> dict[tuple[str, int, int], Float64]:
+        """Return the impulses of each cause on all degrees of freedom, shape (k, nv)."""
+        found: dict[tuple[str, int, int], Float64] = {}
+        patterns, terms = self.vocabulary.patterns, self.vocabulary.terms
+        widths = [sum(len(terms[number].dofs) for number in each) for each in patterns]
+        begins = np.cumsum([0, *(widths[which] for which in self.pattern)])
+        for which in np.unique(self.pattern):
+            steps = np.flatnonzero(self.pattern == which)
+            at = begins[steps]
+            for number in patterns[which]:
+                kind, first, second, dofs = terms[number]
+                full = found.setdefault((kind, first, second), np.zeros((len(self.steps), nv)))
+                index = at[:, None] + np.arange(len(dofs))
+                full[steps[:, None], dofs] += self.values[index]
+                at = at + len(dofs)
+        return found
+
+
+def explained(spool: Path, python: str) -> Iterator[ExplainedPiece]:
+    """Replay and explain what a script has sent, in its interpreter.
+
+    Parameters
+    ----------
+    spool
+        What `Received` has kept.
+    python
+        The interpreter that ran the script.
+
+    Raises
+    ------
+    DropError
+        If that ends before it is through.
+    """
+    command = [python, str(EXPLAIN), str(spool)]
+    known: dict[int, Vocabulary] = {}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, env=users_environment()) as process:
+        assert process.stdout is not None
+        while len(head := process.stdout.read(LENGTH.size)) == LENGTH.size:
+            said, arrays = frames.arrays_of(process.stdout.read(*LENGTH.unpack(head)))
+            yield _piece(said, arrays, known.setdefault(said["model"], Vocabulary()))
+    if process.returncode:
+        raise DropError(
+            "{python} ended with {how} while it replayed the script's steps; --no-explain records "
+            "without that",
+            python=python,
+            how=how_it_ended(process.returncode),
+        )
+
+
+def _piece(
+    said: dict[str, Any], arrays: dict[str, NDArray[Any]], vocabulary: Vocabulary
+) -> ExplainedPiece:
+    """Return a piece; what it says of its model's terms is added to the vocabulary."""
+    vocabulary.terms += [
+        Term(kind, first, second, np.array(dofs, np.int64))
+        for kind, first, second, dofs in said.get("terms", [])
+    ]
+    vocabulary.patterns += [np.array(each, np.int64) for each in said.get("patterns", [])]
+    if said.get("pairs"):
+        vocabulary.pairs = np.concatenate([vocabulary.pairs, said["pairs"]])
+    steps = arrays.get("steps", np.zeros(0, np.int32)).astype(np.int64)
+    none = np.zeros(0, np.float32)
+    return ExplainedPiece(
+        world=said["world"],
+        model=said["model"],
+        first=said["first"],
+        status=arrays["status"],
+        reason=arrays["reason"],
+        steps=steps,
+        pattern=arrays.get("pattern", np.zeros(0, np.int32)),
+        values=arrays.get("values", np.zeros(0)),
+        remainder=arrays.get("remainder", none),
+        largest=arrays.get("largest", none),
+        actuators=arrays.get("actuators", np.zeros(0, np.int64)),
+        actuator_force=arrays.get("actuator_force", np.zeros((len(steps), 0))),
+        touches=_touches(steps, arrays, vocabulary.pairs),
+        held=_held(steps, arrays),
+        vocabulary=vocabulary,
+    )
+
+
+def _touches(
+    steps: NDArray[np.int64], arrays: dict[str, NDArray[Any]], pairs: Float64
+) -> NDArray[Any]:
+    """Return the contact points of a piece."""
+    if "point.count" not in arrays:
+        return np.zeros(0, TOUCH)
+    found = np.zeros(len(arrays["point.pair"]), TOUCH)
+    of_pair = pairs[arrays["point.pair"]]
+    found["step"] = np.repeat(steps, arrays["point.count"])
+    found["first"], found["second"], found["friction"] = (
+        of_pair[:, 0],
+        of_pair[:, 1],
+        of_pair[:, 2:],
+    )
+    found["distance_m"], found["position_m"] = arrays["point.distance"], arrays["point.position"]
+    found["normal"], found["force_n"] = arrays["point.normal"], arrays["point.force"]
+    if "point.torque" in arrays:
+        found["torque_n_m"] = arrays["point.torque"]
+    return found
+
+
+def _held(steps: NDArray[np.int64], arrays: dict[str, NDArray[Any]]) -> NDArray[Any]:
+    """Return the rows of equalities and of tendons' limits of a piece."""
+    if "held.count" not in arrays:
+        return np.zeros(0, HELD)
+    found = np.zeros(len(arrays["held.id"]), HELD)
+    found["step"] = np.repeat(steps, arrays["held.count"])
+    for name in ("kind", "id", "position", "force"):
+        found[name] = arrays[f"held.{name}"]
+    return found
