@@ -391,6 +391,8 @@ class Replay:
             d.time, state.core.view[:] = time_s, core
         elif warned and warned != state.warned and _has_reset(warned, state.warned):
             status, reason = REPLAYED, "auto-reset"
+        elif model.sleeps and (d.tree_asleep >= 0).any():
+            status, reason = REPLAYED, reason or "sleep"  # what falls asleep is stopped
         elif batch is None:
             status = REPLAYED
         elif stages is not None and before is not None:

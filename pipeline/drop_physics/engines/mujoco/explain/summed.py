@@ -189,7 +189,7 @@ def _laid_out(
     begins = ends - size + starts[:-1, None] if len(active) else size
     for block in blocks:
         at = begins[block.steps, np.searchsorted(active, block.number)]
-        values[at[:, None] + np.arange(block.values.shape[1])] = block.values
+        values[at[:, None] + np.arange(block.values.shape[1])] += block.values
     if flat is not None:
         at = begins[flat.rows, column]
         np.add.at(values, at[flat.group] + flat.places, flat.values)

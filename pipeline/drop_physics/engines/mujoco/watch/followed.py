@@ -264,8 +264,8 @@ class WatchedData:
             self.elapsed_s += dt
         self.time = time
         size = core.size
-        end = pipe.end
-        if end <= pipe.limit and size < PLAIN:
+        if size < PLAIN:
+            end = pipe.end if pipe.end <= pipe.limit else pipe.make_room(FRAME.size + size)
             FRAME.pack_into(
                 pipe.memory,
                 end,
@@ -323,8 +323,8 @@ class WatchedData:
         self.answers = []
 
 
-PLAIN = 1 << 14
-"""Shorter cores go straight into the block."""
+PLAIN = 1 << 18
+"""Shorter cores go straight into the block, a quarter of which they take at most."""
 _POSING = ("qpos", "qvel", "act", "mocap_pos", "mocap_quat", "eq_active")
 """What positions, velocities and constraints are computed from."""
 _PASSIVE = 1
