@@ -158,7 +158,7 @@ class Reference:
         mujoco.mj_getState(m, d, state, spec)
         mujoco.mj_setState(m, mine, state, spec)
         mujoco.mj_forward(m, mine)
-        found = {("gravity", -1, -1): self._gravity(state, spec)}
+        found = {("gravity", -1, -1): self._gravity()}
         mujoco.mj_setState(m, mine, state, spec)
         mujoco.mj_forward(m, mine)
         moment = np.zeros((m.nu, m.nv))
@@ -176,7 +176,7 @@ class Reference:
         found |= self._contacts() | self._others()
         self.rows.append(found)
 
-    def _gravity(self, state: np.ndarray, spec: int) -> np.ndarray:
+    def _gravity(self) -> np.ndarray:
         m, mine, force = self.m, self.d, np.zeros(self.m.nv)
         mine.qvel[:] = 0
         mujoco.mj_fwdPosition(m, mine)

@@ -159,7 +159,6 @@ class ReplayedData:
         """Of steps since the last result: status and reason."""
         self.first = 0
         """The first of these."""
-        self.batch: Batch | None = None
         self.use(model)
         if self.core.size != size:
             raise LookupError(f"a state has {self.core.size} bytes here, and {size} in the script")
@@ -179,8 +178,9 @@ class ReplayedData:
             self.load(self.d, before)
         self.qpos, self.qvel = self.d.qpos, self.d.qvel
         self.warned = memory.warnings_of(self.d)
-        self.is_applied = self.is_pushed = False
-        self.look()
+        self.batch: Batch | None = None
+        self.is_applied = bool(self.d.qfrc_applied.any())
+        self.is_pushed = bool(self.d.xfrc_applied.any())
 
     def state(self) -> tuple[float, bytes, bytes]:
         """Return the state as it is."""
@@ -206,11 +206,6 @@ class ReplayedData:
             self.is_applied = bool(held.any())
         elif name == "xfrc_applied":
             self.is_pushed = bool(held.any())
-
-    def look(self) -> None:
-        """Note whether anything is applied."""
-        self.is_applied = bool(self.d.qfrc_applied.any())
-        self.is_pushed = bool(self.d.xfrc_applied.any())
 
 
 class Replay:

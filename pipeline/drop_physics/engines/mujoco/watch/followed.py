@@ -195,13 +195,13 @@ class WatchedData:
 
     def before(self, d: Any, site: int) -> None:
         """Send what was written since the last step, to the state or the model."""
-        core, user = self.core, self.user
-        if core.saved != core.view or user.saved != user.view or d.time != self.time:
-            self.tell_written(d, site, MEMORY)
         for saved, view in self.model.pairs:
             if saved != view:
                 self.model.tell_edits(self.number, site)
                 break
+        core, user = self.core, self.user
+        if core.saved != core.view or user.saved != user.view or d.time != self.time:
+            self.tell_written(d, site, MEMORY)
 
     def tell_written(self, d: Any, site: int, cause: int, argument: int = 0) -> None:
         """Send the parts of the state that changed without a step."""

@@ -325,10 +325,10 @@ def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
         if len(args) == 2 and not kwargs:
             (m, d), count, rest = args, 1, ()
         else:
-            try:
-                m, d, count, rest = _arguments(takes_steps, *args, **kwargs)
-            except TypeError:
+            given = _arguments(args, kwargs, takes_steps)
+            if given is None:
                 return original(*args, **kwargs)  # which raises MuJoCo's own error
+            m, d, count, rest = given
         place, function = frame(1), number
         site = sites.get((id(place.f_code), place.f_lasti))
         state = states.get(id(d))
@@ -377,20 +377,21 @@ def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
     return step
 
 
-def _arguments(takes_steps: bool, m: Any, d: Any, *rest: Any, **more: Any) -> Any:
+def _arguments(args: Any, kwargs: Any, takes_steps: bool) -> Any:
     """Return model, state, how many steps, and further arguments of a function that steps.
 
-    Raises
-    ------
-    TypeError
-        If the function cannot be called with these.
+    None if it cannot be called with these.
     """
-    if not takes_steps:
-        return m, d, 1, (*rest, *more.values())
-    (count,) = (*rest, *more.values()) or (1,)
-    if not {*more} <= {"nstep"}:
-        raise TypeError
-    return m, d, int(operator.index(count)), ()
+    names = ("m", "d", "nstep" if takes_steps else "N")
+    given = {**dict(zip(names, args)), **kwargs}
+    if len(given) != len(args) + len(kwargs) or not {"m", "d"} <= {*given} <= {*names}:
+        return None
+    last = given.get(names[2], 1)
+    if not hasattr(type(last), "__index__"):
+        return None
+    if takes_steps:
+        return given["m"], given["d"], operator.index(last), ()
+    return given["m"], given["d"], 1, (last,) if names[2] in given else ()
 
 
 def _resetting(watch: MujocoWatch, name: str, original: Any) -> Any:

@@ -1,0 +1,599 @@
+"""What is seen of a MuJoCo script, and that watching changes nothing.
+
+Verification: a script prints the same to the last bit with and without being watched; the states
+sent are those that it reads itself; what it wrote without a call is found, between which lines.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from drop_physics.engines.mujoco.explained import EXPLAINED, OTHER
+from drop_physics.engines.mujoco.frames import STALE, STEPS, UNPOSED
+from mujoco_scripts import Run, bare, statuses, watched
+
+SCENE = """
+import json, mujoco, numpy as np
+XML = '''<mujoco><worldbody><geom type="plane" size="5 5 1"/>
+<body name="box" pos="0 0 0.15"><freejoint/><geom type="box" size="0.1 0.1 0.1"/></body>
+<body name="arm" pos="1 0 1"><joint name="j" axis="0 1 0"/>
+<geom type="capsule" size="0.05" fromto="0 0 0 0.3 0 0"/></body></worldbody>
+<actuator><position name="p" joint="j" kp="20" forcerange="-3 3"/></actuator>
+<keyframe><key name="lifted" qpos="0 0 0.3 1 0 0 0 0.5" ctrl="0.5"/></keyframe></mujoco>'''
+m = mujoco.MjModel.from_xml_string(XML)
+d = mujoco.MjData(m)
+seen = []
+def look(d=d):
+    seen.append([*d.qpos, *d.qvel, d.time])
+def tell():
+    print(json.dumps(seen))
+"""
+"""A box on a plane, and an arm that is driven."""
+
+WAYS = {
+    "mj_step": """
+for k in range(20):
+    mujoco.mj_step(m, d)
+    look()
+""",
+    "from mujoco": """
+from mujoco import mj_step
+for k in range(20):
+    mj_step(m, d)
+    look()
+""",
+    "nstep": """
+mujoco.mj_step(m, d, 3); mujoco.mj_step(m, d, nstep=4)
+mujoco.mj_step(m=m, d=d, nstep=np.int64(2)); mujoco.mj_step(nstep=1, d=d, m=m)
+mujoco.mj_step(m, d, nstep=0)
+look()
+""",
+    "two halves": """
+for k in range(20):
+    mujoco.mj_step1(m, d)
+    d.ctrl[0] = 0.1 * k + d.qpos[7]
+    mujoco.mj_step2(m, d)
+    look()
+""",
+    "integrators": """
+for k in range(5):
+    mujoco.mj_forward(m, d)
+    mujoco.mj_Euler(m, d)
+    look()
+m.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICIT
+for k in range(5):
+    mujoco.mj_forward(m, d)
+    mujoco.mj_implicit(m, d)
+    look()
+for k in range(5):
+    mujoco.mj_forward(m, d)
+    mujoco.mj_RungeKutta(m, d, 4)
+    look()
+""",
+    "callbacks": """
+def control(m, d):
+    d.ctrl[0] = np.sin(50 * d.time) + d.qvel[6]
+def passive(m, d):
+    d.qfrc_passive[6] -= 0.3 * d.qvel[6] ** 3
+mujoco.set_mjcb_control(control)
+assert mujoco.get_mjcb_control() is control
+for k in range(10):
+    mujoco.mj_step(m, d)
+    look()
+m.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+for k in range(10):
+    mujoco.mj_step(m, d)
+    look()
+mujoco.set_mjcb_control(None)
+assert mujoco.get_mjcb_control() is None
+mujoco.set_mjcb_passive(passive)
+for k in range(10):
+    mujoco.mj_step(m, d)
+    look()
+mujoco.set_mjcb_passive(None)
+""",
+    "user actuators": """
+m = mujoco.MjModel.from_xml_string(XML.replace(
+    '<position name="p" joint="j" kp="20" forcerange="-3 3"/>',
+    '<general joint="j" dyntype="user" actdim="1" gaintype="user" biastype="user"/>'
+).replace('ctrl="0.5"', ''))
+d = mujoco.MjData(m)
+mujoco.set_mjcb_act_dyn(lambda m, d, i: d.ctrl[i] - d.act[i])
+mujoco.set_mjcb_act_gain(lambda m, d, i: 2 + np.cos(d.time))
+mujoco.set_mjcb_act_bias(lambda m, d, i: -0.1 * d.qvel[6])
+for k in range(20):
+    d.ctrl[0] = 1
+    mujoco.mj_step(m, d)
+    look(d)
+for name in ("dyn", "gain", "bias"):
+    getattr(mujoco, "set_mjcb_act_" + name)(None)
+mujoco.mj_step(m, d)
+look(d)
+""",
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_every_way_to_step_is_seen_to_the_bit_and_explained(tmp_path: Path, way: str) -> None:
+    text = f"{SCENE}{WAYS[way]}tell()\n"
+    alone = bare(tmp_path / "bare", text)
+    assert alone.returncode == 0, alone.stderr
+    run = watched(tmp_path / "watched", text)
+    assert run.printed == alone.stdout
+    assert run.received.faults == []
+    (rows,) = [np.array(eval(line)) for line in run.printed.splitlines()]
+    world = max(piece.world for piece in run.pieces)
+    sent = np.column_stack(
+        [
+            run.column("qpos", world),
+            run.column("qvel", world),
+            np.concatenate([piece.times_s for piece in run.pieces if piece.world == world]),
+        ]
+    )
+    np.testing.assert_array_equal(sent[-len(rows) :], rows)
+    assert statuses(run.explained(), world) == [(EXPLAINED, "")] * len(sent)
+
+
+def test_functions_are_counted_by_name(tmp_path: Path) -> None:
+    run = watched(tmp_path, SCENE + WAYS["integrators"] + WAYS["two halves"])
+    counts: Counter[str] = Counter()
+    for piece in run.pieces:
+        counts.update(STEPS[function] for function in piece.functions)
+    assert counts == {"mj_Euler": 5, "mj_implicit": 5, "mj_RungeKutta": 5, "mj_step2": 20}
+
+
+def test_what_was_written_without_a_call_is_found_between_its_lines(tmp_path: Path) -> None:
+    text = (
+        SCENE
+        + """
+for k in range(10): mujoco.mj_step(m, d)  # A
+d.qpos[2] = 1
+d.xfrc_applied[1, 0] = 8
+mujoco.mj_step(m, d)  # B
+m.geom_friction[1, 0] = 0.2
+m.opt.timestep = 0.001
+d.ctrl[0] = -0.3
+mujoco.mj_step(m, d)  # C
+mujoco.mj_resetDataKeyframe(m, d, 0)  # D
+d.qvel[6] = 2
+mujoco.mj_forward(m, d)  # E
+mujoco.mj_step(m, d)  # F
+"""
+    )
+    run = watched(tmp_path, text)
+    lines = {
+        mark: 1 + [line.endswith(f"# {mark}") for line in text.splitlines()].index(True)
+        for mark in "ABCDEF"
+    }
+    found = [
+        (
+            each.step,
+            each.cause,
+            run.line(each.since),
+            run.line(each.site),
+            each.argument,
+            each.parts,
+        )
+        for each in run.written()[1:]
+    ]
+    teleport, ctrl, reset, spin = found
+    assert teleport[:4] == (10, "memory", lines["A"], lines["B"])
+    indices, values = teleport[5]["qpos"]
+    assert (indices, values[2]) == (None, 1)
+    assert teleport[5].keys() == {"qpos", "xfrc_applied"}
+    assert ctrl[:4] == (11, "memory", lines["B"], lines["C"])
+    assert ctrl[5].keys() == {"ctrl"}
+    assert reset[:5] == (12, "mj_resetDataKeyframe", lines["C"], lines["D"], 0)
+    assert reset[5]["qpos"][1].tolist() == [0, 0, 0.3, 1, 0, 0, 0, 0.5]
+    assert reset[5]["ctrl"][1].tolist() == [0.5]
+    assert spin[:4] == (12, "mj_forward", lines["D"], lines["E"])
+    assert spin[5].keys() == {"qvel"}
+    edits = [each for piece in run.pieces for each in piece.edited]
+    assert [
+        (e.name, e.step, e.indices.tolist(), e.old.tolist(), e.new.tolist()) for e in edits
+    ] == [
+        ("opt.timestep", 11, [0], [0.002], [0.001]),
+        ("geom_friction", 11, [3], [1.0], [0.2]),
+    ]
+    assert {(run.line(e.since), run.line(e.site)) for e in edits} == {(lines["B"], lines["C"])}
+    assert statuses(run.explained()) == [(EXPLAINED, "")] * 13
+
+
+def test_only_what_changed_is_sent(tmp_path: Path) -> None:
+    """A long part that changes in few places is sent as these."""
+    bodies = "".join(
+        f'<body pos="{i} 0 1"><freejoint/><geom size="0.1"/></body>' for i in range(40)
+    )
+    run = watched(
+        tmp_path,
+        f"""
+import mujoco
+m = mujoco.MjModel.from_xml_string('<mujoco><worldbody>{bodies}</worldbody></mujoco>')
+d = mujoco.MjData(m)
+for k in range(20):
+    d.xfrc_applied[1 + k, 2] = k + 1
+    mujoco.mj_step(m, d)
+""",
+    )
+    _, *pushes = run.written()
+    for step, each in enumerate(pushes, 1):
+        indices, values = each.parts["xfrc_applied"]
+        assert indices is not None
+        assert (indices.tolist(), values.tolist()) == ([6 * (1 + step) + 2], [step + 1])
+
+
+def test_addresses_that_are_used_again_are_other_simulations(tmp_path: Path) -> None:
+    run = watched(
+        tmp_path,
+        SCENE
+        + """
+import gc
+places = set()
+for k in range(30):
+    x = mujoco.MjData(m)
+    x.qpos[2] = 1 + k
+    mujoco.mj_step(m, x)
+    places.add(id(x))
+    del x
+    gc.collect()
+print(len(places))
+for k in range(20):
+    y = mujoco.MjModel.from_xml_string(XML.replace('kp="20"', f'kp="{k + 1}"'))
+    z = mujoco.MjData(y)
+    z.ctrl[0] = 1
+    mujoco.mj_step(y, z)
+    print(float(z.qvel[6]))
+    del y, z
+    gc.collect()
+""",
+    )
+    used, *speeds = run.printed.splitlines()
+    assert int(used) < 30  # else this shows nothing
+    assert run.received.faults == []
+    heights = [run.column("qpos", world)[0, 2] for world in range(30)]
+    np.testing.assert_allclose(heights, np.arange(1, 31), atol=1e-3)
+    assert [run.column("qvel", world)[0, 6] for world in range(30, 50)] == [*map(float, speeds)]
+    pieces = run.explained()
+    assert all(statuses(pieces, world) == [(EXPLAINED, "")] for world in range(50))
+
+
+def test_threads_copies_and_models_are_simulations_of_their_own(tmp_path: Path) -> None:
+    text = (
+        SCENE
+        + """
+import copy, threading
+other = mujoco.MjModel.from_xml_string(XML.replace('kp="20"', 'kp="40"'))
+for k in range(5): mujoco.mj_step(m, d)
+e = copy.copy(d)
+all_ = [d, e, mujoco.MjData(m), mujoco.MjData(m)]
+def work(x, n):
+    for k in range(n):
+        x.ctrl[0] = 0.01 * k
+        mujoco.mj_step(m, x)
+threads = [threading.Thread(target=work, args=(x, 40 + n)) for n, x in enumerate(all_)]
+for t in threads: t.start()
+for t in threads: t.join()
+for k in range(5): mujoco.mj_step(other, d)  # the same state with another model
+for x in all_: look(x)
+tell()
+"""
+    )
+    alone, run = bare(tmp_path / "bare", text), watched(tmp_path / "watched", text)
+    assert run.printed == alone.stdout
+    counts = Counter({piece.world: 0 for piece in run.pieces})
+    for piece in run.pieces:
+        counts[piece.world] += len(piece.times_s)
+    assert sorted(counts.values()) == sorted([5 + 40 + 5, 41, 42, 43])
+    pieces = run.explained()
+    for world, steps in counts.items():
+        assert statuses(pieces, world) == [(EXPLAINED, "")] * steps
+    models = [(piece.model, len(piece.times_s)) for piece in run.pieces if piece.world == 0]
+    assert models == [(0, 45), (1, 5)]
+
+
+def test_a_step_with_data_of_another_state_is_proven_to_be_one(tmp_path: Path) -> None:
+    """dm_control's order: the second half, then the first; its cheetah writes a pose in between."""
+    run = watched(
+        tmp_path,
+        SCENE
+        + """
+mujoco.mj_step1(m, d)
+for k in range(10):
+    if k == 4: d.qpos[2] = 0.09  # written after step1: positions and contacts are of the old pose
+    mujoco.mj_step2(m, d)
+    mujoco.mj_step1(m, d)
+mujoco.mj_step(m, d)
+mujoco.mj_step2(m, d)  # with data of before the last step
+""",
+    )
+    expected = [(EXPLAINED, "")] * 12
+    expected[4] = expected[11] = (OTHER, "stale")
+    assert statuses(run.explained()) == expected
+    flags = np.concatenate([piece.stale for piece in run.pieces])
+    assert flags.tolist() == [0] * 4 + [STALE] + [0] * 6 + [UNPOSED]
+
+
+def test_a_reset_that_mujoco_makes_by_itself_is_seen(tmp_path: Path) -> None:
+    text = (
+        SCENE
+        + """
+d.ctrl[0] = 0.4
+for k in range(12):
+    if k == 8: d.qvel[0] = 1e12
+    mujoco.mj_step(m, d)
+    look()
+tell()
+"""
+    )
+    alone, run = bare(tmp_path / "bare", text), watched(tmp_path / "watched", text)
+    assert (run.printed, run.said) == (alone.stdout, alone.stderr)
+    assert "Nan, Inf or huge value in QVEL" in run.said
+    # MuJoCo alone logs it, in the folder where the script runs; nothing of ours does.
+    assert (tmp_path / "bare/MUJOCO_LOG.TXT").exists()
+    assert run.explained()
+    assert [path.name for path in tmp_path.rglob("MUJOCO_LOG.TXT")] == ["MUJOCO_LOG.TXT"]
+    assert not (tmp_path / "watched/MUJOCO_LOG.TXT").exists()
+    (warning,) = [each for piece in run.pieces for each in piece.warnings]
+    assert warning[0] == 8
+    assert warning[2:] == (1, 0)
+    times = np.concatenate([piece.times_s for piece in run.pieces])
+    assert times[8] == times[0] < times[7]
+    (reset,) = [each for each in run.written() if each.cause == "step"]
+    assert reset.step == 9
+    assert reset.parts["ctrl"][1].tolist() == [0]
+    assert len(run.received.warnings) == 1
+
+
+def test_a_scripts_own_handler_of_warnings_gets_them(tmp_path: Path) -> None:
+    text = (
+        SCENE
+        + """
+mujoco.set_mju_user_warning(lambda text: print("heard", text))
+d.qvel[0] = 1e12
+mujoco.mj_step(m, d)
+mujoco.set_mju_user_warning(None)
+print(mujoco.get_mju_user_warning())
+"""
+    )
+    alone, run = bare(tmp_path / "bare", text), watched(tmp_path / "watched", text)
+    assert run.printed == alone.stdout
+    assert run.printed.startswith("heard ")
+    assert len(run.received.warnings) == 1
+
+
+def test_errors_are_mujocos_own(tmp_path: Path) -> None:
+    text = (
+        SCENE
+        + """
+for arguments in ((m,), (m, d, 2.5), (d, m), (m, None), (), (m, d, 1, 2)):
+    try:
+        mujoco.mj_step(*arguments)
+    except TypeError as error:
+        print(str(error).partition("Invoked")[0])
+mujoco.mj_step(m, d, nstep=3, steps=3)
+"""
+    )
+    alone, run = bare(tmp_path / "bare", text), watched(tmp_path / "watched", text)
+    assert run.printed == alone.stdout
+    assert run.printed.count("incompatible function arguments") == 6
+    assert alone.returncode == 1
+    plain = re.compile(r"object at 0x\w+|mj_step\(\)")
+    assert plain.sub("", run.said) == plain.sub("", alone.stderr).replace(
+        str(tmp_path / "bare"), str(tmp_path / "watched")
+    )
+
+
+def test_a_viewer_needs_no_window_and_ends_with_the_steps(tmp_path: Path) -> None:
+    text = (
+        SCENE
+        + """
+import mujoco.viewer, time
+with mujoco.viewer.launch_passive(m, d, key_callback=print, show_left_ui=False) as viewer:
+    viewer.cam.distance = 3
+    viewer.opt.flags[0] = 1
+    with viewer.lock():
+        viewer.user_scn.ngeom = 0
+    while viewer.is_running():
+        began = time.time()
+        mujoco.mj_step(m, d)
+        viewer.sync()
+        viewer.set_texts((None, None, "a", "b"))
+        left = m.opt.timestep - (time.time() - began)
+        if left > 0: time.sleep(left)
+"""
+    )
+    run = watched(tmp_path, text, steps=25)
+    assert (run.ending.how, run.ending.error) == ("steps", "")
+    assert run.steps() == 25
+    assert run.received.viewer
+
+
+def test_a_script_that_waits_for_a_viewers_user_ends(tmp_path: Path) -> None:
+    text = (
+        SCENE
+        + """
+from mujoco import viewer
+mujoco.mj_step(m, d)
+window = viewer.launch_passive(m, d)
+while window.is_running():
+    window.sync()
+"""
+    )
+    run = watched(tmp_path, text)
+    assert (run.ending.how, run.steps()) == ("idle", 1)
+
+
+def test_what_cannot_be_caught_is_named(tmp_path: Path) -> None:
+    text = (
+        SCENE
+        + """
+from mujoco import rollout, batch
+state = np.zeros(mujoco.mj_stateSize(m, mujoco.mjtState.mjSTATE_FULLPHYSICS))
+mujoco.mj_getState(m, d, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+for k in range(2):
+    rollout.rollout(m, d, state, nstep=3)  # R
+many = batch.Batch(m, nsim=2, nthread=1)
+many.step()  # S
+for k in range(5):
+    d.qpos[:3] += 0.001
+    d.time += 0.01
+    mujoco.mj_forward(m, d)
+"""
+    )
+    run = watched(tmp_path, text)
+    assert run.ending.how == "finished", run.said
+    marks = {
+        mark: i for i, line in enumerate(text.splitlines(), 1) for mark in line[-3:-2] + line[-1:]
+    }
+    assert [(each["name"], each["line"]) for each in run.received.uncaught] == [
+        ("mujoco.rollout.rollout", marks["R"]),
+        ("mujoco.rollout.Rollout.rollout", run.received.uncaught[1]["line"]),
+        ("mujoco.batch.Batch.step", marks["S"]),
+    ]
+    assert run.received.steps == 0
+    assert run.received.posed_without_steps == {0: 4}
+
+
+def test_nothing_is_lost_when_the_process_is_killed(tmp_path: Path) -> None:
+    text = (
+        SCENE
+        + """
+import os, signal
+for k in range(777): mujoco.mj_step(m, d)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+    )
+    run = watched(tmp_path, text)
+    assert run.ending.how == "failed"
+    assert run.steps() == 777
+    assert statuses(run.explained()) == [(EXPLAINED, "")] * 777
+
+
+def test_a_script_may_use_both_engines(tmp_path: Path) -> None:
+    text = (
+        SCENE
+        + """
+import pybullet as p
+p.connect(p.DIRECT)
+for k in range(7):
+    p.stepSimulation()
+    mujoco.mj_step(m, d)
+print(d.time)
+"""
+    )
+    alone, run = bare(tmp_path / "bare", text), watched(tmp_path / "watched", text)
+    assert run.printed == alone.stdout
+    assert run.steps() == 7
+    limited = watched(tmp_path / "limited", text, steps=6)
+    assert (limited.ending.how, limited.steps()) == ("steps", 3)
+
+
+def test_a_library_that_steps_is_named_beside_the_scripts_line(tmp_path: Path) -> None:
+    library = tmp_path / "site-packages/simulator"
+    library.mkdir(parents=True)
+    library.joinpath("__init__.py").write_text(
+        "import mujoco\ndef advance(m, d):\n    mujoco.mj_step(m, d)\n"
+    )
+    text = SCENE + (
+        "import sys\nsys.path.insert(0, 'site-packages')\nimport simulator\n"
+        "for k in range(3): simulator.advance(m, d)  # here\n"
+    )
+    run = watched(tmp_path, text)
+    (site,) = {int(each) for piece in run.pieces for each in piece.sites}
+    found = run.received.sites[site]
+    here = 1 + [line.endswith("# here") for line in text.splitlines()].index(True)
+    assert (found.file, found.line, found.via_line) == ("script.py", here, 3)
+    assert found.via.endswith("simulator/__init__.py")
+
+
+def test_a_forked_child_is_not_recorded(tmp_path: Path) -> None:
+    text = (
+        SCENE
+        + """
+import os
+mujoco.mj_step(m, d)
+if os.fork() == 0:
+    for k in range(5): mujoco.mj_step(m, d)
+    os._exit(0)
+os.wait()
+mujoco.mj_step(m, d)
+"""
+    )
+    run = watched(tmp_path, text)
+    assert (run.ending.how, run.steps()) == ("finished", 2)
+
+
+BLOCK = """
+import os, tempfile
+from drop_physics.engines.pybullet.watch import ending, start
+from drop_physics.engines.pybullet.watch.pipe import BLOCK_BYTES
+plain = mujoco.mj_step
+with tempfile.TemporaryFile() as block:
+    block.truncate(BLOCK_BYTES)
+    stream = os.open("stream", os.O_WRONLY | os.O_CREAT)
+    watch = start.watch(stream, os.dup(block.fileno()), steps=None, duration_s=None,
+        keep_sleeping=False, seed=None)
+    for k in range(4): mujoco.mj_step(m, d)
+    kept = mujoco.mj_step
+    ending.end(watch, "finished")
+    watch.remove()
+    watch.pipe.close()
+print(mujoco.mj_step is plain, mujoco.get_mju_user_warning())
+kept(m, d)
+print(round(d.time / m.opt.timestep))
+"""
+
+
+def test_a_block_puts_everything_back(tmp_path: Path) -> None:
+    done = bare(tmp_path, SCENE + BLOCK)
+    assert done.stdout.splitlines() == ["True None", "5"], done.stderr
+    stream = (tmp_path / "stream").read_bytes()
+    assert stream.count(b'"what": "world"') == 1
+
+
+def test_numbers_of_what_is_sent_are_small(tmp_path: Path) -> None:
+    """A step takes the bytes of what it changes, and a head of 29."""
+    run = watched(tmp_path, SCENE + "for k in range(1000): mujoco.mj_step(m, d)\n")
+    numbers = run.column("qpos").shape[1] + 2 * run.column("qvel").shape[1]
+    assert _spooled(run, b"S") <= 1000 * (8 * numbers + 24 + 3 * 64)
+
+
+def _spooled(run: Run, letter: bytes) -> int:
+    """Return the bytes of a kind of payload."""
+    data, at, total = run.spool.read_bytes(), 0, 0
+    while at < len(data):
+        size = int.from_bytes(data[at : at + 4], "little")
+        at += 4
+        total += size * (data[at : at + 1] == letter)
+        at += size
+    return total
+
+
+def test_a_model_is_sent_once(tmp_path: Path) -> None:
+    """An environment that is made again has the same model: its digest is known."""
+    run = watched(
+        tmp_path,
+        SCENE
+        + """
+for k in range(5):
+    m = mujoco.MjModel.from_xml_string(XML)
+    d = mujoco.MjData(m)
+    mujoco.mj_step(m, d)
+""",
+    )
+    models: list[Any] = [*run.received.models.values()]
+    assert len(models) == 5
+    assert len({model.digest for model in models}) == 1
+    assert all(
+        model.arrays["body_mass"].tolist() == models[0].arrays["body_mass"].tolist()
+        for model in models
+    )
+    assert run.spool.read_bytes().count(b'"what": "binary"') == 1
+    assert "tex_data" not in models[0].arrays
+    pieces = run.explained()
+    assert all(statuses(pieces, world) == [(EXPLAINED, "")] for world in range(5))
