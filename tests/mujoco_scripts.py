@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from drop_physics.engines.mujoco.explain.reasons import REASONS
 from drop_physics.engines.mujoco.explained import ExplainedPiece, explained
 from drop_physics.engines.mujoco.received import Piece, Received, Written
 from drop_physics.engines.pybullet.script import Program, Script
@@ -171,8 +172,6 @@ def of_world(pieces: list[ExplainedPiece], world: int) -> Iterator[ExplainedPiec
 
 def statuses(pieces: list[ExplainedPiece], world: int = 0) -> list[tuple[int, str]]:
     """Return status and reason of each step of a simulation."""
-    from drop_physics.engines.mujoco.explained import REASONS
-
     return [
         (status, REASONS[reason])
         for piece in of_world(pieces, world)

@@ -13,12 +13,8 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from drop_physics.engines.mujoco.explained import (
-    EXPLAINED,
-    OTHER,
-    REPLAYED,
-    ExplainedPiece,
-)
+from drop_physics.engines.mujoco.explain.reasons import EXPLAINED, OTHER, REPLAYED
+from drop_physics.engines.mujoco.explained import ExplainedPiece
 from drop_physics.engines.mujoco.frames import STEP, STEP_HEAD
 from drop_physics.engines.mujoco.received import LENGTH
 from drop_physics.physics.mujoco_tree import MujocoTrees
@@ -36,16 +32,17 @@ OPTIONS = {
     "sparse": "m.opt.jacobian = 1",
     "pgs": "m.opt.solver = 0",
     "cg": "m.opt.solver = 1",
-    "eulerdamp-off": "m.opt.disableflags |= 1 << 15",
-    "islands-off": "m.opt.disableflags |= 1 << 18",
-    "no-springs": "m.opt.disableflags |= 1 << 5",
-    "no-dampers": "m.opt.disableflags |= 1 << 6",
-    "no-gravity": "m.opt.disableflags |= 1 << 7",
+    "eulerdamp-off": "m.opt.disableflags |= off.mjDSBL_EULERDAMP",
+    "islands-off": "m.opt.disableflags |= off.mjDSBL_ISLAND",
+    "no-springs": "m.opt.disableflags |= off.mjDSBL_SPRING",
+    "no-dampers": "m.opt.disableflags |= off.mjDSBL_DAMPER",
+    "no-gravity": "m.opt.disableflags |= off.mjDSBL_GRAVITY",
     "still-air": "m.opt.density = m.opt.viscosity = 0",
     "few-iterations": "m.opt.iterations = 1",
 }
 DRIVEN = """
 import mujoco, numpy as np
+off = mujoco.mjtDisableBit
 def driven(m, steps, look=lambda *_: None):
     d = mujoco.MjData(m)
     rng = np.random.default_rng(1)
@@ -353,17 +350,6 @@ for k in range(30):
     if k == 20: d.qvel[0] = 1e12
     mujoco.mj_step(m, d)
 """,
-    "discrete": """
-m.opt.integrator = 4
-for k in range(30): mujoco.mj_step(m, d)
-""",
-    "sleeping": """
-m = mujoco.MjModel.from_xml_string('''<mujoco><option><flag sleep="enable"/></option>
-<worldbody><geom type="plane" size="1 1 1"/><body pos="0 0 0.1"><freejoint/>
-<geom type="box" size="0.1 0.1 0.1"/></body></worldbody></mujoco>''')
-d = mujoco.MjData(m)
-for k in range(600): mujoco.mj_step(m, d)
-""",
     "flexible": """
 m = mujoco.MjModel.from_xml_string('''<mujoco><worldbody>
 <flexcomp name="f" type="grid" count="3 3 1" spacing="0.1 0.1 0.1" radius="0.01" dim="2" mass="1">
@@ -371,7 +357,27 @@ m = mujoco.MjModel.from_xml_string('''<mujoco><worldbody>
 d = mujoco.MjData(m)
 for k in range(30): mujoco.mj_step(m, d)
 """,
-    "delayed": """
+    "nothing moves": """
+m = mujoco.MjModel.from_xml_string('<mujoco><worldbody><geom size="1"/></worldbody></mujoco>')
+d = mujoco.MjData(m)
+for k in range(30): mujoco.mj_step(m, d)
+""",
+}
+if hasattr(mujoco.mjtIntegrator, "mjINT_DISCRETE"):
+    TROUBLE["discrete"] = """
+m.opt.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
+for k in range(30): mujoco.mj_step(m, d)
+"""
+if hasattr(mujoco.mjtEnableBit, "mjENBL_SLEEP"):
+    TROUBLE["sleeping"] = """
+m = mujoco.MjModel.from_xml_string('''<mujoco><option><flag sleep="enable"/></option>
+<worldbody><geom type="plane" size="1 1 1"/><body pos="0 0 0.1"><freejoint/>
+<geom type="box" size="0.1 0.1 0.1"/></body></worldbody></mujoco>''')
+d = mujoco.MjData(m)
+for k in range(600): mujoco.mj_step(m, d)
+"""
+if hasattr(mujoco.MjModel, "actuator_delay"):
+    TROUBLE["delayed"] = """
 m = mujoco.MjModel.from_xml_string('''<mujoco><worldbody><body><joint name="j"/>
 <geom size="0.1" pos="0.1 0 0"/></body></worldbody><actuator>
 <motor joint="j" delay="0.01" nsample="5"/></actuator></mujoco>''')
@@ -379,13 +385,7 @@ d = mujoco.MjData(m)
 for k in range(30):
     d.ctrl[0] = k
     mujoco.mj_step(m, d)
-""",
-    "nothing moves": """
-m = mujoco.MjModel.from_xml_string('<mujoco><worldbody><geom size="1"/></worldbody></mujoco>')
-d = mujoco.MjData(m)
-for k in range(30): mujoco.mj_step(m, d)
-""",
-}
+"""
 FALLING = """
 import mujoco
 m = mujoco.MjModel.from_xml_string('''<mujoco><worldbody><geom type="plane" size="1 1 1"/>
@@ -395,21 +395,21 @@ d = mujoco.MjData(m)
 """
 
 
-def test_what_has_no_sum_says_why(tmp_path: Path) -> None:
-    said = {}
-    for name, text in TROUBLE.items():
-        run = watched(tmp_path / name.replace(" ", "-"), FALLING + text)
-        assert run.ending.how == "finished", run.said
-        said[name] = statuses(run.explained(), max(piece.world for piece in run.pieces))
+@pytest.mark.parametrize("name", TROUBLE)
+def test_what_has_no_sum_says_why(tmp_path: Path, name: str) -> None:
+    run = watched(tmp_path, FALLING + TROUBLE[name])
+    assert run.ending.how == "finished", run.said
+    said = statuses(run.explained(), max(piece.world for piece in run.pieces))
     explained = (EXPLAINED, "")
-    assert said["resets"] == [explained] * 20 + [(REPLAYED, "auto-reset")] + [explained] * 9
-    assert said["discrete"] == [(REPLAYED, "integrator")] * 30
-    assert said["flexible"] == [(REPLAYED, "flex")] * 30
-    assert said["delayed"] == [(REPLAYED, "delay")] * 30
-    assert said["nothing moves"] == [(REPLAYED, "nothing moves")] * 30
-    awake = said["sleeping"].index((REPLAYED, "sleep"))
-    assert said["sleeping"] == [explained] * awake + [(REPLAYED, "sleep")] * (600 - awake)
-    assert awake > 10
+    if name == "resets":
+        assert said == [explained] * 20 + [(REPLAYED, "auto-reset")] + [explained] * 9
+    elif name == "sleeping":
+        awake = said.index((REPLAYED, "sleep"))
+        assert said == [explained] * awake + [(REPLAYED, "sleep")] * (600 - awake)
+        assert awake > 10
+    else:
+        reasons = {"discrete": "integrator", "flexible": "flex", "delayed": "delay"}
+        assert said == [(REPLAYED, reasons.get(name, name))] * 30
 
 
 def test_what_is_edited_in_place_counts_from_that_step_on(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from drop_physics.engines.mujoco.explained import EXPLAINED, OTHER
+from drop_physics.engines.mujoco.explain.reasons import EXPLAINED, OTHER
 from drop_physics.engines.mujoco.frames import STALE, STEPS, UNPOSED
 from mujoco_scripts import Run, bare, statuses, watched
 
@@ -194,11 +194,11 @@ mujoco.mj_step(m, d)  # F
     assert spin[:4] == (12, "mj_forward", lines["D"], lines["E"])
     assert spin[5].keys() == {"qvel"}
     edits = [each for piece in run.pieces for each in piece.edited]
-    assert [
+    assert sorted(
         (e.name, e.step, e.indices.tolist(), e.old.tolist(), e.new.tolist()) for e in edits
-    ] == [
-        ("opt.timestep", 11, [0], [0.002], [0.001]),
+    ) == [
         ("geom_friction", 11, [3], [1.0], [0.2]),
+        ("opt.timestep", 11, [0], [0.002], [0.001]),
     ]
     assert {(run.line(e.since), run.line(e.site)) for e in edits} == {(lines["B"], lines["C"])}
     assert statuses(run.explained()) == [(EXPLAINED, "")] * 13
@@ -332,7 +332,7 @@ tell()
     )
     alone, run = bare(tmp_path / "bare", text), watched(tmp_path / "watched", text)
     assert (run.printed, run.said) == (alone.stdout, alone.stderr)
-    assert "Nan, Inf or huge value in QVEL" in run.said
+    assert "Nan, Inf or huge value in QVEL" in run.printed + run.said  # older versions print it
     # MuJoCo alone logs it, in the folder where the script runs; nothing of ours does.
     assert (tmp_path / "bare/MUJOCO_LOG.TXT").exists()
     assert run.explained()
@@ -432,13 +432,15 @@ def test_what_cannot_be_caught_is_named(tmp_path: Path) -> None:
     text = (
         SCENE
         + """
-from mujoco import rollout, batch
+from mujoco import rollout
 state = np.zeros(mujoco.mj_stateSize(m, mujoco.mjtState.mjSTATE_FULLPHYSICS))
 mujoco.mj_getState(m, d, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
 for k in range(2):
     rollout.rollout(m, d, state, nstep=3)  # R
-many = batch.Batch(m, nsim=2, nthread=1)
-many.step()  # S
+if mujoco.__version__ >= "4":
+    from mujoco import batch
+    many = batch.Batch(m, nsim=2, nthread=1)
+    many.step()  # S
 for k in range(5):
     d.qpos[:3] += 0.001
     d.time += 0.01
@@ -447,14 +449,11 @@ for k in range(5):
     )
     run = watched(tmp_path, text)
     assert run.ending.how == "finished", run.said
-    marks = {
-        mark: i for i, line in enumerate(text.splitlines(), 1) for mark in line[-3:-2] + line[-1:]
-    }
-    assert [(each["name"], each["line"]) for each in run.received.uncaught] == [
-        ("mujoco.rollout.rollout", marks["R"]),
-        ("mujoco.rollout.Rollout.rollout", run.received.uncaught[1]["line"]),
-        ("mujoco.batch.Batch.step", marks["S"]),
-    ]
+    names = [(each["name"], text.splitlines()[each["line"] - 1]) for each in run.received.uncaught]
+    expected = [("mujoco.rollout.rollout", "    rollout.rollout(m, d, state, nstep=3)  # R")]
+    if run.received.version >= "4":
+        expected.append(("mujoco.batch.Batch.step", "    many.step()  # S"))
+    assert names == expected
     assert run.received.steps == 0
     assert run.received.posed_without_steps == {0: 4}
 

@@ -22,14 +22,6 @@ from drop_physics.workers import how_it_ended, users_environment
 Float64 = NDArray[np.float64]
 
 EXPLAIN = Path(__file__).with_name("explain")
-EXPLAINED, REPLAYED, OTHER = 0, 1, 2
-"""Of a step: its sum closes; it leads to the recorded state; it leads elsewhere."""
-REASONS = (
-    *("", "remainder", "nothing moves", "integrator", "version", "flex", "plugin", "sleep"),
-    *("delay", "auto-reset", "stale", "unknown"),
-)
-"""Why a step is not explained, by number (`explain.replay`)."""
-
 TOUCH = np.dtype(
     [
         ("step", np.int64),
@@ -91,9 +83,9 @@ class ExplainedPiece:
     first: int
     """The number of the first step."""
     status: NDArray[np.uint8]
-    """`EXPLAINED`, `REPLAYED` or `OTHER`, of each step, shape (n,)."""
+    """`EXPLAINED`, `REPLAYED` or `OTHER` of `explain.reasons`, of each step, shape (n,)."""
     reason: NDArray[np.uint8]
-    """Why not `EXPLAINED`, into `REASONS`, shape (n,)."""
+    """Why not `EXPLAINED`, into its `REASONS`, shape (n,)."""
     steps: NDArray[np.int64]
     """Those that have a sum, shape (k,)."""
     pattern: NDArray[np.int32]

@@ -72,7 +72,7 @@ def added(
         return term(INTEGRATOR, -h[:, None] * slope * change)
     slopes, n = held["qDeriv"], len(change)
     if integrator == IMPLICITFAST:
-        values = _symmetric(layout, slopes, change)
+        values = layout.slopes.times(slopes[:, layout.coupled], change)
         if version >= GYROSCOPIC_SINCE:
             for at, dof in zip(layout.alone_at, layout.alone):
                 its = slice(dof, dof + 6)
@@ -86,7 +86,7 @@ def added(
 
 def averaged(values: Any) -> Any:
     """Return the mean of what four stages have, weighted as RK4 does: (4 n, k) becomes (n, k)."""
-    stages = values.reshape(-1, STAGES, *values.shape[1:])
+    stages = values.reshape(len(values) // STAGES, STAGES, *values.shape[1:])
     return np.tensordot(np.array(WEIGHTS), stages, (0, 1))
 
 
@@ -102,22 +102,6 @@ def added_by_stages(layout: Layout, held: dict[str, Any]) -> list[Term]:
         term(SOLVER, averaged(left_by_solver(layout, held))),
         term(INTEGRATOR, averaged(layout.mass.times(first - numbers, accelerations))),
     ]
-
-
-def _symmetric(layout: Layout, slopes: Any, change: Any) -> Any:
-    """Return the symmetric matrix whose lower half is that of `slopes`, times vectors."""
-    rows, columns = layout.d_rows, layout.d_columns
-    values = np.zeros_like(change)
-    lower = np.flatnonzero(columns <= rows)
-    below = np.flatnonzero(columns < rows)
-    for row, column, entry in ((rows, columns, lower), (columns, rows, below)):
-        into, order = row[entry], np.argsort(row[entry], kind="stable")
-        if not len(into):
-            continue
-        products = slopes[:, entry[order]] * change[:, column[entry[order]]]
-        present, starts = np.unique(into[order], return_index=True)
-        values[:, present] += np.add.reduceat(products, starts, axis=1)
-    return values
 
 
 def _rows(layout: Layout, slopes: Any, dof: int) -> Any:

@@ -76,6 +76,7 @@ class Layout:
         self.d_rows = np.repeat(np.arange(m.nv), counts)
         self.d_columns = np.array(either(m, d, "D_colind"))[: len(self.d_rows)]
         self.d_starts = np.array(starts)
+        self.coupled, self.slopes = self._slopes(m)
         bodies = np.array(m.dof_bodyid)
         self.body, self.root = bodies, np.array(m.body_rootid)[bodies]
         self.joint = np.array(m.dof_jntid)
@@ -107,6 +108,19 @@ class Layout:
                 columns.append(other)
                 other = m.dof_parentid[other]
         return Symmetric(np.array(rows, int), np.array(columns, int), m.nv)
+
+    def _slopes(self, m: Any) -> tuple[Any, Symmetric]:
+        """Return which slopes `implicitfast` takes, and the symmetric matrix that it makes of them.
+
+        It has their lower half, where the mass matrix may have entries. Those of a simple body are
+        on the diagonal; of old versions' `qM` only that part is used.
+        """
+        pairs = {*zip(self.mass.rows.tolist(), self.mass.columns.tolist())}
+        if self.mass_name == "qM":
+            pairs -= {(i, j) for i, j in pairs if i != j and m.dof_simplenum[i]}
+        entries = zip(self.d_rows.tolist(), self.d_columns.tolist())
+        kept = np.array([i for i, pair in enumerate(entries) if pair in pairs], int)
+        return kept, Symmetric(self.d_rows[kept], self.d_columns[kept], self.nv)
 
     def _chain(self, m: Any, body: int) -> Any:
         found: list[int] = []

@@ -23,28 +23,9 @@ from .constraints import Pairs
 from .flags import IPC, NO_ACTUATION, NO_RESET, SLEEP
 from .integrators import EULER, IMPLICIT, IMPLICITFAST, RK4
 from .layout import Layout
+from .reasons import EXPLAINED, OTHER, REASONS, REPLAYED
 from .summed import Terms
 
-EXPLAINED, REPLAYED, OTHER = 0, 1, 2
-"""Of a step: the sum closes; it leads to the recorded state, but has no sum; it leads elsewhere."""
-REASONS = (
-    "",
-    "remainder",
-    "nothing moves",
-    "integrator",
-    "version",
-    "flex",
-    "plugin",
-    "sleep",
-    "delay",
-    "auto-reset",
-    "stale",
-    "unknown",
-)
-"""Why a step is not explained: the sum leaves something; there is no degree of freedom; the
-integrator has no sum here; this version's law was not tested; deformable bodies; plugins; sleeping
-bodies; delayed actuators; MuJoCo has reset itself within it; it was taken with data of another
-state, which were found to lead to the recorded one; none of these."""
 CLOSES = 1e-11
 """A remainder up to this share of the largest impulse is rounding."""
 TESTED = ((3, 3), (4, 0))
@@ -128,6 +109,8 @@ class ReplayedModel:
             return "flex"
         if m.nplugin:
             return "plugin"
+        if getattr(m, "nplastic", 0):
+            return "plastic"
         if getattr(m, "nhistory", 0):
             return "delay"
         if integrator == RK4 and m.opt.disableflags & NO_ACTUATION:

@@ -150,7 +150,7 @@ class MujocoWatch:
 
     def tell_uncaught(self, name: str, place: Any) -> None:
         """Name something that steps models and is not recorded."""
-        file, line = ("", 0) if place is None else self.host.calls.place(place)
+        file, line = ("", 0) if place is None else self.host.calls.place(self._outside(place))
         self.tell("uncaught", name=name, file=file, line=line)
 
     def site_of(self, place: Any) -> int:

@@ -34,15 +34,17 @@ def install(watch: MujocoWatch, names: tuple[str, ...], module: ModuleType) -> N
 
 
 def _naming(watch: MujocoWatch, name: str, original: Any) -> Any:
-    """Return what names a function once, and calls it."""
+    """Return what names a function once, if it is not mujoco that calls it, and calls it."""
     named = False
 
     @functools.wraps(original)
     def call(*args: Any, **kwargs: Any) -> Any:
         nonlocal named
-        if watch.host.on and not named:
+        place = _getframe(1)
+        ours = str(place.f_globals.get("__name__")).startswith("mujoco.")
+        if watch.host.on and not named and not ours:
             named = True
-            watch.tell_uncaught(name, _getframe(1))
+            watch.tell_uncaught(name, place)
         return original(*args, **kwargs)
 
     call.drop_watch = watch  # type: ignore[attr-defined]

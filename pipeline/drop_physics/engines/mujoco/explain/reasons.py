@@ -1,0 +1,14 @@
+"""What becomes of a step that is taken again, and why it may have no sum."""
+
+from __future__ import annotations
+
+EXPLAINED, REPLAYED, OTHER = 0, 1, 2
+"""Its sum closes; it leads to the recorded state, but has no sum; it leads elsewhere."""
+REASONS = (
+    *("", "remainder", "nothing moves", "integrator", "version", "flex", "plugin", "plastic"),
+    *("sleep", "delay", "auto-reset", "stale", "unknown"),
+)
+"""Why a step is not explained: the sum leaves something; there is no degree of freedom; the
+integrator has no sum here; this version's law was not tested; deformable bodies; plugins; springs
+that yield; sleeping bodies; delayed actuators; MuJoCo has reset itself within it; it was taken with
+data of another state, which were found to lead to the recorded one; none of these."""
