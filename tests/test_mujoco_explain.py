@@ -57,13 +57,16 @@ def driven(m, steps, look=lambda *_: None):
         if k == 60:
             d.xfrc_applied[:] = 0
             d.mocap_pos[:, 0] += 0.1
+        if k == 75:
+            m.opt.timestep *= 0.5  # so that these steps are explained apart
         look(k, d)
         mujoco.mj_step(m, d)
 """
 """Everything is driven at random, and for a while pushed."""
+STEPS = 120
 
 
-def machine(folder: Path, runs: list[tuple[str, str]], steps: int = 120) -> Run:
+def machine(folder: Path, runs: list[tuple[str, str]], steps: int = STEPS) -> Run:
     """Record the machine once for each integrator and option, each in a simulation of its own."""
     made = "".join(
         f"m = mujoco.MjModel.from_xml_string(XML)\nm.opt.integrator = "
@@ -80,6 +83,23 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, list[Explained
     return run, run.explained()
 
 
+Impulses = dict[tuple[str, int, int], np.ndarray]
+
+
+def impulses_of(pieces: list[ExplainedPiece], world: int, nv: int) -> Impulses:
+    """Return the impulses of each cause at all steps of a simulation, shape (STEPS, nv)."""
+    found: Impulses = {}
+    for piece in of_world(pieces, world):
+        for cause, values in piece.impulses(nv).items():
+            found.setdefault(cause, np.zeros((STEPS, nv)))[piece.steps] += values
+    return found
+
+
+def timesteps_of(m: Any) -> np.ndarray:
+    """Return the timestep of each step [s], shape (STEPS, 1)."""
+    return m.opt.timestep * np.where(np.arange(STEPS) < 75, 1.0, 0.5)[:, None]
+
+
 def assert_closed(pieces: list[ExplainedPiece], world: int, steps: int) -> None:
     assert statuses(pieces, world) == [(EXPLAINED, "")] * steps
     for piece in of_world(pieces, world):
@@ -91,7 +111,7 @@ def assert_closed(pieces: list[ExplainedPiece], world: int, steps: int) -> None:
 def test_every_step_is_replayed_and_its_sum_closes(
     plain: tuple[Run, list[ExplainedPiece]], world: int
 ) -> None:
-    assert_closed(plain[1], world, 120)
+    assert_closed(plain[1], world, STEPS)
 
 
 @pytest.mark.parametrize("integrator", ["EULER", "IMPLICITFAST"])
@@ -110,6 +130,7 @@ def test_all_causes_are_met(plain: tuple[Run, list[ExplainedPiece]]) -> None:
         *("joint force range", "applied", "pushed", "equality", "friction loss", "limit"),
         *("tendon friction", "tendon limit", "push", "friction", "integrator", "solver"),
     }
+    assert "passive callback" not in kinds
     assert {first for kind, first in met if kind == "actuator"} == set(range(7))
     assert {first for kind, first in met if kind == "equality"} == set(range(3))
 
@@ -132,10 +153,7 @@ def test_our_own_kinematics_find_the_same_change_of_momentum(
     before = np.vstack([start, qvel[:-1]])
     at = np.vstack([first.parts["qpos"][1], qpos[:-1]])
     momentum = trees.momentum(at, qvel - before)
-    total = np.zeros_like(momentum)
-    for piece in of_world(pieces, world):
-        for values in piece.impulses(qvel.shape[1]).values():
-            total[piece.steps] += values
+    total = sum(impulses_of(pieces, world, qvel.shape[1]).values())
     scale = np.concatenate([piece.largest for piece in of_world(pieces, world)])
     assert (np.abs(momentum - total).max(axis=1) / scale).max() < CLOSES
 
@@ -231,14 +249,14 @@ def test_each_impulse_is_what_its_name_says(plain: tuple[Run, list[ExplainedPiec
     exec(DRIVEN, space)
     model = mujoco.MjModel.from_xml_string(MACHINE)
     reference = Reference(model)
-    space["driven"](model, 120, reference.look)
-    (piece,) = of_world(pieces, 0)
-    impulses = piece.impulses(model.nv)
+    space["driven"](model, STEPS, reference.look)
+    model = mujoco.MjModel.from_xml_string(MACHINE)
+    impulses = impulses_of(pieces, 0, model.nv)
     compared = {kind for row in reference.rows for kind, *_ in row}
     for key, values in impulses.items():
         if key[0] in compared:
             expected = [row.get(key, np.zeros(model.nv)) for row in reference.rows]
-            forces = values / model.opt.timestep
+            forces = values / timesteps_of(model)
             np.testing.assert_allclose(
                 forces, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max(), err_msg=str(key)
             )
@@ -258,30 +276,30 @@ def test_springs_of_tendons_are_apart_from_those_of_joints(
 
     def look(_: int, d: Any) -> None:
         forces = []
-        for without in (None, 0, 1):
-            held = model.tendon_stiffness.copy(), model.tendon_damping.copy()
-            if without is not None:
-                model.tendon_stiffness[without] = model.tendon_damping[without] = 0
+        held = model.tendon_stiffness.copy(), model.tendon_damping.copy()
+        for without in ([], [0], [1], [0, 1]):
+            model.tendon_stiffness[without] = model.tendon_damping[without] = 0
             mine.qpos[:], mine.qvel[:] = d.qpos, d.qvel
             mujoco.mj_forward(model, mine)
             forces.append(mine.qfrc_spring + mine.qfrc_damper)
             model.tendon_stiffness[:], model.tendon_damping[:] = held
-        rows.append(np.array([forces[0] - forces[1], forces[0] - forces[2]]))
+        rows.append(np.array([forces[0] - forces[1], forces[0] - forces[2], forces[3]]))
 
-    space["driven"](model, 120, look)
-    (piece,) = of_world(plain[1], 0)
-    impulses = piece.impulses(model.nv)
-    for tendon in range(2):
-        expected = np.array(rows)[:, tendon] * model.opt.timestep
-        assert np.abs(expected).max() > 1e-4
-        np.testing.assert_allclose(impulses["tendon", tendon, -1], expected, atol=1e-13)
+    space["driven"](model, STEPS, look)
+    first, second, joints = np.moveaxis(np.array(rows), 1, 0)
+    timesteps = timesteps_of(mujoco.MjModel.from_xml_string(MACHINE))
+    impulses = impulses_of(plain[1], 0, model.nv)
+    found = [impulses["tendon", tendon, -1] for tendon in range(2)]
+    found.append(impulses["spring", -1, -1] + impulses["damper", -1, -1])
+    for values, forces in zip(found, (first, second, joints), strict=True):
+        assert np.abs(forces).max() > 0.1
+        np.testing.assert_allclose(values, forces * timesteps, atol=1e-13)
 
 
 def test_contact_points_are_in_the_worlds_axes(plain: tuple[Run, list[ExplainedPiece]]) -> None:
     model = mujoco.MjModel.from_xml_string(MACHINE)
     space: dict[str, Any] = {}
     exec(DRIVEN, space)
-    (piece,) = of_world(plain[1], 0)
     expected: list[tuple[Any, ...]] = []
     mine = mujoco.MjData(model)
 
@@ -304,8 +322,8 @@ def test_contact_points_are_in_the_worlds_axes(plain: tuple[Run, list[ExplainedP
                 )
             )  # fmt: skip
 
-    space["driven"](model, 120, look)
-    touches = piece.touches
+    space["driven"](model, STEPS, look)
+    touches = np.concatenate([piece.touches for piece in of_world(plain[1], 0)])
     assert len(touches) == len(expected) > 100
     assert np.abs(touches["torque_n_m"]).max() > 0
     largest = np.abs(touches["force_n"]).max()
@@ -337,11 +355,11 @@ def test_a_recorded_state_that_differs_in_one_bit_is_not_explained(
     spool = tmp_path / "spool"
     spool.write_bytes(data)
     pieces = Run(run.received, run.pieces, run.ending, "", "", spool).explained()
-    expected = [(EXPLAINED, "")] * 120
+    expected = [(EXPLAINED, "")] * STEPS
     # The next step begins elsewhere, and comes elsewhere; then all is as before.
     expected[30] = expected[31] = (OTHER, "unknown")
     assert statuses(pieces, 0) == expected
-    assert statuses(pieces, 1) == [(EXPLAINED, "")] * 120
+    assert statuses(pieces, 1) == [(EXPLAINED, "")] * STEPS
 
 
 TROUBLE = {
