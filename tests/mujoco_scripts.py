@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from drop_physics.engines.mujoco.explain.reasons import REASONS
 from drop_physics.engines.mujoco.explained import ExplainedPiece, explained
-from drop_physics.engines.mujoco.received import Piece, Received, Written
+from drop_physics.engines.mujoco.received import Received, StepPiece, Written
 from drop_physics.engines.pybullet.script import Program, Script
 from drop_physics.trace.events import Ending
 
@@ -98,7 +98,7 @@ class Run:
     """A script that was watched."""
 
     received: Received
-    pieces: list[Piece]
+    pieces: list[StepPiece]
     ending: Ending
     printed: str
     said: str

@@ -178,9 +178,12 @@ class Reference:
         mujoco.mj_forward(m, mine)
         moment = np.zeros((m.nu, m.nv))
         mujoco.mju_sparse2dense(
-            moment, mine.actuator_moment, mine.moment_rownnz, mine.moment_rowadr,
+            moment,
+            mine.actuator_moment,
+            mine.moment_rownnz,
+            mine.moment_rowadr,
             mine.moment_colind,
-        )  # fmt: skip
+        )
         for actuator in range(m.nu):
             found["actuator", actuator, -1] = moment[actuator] * mine.actuator_force[actuator]
         for body in np.flatnonzero(mine.xfrc_applied.any(axis=1)).tolist():
@@ -217,9 +220,14 @@ class Reference:
                 for sign, geom in ((-1, contact.geom[0]), (1, contact.geom[1])):
                     part = np.zeros(m.nv)
                     mujoco.mj_applyFT(
-                        m, d, sign * frame.T @ push, sign * frame.T @ turn, contact.pos,
-                        m.geom_bodyid[geom], part,
-                    )  # fmt: skip
+                        m,
+                        d,
+                        sign * frame.T @ push,
+                        sign * frame.T @ turn,
+                        contact.pos,
+                        m.geom_bodyid[geom],
+                        part,
+                    )
                     total += part
                 key = kind, int(contact.geom[0]), int(contact.geom[1])
                 found[key] = found.get(key, 0) + total
@@ -317,10 +325,16 @@ def test_contact_points_are_in_the_worlds_axes(plain: tuple[Run, list[ExplainedP
             frame = contact.frame.reshape(3, 3)
             expected.append(
                 (
-                    step, *contact.geom, contact.friction.copy(), contact.dist, contact.pos.copy(),
-                    frame[0].copy(), frame.T @ force[:3], frame.T @ force[3:],
+                    step,
+                    *contact.geom,
+                    contact.friction.copy(),
+                    contact.dist,
+                    contact.pos.copy(),
+                    frame[0].copy(),
+                    frame.T @ force[:3],
+                    frame.T @ force[3:],
                 )
-            )  # fmt: skip
+            )
 
     space["driven"](model, STEPS, look)
     touches = np.concatenate([piece.touches for piece in of_world(plain[1], 0)])

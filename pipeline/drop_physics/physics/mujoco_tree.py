@@ -51,7 +51,7 @@ class _Kind:
 
 
 @dataclass(frozen=True)
-class _Motion:
+class _DofMotion:
     """What a degree of freedom does to the bodies that it moves, at some steps in all copies."""
 
     spin: Float64
@@ -70,7 +70,7 @@ class _Placed:
     positions: list[Float64]
     quaternions: list[Float64]
     """By body, shapes (n, c, 3) and (n, c, 4)."""
-    motions: list[_Motion]
+    motions: list[_DofMotion]
     arms: list[Float64]
     """By body, from the first body to its centre of mass [m], shape (n, c, 3)."""
 
@@ -235,10 +235,10 @@ class MujocoTrees:
             found.arms.append(at + turned(turn, m["body_ipos"][bodies]) - origin)
         for axis, anchor, dofs, place in anchored:
             if anchor is None:
-                found.motions.append(_Motion(np.zeros_like(axis), axis, dofs, place))
+                found.motions.append(_DofMotion(np.zeros_like(axis), axis, dofs, place))
             else:
                 velocity = np.cross(axis, origin - anchor)
-                found.motions.append(_Motion(axis, velocity, dofs, place))
+                found.motions.append(_DofMotion(axis, velocity, dofs, place))
         return found
 
     def _through(

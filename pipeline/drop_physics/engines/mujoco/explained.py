@@ -49,7 +49,7 @@ HELD = np.dtype(
 """A row of an equality (kind 0) or a tendon's limit (4)."""
 
 
-class Term(NamedTuple):
+class ImpulseTerm(NamedTuple):
     """A cause of impulses."""
 
     kind: str
@@ -69,7 +69,7 @@ class Term(NamedTuple):
 class Vocabulary:
     """What the pieces of one model name by number."""
 
-    terms: list[Term] = field(default_factory=list)
+    terms: list[ImpulseTerm] = field(default_factory=list)
     patterns: list[NDArray[np.int64]] = field(default_factory=list)
     pairs: Float64 = field(default_factory=lambda: np.zeros((0, 7)))
 
@@ -160,7 +160,7 @@ def _piece(
 ) -> ExplainedPiece:
     """Return a piece; what it says of its model's terms is added to the vocabulary."""
     vocabulary.terms += [
-        Term(kind, first, second, np.array(dofs, np.int64))
+        ImpulseTerm(kind, first, second, np.array(dofs, np.int64))
         for kind, first, second, dofs in said.get("terms", [])
     ]
     vocabulary.patterns += [np.array(each, np.int64) for each in said.get("patterns", [])]

@@ -41,7 +41,7 @@ def view_of(address: int, size: int) -> memoryview:
     return memoryview((ctypes.c_char * size).from_address(address)).cast("B")
 
 
-class Part:
+class StatePart:
     """An array within a stretch of memory, and what it held when last looked at.
 
     Parameters
@@ -72,7 +72,7 @@ class Part:
         return part_bytes(self.number, self.saved, self.view)
 
 
-class Stretch:
+class StateMemory:
     """Some arrays that lie one behind the other.
 
     Parameters
@@ -98,7 +98,7 @@ class Stretch:
         self.view = view_of(begin, self.size) if names else memoryview(b"")
         self.saved = bytearray(self.size)
         self.parts = [
-            Part(name, places[name] - begin, held[name].nbytes, self.view, self.saved)
+            StatePart(name, places[name] - begin, held[name].nbytes, self.view, self.saved)
             for name in names
         ]
 
@@ -109,14 +109,14 @@ class Stretch:
         return len(found), b"".join(found)
 
 
-def core_of(d: Any) -> Stretch:
+def core_of(d: Any) -> StateMemory:
     """Return the part of an MjData's state that a step changes."""
-    return Stretch({name: getattr(d, name) for name in CORE if hasattr(d, name)})
+    return StateMemory({name: getattr(d, name) for name in CORE if hasattr(d, name)})
 
 
-def user_of(d: Any) -> Stretch:
+def user_of(d: Any) -> StateMemory:
     """Return the part of an MjData's state that only the script changes."""
-    return Stretch({name: getattr(d, name) for name in USER})
+    return StateMemory({name: getattr(d, name) for name in USER})
 
 
 def warnings_of(d: Any) -> memoryview:

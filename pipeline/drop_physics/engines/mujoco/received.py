@@ -26,7 +26,7 @@ LENGTH = struct.Struct("<I")
 
 
 @dataclass
-class Model:
+class MujocoModel:
     """A model, as it was when it was first stepped."""
 
     number: int
@@ -40,7 +40,7 @@ class Model:
 
 
 @dataclass(frozen=True)
-class Site:
+class ScriptLine:
     """A line of the script that calls MuJoCo, perhaps through a library."""
 
     file: str
@@ -88,7 +88,7 @@ class Edited:
 
 
 @dataclass(frozen=True)
-class Piece:
+class StepPiece:
     """Steps of one simulation, without a gap."""
 
     world: int
@@ -135,7 +135,7 @@ class _World:
         n = len(self.bodies)
         return n >= PIECE_STEPS or n * self.size >= PIECE_BYTES
 
-    def piece(self) -> Piece:
+    def piece(self) -> StepPiece:
         """Return what was gathered, and begin anew."""
         n = len(self.bodies)
         functions, sites, times = map(np.array, zip(*self.heads, strict=True))
@@ -144,7 +144,7 @@ class _World:
             name: np.ascontiguousarray(raw[:, begin : begin + size]).view(np.float64)
             for name, begin, size in self.core
         }
-        found = Piece(
+        found = StepPiece(
             world=self.number,
             model=self.model,
             first=self.step - n,
@@ -173,8 +173,8 @@ class Received:
     def __init__(self, spool: BinaryIO | None = None) -> None:
         self._spool = spool
         self.version = self.python = ""
-        self.models: dict[int, Model] = {}
-        self.sites: list[Site] = []
+        self.models: dict[int, MujocoModel] = {}
+        self.sites: list[ScriptLine] = []
         self.uncaught: list[dict[str, Any]] = []
         """What else steps models and is not recorded: `name`, `file`, `line`."""
         self.warnings: list[str] = []
@@ -194,7 +194,7 @@ class Received:
         """Steps received so far."""
         return sum(world.step for world in self._worlds.values())
 
-    def take(self, payload: bytes) -> Iterator[Piece]:
+    def take(self, payload: bytes) -> Iterator[StepPiece]:
         """Take a payload."""
         if self._spool is not None:
             self._spool.write(LENGTH.pack(len(payload)) + payload)
@@ -217,7 +217,7 @@ class Received:
             if head["what"] == "constants":
                 self._constants[head["digest"]] = arrays
 
-    def rest(self) -> Iterator[Piece]:
+    def rest(self) -> Iterator[StepPiece]:
         """Yield what is gathered; the stream is over."""
         for world in self._worlds.values():
             if world.bodies:
@@ -225,7 +225,7 @@ class Received:
 
     # -- numbers ----------------------------------------------------------------------------------
 
-    def _on_step(self, payload: bytes) -> Iterator[Piece]:
+    def _on_step(self, payload: bytes) -> Iterator[StepPiece]:
         _, function, _, number, site, time_s = frames.STEP_HEAD.unpack_from(payload)
         world = self._worlds[number]
         world.heads.append((function, site, time_s))
@@ -292,7 +292,9 @@ class Received:
 
     def _on_model(self, number: int, digest: str, fields: list[Any], **_: Any) -> None:  # noqa: ANN401
         of_fields = [(name, np.dtype(kind), tuple(shape)) for name, kind, shape in fields]
-        self.models[number] = Model(number, digest, of_fields, self._constants.get(digest, {}))
+        self.models[number] = MujocoModel(
+            number, digest, of_fields, self._constants.get(digest, {})
+        )
 
     def _on_world(
         self,
@@ -306,7 +308,7 @@ class Received:
         held.arrays = held.arrays or self._constants[held.digest]
         self._worlds[number] = _World(number, model, core, core_bytes)
 
-    def _on_model_of(self, world: int, model: int) -> Iterator[Piece]:
+    def _on_model_of(self, world: int, model: int) -> Iterator[StepPiece]:
         its = self._worlds[world]
         if its.bodies:
             yield its.piece()
@@ -315,7 +317,7 @@ class Received:
     def _on_site(self, number: int, **place: Any) -> None:  # noqa: ANN401
         if number != len(self.sites):
             raise ValueError(f"site {number} after {len(self.sites)}")
-        self.sites.append(Site(**place))
+        self.sites.append(ScriptLine(**place))
 
     def _on_uncaught(self, **what: Any) -> None:  # noqa: ANN401
         self.uncaught.append(what)

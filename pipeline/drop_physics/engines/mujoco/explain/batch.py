@@ -7,15 +7,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from . import integrators
-from .constraints import HELD, POINT, Pairs, constrained
+from .constraints import HELD, POINT, PairTable, constrained
 from .copied import Copies
 from .forces import JOINTS, smooth
 from .integrators import RK4, STAGES, WEIGHTS
 from .layout import SLIDE, Layout
-from .summed import Summed, Terms, summed
+from .summed import Summed, TermTable, summed
 
 
-class Answer(NamedTuple):
+class ExplainedBatch(NamedTuple):
     """A batch, explained."""
 
     steps: Any
@@ -30,7 +30,7 @@ class Answer(NamedTuple):
     """Those whose forces do not follow from their impulses: they drive no single joint."""
 
 
-class Batch:
+class StepBatch:
     """Gathers steps that one integrator has taken.
 
     Parameters
@@ -50,8 +50,8 @@ class Batch:
         m: Any,
         d: Any,
         layout: Layout,
-        terms: Terms,
-        pairs: Pairs,
+        terms: TermTable,
+        pairs: PairTable,
         integrator: int,
         version: tuple[int, ...],
     ) -> None:
@@ -101,7 +101,7 @@ class Batch:
         self.steps.append(step)
         self._h.append(h)
 
-    def explain(self, *, sparse: bool) -> Answer:
+    def explain(self, *, sparse: bool) -> ExplainedBatch:
         """Return the steps as sums, and begin anew."""
         m, layout, copies = self._m, self._layout, self.copies
         copies.contacts.check(self._d)
@@ -140,7 +140,7 @@ class Batch:
         total = summed(self._terms, momentum, dense, groups, h, added)
         numbers = np.array(self.steps)
         forces = held["actuator_force"][::stages, self._read] if m.nu else np.zeros((n, 0))
-        answer = Answer(
+        answer = ExplainedBatch(
             numbers,
             total,
             _of_steps(found.points, numbers, stages, POINT),

@@ -30,8 +30,8 @@ POINT = np.dtype(
         ("torque", np.float32, 3),
     ]
 )
-"""A contact: evaluation, number of its pair (`Pairs`); distance [m], position [m], normal from the
-first geom to the second, force [N] and torque about the position [N m] on the second, all in the
+"""A contact: evaluation, number of its pair (`PairTable`); distance [m], position [m], normal from
+the first geom to the second, force [N] and torque about the position [N m] on the second, all in the
 world's axes. Single precision: impulses have more."""
 HELD = np.dtype(
     [
@@ -48,7 +48,7 @@ TOLD = (EQUALITY, LIMIT_TENDON)
 """Of others, joints say how far they are, and impulses what they do."""
 
 
-class Pairs:
+class PairTable:
     """The pairs of geoms, with the friction between them, that were met so far, by number."""
 
     def __init__(self) -> None:
@@ -103,7 +103,9 @@ class Constrained(NamedTuple):
     held: Any
 
 
-def constrained(copies: Any, pairs: Pairs, joint_of: Any, nv: int, *, sparse: bool) -> Constrained:
+def constrained(
+    copies: Any, pairs: PairTable, joint_of: Any, nv: int, *, sparse: bool
+) -> Constrained:
     """Return the forces of constraints in all evaluations that were copied.
 
     Parameters
@@ -180,7 +182,7 @@ class _OfContacts(NamedTuple):
 
 
 def _points(
-    copies: Any, pairs: Pairs, ncon: Any, base: Any, types: Any, forces: Any
+    copies: Any, pairs: PairTable, ncon: Any, base: Any, types: Any, forces: Any
 ) -> tuple[Any, _OfContacts]:
     """Return the contacts with their forces, and what of each row is push and friction."""
     empty = np.empty(0, np.int64)

@@ -26,7 +26,7 @@ CONTACT = ("dist", "pos", "frame", "friction", "dim", "geom", "efc_address")
 """Fields of a contact that are used."""
 
 
-class Span:
+class MemorySpan:
     """Some arrays of an MjData that are copied together.
 
     Parameters
@@ -45,7 +45,7 @@ class Span:
         ]
 
 
-def spans_of(arrays: dict[str, Any]) -> list[Span]:
+def spans_of(arrays: dict[str, Any]) -> list[MemorySpan]:
     """Return the spans that hold all arrays that have elements."""
     held = sorted(
         ((name, array) for name, array in arrays.items() if array.nbytes),
@@ -59,7 +59,7 @@ def spans_of(arrays: dict[str, Any]) -> list[Span]:
                 groups[-1].append((name, array))
                 continue
         groups.append([(name, array)])
-    return [Span(group) for group in groups]
+    return [MemorySpan(group) for group in groups]
 
 
 class Contacts:

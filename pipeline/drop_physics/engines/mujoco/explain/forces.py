@@ -1,6 +1,6 @@
 """The forces of some evaluations, but those of constraints: by cause, on each degree of freedom.
 
-Each is a `Term`: what MuJoCo itself has computed, or a part of it by the formula that is cited.
+Each is a `Force`: what MuJoCo itself has computed, or a part of it by the formula that is cited.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ JOINTS = (0, 1)
 TENDON = 3
 
 
-class Term(NamedTuple):
+class Force(NamedTuple):
     """A force by its cause."""
 
     kind: str
@@ -31,12 +31,12 @@ class Term(NamedTuple):
     """The forces, shape (r, dofs)."""
 
 
-def term(kind: str, values: Any, first: int = -1, dofs: Any = None) -> Term:
+def term(kind: str, values: Any, first: int = -1, dofs: Any = None) -> Force:
     """Return a force that belongs to no pair."""
-    return Term(kind, first, -1, dofs, values)
+    return Force(kind, first, -1, dofs, values)
 
 
-def smooth(m: Any, layout: Layout, held: dict[str, Any], qfrc: Any, xfrc: Any) -> list[Term]:
+def smooth(m: Any, layout: Layout, held: dict[str, Any], qfrc: Any, xfrc: Any) -> list[Force]:
     """Return all forces of some evaluations but those of constraints.
 
     Parameters
@@ -79,7 +79,7 @@ def gravity_of(m: Any, layout: Layout, held: dict[str, Any]) -> Any:
     return (carried * motions[..., 3:] + turned) @ gravity
 
 
-def _passive(m: Any, layout: Layout, held: dict[str, Any]) -> list[Term]:
+def _passive(m: Any, layout: Layout, held: dict[str, Any]) -> list[Force]:
     """Return springs, dampers, fluid, gravity compensation, adhesion, and what callbacks add."""
     rest, found = held["qfrc_passive"], []
     springs, dampers = held["qfrc_spring"], held["qfrc_damper"]
@@ -106,7 +106,7 @@ def _passive(m: Any, layout: Layout, held: dict[str, Any]) -> list[Term]:
 class Stretched(NamedTuple):
     """The spring and damper of a tendon."""
 
-    whole: Term
+    whole: Force
     dofs: Any
     spring: Any
     damper: Any
@@ -137,9 +137,9 @@ def _tendons(m: Any, held: dict[str, Any]) -> list[Stretched]:
     return found
 
 
-def _actuators(m: Any, layout: Layout, held: dict[str, Any]) -> list[Term]:
+def _actuators(m: Any, layout: Layout, held: dict[str, Any]) -> list[Force]:
     """Return what each actuator does, and what the force ranges of joints take from it."""
-    found: list[Term] = []
+    found: list[Force] = []
     if not m.nu:
         return found
     total = held["qfrc_actuator"]
@@ -160,7 +160,7 @@ def _actuators(m: Any, layout: Layout, held: dict[str, Any]) -> list[Term]:
     return found
 
 
-def _pushes(m: Any, layout: Layout, held: dict[str, Any], xfrc: Any) -> list[Term]:
+def _pushes(m: Any, layout: Layout, held: dict[str, Any], xfrc: Any) -> list[Force]:
     """Return what is applied to each body at its centre of mass (`mj_xfrcAccumulate`)."""
     r, found = len(xfrc), []
     motions = held["cdof"].reshape(r, -1, 6)

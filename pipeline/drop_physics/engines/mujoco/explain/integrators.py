@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from .flags import NO_EULERDAMP
-from .forces import Term, damping_of, polynomial, term
+from .forces import Force, damping_of, polynomial, term
 from .layout import Layout
 
 EULER, RK4, IMPLICIT, IMPLICITFAST = 0, 1, 2, 3
@@ -45,7 +45,7 @@ def added(
     before: dict[str, Any],
     change: Any,
     version: tuple[int, ...],
-) -> Term:
+) -> Force:
     """Return the impulse that an integrator adds to those of forces.
 
     Parameters
@@ -90,7 +90,7 @@ def averaged(values: Any) -> Any:
     return np.tensordot(np.array(WEIGHTS), stages, (0, 1))
 
 
-def added_by_stages(layout: Layout, held: dict[str, Any]) -> list[Term]:
+def added_by_stages(layout: Layout, held: dict[str, Any]) -> list[Force]:
     """Return what RK4 adds to the mean of the forces of its stages, as forces, shape (n, nv).
 
     u' - u = h sum of b_i a_i, and M_i a_i = forces + what the solver left. So with the mass matrix

@@ -18,13 +18,13 @@ import numpy as np
 
 from .. import frames, memory
 from ..frames import CALLBACKS, CAUSES, FLAGS, STALE, STEPS, UNPOSED
-from .batch import Batch
-from .constraints import Pairs
+from .batch import StepBatch
+from .constraints import PairTable
 from .flags import IPC, NO_ACTUATION, NO_RESET, SLEEP
 from .integrators import EULER, IMPLICIT, IMPLICITFAST, RK4
 from .layout import Layout
 from .reasons import EXPLAINED, OTHER, REASONS, REPLAYED
-from .summed import Terms
+from .summed import TermTable
 
 CLOSES = 1e-11
 """A remainder up to this share of the largest impulse is rounding."""
@@ -61,7 +61,7 @@ class ReplayedModel:
         places = {field.name: field for field in memory.fields_of(self.m)}
         self.fields = [places[name] for name in names]
         self.layout = Layout(self.m, mujoco.MjData(self.m))
-        self.terms, self.pairs = Terms(), Pairs()
+        self.terms, self.pairs = TermTable(), PairTable()
         self._look()
 
     def _look(self) -> None:
@@ -161,7 +161,7 @@ class ReplayedData:
             self.load(self.d, before)
         self.qpos, self.qvel = self.d.qpos, self.d.qvel
         self.warned = memory.warnings_of(self.d)
-        self.batch: Batch | None = None
+        self.batch: StepBatch | None = None
         self.is_applied = bool(self.d.qfrc_applied.any())
         self.is_pushed = bool(self.d.xfrc_applied.any())
 
@@ -388,16 +388,16 @@ class Replay:
         if len(state.statuses) >= SPARE:
             yield from self._finish(state)
 
-    def _batch(self, state: ReplayedData, integrator: int) -> Batch:
+    def _batch(self, state: ReplayedData, integrator: int) -> StepBatch:
         model, d = state.model, state.d
         if integrator == RK4:
             state.other = d = state.other or mujoco.MjData(model.m)
-        return Batch(model.m, d, model.layout, model.terms, model.pairs, integrator, VERSION)
+        return StepBatch(model.m, d, model.layout, model.terms, model.pairs, integrator, VERSION)
 
     def _evaluate(
         self,
         state: ReplayedData,
-        batch: Batch,
+        batch: StepBatch,
         before: tuple[float, bytes, bytes],
         stages: list[bytes],
     ) -> None:
@@ -535,7 +535,7 @@ def _finish_step(m: Any, d: Any, which: int) -> None:
         (mujoco.mj_step2, mujoco.mj_Euler, mujoco.mj_implicit)[which - 1](m, d)
 
 
-def _equal(reached: memory.Stretch, core: bytes) -> bool:
+def _equal(reached: memory.StateMemory, core: bytes) -> bool:
     """Return whether a step led to a recorded core; what lies between its parts does not count."""
     if reached.view.tobytes() == core:
         return True

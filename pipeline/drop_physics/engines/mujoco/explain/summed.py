@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .constraints import FRICTION, KINDS, PUSH, Groups
-from .forces import Term
+from .forces import Force
 
 OF_GROUPS = (*KINDS, PUSH, FRICTION)
 
@@ -20,7 +20,7 @@ class Named(NamedTuple):
     """The degrees of freedom that it has acted on so far."""
 
 
-class Terms:
+class TermTable:
     """The terms of a model that were met so far, by number."""
 
     def __init__(self) -> None:
@@ -80,7 +80,12 @@ class _Block(NamedTuple):
 
 
 def summed(
-    terms: Terms, change: Any, dense: list[Term], groups: Groups | None, h: Any, added: list[Term]
+    terms: TermTable,
+    change: Any,
+    dense: list[Force],
+    groups: Groups | None,
+    h: Any,
+    added: list[Force],
 ) -> Summed:
     """Return the sum of each step.
 
@@ -145,7 +150,7 @@ class _Flat(NamedTuple):
     values: Any
 
 
-def _flat(terms: Terms, groups: Groups, h: Any) -> _Flat:
+def _flat(terms: TermTable, groups: Groups, h: Any) -> _Flat:
     """Return groups with the numbers of their terms, and impulses with their places in these."""
     cause = np.stack([groups.kinds, groups.first, groups.second], axis=1)
     causes, which = np.unique(cause, axis=0, return_inverse=True)
@@ -168,7 +173,7 @@ def _flat(terms: Terms, groups: Groups, h: Any) -> _Flat:
 
 
 def _laid_out(
-    terms: Terms, n: int, blocks: list[_Block], flat: _Flat | None, remainder: Any, largest: Any
+    terms: TermTable, n: int, blocks: list[_Block], flat: _Flat | None, remainder: Any, largest: Any
 ) -> Summed:
     """Return values step by step, and within a step term by term, in the order of their numbers."""
     numbers = [block.number for block in blocks]
