@@ -530,10 +530,10 @@ mujoco.mj_step(m, d)
 BLOCK = """
 import os, tempfile
 from drop_physics.engines.pybullet.watch import ending, start
-from drop_physics.engines.pybullet.watch.pipe import BLOCK_BYTES
+from drop_physics.engines.pybullet.watch.pipe import SHARED_BYTES
 plain = mujoco.mj_step
 with tempfile.TemporaryFile() as block:
-    block.truncate(BLOCK_BYTES)
+    block.truncate(SHARED_BYTES)
     stream = os.open("stream", os.O_WRONLY | os.O_CREAT)
     watch = start.watch(stream, os.dup(block.fileno()), steps=None, duration_s=None,
         keep_sleeping=False, seed=None)

@@ -31,8 +31,8 @@ POINT = np.dtype(
     ]
 )
 """A contact: evaluation, number of its pair (`PairTable`); distance [m], position [m], normal from
-the first geom to the second, force [N] and torque about the position [N m] on the second, all in the
-world's axes. Single precision: impulses have more."""
+the first geom to the second, force [N] and torque about the position [N m] on the second. World
+axes. Single precision: impulses have more."""
 HELD = np.dtype(
     [
         ("row", np.int32),
