@@ -23,7 +23,7 @@ Int64 = NDArray[np.int64]
 FREE, BALL, SLIDE, HINGE = range(4)
 """Types of joints, as MuJoCo numbers them."""
 DOFS, COORDINATES = (6, 3, 1, 1), (7, 4, 1, 1)
-"""Of each type: degrees of freedom, and numbers in `qpos`."""
+"""Degrees of freedom of each type, and its numbers in `qpos`."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ class _Kind:
     bodies: Int64
     """The bodies of each copy, parents first, shape (c, b)."""
     parents: tuple[int, ...]
-    """By body, the place of its parent in the tree; -1 for the first, whose parent stands."""
+    """The place of each body's parent in the tree; -1 for the first, whose parent stands."""
     joints: tuple[tuple[_Joint, ...], ...]
-    """By body."""
+    """The joints of each body."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class _DofMotion:
 
     spin: Float64
     velocity: Float64
-    """At the tree's first body, shape (n, c, 3) each."""
+    """What it does at the tree's first body, shape (n, c, 3) each."""
     dofs: Int64
     body: int
     """The place of its body in the tree."""
@@ -69,10 +69,10 @@ class _Placed:
     kind: _Kind
     positions: list[Float64]
     quaternions: list[Float64]
-    """By body, shapes (n, c, 3) and (n, c, 4)."""
+    """The poses of each body, shapes (n, c, 3) and (n, c, 4)."""
     motions: list[_DofMotion]
     arms: list[Float64]
-    """By body, from the first body to its centre of mass [m], shape (n, c, 3)."""
+    """The way from the first body to each centre of mass [m], shape (n, c, 3)."""
 
 
 class MujocoTrees:

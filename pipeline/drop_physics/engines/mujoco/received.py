@@ -36,7 +36,7 @@ class MujocoModel:
     arrays: dict[str, NDArray[Any]]
     """What an analysis reads, by MuJoCo's names; options as `opt.timestep`."""
     held: dict[int, NDArray[Any]] = field(default_factory=dict)
-    """By field, what it holds now, where that was edited."""
+    """What its edited fields hold now, by number of the field."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Written:
     time_s: float
     """The time of the state afterwards [s]."""
     parts: dict[str, tuple[NDArray[np.uint32] | None, NDArray[Any]]]
-    """By name, which elements (None: all of them) got which values."""
+    """Which elements (None: all of them) got which values, by name of the part."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Edited:
     world: int
     model: int
     name: str
-    """As the script writes it."""
+    """The field, as a script writes it: `geom_friction`, `opt.timestep`."""
     indices: NDArray[np.uint32]
     """Into the flat array."""
     old: NDArray[Any]
@@ -98,13 +98,13 @@ class StepPiece:
     times_s: Float64
     """Time after each step, shape (n,)."""
     functions: NDArray[np.uint8]
-    """By which function of `frames.STEPS`, shape (n,)."""
+    """The function that made each, into `frames.STEPS`, shape (n,)."""
     stale: NDArray[np.uint8]
     """0, or `frames.STALE` or `UNPOSED`: data were of another state, shape (n,)."""
     sites: NDArray[np.int32]
     """Where each was called, shape (n,)."""
     parts: dict[str, Float64]
-    """By name of `frames.CORE`, the state after each step, shape (n, width)."""
+    """The state after each step, by name of `frames.CORE`, shape (n, width)."""
     written: list[Written]
     edited: list[Edited]
     warnings: list[tuple[int, int, int, int]]
@@ -184,7 +184,7 @@ class Received:
         self.viewer = False
         """Whether the script opened a passive viewer."""
         self.posed_without_steps: dict[int, int] = {}
-        """By simulation, how often positions were changed for `mj_forward` before its first step:
+        """How often positions were changed for `mj_forward` before the first step, by simulation:
         a script that integrates by itself makes no step that is seen."""
         self._constants: dict[str, dict[str, NDArray[Any]]] = {}
         self._worlds: dict[int, _World] = {}

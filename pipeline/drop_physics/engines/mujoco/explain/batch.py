@@ -30,7 +30,7 @@ class ExplainedBatch(NamedTuple):
     """Those whose forces do not follow from their impulses: they drive no single joint."""
 
 
-class StepBatch:
+class WaitingSteps:
     """Gathers steps that one integrator has taken.
 
     Parameters

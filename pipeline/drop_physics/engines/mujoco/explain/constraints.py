@@ -17,7 +17,7 @@ FRICTIONLESS, PYRAMIDAL, ELLIPTIC = 5, 6, 7
 KINDS = ("equality", "friction loss", "tendon friction", "limit", "tendon limit")
 PUSH, FRICTION = "push", "friction"
 MOST_FORCES = 6
-"""Of a contact: normal, two tangents, torsion, two of rolling."""
+"""A contact has a normal force, two along tangents, torsion, and two of rolling."""
 
 POINT = np.dtype(
     [
@@ -45,7 +45,7 @@ HELD = np.dtype(
 """A row of an equality or a tendon's limit: evaluation, type, number of what is constrained; how
 far it is from being met; its force."""
 TOLD = (EQUALITY, LIMIT_TENDON)
-"""Of others, joints say how far they are, and impulses what they do."""
+"""The types whose rows are kept: joints tell how far others are, impulses what they do."""
 
 
 class PairTable:
@@ -54,7 +54,7 @@ class PairTable:
     def __init__(self) -> None:
         self._known: dict[bytes, int] = {}
         self.made: list[list[float]] = []
-        """Of each the first geom, the second, and five coefficients of friction."""
+        """The first geom, the second, and five coefficients of friction of each."""
         self.told = 0
         """How many of them were sent."""
 

@@ -25,9 +25,9 @@ EULER, RK4, IMPLICIT, IMPLICITFAST = 0, 1, 2, 3
 INTEGRATOR, SOLVER = "integrator", "solver"
 STAGES = 4
 WEIGHTS = (1 / 6, 1 / 3, 1 / 3, 1 / 6)
-"""Of the stages of RK4."""
+"""The weights of RK4's stages."""
 GYROSCOPIC_SINCE = (3, 11)
-"""From this version on implicitfast has the slope of the bias of bodies that move freely."""
+"""The first version whose implicitfast has the slope of the bias of bodies that move freely."""
 
 
 def left_by_solver(layout: Layout, held: dict[str, Any]) -> Any:

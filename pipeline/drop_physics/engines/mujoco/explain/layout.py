@@ -81,7 +81,7 @@ class Layout:
         self.body, self.root = bodies, np.array(m.body_rootid)[bodies]
         self.joint = np.array(m.dof_jntid)
         self.moving = [self._chain(m, body) for body in range(m.nbody)]
-        """By body, the degrees of freedom that move it."""
+        """The degrees of freedom that move each body."""
         self.trees = [np.flatnonzero(m.dof_treeid == tree) for tree in range(m.ntree)]
         free = np.flatnonzero(m.jnt_type == FREE)
         alone = [

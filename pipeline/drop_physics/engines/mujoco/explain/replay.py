@@ -18,7 +18,7 @@ import numpy as np
 
 from .. import frames, memory
 from ..frames import CALLBACKS, CAUSES, FLAGS, STALE, STEPS, UNPOSED
-from .batch import StepBatch
+from .batch import WaitingSteps
 from .constraints import PairTable
 from .flags import IPC, NO_ACTUATION, NO_RESET, SLEEP
 from .integrators import EULER, IMPLICIT, IMPLICITFAST, RK4
@@ -31,7 +31,7 @@ CLOSES = 1e-11
 TESTED = ((3, 3), (4, 0))
 """The first and last version whose steps have a sum."""
 MIDPOINT = ((3, 7), (3, 10))
-"""In these, implicit integrators turn bodies that move freely by a rule of their own."""
+"""The versions whose implicit integrators turn bodies that move freely by a rule of their own."""
 INSTABLE = tuple(
     int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC")
 )
@@ -73,7 +73,7 @@ class ReplayedModel:
         self.sleeps = bool(m.opt.enableflags & SLEEP)
         integrators = [self._integrator(which) for which in range(len(STEPS))]
         self.integrators = [(each, self._uncovered(each)) for each in integrators]
-        """By function, the integrator that it uses, and why its steps have no sum."""
+        """The integrator that each function uses, and why its steps have no sum."""
 
     def edit(self, number: int, indices: Any, values: Any) -> None:
         """Change elements of a field."""
@@ -139,7 +139,7 @@ class ReplayedData:
         self.answers: list[tuple[int, Any]] = []
         """What callbacks do within the next step."""
         self.statuses: list[tuple[int, int]] = []
-        """Of steps since the last result: status and reason."""
+        """Status and reason of the steps since the last result."""
         self.first = 0
         """The first of these."""
         self.use(model)
@@ -161,7 +161,7 @@ class ReplayedData:
             self.load(self.d, before)
         self.qpos, self.qvel = self.d.qpos, self.d.qvel
         self.warned = memory.warnings_of(self.d)
-        self.batch: StepBatch | None = None
+        self.batch: WaitingSteps | None = None
         self.is_applied = bool(self.d.qfrc_applied.any())
         self.is_pushed = bool(self.d.xfrc_applied.any())
 
@@ -388,16 +388,16 @@ class Replay:
         if len(state.statuses) >= SPARE:
             yield from self._finish(state)
 
-    def _batch(self, state: ReplayedData, integrator: int) -> StepBatch:
+    def _batch(self, state: ReplayedData, integrator: int) -> WaitingSteps:
         model, d = state.model, state.d
         if integrator == RK4:
             state.other = d = state.other or mujoco.MjData(model.m)
-        return StepBatch(model.m, d, model.layout, model.terms, model.pairs, integrator, VERSION)
+        return WaitingSteps(model.m, d, model.layout, model.terms, model.pairs, integrator, VERSION)
 
     def _evaluate(
         self,
         state: ReplayedData,
-        batch: StepBatch,
+        batch: WaitingSteps,
         before: tuple[float, bytes, bytes],
         stages: list[bytes],
     ) -> None:

@@ -141,7 +141,7 @@ class _Flat(NamedTuple):
     """Groups with their terms."""
 
     numbers: Any
-    """Of the term of each group, shape (g,)."""
+    """The number of the term of each group, shape (g,)."""
     rows: Any
     group: Any
     """The group of each value."""

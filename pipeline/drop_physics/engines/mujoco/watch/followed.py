@@ -324,7 +324,7 @@ class WatchedData:
 
 
 PLAIN = 1 << 18
-"""Shorter cores go straight into the block, a quarter of which they take at most."""
+"""Cores up to this size go straight into the block, a quarter of which they take at most."""
 _POSING = ("qpos", "qvel", "act", "mocap_pos", "mocap_quat", "eq_active")
 """What positions, velocities and constraints are computed from."""
 _PASSIVE = 1

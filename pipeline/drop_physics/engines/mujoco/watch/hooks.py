@@ -34,7 +34,7 @@ RESETS = (
 PARTLY = ("mj_setState", "mj_copyState", "mj_setConst")
 """Those of them that leave parts of a state as the script has written them."""
 WHICH = {"mj_copyData": (1, 0), "mj_copyState": (0, 2)}
-"""Which of their arguments are the model, and the state that is changed: (0, 1) of all others."""
+"""The places of the model, and of the state that is changed, in their arguments; else (0, 1)."""
 POSES = ("mj_forward", "mj_step1", "mj_inverse", "mj_fwdPosition")
 """Functions after which data belong to the state as it is."""
 COMPLETE = ("mj_forward", "mj_step1")
@@ -42,9 +42,9 @@ COMPLETE = ("mj_forward", "mj_step1")
 MOST_WARNINGS = 100
 """Different texts of warnings that are sent."""
 WARNS_TO_STDERR = (3, 9)
-"""From this version on, MuJoCo prints warnings there."""
+"""The first version that prints warnings there."""
 PACKAGES = ("site-packages", "dist-packages")
-"""In the path of a library's module."""
+"""Folders that only the paths of installed libraries have."""
 
 
 class MujocoWatch:
@@ -79,7 +79,7 @@ class MujocoWatch:
         """States by their object's `id`, which is used again: compare `ref`."""
         self.models: dict[int, WatchedModel] = {}
         self.digests: set[str] = set()
-        """Of models whose binary form was sent."""
+        """The digests of models whose binary form was sent."""
         self.callbacks: dict[str, Any] = {}
         """The script's own, by name."""
         self.stepping: dict[int, WatchedData] = {}
