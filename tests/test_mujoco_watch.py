@@ -596,3 +596,41 @@ for k in range(5):
     assert "tex_data" not in models[0].arrays
     pieces = run.explained()
     assert all(statuses(pieces, world) == [(EXPLAINED, "")] for world in range(5))
+
+
+def test_what_cannot_be_read_is_said_once_and_the_script_goes_on(tmp_path: Path) -> None:
+    """States are looked at in memory: where that is not as it should be, nothing is followed."""
+    text = (
+        SCENE
+        + """
+import sys
+for name, module in list(sys.modules.items()):
+    if name.endswith("mujoco.memory"):
+        module.ALIGNED = -1  # no two arrays lie so close
+for k in range(5):
+    mujoco.mj_step(m, d)
+    look()
+tell()
+"""
+    )
+    alone, run = bare(tmp_path / "bare", text), watched(tmp_path / "watched", text)
+    assert (run.printed, run.ending.how) == (alone.stdout, "finished")
+    assert run.received.steps == 0
+    (fault,) = run.received.faults
+    assert "does not lie behind" in fault
+
+
+def test_states_that_a_script_has_let_go_of_are_forgotten(tmp_path: Path) -> None:
+    text = (
+        SCENE
+        + """
+import gc
+for k in range(200):
+    mujoco.mj_step(m, mujoco.MjData(m))
+(watch,) = [x for x in gc.get_objects() if type(x).__name__ == "MujocoWatch"]
+print(len(watch.data) < 70)
+"""
+    )
+    run = watched(tmp_path, text)
+    assert run.printed == "True\n"
+    assert len({piece.world for piece in run.pieces}) == 200

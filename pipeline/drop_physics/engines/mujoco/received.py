@@ -66,7 +66,7 @@ class Written:
     time_s: float
     """The time of the state afterwards [s]."""
     parts: dict[str, tuple[NDArray[np.uint32] | None, NDArray[Any]]]
-    """Which elements (None: all of them) got which values, by name of the part."""
+    """The elements (None: all of them) that were written, and their values, by name of the part."""
 
 
 @dataclass(frozen=True)

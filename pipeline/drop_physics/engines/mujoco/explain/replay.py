@@ -237,6 +237,10 @@ class Replay:
 
     # -- notes ------------------------------------------------------------------------------------
 
+    def _on_mujoco(self, version: str, **_: Any) -> None:
+        if version != mujoco.__version__:
+            raise SystemExit(f"the script ran with mujoco {version}, this is {mujoco.__version__}")
+
     def _on_model(self, number: int, digest: str, fields: list[Any], **_: Any) -> None:
         self._binaries.setdefault(digest, bytearray())
         self._waiting[number] = {"digest": digest, "names": [name for name, *_ in fields]}

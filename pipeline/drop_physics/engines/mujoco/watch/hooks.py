@@ -39,6 +39,8 @@ POSES = ("mj_forward", "mj_step1", "mj_inverse", "mj_fwdPosition")
 """Functions after which data belong to the state as it is."""
 COMPLETE = ("mj_forward", "mj_step1")
 """Those of them that compute all that `mj_step2` and the integrators take."""
+MANY = 64
+"""With so many more states, those that the script has let go of are forgotten."""
 MOST_WARNINGS = 100
 """Different texts of warnings that are sent."""
 WARNS_TO_STDERR = (3, 9)
@@ -93,6 +95,7 @@ class MujocoWatch:
         """Whether a code belongs to a library, by its `id`."""
         self._models = self._worlds = 0
         """How many of them were sent."""
+        self._faults: set[tuple[int | None, str]] = set()
         self._warning: Any = None
         """The script's own handler of warnings."""
         self._warnings: dict[str, int] = {}
@@ -218,6 +221,8 @@ class MujocoWatch:
             self._models += 1
         state = self.data.get(id(d))
         if state is None or state.ref() is not d:
+            if len(self.data) % MANY == MANY - 1:
+                self._forget()
             state = self.data[id(d)] = WatchedData(self, model, d, self._worlds, site)
             self._worlds += 1
         elif state.model is not model:
@@ -243,10 +248,12 @@ class MujocoWatch:
 
     def lose(self, state: WatchedData | None, error: Exception) -> None:
         """Follow a state no longer."""
-        number = None if state is None else state.number
-        self.send(note_bytes("fault", world=number, error=f"{type(error).__name__}: {error}"))
+        number, text = None if state is None else state.number, f"{type(error).__name__}: {error}"
         if state is not None:
             state.lost = True
+        if (number, text) not in self._faults:
+            self._faults.add((number, text))
+            self.send(note_bytes("fault", world=number, error=text))
 
     # -- callbacks --------------------------------------------------------------------------------
 
