@@ -24,6 +24,7 @@ SCRIPTS = (
     "egl",
     "sweep",
     "watching",
+    "mujoco",
     "tree",
     "growth",
     "trust",

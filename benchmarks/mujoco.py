@@ -1,0 +1,217 @@
+"""Cost of watching a MuJoCo script, and of explaining its steps, without what recording costs.
+
+The script measures the processor time of its own thread, bare and watched, and prints its last
+state: both must be the same. The explanation measures that of its process, less that of a short one.
+"""
+
+from __future__ import annotations
+
+import resource
+import statistics
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from drop_physics.engines.mujoco.explained import explained
+from drop_physics.engines.mujoco.received import Received
+from drop_physics.engines.pybullet.script import Program, Script
+
+from benchmarks.harness import Measured
+
+SCRIPT = """
+import hashlib, sys, time
+import mujoco, numpy as np
+m = mujoco.MjModel.from_xml_string('''{model}''')
+d = mujoco.MjData(m)
+commands = np.random.default_rng(0).uniform(-0.5, 0.5, (64, m.nu))
+def run(n):
+    for i in range(n):
+        if m.nu: d.ctrl[:] = commands[i & 63]
+        mujoco.mj_step(m, d)
+run({warm})
+began = time.thread_time()
+run({steps})
+took = time.thread_time() - began
+print(hashlib.sha256(d.qpos.tobytes() + d.qvel.tobytes()).hexdigest(), took / {steps} * 1e6)
+"""
+PLANE = '<geom type="plane" size="20 20 1"/>'
+LIMB = '<geom type="capsule" size="0.04" fromto="0 0 0 {}" density="900"/>'
+
+
+def world(inside: str, joints: list[str]) -> str:
+    """Return a model of bodies, each of whose named joints a position actuator drives."""
+    driven = "".join(f'<position joint="{name}" kp="40" kv="2"/>' for name in joints)
+    return f"<mujoco><worldbody>{PLANE}{inside}</worldbody><actuator>{driven}</actuator></mujoco>"
+
+
+def box(x: float = 0.0, y: float = 0.0) -> str:
+    """Return a box that is about to rest."""
+    return f'<body pos="{x} {y} 0.101"><freejoint/><geom type="box" size="0.1 0.1 0.1"/></body>'
+
+
+def arm() -> tuple[str, list[str]]:
+    """Return an arm of seven joints, and their names."""
+    names, text = [f"j{k}" for k in range(7)], ""
+    for name in reversed(names):
+        axis = "0 0 1" if int(name[1]) % 2 == 0 else "0 1 0"
+        text = (
+            f'<body pos="0 0 0.2"><joint name="{name}" axis="{axis}" damping="0.5"/>'
+            f"{LIMB.format('0 0 0.2')}{text}</body>"
+        )
+    return text, names
+
+
+def humanoid() -> tuple[str, list[str]]:
+    """Return a body with two legs, two arms and a back, 27 degrees of freedom, and its hinges."""
+    names: list[str] = []
+
+    def hinges(*axes: str) -> str:
+        made = []
+        for axis in axes:
+            names.append(f"h{len(names)}")
+            made.append(f'<joint name="{names[-1]}" axis="{axis}" damping="1" armature="0.01"/>')
+        return "".join(made)
+
+    foot = '<geom type="box" size="0.1 0.04 0.02" pos="0.04 0 -0.02"/>'
+    legs = "".join(
+        f'<body pos="0 {y} 0">{hinges("1 0 0", "0 1 0", "0 0 1")}{LIMB.format("0 0 -0.35")}'
+        f'<body pos="0 0 -0.4">{hinges("0 1 0")}{LIMB.format("0 0 -0.35")}'
+        f'<body pos="0 0 -0.4">{hinges("0 1 0", "1 0 0")}{foot}</body></body></body>'
+        for y in (-0.12, 0.12)
+    )
+    arms = "".join(
+        f'<body pos="0 {y} 0.4">{hinges("1 0 0", "0 1 0")}{LIMB.format(f"0 {y} -0.2")}'
+        f'<body pos="0 {y} -0.25">{hinges("0 1 0")}{LIMB.format("0.25 0 0")}</body></body>'
+        for y in (-0.2, 0.2)
+    )
+    back = f'<body pos="0 0 0.1">{hinges("1 0 0", "0 1 0", "0 0 1")}{LIMB.format("0 0 0.35")}'
+    trunk = f'<geom type="capsule" size="0.08" fromto="0 -0.08 0 0 0.08 0"/>{legs}{back}{arms}'
+    return f'<body pos="0 0 0.9"><freejoint/>{trunk}</body></body>', names
+
+
+@dataclass(frozen=True)
+class MujocoScene:
+    """A model, and how much longer its steps may take."""
+
+    model: str
+    steps: int
+    goal: float
+    """Times the bare step; for one box µs more."""
+    explained_us: float
+    """How long explaining a step may take [µs]."""
+
+
+SCENES = {
+    "one box": MujocoScene(world(box(), []), 20_000, 7, 40),
+    "an arm of 7 joints": MujocoScene(world(*arm()), 10_000, 2.0, 40),
+    "a humanoid": MujocoScene(world(*humanoid()), 5_000, 1.4, 100),
+    "100 boxes at rest": MujocoScene(
+        world("".join(box(k % 10 * 0.3, k // 10 * 0.3) for k in range(100)), []), 500, 1.15, 3000
+    ),
+}
+MOST_BYTES = 3.0
+"""What is kept of a step, in shares of what its state takes."""
+
+
+def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
+    """Compare steps within a process, and explain them."""
+    pairs, share = (3, 10) if quick else (5, 1)
+    for name, scene in SCENES.items():
+        steps = scene.steps // share
+        path = folder / "scene.py"
+        path.write_text(SCRIPT.format(model=scene.model, warm=steps // 10, steps=steps))
+        runs = [(_watched(path), _bare(path)) for _ in range(pairs)]
+        assert all(ours.state == theirs.state for ours, theirs in runs), name
+        ours = statistics.median(each.step_us for each, _ in runs)
+        theirs = statistics.median(each.step_us for _, each in runs)
+        detail = f"{ours:.3g} over {theirs:.3g} µs, {runs[0][0].bytes:.0f} bytes a step"
+        if name == "one box":
+            values = [mine.step_us - other.step_us for mine, other in runs]
+            unit, what = "µs", "more per step"
+        else:
+            values = [mine.step_us / other.step_us for mine, other in runs]
+            unit, what = "×", "per step"
+        yield Measured(
+            f"watching {name} in MuJoCo: {what}",
+            "the bare script",
+            values,
+            scene.goal,
+            unit=unit,
+            detail=detail,
+        )
+        spool = path.with_name("spool")
+        path.write_text(SCRIPT.format(model=scene.model, warm=0, steps=1))
+        _watched(path, folder / "short")
+        took = [_explained(spool) - _explained(folder / "short") for _ in range(pairs)]
+        made = steps + steps // 10
+        yield Measured(
+            f"explaining {name} in MuJoCo, per step",
+            "a script of one step",
+            [each / made * 1e6 for each in took],
+            scene.explained_us,
+            unit="µs",
+        )
+        kept = _bytes(spool) / made
+        yield Measured(
+            f"bytes of {name} in MuJoCo, explained",
+            "its states",
+            [1 + kept / runs[0][0].bytes],
+            MOST_BYTES,
+            detail=f"{kept:.0f} more than {runs[0][0].bytes:.0f} bytes a step",
+        )
+
+
+@dataclass(frozen=True)
+class Stepped:
+    """A run of a script."""
+
+    state: str
+    step_us: float
+    bytes: float = 0.0
+    """What was sent for a step."""
+
+
+def _bare(path: Path) -> Stepped:
+    done = subprocess.run([sys.executable, path], capture_output=True, text=True, check=True)
+    state, took = done.stdout.split()
+    return Stepped(state, float(took))
+
+
+def _watched(path: Path, spool: Path | None = None) -> Stepped:
+    printed, sent = path.with_name("printed.txt"), 0
+    with printed.open("wb") as stdout, (spool or path.with_name("spool")).open("wb") as spooled:
+        received = Received(spooled)
+
+        def take(payload: bytes) -> None:
+            nonlocal sent
+            sent += len(payload) * (payload[:1] in b"SW")
+            for _ in received.take(payload):
+                pass
+
+        program = Program(str(path), (), sys.executable)
+        with Script(program, stdout=stdout.fileno()) as script:
+            script.decoder.mujoco = take
+            for _ in script.events():
+                pass
+    state, took = printed.read_text().split()
+    return Stepped(state, float(took), sent / received.steps)
+
+
+def _explained(spool: Path) -> float:
+    """Return the processor time of an explanation [s]."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    for piece in explained(spool, sys.executable):
+        assert not piece.status.any(), "a step is not explained"
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def _bytes(spool: Path) -> int:
+    """Return the bytes of an explanation's arrays."""
+    total = 0
+    for piece in explained(spool, sys.executable):
+        points = len(piece.touches) * (4 + 4 * 10) + len(piece.held) * 20
+        total += piece.values.nbytes + points + piece.actuator_force.nbytes + 18 * len(piece.status)
+    return total
