@@ -15,6 +15,7 @@ from pathlib import Path
 import drop_physics
 import pytest
 from conftest import Drop
+from drawn import is_within
 from drop_physics import Analysis, analyze
 from drop_physics.console import output
 from drop_physics.errors import RecordingError
@@ -304,6 +305,7 @@ def test_help_loads_neither_rich_nor_a_translation() -> None:
 def texts(analysis: Analysis) -> set[str]:
     with style.themed(LIGHT):
         figure = build_figure(plot_of(analysis), LIGHT)
+        assert is_within(figure)
     return {text.get_text() for text in figure.findobj(Text)} - {""}
 
 

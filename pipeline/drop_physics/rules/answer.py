@@ -100,7 +100,7 @@ class Finding:
     steps: Span | None = None
     """The steps that it covers."""
     site: str | None = None
-    """File and line of the call that caused it."""
+    """File and line of the call that caused it; of a notebook, cell and line."""
 
     @property
     def said(self) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +14,7 @@ from drop_physics.trace.events import Pose
 
 UInt8 = NDArray[np.uint8]
 Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
 
 LEAST_NEARNESS = 1e-6
 """Least nearness of what is drawn in squares [1/m]."""
@@ -22,7 +25,7 @@ SHADE = 0.72
 SUN = (0.1, -0.24, 1.0)
 """Where the light that casts shadows comes from: nearly from above, so that they are near to what
 casts them, and seen beside what lies on the floor."""
-TEXELS, AWAY = 480, 40.0
+TEXELS, AWAY = 384, 40.0
 """Side of the picture from where the light is [px], and how far away that is, in its half sides."""
 
 
@@ -72,9 +75,8 @@ def checkerboard(
     sees_m = pixel_m / at_m[2] * distance_m**2
     kind = np.where(sees_m > side_m / 3, 2, (across + along) & 1)
     faded = np.clip(np.rint(-z * (FADES / FADED)), 0, FADES).astype(np.int32)
-    points_m = (axes[:, :2] @ (across_m.ravel(), along_m.ravel())).T + place[0]
-    dark = _shadowed(client, camera, points_m).reshape(kind.shape)
-    return _palette(colours)[dark.astype(np.int32), faded, kind], nearness
+    dark = _shadowed(client, camera, (*axes.T[:2], np.array(place[0])), (across_m, along_m))
+    return _palette(colours)[dark, faded, kind], nearness
 
 
 def _palette(colours: UInt8) -> UInt8:
@@ -85,8 +87,13 @@ def _palette(colours: UInt8) -> UInt8:
     return np.array(lit).astype(np.uint8)
 
 
-def _shadowed(client: int, camera: Camera, points_m: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which points are in the shadow of a body near what a camera looks at, shape (n,)."""
+def _shadowed(
+    client: int, camera: Camera, plane: Sequence[Float64], on_plane_m: Sequence[Float32]
+) -> NDArray[np.int8]:
+    """Return where a plane is in the shadow of a body near what a camera looks at: 1, else 0.
+
+    `plane` has its x and y axes and its origin, shape (3,) each; `on_plane_m` the points' x and y.
+    """
     reach_m = camera.distance_m
     sun_m = np.array(camera.target_m) + AWAY * reach_m * np.array(SUN) / np.linalg.norm(SUN)
     view = p.computeViewMatrix(sun_m.tolist(), camera.target_m, (0.0, 1.0, 0.0))
@@ -97,12 +104,17 @@ def _shadowed(client: int, camera: Camera, points_m: NDArray[np.float64]) -> NDA
         TEXELS, TEXELS, view, lens, renderer=p.ER_TINY_RENDERER, physicsClientId=client
     )
     # A border, which is lit, stands for all that is beside the picture.
-    casts = np.pad(np.reshape(bodies, (TEXELS, TEXELS)) >= 0, 1)
+    casts = np.pad(np.reshape(bodies, (TEXELS, TEXELS)) >= 0, 1).astype(np.int8)
     sees = np.array(view).reshape(4, 4)
-    right, up, back = (points_m @ sees[:3, :3] + sees[3, :3]).T
+    # What the sun sees right, up and behind of it is linear in the place on the plane.
+    per_x, per_y, start = np.array(plane, np.float64) @ sees[:3, :3]
+    right, up, back = (
+        np.float32(of_x) * on_plane_m[0] + np.float32(of_y) * on_plane_m[1] + np.float32(at)
+        for of_x, of_y, at in zip(per_x, per_y, start + sees[3, :3], strict=True)
+    )
     column, row = (
         np.clip(TEXELS / 2 * (1 - AWAY * each / back) + 1, 0, TEXELS + 1).astype(np.int32)
         for each in (right, -up)
     )
-    shadowed: NDArray[np.bool_] = casts[row, column]
-    return shadowed
+    shadow: NDArray[np.int8] = casts[row, column]
+    return shadow
