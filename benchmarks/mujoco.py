@@ -1,7 +1,8 @@
 """Cost of watching a MuJoCo script, and of explaining its steps, without what recording costs.
 
 The script measures the processor time of its own thread, bare and watched, and prints its last
-state: both must be the same. The explanation measures that of its process, less that of a short one.
+state: both must be the same. The explanation measures that of its process, less that of a short
+one.
 """
 
 from __future__ import annotations
