@@ -172,7 +172,7 @@ class DefaultMotor(Answer):
             code="default-motor",
             level="note" if not torque and number in self._asked else "asked",
             message=Message(template, **values),
-            advice=Message("turn it off: p.setJointMotorControl2(…, p.VELOCITY_CONTROL, force=0)"),
+            advice=self._off(number, held.name),
             body=self.scene.body(number).label,
             joint=held.name,
             effect=Effect(held.most, held.unit),
@@ -180,3 +180,13 @@ class DefaultMotor(Answer):
             steps=held.noted.span,
             site=held.torque,
         )
+
+    def _off(self, number: int, name: str) -> Message:
+        """Return the call that turns the motor of a joint off; a ball joint takes another."""
+        kinds = {joint.name: joint.kind for joint in self.scene.body(number).joints}
+        if kinds.get(name) == "spherical":
+            return Message(
+                "turn it off: p.setJointMotorControlMultiDof(…, p.POSITION_CONTROL, "
+                "targetPosition=[0, 0, 0, 1], force=[0, 0, 0])"
+            )
+        return Message("turn it off: p.setJointMotorControl2(…, p.VELOCITY_CONTROL, force=0)")
