@@ -127,10 +127,10 @@ def constrained(
         return Constrained(None, np.empty(0, POINT), np.empty(0, HELD))
     row_of = np.repeat(np.arange(len(nefc)), nefc)
     base = np.cumsum(nefc) - nefc
-    types = copies.joined("efc_type", np.int32)
-    ids = copies.joined("efc_id", np.int32)
-    forces = copies.joined("efc_force", np.float64)
-    position = copies.joined("efc_pos", np.float64)
+    types = copies.columns("efc_type", np.int32)
+    ids = copies.columns("efc_id", np.int32)
+    forces = copies.columns("efc_force", np.float64)
+    position = copies.columns("efc_pos", np.float64)
     others = np.flatnonzero(types < FRICTIONLESS)
     named = np.where(types == FRICTION_DOF, joint_of[np.minimum(ids, len(joint_of) - 1)], ids)
     told = np.flatnonzero(np.isin(types, TOLD))
@@ -189,7 +189,7 @@ def _points(
     none = _OfContacts(empty, np.empty(0), np.empty(0), empty, empty)
     if not ncon.any():
         return np.empty(0, POINT), none
-    raw = copies.joined("contact", copies.contacts.dtype)
+    raw = copies.columns("contact", copies.contacts.dtype)
     row_of = np.repeat(np.arange(len(ncon)), ncon)
     acting = np.flatnonzero(raw["efc_address"] >= 0)
     raw, row_of = raw[acting], row_of[acting]
@@ -229,7 +229,7 @@ def _dense_sums(copies: Any, nv: int, rows: Any, weights: Any, begins: Any) -> t
     """Return the sums of groups of rows of a full Jacobian: dofs, values, starts."""
     if not len(rows):
         return np.empty(0, int), np.empty(0), np.zeros(1, int)
-    jacobian = copies.joined("efc_J", np.float64).reshape(-1, nv)
+    jacobian = copies.columns("efc_J", np.float64).reshape(-1, nv)
     sums = np.add.reduceat(jacobian[rows] * weights[:, None], begins, axis=0)
     group, dofs = np.nonzero(sums)
     starts = np.searchsorted(group, np.arange(len(begins) + 1))
@@ -244,14 +244,14 @@ def _sparse_sums(
     The rows of a group have the same columns, with the same bodies; where one has not, its group
     is summed by column.
     """
-    jacobian = copies.joined("efc_J", np.float64)
-    columns = copies.joined("efc_J_colind", np.int32)
-    counts = copies.joined("efc_J_rownnz", np.int32).astype(np.int64)
+    jacobian = copies.columns("efc_J", np.float64)
+    columns = copies.columns("efc_J_colind", np.int32)
+    counts = copies.columns("efc_J_rownnz", np.int32).astype(np.int64)
     lengths = np.array([len(piece) // 8 for piece in copies.rows["efc_J"]])
     filled = np.zeros(len(base), np.int64)
     with_rows = np.flatnonzero(np.array(copies.nefc))
     filled[with_rows] = np.cumsum(lengths) - lengths
-    starts = copies.joined("efc_J_rowadr", np.int32) + filled[row_of]
+    starts = copies.columns("efc_J_rowadr", np.int32) + filled[row_of]
     width = counts[rows]
     total = int(width.sum())
     place = np.arange(total) - np.repeat(np.cumsum(width) - width, width)

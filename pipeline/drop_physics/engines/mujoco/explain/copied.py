@@ -182,6 +182,6 @@ class Copies:
                 found[name] = part.view(dtype)
         return found
 
-    def joined(self, name: str, dtype: Any) -> Any:
+    def columns(self, name: str, dtype: Any) -> Any:
         """Return one array of all evaluations, one behind the other."""
         return np.frombuffer(b"".join(self.rows[name]), dtype)
