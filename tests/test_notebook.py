@@ -42,7 +42,7 @@ def test_a_result_is_shown_once_with_its_plot(outputs: list[list[dict[str, Any]]
     assert html.count("ends 1.3 rad off") == 1
     assert html.count("<img") == 1
     assert max(map(len, text.splitlines())) <= 80
-    assert "off-target  In[1], line 15" in text
+    assert "In[1], line 15\n1  lbr_iiwa_joint_2" in text
     assert "font-family: var(--jp-code-font-family, monospace)" in html
     assert all(colour not in html for colour in ("#000000", "#ffffff", "#008000"))
 

@@ -839,7 +839,8 @@ def test_sampling_stops_when_the_interval_is_narrow_enough(tmp_path: Path) -> No
     assert high - low > width_m
     two = sweep(plan, tmp_path / "two", record=False, jobs=2, until_ci_m=width_m)
     assert two.table().equals(rows)
-    assert len(list((tmp_path / "two" / "parts").iterdir())) == swept.runs // plan.shard_runs
+    # Another worker may have finished more parts by then; the table leaves them out.
+    assert len(list((tmp_path / "two" / "parts").iterdir())) >= swept.runs // plan.shard_runs
     narrower = sweep(plan, tmp_path / "one", record=False, jobs=1, until_ci_m=width_m / 2)
     assert narrower.runs > swept.runs
     assert narrower.table().head(swept.runs).equals(rows)

@@ -198,6 +198,10 @@ def name_curves(
         )
 
 
+SMALLEST_FONT_PX = 2.0
+"""Smallest size of a text that is made to fit [pixels]."""
+
+
 def laid_out(figure: Figure) -> Figure:
     """Return a figure whose parts have their places, every text within it."""
     figure.draw_without_rendering()
@@ -208,7 +212,10 @@ def laid_out(figure: Figure) -> Figure:
     end = figure.bbox.x1 - 4
     for text in figure.findobj(Text):
         while (box := text.get_window_extent()).x0 < end < box.x1:
-            text.set_fontsize(0.95 * float(text.get_fontsize()))
+            smaller = 0.95 * float(text.get_fontsize())
+            if smaller * figure.dpi / 72 < SMALLEST_FONT_PX:
+                break  # no reader could tell, and fonts have no smaller size
+            text.set_fontsize(smaller)
     return figure
 
 
