@@ -120,9 +120,9 @@ def _earlier(
         if path.is_symlink() or not path.is_file():
             continue
         status, origin = path.stat(), origin_of(path)
-        if force or (origin is not None and is_of(origin, script, is_module=is_module)):
+        ours = origin is not None and is_of(origin, script, is_module=is_module)
+        if ours or (force and path.stem == stem):  # force is about the name without a number
             yield Earlier(path, status)
-        force = False  # which is about the name without a number
 
 
 def _has_step(path: Path) -> bool:
