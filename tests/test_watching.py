@@ -6,8 +6,11 @@ hold what the script itself reads from the engine, and the calls as they were wr
 
 from __future__ import annotations
 
+import gc
 import json
 import math
+import os
+import weakref
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +18,8 @@ import numpy as np
 import pytest
 import scripts
 from conftest import some
-from drop_physics.engines.pybullet.watch import pipe
+from drop_physics.engines.pybullet.channel import shared_block
+from drop_physics.engines.pybullet.watch import ending, pipe, start
 from drop_physics.engines.pybullet.watched import Decoder
 from drop_physics.trace.events import (
     Appearance,
@@ -549,6 +553,21 @@ go = False
 
 def joined_steps(events: list[Event]) -> list[int]:
     return [step for one in events if isinstance(one, Samples) for step in one.steps.tolist()]
+
+
+def test_a_watch_that_is_over_is_forgotten() -> None:
+    """Each holds a megabyte, and a run of tests may have a thousand blocks."""
+    with shared_block() as memory:
+        files = os.open(os.devnull, os.O_WRONLY), os.dup(memory.fileno())
+        how = {"steps": None, "duration_s": None, "keep_sleeping": False, "seed": None}
+        watch = start.watch(*files, **how)
+        ending.end(watch, "finished")
+        watch.remove()
+        watch.pipe.close()
+    kept = weakref.ref(watch)
+    del watch
+    gc.collect()
+    assert kept() is None
 
 
 # -- the stream -----------------------------------------------------------------------------------

@@ -9,10 +9,12 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable
+from functools import partial
 from os import getpid
 from threading import current_thread, get_ident
 from types import BuiltinFunctionType, ModuleType, SimpleNamespace
 from typing import Any
+from weakref import ref
 
 from .bodies import Body
 from .calls import Calls
@@ -142,7 +144,8 @@ class Watch:
         clock.passed = self._time_has_passed
         clock.timing = self._tell_timing
         if hasattr(os, "register_at_fork"):
-            os.register_at_fork(after_in_child=self._forked)
+            # What is registered is kept as long as the process lives.
+            os.register_at_fork(after_in_child=partial(_leave, ref(self)))
 
     # -- in place of pybullet's functions ---------------------------------------------------------
 
@@ -382,7 +385,10 @@ class Watch:
             self.worlds.clear()
             self.on = False
 
-    def _forked(self) -> None:
-        if self.on and getpid() != self._process:
-            self.remove()
-            self.pipe.leave()
+
+def _leave(kept: ref[Watch]) -> None:
+    """Watch no further, in a forked child: its parent is watched."""
+    watch = kept()
+    if watch is not None and watch.on and getpid() != watch._process:
+        watch.remove()
+        watch.pipe.leave()
