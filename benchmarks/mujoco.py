@@ -43,7 +43,7 @@ LIMB = '<geom type="capsule" size="0.04" fromto="0 0 0 {}" density="900"/>'
 
 def world(inside: str, joints: list[str]) -> str:
     """Return a model of bodies, each of whose named joints a position actuator drives."""
-    driven = "".join(f'<position joint="{name}" kp="40" kv="2"/>' for name in joints)
+    driven = "".join(f'<position joint="{name}" kp="40"/>' for name in joints)
     return f"<mujoco><worldbody>{PLANE}{inside}</worldbody><actuator>{driven}</actuator></mujoco>"
 
 
@@ -58,7 +58,7 @@ def arm() -> tuple[str, list[str]]:
     for name in reversed(names):
         axis = "0 0 1" if int(name[1]) % 2 == 0 else "0 1 0"
         text = (
-            f'<body pos="0 0 0.2"><joint name="{name}" axis="{axis}" damping="0.5"/>'
+            f'<body pos="0 0 0.2"><joint name="{name}" axis="{axis}" damping="5" armature="0.1"/>'
             f"{LIMB.format('0 0 0.2')}{text}</body>"
         )
     return text, names

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from drop_physics.engines.mujoco.explain.reasons import EXPLAINED, OTHER
+from drop_physics.engines.mujoco.explain.reasons import EXPLAINED, OTHER, REPLAYED
 from drop_physics.engines.mujoco.frames import STALE, STEPS, UNPOSED
 from mujoco_scripts import Run, bare, statuses, watched
 
@@ -347,6 +347,25 @@ tell()
     assert reset.step == 9
     assert reset.parts["ctrl"][1].tolist() == [0]
     assert len(run.received.warnings) == 1
+
+
+def test_every_reset_that_mujoco_makes_is_seen(tmp_path: Path) -> None:
+    """It clears its counters of warnings, which are the same after the second reset."""
+    run = watched(
+        tmp_path,
+        SCENE
+        + """
+for k in range(30):
+    if k in (8, 16, 17): d.qvel[0] = 1e12
+    mujoco.mj_step(m, d)
+""",
+    )
+    warnings = [each for piece in run.pieces for each in piece.warnings]
+    assert [(step, times) for step, _, times, _ in warnings] == [(8, 1), (16, 1), (17, 1)]
+    expected = [(EXPLAINED, "")] * 30
+    for step in (8, 16, 17):
+        expected[step] = (REPLAYED, "auto-reset")
+    assert statuses(run.explained()) == expected
 
 
 def test_a_scripts_own_handler_of_warnings_gets_them(tmp_path: Path) -> None:

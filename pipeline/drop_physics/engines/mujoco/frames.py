@@ -42,7 +42,7 @@ DONE_HEAD = Struct("<cBHIIi")
 CALLBACK_HEAD = Struct("<cBHII")
 """CALLBACK, 0, 0, simulation, number of calls; each is a byte (`CALLBACKS`), then what it did."""
 WARNED_HEAD = Struct("<cBHI")
-"""WARNED, 0, 0, simulation; pairs of int32 follow: last info, number."""
+"""WARNED, 1 if the step went back in time, 0, simulation; pairs of int32: last info, number."""
 PART_HEAD = Struct("<BBHI")
 """Number of the part (`PARTS`), 1 if indices follow, 0, how many elements."""
 

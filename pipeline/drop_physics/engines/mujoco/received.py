@@ -276,11 +276,11 @@ class Received:
         )
 
     def _on_warned(self, payload: bytes) -> None:
-        (*_, number) = frames.WARNED_HEAD.unpack_from(payload)
+        _, anew, _, number = frames.WARNED_HEAD.unpack_from(payload)
         pairs = np.frombuffer(payload, np.int32, offset=frames.WARNED_HEAD.size).reshape(-1, 2)
         world = self._worlds[number]
         for kind, (info, times) in enumerate(pairs.tolist()):
-            before = world.counts.get(kind, 0)
+            before = 0 if anew else world.counts.get(kind, 0)
             world.counts[kind] = times
             if times > before:
                 world.warnings.append((world.step - 1, kind, times - before, info))

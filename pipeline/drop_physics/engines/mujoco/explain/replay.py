@@ -352,6 +352,7 @@ class Replay:
         before = state.state() if flags or stepping else None
         spare = copy.copy(d) if flags & UNPOSED else None
         warned = state.warned.tobytes() if model.resets else b""
+        next_s = d.time + model.timestep
         self._now, self._calls = state, _by_callback(state.answers)
         stages: list[bytes] | None = [] if stepping else None
         self._stages = stages
@@ -371,7 +372,7 @@ class Replay:
                 if spare.time == time_s and _equal(reached, core):
                     reason = "stale"
             d.time, state.core.view[:] = time_s, core
-        elif warned and warned != state.warned and _has_reset(warned, state.warned):
+        elif warned and (time_s != next_s or _has_warned(warned, state.warned)):
             status, reason = REPLAYED, "auto-reset"
         elif model.sleeps and (d.tree_asleep >= 0).any():
             status, reason = REPLAYED, reason or "sleep"  # what falls asleep is stopped
@@ -546,8 +547,13 @@ def _equal(reached: memory.StateMemory, core: bytes) -> bool:
     return all(part.view.tobytes() == core[part.begin : part.end] for part in reached.parts)
 
 
-def _has_reset(before: bytes, now: memoryview) -> bool:
-    """Return whether a warning with which MuJoCo resets itself has become more frequent."""
+def _has_warned(before: bytes, now: memoryview) -> bool:
+    """Return whether a warning with which MuJoCo resets itself has become more frequent.
+
+    Where it has reset itself before, it has not, but the time has gone back.
+    """
+    if before == now:
+        return False
     was = np.frombuffer(before, np.int32).reshape(-1, 2)[:, 1]
     is_ = np.frombuffer(now, np.int32).reshape(-1, 2)[:, 1]
     return bool((is_[list(INSTABLE)] > was[list(INSTABLE)]).any())

@@ -259,7 +259,7 @@ class WatchedData:
             self._tell_answers()
             self.user.saved[:] = self.user.view
             reset = False
-        dt = time - self.time
+        dt, before = time - self.time, self.time
         if dt > 0.0:
             self.elapsed_s += dt
         self.time = time
@@ -288,9 +288,10 @@ class WatchedData:
         self._posed = None
         if reset:
             self.tell_written(d, site, RESET)
-        if self._warnings != self.warned:
+        # MuJoCo clears the counters where it resets itself: then they may be what they were.
+        if self._warnings != self.warned or time <= before:
             self._warnings[:] = self.warned
-            head = WARNED_HEAD.pack(WARNED, 0, 0, self.number)
+            head = WARNED_HEAD.pack(WARNED, time <= before, 0, self.number)
             self.watch.send(head + bytes(self.warned))
 
     # -- what callbacks do within a step ----------------------------------------------------------
