@@ -53,15 +53,22 @@ def box(x: float = 0.0, y: float = 0.0) -> str:
 
 
 def arm() -> tuple[str, list[str]]:
-    """Return an arm of seven joints, and their names."""
-    names, text = [f"j{k}" for k in range(7)], ""
+    """Return an arm of seven joints that has a gripper and holds a box, and its joints."""
+    names = [f"j{k}" for k in range(7)]
+    fingers = "".join(
+        f'<body pos="0 {y} 0.25"><joint name="f{side}" type="slide" axis="0 {-side} 0" '
+        f'range="0 0.1" limited="true" damping="5" armature="0.1"/>'
+        f'<geom type="box" size="0.01 0.01 0.05"/></body>'
+        for side, y in ((-1, -0.08), (1, 0.08))
+    )
+    text = fingers
     for name in reversed(names):
         axis = "0 0 1" if int(name[1]) % 2 == 0 else "0 1 0"
         text = (
-            f'<body pos="0 0 0.2"><joint name="{name}" axis="{axis}" damping="5" armature="0.1"/>'
-            f"{LIMB.format('0 0 0.2')}{text}</body>"
+            f'<body pos="0 0 0.2"><joint name="{name}" axis="{axis}" damping="5" armature="0.1" '
+            f'frictionloss="0.1"/>{LIMB.format("0 0 0.2")}{text}</body>'
         )
-    return text, names
+    return text, [*names, "f-1", "f1"]
 
 
 def humanoid() -> tuple[str, list[str]]:
@@ -106,7 +113,7 @@ class MujocoScene:
 
 SCENES = {
     "one box": MujocoScene(world(box(), []), 20_000, 7, 40),
-    "an arm of 7 joints": MujocoScene(world(*arm()), 10_000, 2.0, 40),
+    "an arm with a gripper": MujocoScene(world(*arm()), 10_000, 2.0, 40),
     "a humanoid": MujocoScene(world(*humanoid()), 5_000, 1.4, 100),
     "100 boxes at rest": MujocoScene(
         world("".join(box(k % 10 * 0.3, k // 10 * 0.3) for k in range(100)), []), 500, 1.15, 3000
