@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from rich.markup import escape
 
 from drop_physics.console.findings_told import finding_lines
-from drop_physics.console.flights_told import contact_lines, flight_lines
+from drop_physics.console.flights_told import contact_lines, fall_lines, flight_lines
 from drop_physics.console.momentum_told import momentum_lines
 from drop_physics.console.output import columns_of, counted, cut, left, right, titled, wrapped
 from drop_physics.console.output import width as columns
@@ -51,7 +51,9 @@ def lines_of_bodies(analysis: Analysis, *, verbose: bool = False) -> list[str]:
         lines += momentum_lines(moving)
         lines += flight_lines(moving)
         lines += contact_lines(moving)
-    elif any(body.flights or body.contacts for body in moving):
+    else:
+        lines += fall_lines(moving)
+    if not (verbose or alone) and any(body.flights or body.contacts for body in moving):
         more = Message("flights, contacts and all else: --verbose, --body NAME, --at T, --json")
         lines += ["", *(f"[dim]{escape(line)}[/]" for line in wrapped(translated(more), columns()))]
     return lines

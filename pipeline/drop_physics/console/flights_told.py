@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -15,12 +16,59 @@ from drop_physics.messages import Message, localized, translated
 
 if TYPE_CHECKING:
     from drop_physics.analysis.results import BodyAnalysis, BodyFlight, Vector
+    from drop_physics.explain.decomposition import VectorTerms
 
 MOST_ROWS = 6
 """Flights and contacts that are listed; all are in the JSON."""
 LONGEST_NAME, LEAST_NAME, NUMBERS = 30, 10, 50
 """Characters of a name in a row, and columns of the numbers before it; where there is no room for
 the least of it, one of these is left out."""
+MOST_FALLS = 3
+"""Bodies whose first flight is broken down without --verbose."""
+LEAST_FALL_M = 1e-4
+"""Distance from free fall [m] of a first flight worth a line that nobody asked for."""
+
+
+def fall_lines(bodies: list[BodyAnalysis]) -> list[str]:
+    """Break down how far off free fall those bodies are that begin in the air."""
+    begun = [flight for body in bodies for flight in _begins_in_the_air(body)][:MOST_FALLS]
+    if not begun:
+        return []
+    lines = ["", *_heading(Message("Off free fall [mm]"))]
+    cells: list[tuple[str, str, dict[str, float]]] = []
+    for label, time_s, error_m, terms_m in begun:
+        parts = {**asdict(terms_m), "total": error_m}
+        cells += [
+            (f"{label} {axis}", f"{time_s:.4g} s", {name: m[row] for name, m in parts.items()})
+            for row, axis in enumerate("xyz")
+            if abs(error_m[row]) >= LEAST_FALL_M
+        ]
+    names, times, parts_m = zip(*cells, strict=True)
+    # Rounding moves no digit that is shown.
+    shown = [name for name in parts_m[0] if name != "rounding"]
+    rows: list[Column] = [
+        ("", [*map(_name, names)], False),
+        (Message("at"), times, True),
+        *((TERMS[name], [_mm(each[name]) for each in parts_m], True) for name in shown),
+    ]
+    return lines + table(rows)
+
+
+def _begins_in_the_air(body: BodyAnalysis) -> Iterator[tuple[str, float, Vector, VectorTerms]]:
+    """Yield where the first flight of a body is at 0.3 s, or at its end if that comes first."""
+    if not body.flights:
+        return
+    first = body.flights[0]
+    if body.contacts and body.contacts[0].first_step <= first.first_step:
+        return
+    moment = next((each for each in first.at if each.step > first.first_step), None)
+    time_s, error_m, terms_m = (
+        (moment.time_s, moment.error_m, moment.terms_m)
+        if moment
+        else (first.end_s, first.error_m, first.terms_m)
+    )
+    if terms_m is not None and max(map(abs, error_m)) >= LEAST_FALL_M:
+        yield body.label, time_s, error_m, terms_m
 
 
 def flight_lines(bodies: list[BodyAnalysis]) -> list[str]:
