@@ -13,6 +13,7 @@ import polars as pl
 import pytest
 from conftest import Recorder, some
 from drop_physics import Camera, Scenario, simulate
+from drop_physics.engine_report import LARGEST
 from drop_physics.engines.pybullet import probe
 from drop_physics.engines.pybullet.engine import p
 from drop_physics.engines.pybullet.jointed import JointStates
@@ -20,7 +21,6 @@ from drop_physics.engines.pybullet.world import World
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.recording.frames import frames
 from drop_physics.recording.reader import read
-from drop_physics.report import LARGEST
 from drop_physics.stages.sweep_shard import RunShard
 from drop_physics.sweeping.plan import plan_of
 from drop_physics.trace.states import BODY, FLOOR, Batch

@@ -34,11 +34,11 @@ from drop_physics.drop.results import (
     Terms,
 )
 from drop_physics.drop.statistics import Summary
+from drop_physics.engine_report import EngineReport
 from drop_physics.experiments import robustness, run_distance
 from drop_physics.explain.decomposition import VectorTerms
 from drop_physics.explain.joints import JointRow
 from drop_physics.explain.touches import Touch
-from drop_physics.report import EngineReport
 from drop_physics.rules import answer
 from drop_physics.scenario import Scenario
 from drop_physics.stages.check import Check

@@ -11,11 +11,11 @@ from pathlib import Path
 import polars as pl
 import pyarrow as pa
 from drop_physics import Camera, Scenario, analyze, simulate
+from drop_physics.engine_report import EngineReport
 from drop_physics.explain.decomposition import TERMS
 from drop_physics.fields import Option
 from drop_physics.recording import rrd, schema
 from drop_physics.recording.layer_file import layer_of
-from drop_physics.report import EngineReport
 from drop_physics.trace.tables import columns_of
 
 from generators.typed import run_python

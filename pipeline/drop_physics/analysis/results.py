@@ -9,13 +9,13 @@ from typing import Any, Literal, Self
 
 import polars as pl
 
+from drop_physics.engine_report import EngineReport
 from drop_physics.explain.curves import CurveTable
 from drop_physics.explain.decomposition import VectorTerms
 from drop_physics.explain.joints import JointRow
 from drop_physics.explain.jsonable import jsonable
 from drop_physics.explain.touches import Touch
 from drop_physics.printable import Printable
-from drop_physics.report import EngineReport
 from drop_physics.rules.answer import Finding
 
 Vector = tuple[float, float, float]

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.report import EngineReport
+from drop_physics.engine_report import EngineReport
 from drop_physics.scenario import Scenario
 from drop_physics.trace.history import Seen
 

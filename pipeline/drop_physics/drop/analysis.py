@@ -18,10 +18,10 @@ from drop_physics.drop.one_sample import DEFAULT_AT_S
 from drop_physics.drop.phases import Phases
 from drop_physics.drop.results import Airborne, FallAnalysis, Moment, Terms
 from drop_physics.drop.samples import Samples
+from drop_physics.engine_report import EngineReport
 from drop_physics.errors import ScenarioError
 from drop_physics.explain.decomposition import TERMS, Decomposition, decompose
 from drop_physics.explain.rows import MOST_ROWS, SHOWN_PER_S
-from drop_physics.report import EngineReport
 from drop_physics.scenario import Scenario
 
 Float64 = NDArray[np.float64]

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.drop.samples import Samples
+from drop_physics.engine_report import EngineReport
 from drop_physics.physics.base import Motion
 from drop_physics.physics.rotations import rotate, rotate_inverse
-from drop_physics.report import EngineReport
 
 Float64 = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import polars as pl
 
 from drop_physics.analysis.results import LINES, Analysis, BodyFlight
 from drop_physics.drop.phases import Phase
-from drop_physics.report import EngineReport
+from drop_physics.engine_report import EngineReport
 
 
 @dataclass(frozen=True)

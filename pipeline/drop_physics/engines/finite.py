@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from drop_physics.engine_report import LARGEST
 from drop_physics.errors import DropError
-from drop_physics.report import LARGEST
 from drop_physics.trace.states import Rows
 
 

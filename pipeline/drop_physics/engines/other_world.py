@@ -14,13 +14,13 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.engine_report import EngineReport
 from drop_physics.engines.finite import check_numbers, non_finite
 from drop_physics.engines.pybullet.world import World
 from drop_physics.engines.session import RigidBody, Session
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.fields import counted
 from drop_physics.messages import Message
-from drop_physics.report import EngineReport
 from drop_physics.scenario import ENGINES, ENGINES_WITH, Engine, Scenario
 from drop_physics.trace.states import BASE, BODY, CONTACT, FLOOR, STATE, Batch
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from drop_physics.engine_report import EngineReport
 from drop_physics.physics.base import Drag, Law
 from drop_physics.physics.bullet import BulletLaw, drag_of
 from drop_physics.physics.bullet_air import effective_damping
@@ -12,7 +13,6 @@ from drop_physics.physics.drake import DrakeLaw
 from drop_physics.physics.mujoco import MujocoLaw
 from drop_physics.physics.physx import DEFAULT_ANGULAR_DAMPING, PhysxLaw
 from drop_physics.physics.theory import TheoreticalFall
-from drop_physics.report import EngineReport
 from drop_physics.scenario import EXACT_INTEGRATORS, Scenario
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from drop_physics.engine_report import EngineReport
 from drop_physics.fields import counted, fraction
-from drop_physics.report import EngineReport
 from drop_physics.scenario import ENGINES, Camera, Scenario
 from drop_physics.trace.events import Ending
 

@@ -11,13 +11,13 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from drop_physics.engine_report import LARGEST
 from drop_physics.fields import shown
 from drop_physics.messages import Message
 from drop_physics.recording import schema
 from drop_physics.recording.checks import damaged, twice, wrong_count
 from drop_physics.recording.rrd import Chunk
 from drop_physics.recording.schema import Table
-from drop_physics.report import LARGEST
 from drop_physics.trace.events import At, Calls
 from drop_physics.trace.states import Rows
 

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from drop_physics.engine_report import EngineReport
 from drop_physics.errors import ScenarioError
 from drop_physics.messages import Message
 from drop_physics.recording import schema
 from drop_physics.recording.checks import damaged
 from drop_physics.recording.columns import Properties
-from drop_physics.report import EngineReport
 from drop_physics.scenario import Camera, Scenario
 
 

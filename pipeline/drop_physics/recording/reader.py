@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.engine_report import EngineReport
 from drop_physics.errors import RecordingError
 from drop_physics.messages import Message
 from drop_physics.recording import columns, rrd, schema
@@ -34,7 +35,6 @@ from drop_physics.recording.inputs import Drop, check_inputs, drop_of
 from drop_physics.recording.sampled import RecordedSamples, is_series
 from drop_physics.recording.told import Told
 from drop_physics.recording.versions import lacking
-from drop_physics.report import EngineReport
 from drop_physics.scenario import Camera, Scenario
 from drop_physics.trace.events import Appearance, At, Joint, Raised, Solver, order
 from drop_physics.trace.history import Seen

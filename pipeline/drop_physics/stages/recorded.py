@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from drop_physics import colours
+from drop_physics.engine_report import EngineReport
 from drop_physics.engines.other_world import OtherWorld
 from drop_physics.engines.pybullet.camera_frames import Photographer
 from drop_physics.engines.pybullet.engine import engine_versions
@@ -26,7 +27,6 @@ from drop_physics.recording.about import about_drop
 from drop_physics.recording.falling import Falling, Photography, Progress
 from drop_physics.recording.recorder import Recorder
 from drop_physics.recording.writer import Chunk
-from drop_physics.report import EngineReport
 from drop_physics.trace.events import (
     Appearance,
     At,

@@ -16,6 +16,7 @@ import polars as pl
 from drop_physics.drop.one_sample import moment_in_the_air
 from drop_physics.drop.results import Moment
 from drop_physics.drop.statistics import Moments
+from drop_physics.engine_report import EngineReport
 from drop_physics.engines.other_world import OtherWorld
 from drop_physics.engines.pybullet.lasting_world import LastingWorld
 from drop_physics.engines.pybullet.probe import Verdicts, believe
@@ -23,7 +24,6 @@ from drop_physics.engines.worlds import Worlds
 from drop_physics.errors import DropError, OutputError, check_signals
 from drop_physics.files.outputs import make_folder
 from drop_physics.files.whole import onto_disk
-from drop_physics.report import EngineReport
 from drop_physics.scenario import Camera, Scenario
 from drop_physics.sweeping.folder import EXPLAINED, SCHEMA, Folder, Row
 from drop_physics.sweeping.plan import Plan, replay_command

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.engine_report import LARGEST
 from drop_physics.engines.finite import non_finite
 from drop_physics.engines.pybullet.described import JOINT_KINDS
 from drop_physics.engines.pybullet.engine import p
-from drop_physics.report import LARGEST
 from drop_physics.trace.events import Joint
 from drop_physics.trace.states import Int64, Joints
 

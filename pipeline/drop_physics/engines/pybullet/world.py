@@ -19,6 +19,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.engine_report import EngineReport
 from drop_physics.engines.finite import check_numbers
 from drop_physics.engines.pybullet.c_output import c_output_moved_aside
 from drop_physics.engines.pybullet.described import reported_of
@@ -30,7 +31,6 @@ from drop_physics.engines.session import PrimitiveShape
 from drop_physics.errors import ScenarioError
 from drop_physics.option_types import Quaternion
 from drop_physics.physics.tree import Tree
-from drop_physics.report import EngineReport
 from drop_physics.scenario import Coordinates, Scenario
 from drop_physics.trace.events import GIVEN, Joint
 from drop_physics.trace.poses import links_of, rows_of, tree_of
