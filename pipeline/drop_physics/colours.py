@@ -61,4 +61,4 @@ CAUSES = {
 }
 """What changes a body's energy, in the colours of their samples."""
 JOINTS = ("#d55e00", "#56b4e9", "#009e73", "#cc79a7", "#e69f00", "#8f5fd0")
-"""Of joints side by side."""
+"""Colours of joints that are drawn side by side."""

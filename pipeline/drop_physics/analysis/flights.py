@@ -31,11 +31,11 @@ class _Open:
     first_step: int
     last_step: int
     position_m: Float64
-    """At the last sample, shape (3,)."""
+    """The position at the last sample [m], shape (3,)."""
     held: bool = False
     """Whether a velocity was clamped."""
     samples: int = 0
-    """Besides one that a call set the start of."""
+    """The number of its samples, without a start that a call set."""
     asked: dict[int, tuple[Float64, bool]] = field(default_factory=dict)
     """Position at steps that were asked for, and whether a velocity was clamped by then."""
 

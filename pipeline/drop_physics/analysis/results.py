@@ -124,9 +124,9 @@ class Energy:
     """Kinetic and potential energy of a body; heights count from the origin."""
 
     start_j: float
-    """At its first sample."""
+    """Energy at its first sample [J]."""
     end_j: float
-    """At its last sample."""
+    """Energy at its last sample [J]."""
     by_cause_j: dict[str, float]
     """What changed it, by cause: the sum is the whole change."""
 
@@ -136,9 +136,9 @@ class Momentum:
     """Linear momentum of a body whose base can move."""
 
     start_kg_m_s: Vector
-    """At its first sample."""
+    """Momentum at its first sample [kg m/s]."""
     end_kg_m_s: Vector
-    """At its last sample."""
+    """Momentum at its last sample [kg m/s]."""
     by_cause_kg_m_s: dict[str, Vector]
     """What changed it, by cause: the sum is the whole change."""
 
@@ -187,7 +187,7 @@ class BodyAnalysis:
     energy: Energy | None
     """None for a body without samples, and where the law has no sum."""
     momentum: Momentum | None
-    """Likewise, and None while its base cannot move."""
+    """None for a body without samples, without a sum, or whose base cannot move."""
     joints: Sequence[JointRow]
     """Its degrees of freedom."""
     touches: Sequence[Touch]

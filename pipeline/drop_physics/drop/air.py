@@ -88,7 +88,7 @@ class Air:
             self.departs = departs
 
     def _touched(self, part: Samples, before: Motion, row: int) -> bool:
-        """Whether a contact acted that the engine does not report.
+        """Return whether a contact acted that the engine does not report.
 
         A body that departs from the law within reach of the floor has touched it.
         """

@@ -176,7 +176,7 @@ class Case:
         return self.is_rigid and self.engine.shape == "box"
 
     def over_floor(self, position_m: Float64) -> bool:
-        """Whether positions [m], shape (n, 3), are above or below the floor, not past its edge.
+        """Return whether all positions [m], shape (n, 3), are within the edges of the floor.
 
         In other engines the floor has no edge.
         """

@@ -159,7 +159,7 @@ class Study:
         return abs(self.limit_m) > NEGLIGIBLE * abs(self.runs[-1].error_m)
 
     def cancels_near(self, time_s: float) -> bool:
-        """Whether the timestep at which errors cancel is near those of the runs.
+        """Return whether the timestep at which errors cancel is near those of the runs.
 
         A timestep longer than the fall up to the time of the errors [s] does not count.
         """

@@ -17,7 +17,7 @@ from drop_physics.physics.base import Motion
 Float64 = NDArray[np.float64]
 
 ROUGH_M = 1e-6
-"""By how much a contact point may be deeper than the centre shows."""
+"""Largest excess of a contact point's depth over what the centre shows [m]."""
 
 
 class Course:

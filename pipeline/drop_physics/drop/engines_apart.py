@@ -27,14 +27,14 @@ LEAST_M = 5e-8
 REPLAYED = 100_000
 """Most steps for which a law is replayed step by step."""
 REPLAYED_M = 1e-12
-"""To this the law of a spinning body leads where the engine does; measured over 1 s: 1e-15."""
+"""Largest distance [m] of a replayed body from its engine's; measured over 1 s: 1e-15."""
 NAMES = {
     "timestep": Message("timestep"),
     "damping": Message("damping"),
     "interaction": Message("interaction"),
     "rounding": Message("rounding"),
 }
-"""Of the terms."""
+"""Names of the terms, as they are shown."""
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,7 @@ def find_landing(case: Case) -> Landing | None:
 
 
 def covers(case: Case) -> bool:
-    """Whether the contact law covers this drop: one box that lands flat and stays flat.
+    """Return whether the contact law covers this drop: one box that lands flat and stays flat.
 
     It is released flat, above the floor, without spin or sideways velocity, with its centre of mass
     above its base, and contact is not a spring.
@@ -205,7 +205,7 @@ def find_bounces(case: Case, episodes: list[Episode], tumbled_step: int | None) 
 
 
 def _is_plain(case: Case, episode: Episode, tumbled_step: int | None) -> bool:
-    """Whether a rebound is by restitution alone: of a ball, or of a box on all four corners."""
+    """Return whether restitution alone gives the rebound: of a ball, or of a box landing flat."""
     if case.is_springy or (tumbled_step is not None and episode.last >= tumbled_step):
         return False
     return case.is_ball or (case.is_box and episode.stays_flat)
@@ -338,7 +338,7 @@ def _sinks_m(case: Case, error_m: float) -> float | None:
 
 
 def _bounces_on(case: Case) -> bool:
-    """Whether restitution acts on the velocity that gravity gives a body at rest in a step.
+    """Return whether restitution acts on what gravity adds in a step to a body at rest.
 
     Then it comes to rest above the slop, where each bounce just makes up for the step.
     """

@@ -74,7 +74,7 @@ def flat_height_m(case: Case) -> float | None:
 
 
 def stands(case: Case) -> bool:
-    """Whether a box is released with its centre of mass above its lowest face; else it topples."""
+    """Return whether a box has its centre of mass above its lowest face; else it topples."""
     position_m = np.array([case.engine.shape_position_m or (0.0, 0.0, 0.0)])
     offset_m = rotate_inverse(_shape_orientation(case), position_m)[0]
     axis, _ = face_up(case, case.start.orientation)
@@ -93,7 +93,7 @@ def extent_m(case: Case) -> float | None:
 
 
 def _has_sharp_faces(case: Case) -> bool:
-    """Whether a box touches where its dimensions say: in Bullet one below a few mm does not."""
+    """Return whether a box touches where its sides are: in Bullet one of a few mm does not."""
     if case.engine.rest_height_m is None or case.engine.shape_position_m is None:
         return False
     turned = case.start.orientation

@@ -77,9 +77,9 @@ class Landing:
     """When the body, oriented as released, reaches the floor by theory."""
 
     time_free_fall_s: float
-    """Without air."""
+    """When it lands without air."""
     time_damped_s: float | None
-    """With Bullet's damping; None where that stops the body on the way."""
+    """When it lands with Bullet's damping; None where that stops the body on the way."""
 
 
 @dataclass(frozen=True)
@@ -91,11 +91,11 @@ class Impact:
     """
 
     time_free_fall_s: float | None
-    """By theory without air."""
+    """When theory without air lets it touch."""
     time_damped_s: float | None
-    """By theory with Bullet's damping."""
+    """When theory with Bullet's damping lets it touch."""
     time_simulated_s: float | None
-    """In the recording, between two samples."""
+    """When it touches in the recording, between two samples."""
     step: int
     """First sample that touches the floor."""
     speed_m_s: float
@@ -197,7 +197,7 @@ class FallAnalysis:
     at: list[Moment]
     """The samples nearest to `--at`."""
     coverage: Coverage
-    """Which samples the law of free flight covers."""
+    """The samples that the law of free flight covers."""
     airborne: Airborne
     """The error over all of these."""
     landing: Landing | None

@@ -60,7 +60,7 @@ class Samples(Motion):
 
     @property
     def touching(self) -> Flags:
-        """Which samples touch the floor: a contact pushed, or the shapes overlapped.
+        """The samples that touch the floor: a contact pushed, or the shapes overlapped.
 
         A contact point alone is not a touch: Bullet keeps points up to 20 mm above the floor.
         """

@@ -85,7 +85,7 @@ class Summary:
     spread: float | None
     """Their standard deviation, with n - 1; None for fewer than two."""
     quantiles: dict[str, float]
-    """By name, `5%`, `50%` and `95%`; between two samples they are interpolated."""
+    """The quantiles `5%`, `50%` and `95%`, interpolated between two samples."""
     interval: tuple[float, float] | None
     """Confidence interval of the mean, 95 %."""
 

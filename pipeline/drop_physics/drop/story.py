@@ -121,7 +121,7 @@ def _checked(whole: Analysis, fall: Fall) -> Analysis:
 
 
 def _stops_early(case: Case) -> bool:
-    """Whether it is MuJoCo's solver that may leave contact forces unbalanced."""
+    """Return whether MuJoCo's solver may leave contact forces unbalanced."""
     exact = case.scenario.solver_residual == 0 and case.scenario.solver_iterations is None
     return case.scenario.engine == "mujoco" and not case.hides_contacts and not exact
 

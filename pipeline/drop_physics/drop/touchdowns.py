@@ -37,7 +37,7 @@ class Episode:
     last_m_s: float = 0.0
     """The upward velocity at the last sample."""
     highest_m: float = -np.inf
-    """From the last sample to the next touch."""
+    """The greatest height between the last sample and the next touch."""
     left: bool = False
     """Whether there is a sample after it that does not touch."""
     returned: bool = False

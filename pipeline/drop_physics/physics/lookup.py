@@ -1,4 +1,4 @@
-"""Which law a recording's engine follows, for all callers."""
+"""Find the law that a recording's engine follows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which scenarios a sweep runs: lists of values and samples, each run derived from its number.
+"""The scenarios of a sweep: lists of values and samples, each run derived from its number.
 
 The runs are the product of all lists, in the order of `drop simulate --help`: the last option that
 has a list changes fastest, and the samples of a scenario are adjacent. Nothing is computed in
