@@ -16,8 +16,8 @@ import numpy as np
 import pybullet as p
 import pytest
 from drop_physics.explain.recording import Explanation
-from drop_physics.physics.bullet_calls import ORDER, link_reached
 from drop_physics.trace import log
+from drop_physics.trace.properties import ORDER, link_reached
 from drop_physics.trace.requests import requests
 from scenes import explanation, record
 

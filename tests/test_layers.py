@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 
 import drop_physics
+import pybullet
 
 PACKAGE = Path(drop_physics.__file__).parent
 ARCHITECTURE = (Path(__file__).parents[1] / "docs/architecture.md").read_text(encoding="utf-8")
@@ -28,6 +29,7 @@ ONLY_IN = {
     "matplotlib": {"figures/"},
     "typer": {"cli.py", "cli_options.py", "options.py", "console/running.py", "console/help.py"},
 }
+CAMEL = re.compile(r"[a-z]+[A-Z]\w*")
 # The judge never imports what it judges.
 JUDGE = ("physics/", "explain/", "rules/", "analysis/", "compare/", "drop/")
 
@@ -160,3 +162,19 @@ def test_an_analysis_loads_no_library_that_few_need() -> None:
         cwd=PACKAGE.parent,
     )
     assert not {"scipy", "matplotlib", "pybullet", "rerun", "mujoco"} & {*done.stdout.split()}
+
+
+def test_only_the_trace_and_engines_know_the_name_of_a_call() -> None:
+    functions = [name for name in dir(pybullet) if callable(getattr(pybullet, name))]
+    found = {
+        f"{name}:{node.lineno}: {node.value}"
+        for name, path in FILES.items()
+        if room_of(*Path(name).parts) not in ("trace", "engines")
+        for node in ast.walk(parsed(path))
+        if isinstance(node, ast.Constant)
+        and isinstance(node.value, str)
+        and CAMEL.fullmatch(node.value)
+        and any(function.startswith(node.value) for function in functions)
+    }
+    # Its parameters are the names that `--vary` takes.
+    assert {each.split(":")[0] for each in found} <= {"stages/variations.py"}, found

@@ -20,6 +20,8 @@ from drop_physics.explain.touching import rows_of
 from drop_physics.physics.bullet_reports import pd_effort
 from drop_physics.physics.bullet_tree import BulletTree
 from drop_physics.physics.tree import States, Tree
+from drop_physics.trace.acts import SETS_TIMESTEP
+from drop_physics.trace.calls import TIMESTEPS
 from drop_physics.trace.events import Appearance, Body, order
 from drop_physics.trace.history import Piece, Seen
 from drop_physics.trace.motors import FORCE, PD, POSITION, TORQUE, VELOCITY, Command
@@ -35,10 +37,6 @@ LOADED, BEFORE = -2, -3
 DEFAULT_IMPULSES = {1: 1.0, 3: 1000.0}
 """The largest of the motor that a joint begins with, by its degrees of freedom [N s or N m s]."""
 TIMESTEP_S = 1 / 240
-DEFAULTS_TO_FORCE = ("setJointMotorControl2", "setJointMotorControlArray")
-"""Calls of TORQUE_CONTROL that give a torque of FORCE where none is given."""
-TIMESTEPS = {"setTimeStep": "timeStep", "setPhysicsEngineParameter": "fixedTimeStep"}
-"""Functions that set the timestep, and the argument."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,9 +262,7 @@ class Commands:
         if motor.any():
             joint = self._joints.setdefault(key, _Joint(_fresh((width,))))
             joint.calls.append((moments[:, motor], columns[motor]))
-            torque, efforts = modes == TORQUE, told.values.get("force")
-            if efforts is None and told.site.function in DEFAULTS_TO_FORCE:
-                efforts = np.full((len(modes), 1), FORCE)
+            torque, efforts = modes == TORQUE, told.torques
             if torque.any() and efforts is not None and efforts.shape[1] == width:
                 joint.torques.append((told.calls[torque], steps[torque], efforts[torque]))
         if servo.any():
@@ -278,9 +274,9 @@ class Commands:
     def _timesteps_at(self, piece: Piece) -> dict[int, tuple[Int64, Float64]]:
         """Return, by client, which calls set the timestep; and those before and after each [s]."""
         told: dict[int, list[tuple[int, float]]] = {}
-        for call in piece.calls.of(*TIMESTEPS):
-            if place := call.site.places.get(TIMESTEPS[call.function]):
-                told.setdefault(call.client, []).append((call.at.call, call.numbers[place.start]))
+        for call in piece.calls.of(*SETS_TIMESTEP):
+            if (timestep_s := call.timestep_s) is not None:
+                told.setdefault(call.client, []).append((call.at.call, timestep_s))
         found: defaultdict[int, tuple[Int64, Float64]] = defaultdict(
             lambda: (np.empty(0, np.int64), np.array([TIMESTEP_S]))
         )

@@ -26,6 +26,7 @@ from drop_physics.explain.touching import Touching, rows_of
 from drop_physics.physics.base import EXACT_MACHINES, Law
 from drop_physics.physics.bullet_tree import BulletTree
 from drop_physics.physics.tree import States, Tree
+from drop_physics.trace.acts import CONSTRAINS, Act
 from drop_physics.trace.calls import Call, Push
 from drop_physics.trace.events import Settings, order
 from drop_physics.trace.history import Piece, Seen
@@ -200,15 +201,15 @@ class Explanation:
             pushes.setdefault(push.body.number, []).append(push)
         self._commands.take(piece)
         self._constraints.begin(piece.forces)
-        for call in piece.calls.of("createConstraint", "changeConstraint"):
+        for call in piece.calls.of(*CONSTRAINS):
             self._join(call, piece.calls)
         return pushes
 
     def _join(self, call: Call, calls: Log) -> None:
         """Note a call that makes or changes a constraint."""
-        if call.function == "changeConstraint":
+        if call.act is Act.CHANGE_CONSTRAINT:
             self._constraints.change(call)
-        elif call.function == "createConstraint" and np.isfinite(call.result):
+        elif np.isfinite(call.result):
             ids = [
                 int(call.values.get(f"{role}BodyUniqueId", (-1,))[0])
                 for role in ("parent", "child")

@@ -21,6 +21,7 @@ from drop_physics.rules.arguments import site_of
 from drop_physics.rules.asked_of_bodies import AskedOfBodies
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.placing import Placing
+from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import BODY_NAMES, Call
 from drop_physics.trace.events import Body
 from drop_physics.trace.history import Piece, Seen
@@ -156,9 +157,9 @@ class Scene:
         self.joints.forget()
         self.touches.forget()
 
-    def calls_of(self, *functions: str) -> Iterator[tuple[Call, Body]]:
-        """Yield calls of the latest piece by the beginning of their names, each with its body."""
-        for call, _, came in self.piece.calls.of_bodies(*functions):
+    def calls_of(self, *acts: Act) -> Iterator[tuple[Call, Body]]:
+        """Yield the calls of the latest piece that do any of these, each with its body."""
+        for call, _, came in self.piece.calls.of_bodies(*acts):
             yield call, came.body
 
     def body_of(self, call: Call) -> Body | None:

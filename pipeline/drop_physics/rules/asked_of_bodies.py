@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drop_physics.rules.arguments import site_of
+from drop_physics.trace.acts import MAKES, Act
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Appearance, Body
 from drop_physics.trace.history import Piece, Seen
-from drop_physics.trace.log import MAKES
 
 
 @dataclass
@@ -48,7 +48,7 @@ class AskedOfBodies:
         for call in piece.calls.of(*MAKES):
             if np.isfinite(call.result):
                 self._loads.setdefault((call.client, int(call.result)), []).append(call)
-        for call, _, came in piece.calls.of_bodies("changeDynamics"):
+        for call, _, came in piece.calls.of_bodies(Act.SET_PROPERTY):
             body = came.body
             for name, numbers in call.values.items():
                 asked, value = self.of[name], float(numbers[0])

@@ -16,6 +16,7 @@ from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.tree import BASE
 from drop_physics.rules.answer import Answer, Effect, Finding, Notes, Scene
 from drop_physics.rules.arguments import given, number, site_of
+from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import WORLD_FRAME, Call
 from drop_physics.trace.events import Body
 
@@ -40,7 +41,7 @@ class ForceOffCentre(Answer):
     def see(self) -> None:
         """Compare where forces act with where their bodies are."""
         end = self.scene.piece.end
-        calls = [*self._late, *self.scene.calls_of("applyExternalForce")]
+        calls = [*self._late, *self.scene.calls_of(Act.PUSH)]
         self._late = [pair for pair in calls if pair[0].at.step + 1 >= end]
         told: dict[tuple[int, int, bool], list[Call]] = {}
         for call, body in calls:

@@ -13,11 +13,11 @@ from drop_physics.physics.kinematics import kinematics
 from drop_physics.rules.answer import Answer, Effect, Finding, Scene, Span
 from drop_physics.rules.arguments import given, number, site_of
 from drop_physics.rules.joint import distance
+from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body
 from drop_physics.trace.motors import POSITION
 
-IK = "calculateInverseKinematics"
 OFF_M = 5e-3
 """What is less off is good enough for most hands."""
 JOINTS = 0.2
@@ -59,11 +59,10 @@ class IkOff(Answer):
         """Match targets with answers, and look where those that stood until rest led."""
         for number_, sent in self._sent.items():
             self._sent[number_] = sent[-1:]
-        if not self.scene.piece.calls.of(IK) and not self._sent:
+        if not self.scene.piece.calls.of(Act.SOLVE_IK) and not self._sent:
             return
-        names = IK, "setJointMotorControl"
-        for call, body in self.scene.calls_of(*names):
-            if call.function == IK:
+        for call, body in self.scene.calls_of(Act.SOLVE_IK, Act.COMMAND):
+            if call.act is Act.SOLVE_IK:
                 self._asked[body.number] = call
             elif number(call, "controlMode") == POSITION:
                 self._send(call, body)

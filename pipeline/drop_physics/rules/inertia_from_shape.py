@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from drop_physics.explain.joints import Driven
 from drop_physics.explain.steps import Steps
 from drop_physics.messages import Message
-from drop_physics.physics.bullet_calls import link_reached
 from drop_physics.physics.columns import rotation
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.kinematics import Kinematics, kinematics
@@ -20,8 +19,10 @@ from drop_physics.physics.tree import BASE, Tree
 from drop_physics.rules.answer import Effect, Finding, Scene, and_more
 from drop_physics.rules.arguments import given, site_of
 from drop_physics.rules.first_look import FirstLook, told_links
+from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body, Collision, FileLink
+from drop_physics.trace.properties import link_reached
 
 Float64 = NDArray[np.float64]
 
@@ -50,7 +51,7 @@ class InertiaFromShape(FirstLook):
 
     def see(self) -> None:
         """Look at new bodies, and at all steps of those whose inertia is another."""
-        for call, body in self.scene.calls_of("changeDynamics"):
+        for call, body in self.scene.calls_of(Act.SET_PROPERTY):
             key = body.number, link_reached(call.values)
             if given(call, "localInertiaDiagonal"):
                 self._inertias.add(key)

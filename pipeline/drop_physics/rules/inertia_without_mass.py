@@ -8,6 +8,7 @@ from drop_physics.messages import Message
 from drop_physics.physics.lookup import RIGID
 from drop_physics.rules.answer import Answer, Finding, Scene
 from drop_physics.rules.arguments import given, site_of
+from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body
 
@@ -26,7 +27,7 @@ class InertiaWithoutMass(Answer):
 
     def see(self) -> None:
         """Note the first such call for each body."""
-        for call, body in self.scene.calls_of("changeDynamics"):
+        for call, body in self.scene.calls_of(Act.SET_PROPERTY):
             if given(call, "localInertiaDiagonal") and not given(call, "mass"):
                 self._alone.setdefault(body.number, (body, call))
 

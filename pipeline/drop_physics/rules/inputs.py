@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from drop_physics.explain.judged import FLIGHT
 from drop_physics.physics.kinematics import kinematics, motion
+from drop_physics.trace.acts import FILTERS, Act
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body, Dynamics
 from drop_physics.trace.requests import Request, requests
@@ -25,20 +26,12 @@ if TYPE_CHECKING:
     from drop_physics.rules.answer import Scene
 
 Float64 = NDArray[np.float64]
-RESETS = ("resetBasePositionAndOrientation", "resetBaseVelocity", "resetJointState")
-"""Beginnings of the functions that put a body, or a joint, somewhere."""
 FOLLOWED = (
-    *RESETS,
-    "setCollisionFilter",
-    "calculateInverseKinematics",
-    "changeConstraint",
-    "createConstraint",
-    "load",
-    "setGravity",
-    "setTimeStep",
-    "setPhysicsEngineParameter",
+    *(Act.SET_POSE, Act.SET_VELOCITY, Act.SET_JOINT, Act.LOAD, Act.SOLVE_IK, Act.SOLVE_SEVERAL_IK),
+    *(Act.CHANGE_CONSTRAINT, Act.CONSTRAIN, Act.SET_GRAVITY, Act.SET_TIMESTEP, Act.SET_ENGINE),
+    *FILTERS,
 )
-"""Beginnings of the functions whose use is followed, besides those that command joints."""
+"""What is followed of calls, besides those that command joints."""
 
 
 @dataclass
@@ -168,7 +161,7 @@ class Inputs:
         read = {
             (subject.body, subject.link)
             for each in self.scene.seen.readings
-            if each.function.startswith("getLinkState")
+            if each.act is Act.READ_LINK
             for subject in each.targets
             if subject.link is not None
         }
@@ -198,12 +191,12 @@ class Inputs:
 
     def _drive(self, call: Call, bases: Mapping[int, Rows]) -> None:
         """Note a constraint to the world, or a target that a call gives it."""
-        if call.function == "createConstraint" and call.values["childBodyUniqueId"][0] < 0:
+        if call.act is Act.CONSTRAIN and call.values["childBodyUniqueId"][0] < 0:
             came = self.scene.piece.calls.body_at(call, int(call.values["parentBodyUniqueId"][0]))
             if came is not None and np.isfinite(call.result):
                 self.drives[call.client, int(call.result)] = Drive(came.body, call)
         target = call.values.get("jointChildPivot", ())
-        if call.function != "changeConstraint" or len(target) != 3:
+        if call.act is not Act.CHANGE_CONSTRAINT or len(target) != 3:
             return
         drive = self.drives.get((call.client, int(call.values["userConstraintUniqueId"][0])))
         base = None if drive is None else bases.get(drive.body.number)
@@ -216,16 +209,16 @@ class Inputs:
             drive.places_m.append(here[0].copy())
 
     def _use(self, call: Call) -> None:
-        if call.function.startswith("load") and np.isfinite(call.result):
+        if call.act is Act.LOAD and np.isfinite(call.result):
             self.loads[call.client, int(call.result)] = call
         came = self.scene.body_of(call)
         key = call.site.number, call.client, None if came is None else came.number
         self.uses.setdefault(key, Use(call, came)).add(call)
 
-    def of(self, *functions: str) -> Iterator[Use]:
-        """Yield the uses of functions, by the beginning of their names."""
+    def of(self, *acts: Act) -> Iterator[Use]:
+        """Yield the uses of calls that do any of these."""
         for use in self.uses.values():
-            if use.first.function.startswith(functions):
+            if use.first.act in acts:
                 yield use
 
     def first_dynamics(self, body: Body) -> Dynamics | None:
@@ -237,13 +230,13 @@ class Inputs:
         """Return the call that loaded a body; None if it is not known."""
         return self.loads.get((body.client, body.engine_id))
 
-    def left_out(self, function: str) -> tuple[list[Use], list[int]]:
+    def left_out(self, act: Act) -> tuple[list[Use], list[int]]:
         """Return the uses of a setter for client 0, and the clients that it was meant for as well.
 
         None is left out where a call names a client, or where it is called less often than there
         are clients.
         """
-        uses = [*self.of(function)]
+        uses = [*self.of(act)]
         mine = [use for use in uses if use.first.client == 0]
         named = any("physicsClientId" in use.first.site.places for use in mine)
         clients = self.clients()

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.explain.commands import TIMESTEPS
 from drop_physics.explain.joined import FIXED, POINT
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
@@ -17,6 +16,7 @@ from drop_physics.physics.tree import BASE
 from drop_physics.rules.answer import Answer, Effect, Finding, Scene, Span
 from drop_physics.rules.arguments import given, number, site_of
 from drop_physics.rules.asked_of_bodies import size_m, strained_by
+from drop_physics.trace.acts import CONSTRAINS, SETS_TIMESTEP, Act
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body
 
@@ -90,15 +90,14 @@ class Joined(Answer):
                 self._follow(joined, steps, forces)
 
     def _told(self) -> None:
-        for call in self.scene.piece.calls.of(*TIMESTEPS, "createConstraint", "changeConstraint"):
-            if call.function in TIMESTEPS:
-                name = TIMESTEPS[call.function]
-                if given(call, name):
-                    self._timestep_s[call.client] = number(call, name)
+        for call in self.scene.piece.calls.of(*SETS_TIMESTEP, *CONSTRAINS):
+            if call.act in SETS_TIMESTEP:
+                if (timestep_s := call.timestep_s) is not None:
+                    self._timestep_s[call.client] = timestep_s
                     for key, joined in self._now.items():
                         if key[0] == call.client:
                             joined.since, joined.full = call.at.step, 0
-            elif call.function == "createConstraint" and np.isfinite(call.result):
+            elif call.act is Act.CONSTRAIN and np.isfinite(call.result):
                 self._create(call)
             else:
                 key = call.client, int(number(call, "userConstraintUniqueId", -1.0))

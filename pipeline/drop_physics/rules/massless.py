@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Answer, Finding, Scene
 from drop_physics.rules.arguments import given, number, site_of
+from drop_physics.trace.acts import PUSHES, Act
 
 
 class Massless(Answer):
@@ -21,9 +22,11 @@ class Massless(Answer):
     def see(self) -> None:
         """Note what was pushed."""
         self._falls |= {
-            call.client for call in self.scene.piece.calls.of("setGravity") if any(call.numbers[:3])
+            call.client
+            for call in self.scene.piece.calls.of(Act.SET_GRAVITY)
+            if any(call.numbers[:3])
         }
-        for call, body in self.scene.calls_of("applyExternal"):
+        for call, body in self.scene.calls_of(*PUSHES):
             if int(number(call, "linkIndex", -1.0)) == -1:
                 self._pushed.add(body.number)
 
@@ -33,7 +36,7 @@ class Massless(Answer):
             call, pushed = self.scene.asked.load(body), number_ in self._pushed
             if body.joints or body.base_moves or not body.collisions or call is None:
                 continue
-            if call.function != "createMultiBody" or given(call, "baseMass"):
+            if call.act is not Act.MAKE or given(call, "baseMass"):
                 continue
             touched = self.scene.touches.rows(number_)
             if not pushed and (body.client not in self._falls or touched):

@@ -9,10 +9,11 @@ import numpy as np
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Answer, Finding, Notes, Scene
 from drop_physics.rules.arguments import number, site_of
+from drop_physics.trace.acts import PUSHES, Act
 from drop_physics.trace.calls import Call
 
-HOLDS = "setGravity", "createConstraint", "applyExternal"
-"""Beginnings of functions after which nothing falls freely by mistake."""
+HOLDS = Act.SET_GRAVITY, Act.CONSTRAIN, *PUSHES
+"""After these nothing falls freely by mistake."""
 
 
 class NoGravity(Answer):
@@ -30,13 +31,13 @@ class NoGravity(Answer):
 
     def see(self) -> None:
         """Follow what was asked for and what moved, episode by episode."""
-        for call in self.scene.piece.calls.of("resetSimulation", *HOLDS):
+        for call in self.scene.piece.calls.of(Act.CLEAR, *HOLDS):
             resets = self._resets.setdefault(call.client, [])
-            if call.function == "resetSimulation":
+            if call.act is Act.CLEAR:
                 resets.append((call, self._gravity.pop(call.client, 0.0)))
             else:
                 self._told.add((call.client, len(resets)))
-                if call.function == "setGravity":
+                if call.act is Act.SET_GRAVITY:
                     xyz = [number(call, f"grav{axis}", 0.0) for axis in "XYZ"]
                     self._gravity[call.client] = float(np.linalg.norm(xyz))
         for judged in self.scene.judged.values():
@@ -58,7 +59,7 @@ class NoGravity(Answer):
         for (client, episode), floats in self._floats.items():
             resets = self._resets.get(client, [])
             call, before = resets[episode - 1] if episode else (None, 0.0)
-            if client in self.scene.inputs.left_out("setGravity")[1]:
+            if client in self.scene.inputs.left_out(Act.SET_GRAVITY)[1]:
                 continue  # the call is there, and for another client: `other-client`
             if (client, episode) not in self._told and (client, before > 0) not in found:
                 found[client, before > 0] = _floats(floats, call, before)

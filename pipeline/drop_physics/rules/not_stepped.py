@@ -7,10 +7,11 @@ from collections.abc import Iterator
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Answer, Finding, Scene
 from drop_physics.rules.arguments import site_of
+from drop_physics.trace.acts import PUSHES, Act
 from drop_physics.trace.calls import Call
 
-MOVES = "setJointMotorControl", "applyExternal", "createConstraint"
-"""Beginnings of functions that only have an effect in a step. Gravity is also set where poses are
+MOVES = Act.COMMAND, Act.CONSTRAIN, *PUSHES
+"""What only has an effect in a step. Gravity is also set where poses are
 only looked at, beside a simulation that is stepped."""
 
 
@@ -25,7 +26,7 @@ class NotStepped(Answer):
 
     def see(self) -> None:
         """Note which simulations were to move."""
-        for asks, which in ((self._asks, MOVES), (self._gravity, ("setGravity",))):
+        for asks, which in ((self._asks, MOVES), (self._gravity, (Act.SET_GRAVITY,))):
             if self.scene.times.keys() - asks.keys():
                 for call in self.scene.piece.calls.of(*which):
                     asks.setdefault(call.client, call)

@@ -13,6 +13,7 @@ from drop_physics.rules.inputs import Inputs, Use
 from drop_physics.rules.joint import effort
 from drop_physics.rules.rule import JointColumns, Match, Said, Worst, joint_rule
 from drop_physics.rules.thresholds import COASTS_RAD_S, COASTS_STEPS, SCALE
+from drop_physics.trace.acts import Act
 
 IK_LISTS = ("lowerLimits", "upperLimits", "jointRanges", "restPoses")
 
@@ -84,7 +85,7 @@ def _(worst: Worst) -> Said:
 @input_rule("not-taken", "asked", "no-effect")
 def ik_lists(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """Inverse kinematics ignores lists that do not have one number for each movable joint."""
-    for use in inputs.of("calculateInverseKinematics"):
+    for use in inputs.of(Act.SOLVE_IK, Act.SOLVE_SEVERAL_IK):
         if use.body is None:
             continue
         movable = sum(1 for joint in use.body.joints if joint.widths[1])
@@ -111,20 +112,20 @@ def ik_lists(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
 @input_rule("not-taken", "asked", "other-client")
 def other_client(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """A setter without `physicsClientId` is client 0's, and the other simulation has none."""
-    for function in ("setGravity", "setTimeStep", "setPhysicsEngineParameter"):
-        mine, left = inputs.left_out(function)
+    for act in (Act.SET_GRAVITY, Act.SET_TIMESTEP, Act.SET_ENGINE):
+        mine, left = inputs.left_out(act)
         count = sum(use.count for use in mine)
         if not left:
             continue
         message = Message(
             "p.{function} is called {count} times for client 0, and never for client {client}: "
             "without physicsClientId a call is client 0's",
-            function=function,
+            function=act.function,
             count=count,
             client=left[0],
         )
         advice = Message(
-            "p.{function}(…, physicsClientId={client})", function=function, client=left[0]
+            "p.{function}(…, physicsClientId={client})", function=act.function, client=left[0]
         )
         cure = Cure("right-client", str(left[0]), None, advice)
         yield InputSubject(mine[0].first), Said(message=message, cure=cure)
@@ -166,12 +167,12 @@ def _moving(inputs: Inputs, pair: tuple[int, int]) -> bool:
 def contact_despite_filter(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """Two bodies touch if either one's mask lets them, unless collisionFilterMode is 0."""
     masks: dict[int, Use] = {}
-    for use in inputs.of("setCollisionFilterGroupMask"):
+    for use in inputs.of(Act.FILTER_GROUP):
         if use.body is not None and "collisionFilterMask" in use.low:
             masks[use.body.number] = use
     strict = [
         use.last.values["collisionFilterMode"][0] == 0
-        for use in inputs.of("setPhysicsEngineParameter")
+        for use in inputs.of(Act.SET_ENGINE)
         if "collisionFilterMode" in use.low
     ]
     for pair, steps in inputs.touched.items():

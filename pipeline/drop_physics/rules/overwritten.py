@@ -19,12 +19,13 @@ from drop_physics.rules.thresholds import (
     OVERLAPS_STEPS,
     SAME_GAP,
 )
+from drop_physics.trace.acts import Act
 
 
 @input_rule("overwritten", "asked", "velocity-set-each-step")
 def velocity_set_each_step(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """A velocity that is set before each step takes away what gravity gave in the last one."""
-    for use in inputs.of("resetBaseVelocity"):
+    for use in inputs.of(Act.SET_VELOCITY):
         body, z = use.body, use.low.get("linearVelocity", np.zeros(0))
         if body is None or len(z) != 3:
             continue
@@ -58,7 +59,7 @@ def _falls(inputs: Inputs, client: int) -> tuple[float, float]:
 @input_rule("overwritten", "asked", "pose-set-each-step")
 def pose_set_each_step(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """A pose that is set step after step has no force: it goes through what it meets."""
-    for use in inputs.of("resetJointState", "resetBasePositionAndOrientation"):
+    for use in inputs.of(Act.SET_JOINT, Act.SET_POSE):
         body = use.body
         if body is None or len(use.steps) < HALF_THE_STEPS * _steps(inputs, use):
             continue
@@ -68,7 +69,7 @@ def pose_set_each_step(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
             continue
         most = max(deep.values())
         joint = None
-        if use.first.function.startswith("resetJointState"):
+        if use.first.act is Act.SET_JOINT:
             number = int(use.first.values.get("jointIndex", (0,))[0])
             joint = body.joints[number].name if number < len(body.joints) else None
         message = Message(

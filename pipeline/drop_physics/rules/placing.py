@@ -6,14 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.rules.arguments import site_of
+from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body
 from drop_physics.trace.history import Piece, Seen
 
 Int64 = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-PLACES = ("load", "createMultiBody", "resetBasePosition", "resetJointState", "restoreState")
-"""Functions, by the beginning of their names, that place bodies."""
+PLACES = Act.LOAD, Act.MAKE, Act.SET_POSE, Act.SET_JOINT, Act.RESTORE
+"""What places bodies."""
 STEPS = 1 << 40
 NEAR = 3
 """What calls move more often than every so many steps is animated."""
@@ -36,7 +37,7 @@ class Placing:
         """Take a piece."""
         self._sites = {key: told[-1:] for key, told in self._sites.items()}
         for call in piece.calls.of(*PLACES):
-            if call.function == "restoreState":
+            if call.act is Act.RESTORE:
                 self._restored |= {
                     body.number * STEPS + call.at.step + 1
                     for body in self._bodies.values()

@@ -12,9 +12,10 @@ from drop_physics.explain.steps import Steps
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Answer, Effect, Finding, Noted, Scene
 from drop_physics.rules.arguments import given, number, site_of
+from drop_physics.trace.acts import PUSHES, Act
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body
-from drop_physics.trace.motors import MOTORS, TORQUE
+from drop_physics.trace.motors import TORQUE
 
 Float64 = NDArray[np.float64]
 SOON = 10
@@ -74,24 +75,24 @@ class PushLastedAStep(Answer):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        self._pushes: dict[tuple[int, str, tuple[float, ...]], _Pushes] = {}
-        """By body, function, and link or joints."""
+        self._pushes: dict[tuple[int, Act, tuple[float, ...]], _Pushes] = {}
+        """By body, act, and link or joints."""
         self._fastest_m_s: dict[int, float] = {}
 
     def see(self) -> None:
         """Follow the pushes of each body, and what the first one changed."""
-        names = ["applyExternal"]
+        acts = [*PUSHES]
         if any(
             (each.values["controlMode"] == TORQUE).any()
             for each in self.scene.piece.calls.commands()
         ):
-            names.append(MOTORS)
-        for call, body in self.scene.calls_of(*names):
+            acts.append(Act.COMMAND)
+        for call, body in self.scene.calls_of(*acts):
             torque = number(call, "controlMode") == TORQUE
-            if torque or call.function.startswith("applyExternal"):
+            if torque or call.act in PUSHES:
                 where = given(call, "linkIndex") or given(call, "jointIndices")
                 where = tuple(where or given(call, "jointIndex"))
-                key, step = (body.number, call.function, where), call.at.step + 1
+                key, step = (body.number, call.act, where), call.at.step + 1
                 if key in self._pushes:
                     self._pushes[key].add(step)
                 elif np.isfinite(size := _size(call)) and size > 0:
@@ -102,8 +103,8 @@ class PushLastedAStep(Answer):
                 speed_m_s = np.linalg.norm(steps.after.velocity[:, 3:6], axis=1).max()
                 fastest = max(self._fastest_m_s.get(number_, 0.0), float(speed_m_s))
                 self._fastest_m_s[number_] = fastest
-                for (pushed, function, _), push in self._pushes.items():
-                    if pushed == number_ and function == "applyExternalForce":
+                for (pushed, act, _), push in self._pushes.items():
+                    if pushed == number_ and act is Act.PUSH:
                         push.follow(steps)
 
     def findings(self) -> Iterator[Finding]:
@@ -157,5 +158,5 @@ def _size(call: Call) -> float:
 def _unit(push: _Pushes) -> str:
     joints = given(push.call, "jointIndex") or given(push.call, "jointIndices")
     kinds = {push.body.joints[int(joint)].kind for joint in joints}
-    force = push.call.function == "applyExternalForce" or kinds == {"prismatic"}
+    force = push.call.act is Act.PUSH or kinds == {"prismatic"}
     return "N" if force else "N m"

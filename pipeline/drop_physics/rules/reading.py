@@ -12,6 +12,7 @@ from drop_physics.rules.input_rule import InputSubject, input_rule
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.rule import Said
 from drop_physics.rules.thresholds import STALE_M
+from drop_physics.trace.acts import Act
 from drop_physics.trace.readings import Reading
 
 
@@ -23,7 +24,7 @@ def _site(reading: Reading) -> str:
 def stale(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """The pose of a link is that of one step earlier, unless it is computed again."""
     for each in inputs.scene.seen.readings:
-        if not each.function.startswith("getLinkState"):
+        if each.act is not Act.READ_LINK:
             continue
         if each.flags.get("computeForwardKinematics", 0) != 0 or each.last_step < 1:
             continue
@@ -53,10 +54,10 @@ def stale(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
 @input_rule("reading", "note", "reading-static")
 def static(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """The velocity of a base that only calls move is what a call gave it, and 0 without one."""
-    posed = {u.body.number: u for u in inputs.of("resetBasePosition") if u.body is not None}
-    given = {u.body.number for u in inputs.of("resetBaseVelocity") if u.body is not None}
+    posed = {u.body.number: u for u in inputs.of(Act.SET_POSE) if u.body is not None}
+    given = {u.body.number for u in inputs.of(Act.SET_VELOCITY) if u.body is not None}
     for each in inputs.scene.seen.readings:
-        if each.function != "getBaseVelocity":
+        if each.act is not Act.READ_VELOCITY:
             continue
         for number in {s.body for s in each.targets}:
             body = inputs.scene.seen.bodies.get(number)
@@ -82,7 +83,7 @@ def static(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
 def torque(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """`getJointState` gives the torque of the motor, and not that of TORQUE_CONTROL."""
     for each in inputs.scene.seen.readings:
-        if not each.function.startswith("getJointState"):
+        if each.act is not Act.READ_JOINT:
             continue
         for subject in each.targets:
             joint = (subject.body, subject.link)

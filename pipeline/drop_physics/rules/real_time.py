@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Answer, Finding, Scene
 from drop_physics.rules.arguments import site_of
+from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import Call
 
 
@@ -19,7 +20,7 @@ class RealTime(Answer):
 
     def see(self) -> None:
         """Keep the first call that turns it on."""
-        for call in self.scene.piece.calls.of("setRealTimeSimulation"):
+        for call in self.scene.piece.calls.of(Act.SET_REAL_TIME):
             if self._on is None:
                 asked = call.numbers[0] if call.numbers else float("True" in call.arguments)
                 self._on = call if asked else None

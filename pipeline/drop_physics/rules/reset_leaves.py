@@ -13,6 +13,7 @@ from drop_physics.explain.joints import Driven, target_of
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Answer, Effect, Finding, Scene, Span
 from drop_physics.rules.joint import OFF, distance, name_of, place, units_of
+from drop_physics.trace.acts import Act
 
 WATCHED = 240
 """For how many steps after it was put somewhere a joint is watched."""
@@ -74,7 +75,7 @@ class ResetLeaves(Answer):
     def see(self) -> None:
         """Take a piece."""
         steps = {client: {max(held)} for client, held in self._restored.items()}
-        for call in self.scene.piece.calls.of("restoreState"):
+        for call in self.scene.piece.calls.of(Act.RESTORE):
             steps.setdefault(call.client, set()).add(call.at.step)
         self._restored = steps
         for driven in self.scene.driven():
@@ -163,7 +164,7 @@ class ResetLeaves(Answer):
             first=first,
             back=any(abs(position - home) < SAME for home in homes),
             told=told,
-            function="restoreState" if restored else "resetJointState",
+            function=(Act.RESTORE if restored else Act.SET_JOINT).function,
             site=float(driven.asked.site[row, k]),
             last=first,
             reached=position,

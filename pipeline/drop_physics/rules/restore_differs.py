@@ -13,28 +13,25 @@ from drop_physics.messages import Message
 from drop_physics.rules.answer import Answer, Cure, Effect, Finding, Scene, Span
 from drop_physics.rules.arguments import given, site_of
 from drop_physics.rules.joint import distance
+from drop_physics.trace.acts import FILTERS, MAKES, PUSHES, SETS_TIMESTEP, Act
 from drop_physics.trace.calls import Call
 
 Float64 = NDArray[np.float64]
 
-STATES = "saveState", "restoreState", "resetSimulation"
+STATES = Act.SAVE, Act.RESTORE, Act.CLEAR
 """Each begins an episode,"""
-BY_HAND = "resetBase", "resetJoint"
+BY_HAND = Act.SET_POSE, Act.SET_VELOCITY, Act.SET_JOINT
 """and so does the first of these in a gap between steps."""
+SETTINGS = Act.SET_GRAVITY, Act.SET_TIMESTEP, Act.SET_ENGINE
+"""The engine's own settings."""
 SETS = (
-    "changeDynamics",
-    "setGravity",
-    "createConstraint",
-    "changeConstraint",
-    "removeConstraint",
-    "setJointMotorControl",
-    "setPhysicsEngineParameter",
-    "setTimeStep",
-    "setCollisionFilter",
+    *(Act.SET_PROPERTY, Act.CONSTRAIN, Act.CHANGE_CONSTRAINT, Act.RELEASE, Act.COMMAND),
+    *SETTINGS,
+    *FILTERS,
 )
-"""Beginnings of functions whose effect none of these takes back,"""
-MAKES = "createMultiBody", "load"
-"""Beginnings of functions after which there is a body more."""
+"""What none of these takes back;"""
+CLEARED = SETS_TIMESTEP
+"""but for what clears a simulation, which leaves only that of these."""
 UNREPORTED = frozenset(
     (
         *("linearDamping", "angularDamping", "jointDamping", "maxJointVelocity"),
@@ -42,12 +39,8 @@ UNREPORTED = frozenset(
     )
 )
 """Properties that the engine never reports, so that a call of them may change something."""
-SETTINGS = "setGravity", "setTimeStep", "setPhysicsEngineParameter"
-"""Those of the engine's own settings."""
 IDS = "Id", "Index", "Indices", "Mode"
 """Ends of the arguments that name what is set."""
-CLEARED = "setTimeStep", "setPhysicsEngineParameter"
-"""but for resetSimulation, which leaves only that of these."""
 MOST_STEPS, LEAST_STEPS = 64, 10
 """Of an episode, that are compared; a shorter one is none: something is moved by resets."""
 
@@ -87,12 +80,12 @@ class _Episode:
     @property
     def kind(self) -> tuple[object, ...]:
         """What it is compared with: episodes of the same saved state, or of the same call."""
-        function = self.begin.function
-        if function == "saveState":
+        act = self.begin.act
+        if act is Act.SAVE:
             return (self.begin.result,)
-        if function == "restoreState":
+        if act is Act.RESTORE:
             return given(self.begin, "stateId") or (self.begin.arguments,)
-        return (function,) if function == "resetSimulation" else BY_HAND
+        return (act,) if act is Act.CLEAR else BY_HAND
 
 
 class RestoreDiffers(Answer):
@@ -109,11 +102,9 @@ class RestoreDiffers(Answer):
     def see(self) -> None:
         """Follow the episodes of each simulation."""
         piece = self.scene.piece
-        if not any(
-            site.function.startswith((*STATES, *BY_HAND)) for site in piece.calls.sites.values()
-        ):
+        if not any(site.act in (*STATES, *BY_HAND) for site in piece.calls.sites.values()):
             return  # in the whole recording nothing begins an episode
-        calls = piece.calls.of("")
+        calls = piece.calls.of()
         for client in {each.client for each in self.scene.seen.bodies.values()}:
             own: list[Call] = []
             for call in calls:
@@ -134,16 +125,16 @@ class RestoreDiffers(Answer):
         yield from self._found.values()
 
     def _begins(self, client: int, call: Call) -> bool:
-        if call.function in STATES:
+        if call.act in STATES:
             return True
         now = self._now.get(client)
         first = now is None or now.begin.at.step != call.at.step
-        return first and call.function.startswith(BY_HAND)
+        return first and call.act in BY_HAND
 
     def _changes(self, call: Call) -> bool:
         """Return whether a setter's first call changed what the engine reports, if it does."""
         seen, body = self.scene.seen, given(call, "bodyUniqueId")
-        if call.function == "changeDynamics":
+        if call.act is Act.SET_PROPERTY:
             if UNREPORTED & call.site.places.keys():
                 return True
             ends = [
@@ -151,7 +142,7 @@ class RestoreDiffers(Answer):
                 for each in seen.dynamics
                 if (each.body.client, each.body.engine_id) == (call.client, *body)
             ]
-        elif call.function in SETTINGS:
+        elif call.act in SETTINGS:
             ends = [each.at for each in seen.settings if each.client == call.client]
         else:
             return True
@@ -231,8 +222,8 @@ class RestoreDiffers(Answer):
         start = 0 if episode is None else episode.begin.at.step
         for call in calls:
             # A force that no step has used yet waits for the next.
-            waits = call.function.startswith("applyExternal") and call.at.step == last
-            if waits or call.function.startswith((*SETS, *MAKES)):
+            waits = call.act in PUSHES and call.at.step == last
+            if waits or call.act in (*SETS, *MAKES):
                 named = _named(call)
                 if episode is not None and (named in self._set or self._changes(call)):
                     before, _ = episode.sets.get(named, (self._set.get(named), call))
@@ -283,17 +274,17 @@ def _named(call: Call) -> tuple[object, ...]:
 def _cause(first: _Episode, second: _Episode, engine_id: int) -> tuple[Message, Call | None] | None:
     """Return why a body's episode differs from the one before, and the call to blame."""
     again, function = {_named(each) for each in second.calls.get(0, [])}, second.begin.function
-    kept = CLEARED if function == "resetSimulation" else ("",)
+    cleared = second.begin.act is Act.CLEAR
     left = [
         call
         for named, (before, call) in first.sets.items()
-        if before != call.numbers and named not in again and call.function.startswith(kept)
+        if before != call.numbers and named not in again and (not cleared or call.act in CLEARED)
     ]
     if left:
         # What names another body may change nothing here; what names none, or this one, does.
         call = min(left, key=lambda each: given(each, "bodyUniqueId") not in ((), (engine_id,)))
         values = {"function": call.function, "arguments": call.arguments, "reset": function}
-        if call.function.startswith(MAKES):
+        if call.act in MAKES:
             return Message(
                 "p.{function}({arguments}) made a body in between, and p.{reset} leaves it there",
                 **values,
@@ -302,7 +293,7 @@ def _cause(first: _Episode, second: _Episode, engine_id: int) -> tuple[Message, 
             "p.{function}({arguments}) came in between, and p.{reset} does not take it back",
             **values,
         ), call
-    if (first.touched or second.touched) and function != "resetSimulation":
+    if (first.touched or second.touched) and not cleared:
         return Message(
             "pairs that touch are solved in another order, which p.{reset} does not bring back",
             reset=function,

@@ -8,6 +8,7 @@ from typing import Any
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Answer, Finding, Scene, so_many
 from drop_physics.rules.arguments import given, site_of
+from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import BODY_NAMES, Call
 from drop_physics.trace.events import Body
 from drop_physics.trace.log import Log
@@ -84,7 +85,7 @@ def failure(
 
 def _why(call: Call, calls: Log) -> str:
     """Return what is behind PyBullet's words, as far as the call tells."""
-    if call.function.startswith("load") and call.arguments.startswith(("'", "fileName='")):
+    if call.act is Act.LOAD and call.arguments.startswith(("'", "fileName='")):
         return Message(", a file that it cannot find or read")
     numbers = next((n for name in BODY_NAMES if (n := given(call, name))), ())
     if not numbers:

@@ -13,6 +13,7 @@ from drop_physics.rules.input_rule import InputSubject, input_rule
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.rule import Said
 from drop_physics.rules.thresholds import FRAME_APART_M, LEFT_M
+from drop_physics.trace.acts import Act
 from drop_physics.trace.requests import Request
 
 
@@ -112,7 +113,7 @@ def _stood(inputs: Inputs, request: Request) -> bool:
 @input_rule("taken-elsewhere", "asked", "ik-index")
 def ik_index(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """Answers of inverse kinematics are sent to joints by their index, fixed joints among them."""
-    for use in inputs.of("calculateInverseKinematics"):
+    for use in inputs.of(Act.SOLVE_IK, Act.SOLVE_SEVERAL_IK):
         body = use.body
         if body is None:
             continue
@@ -140,7 +141,7 @@ def ik_index(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
 @input_rule("taken-elsewhere", "asked", "reset-frame")
 def reset_frame(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """A reset places the centre of mass, where a load places the frame of the file."""
-    for use in inputs.of("resetBasePositionAndOrientation"):
+    for use in inputs.of(Act.SET_POSE):
         body = use.body
         load = None if body is None else inputs.load_of(body)
         if body is None or load is None:

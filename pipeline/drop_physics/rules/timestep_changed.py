@@ -10,8 +10,7 @@ from drop_physics.fields import fraction
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Answer, Effect, Finding, Notes, Scene
 from drop_physics.rules.arguments import site_of
-
-SETS_TIMESTEP = ("setTimeStep", "setPhysicsEngineParameter")
+from drop_physics.trace.acts import SETS_TIMESTEP
 
 
 class TimestepChanged(Answer):

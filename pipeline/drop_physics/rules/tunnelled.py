@@ -14,13 +14,11 @@ from drop_physics.rules.answer import Answer, Effect, Finding, Level, Notes, Sce
 from drop_physics.rules.arguments import number as number_of
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.asked_of_bodies import size_m
+from drop_physics.trace.acts import FILTERS, Act
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body, Collision
 
 Float64 = NDArray[np.float64]
-
-PAIR, FILTERS = "setCollisionFilterPair", "setCollisionFilter"
-"""A function after which two bodies pass each other; the beginning of all of this kind."""
 
 
 class Tunnelled(Answer):
@@ -47,12 +45,12 @@ class Tunnelled(Answer):
 
     def see(self) -> None:
         """Take a piece."""
-        for call in self.scene.piece.calls.of(FILTERS):
-            if call.function == PAIR and number_of(call, "enableCollision", 1.0) == 0:
+        for call in self.scene.piece.calls.of(*FILTERS):
+            if call.act is Act.FILTER_PAIR and number_of(call, "enableCollision", 1.0) == 0:
                 ids = (int(number_of(call, f"bodyUniqueId{each}", -1.0)) for each in "AB")
                 self._off[frozenset(ids)] = call
             else:
-                self._filtered |= call.function.startswith(FILTERS)
+                self._filtered = True
         for judged, steps in self.scene.stretches() if self._boxes and not self._filtered else ():
             body = judged.body
             if body.joints or not body.base_moves:

@@ -12,8 +12,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from drop_physics.trace.acts import Act
 from drop_physics.trace.events import At, Body, Site
 
+TIMESTEPS = {Act.SET_TIMESTEP: "timeStep", Act.SET_ENGINE: "fixedTimeStep"}
+"""The argument that sets the timestep."""
 WORLD_FRAME = 2
 """The flag of `applyExternalForce`: its vectors are in the world's axes."""
 BODY_NAMES = ("bodyUniqueId", "objectUniqueId", "bodyIndex")
@@ -43,6 +46,17 @@ class Call:
     def function(self) -> str:
         """Its name."""
         return self.site.function
+
+    @property
+    def act(self) -> Act:
+        """What it does."""
+        return self.site.act
+
+    @property
+    def timestep_s(self) -> float | None:
+        """The timestep that it sets; None if it sets none."""
+        numbers = self.values.get(TIMESTEPS.get(self.act, ""), ())
+        return numbers[0] if numbers else None
 
     @property
     def file(self) -> str:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from drop_physics.messages import Message
 from drop_physics.physics.tree import places
+from drop_physics.trace.acts import Act, act_of
 from drop_physics.trace.readings import Reading
 from drop_physics.trace.states import Float64, Int64, Joints, Rows
 
@@ -277,6 +278,11 @@ class Site:
     """The argument that each number belongs to; a vector's numbers have the same one."""
     whole: tuple[bool, ...]
     """Whether each number was a whole one in the first call."""
+
+    @property
+    def act(self) -> Act:
+        """What its calls do."""
+        return act_of(self.function)
 
     @property
     def place(self) -> str:

@@ -8,15 +8,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.physics.bullet_calls import link_reached
+from drop_physics.trace.acts import MAKES, PUSHES, Act
 from drop_physics.trace.calls import BODY_NAMES, WORLD_FRAME, Call, Given, Push
 from drop_physics.trace.events import Appearance, At, Calls, Raised, Site, order, widths_of
 from drop_physics.trace.motors import Command, commands_of
+from drop_physics.trace.properties import link_reached
 
 Int64 = NDArray[np.int64]
-
-MAKES = ("loadURDF", "loadSoftBody", "createMultiBody")
-"""The functions that make a body and return its id."""
 
 
 class Log:
@@ -68,9 +66,9 @@ class Log:
         """Yield all calls in order."""
         yield from self._made({*self.sites})
 
-    def of(self, *functions: str) -> list[Call]:
-        """Return the calls of functions by the beginning of their names that did not fail."""
-        sites = {n for n, site in self.sites.items() if site.function.startswith(functions)}
+    def of(self, *acts: Act) -> list[Call]:
+        """Return the calls that do any of these and did not fail; without acts all."""
+        sites = {n for n, site in self.sites.items() if not acts or site.act in acts}
         return [call for call in self._made(sites) if not call.raised]
 
     def with_argument(self, *names: str) -> list[Call]:
@@ -117,12 +115,12 @@ class Log:
 
     # -- the bodies that they are about -----------------------------------------------------------
 
-    def of_bodies(self, *functions: str) -> Iterator[tuple[Call, At, Appearance]]:
-        """Yield the calls of functions by the beginning of their names, each with its body.
+    def of_bodies(self, *acts: Act) -> Iterator[tuple[Call, At, Appearance]]:
+        """Yield the calls that do any of these, each with its body.
 
         A body is listed with the next step: what calls did to it before is dated to that moment.
         """
-        for call in self.of(*functions):
+        for call in self.of(*acts):
             place = next((at for name in BODY_NAMES if (at := call.site.places.get(name))), None)
             came = None if place is None else self.body_at(call, int(call.numbers[place.start]))
             if came is not None:
@@ -161,8 +159,8 @@ class Log:
         """Return, by client and the engine's id, the calls that made a body and removed it."""
         if self._lives is None:
             self._lives = {}
-            for call in self.of(*MAKES, "removeBody", "resetSimulation"):
-                if call.function.startswith(MAKES):
+            for call in self.of(*MAKES, Act.REMOVE, Act.CLEAR):
+                if call.act in MAKES:
                     if math.isfinite(call.result):
                         lives = self._lives.setdefault((call.client, int(call.result)), [])
                         lives.append((call.at.call, None))
@@ -177,9 +175,9 @@ class Log:
 
     def pushes(self) -> Iterator[Push]:
         """Yield the forces and torques from outside."""
-        for call, at, came in self.of_bodies("applyExternalForce", "applyExternalTorque"):
+        for call, at, came in self.of_bodies(*PUSHES):
             values = call.values
-            torque = call.function.endswith("Torque")
+            torque = call.act is Act.TWIST
             vector = values.get("torqueObj" if torque else "forceObj", ())
             point = values.get("posObj", ())
             if len(vector) == 3:
@@ -190,7 +188,7 @@ class Log:
 
     def given(self) -> Iterator[Given]:
         """Yield properties of bodies that calls have set."""
-        for call, at, came in self.of_bodies("changeDynamics"):
+        for call, at, came in self.of_bodies(Act.SET_PROPERTY):
             values: dict[str, float | Sequence[float]] = {
                 name: held[0] if len(held) == 1 else list(held)
                 for name, held in call.values.items()

@@ -8,6 +8,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import BODY_NAMES
 from drop_physics.trace.events import Calls, Site
 
@@ -15,12 +16,12 @@ T = TypeVar("T")
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-MOTORS = "setJointMotorControl"
-"""What the functions that command joints begin with."""
 VELOCITY, TORQUE, POSITION, PD = 0, 1, 2, 3
 """How they drive a joint: `controlMode`."""
 FORCE = 100000.0
 """PyBullet's default of a motor's limit [N m] or [N]."""
+DEFAULTS_TO_FORCE = ("setJointMotorControl2", "setJointMotorControlArray")
+"""Calls of TORQUE_CONTROL that give a torque of FORCE where none is given."""
 ARGUMENTS = {
     "targetPosition": "targetPositions",
     "targetVelocity": "targetVelocities",
@@ -47,6 +48,14 @@ class Command(NamedTuple):
     values: Mapping[str, Float64]
     """By argument of a call for one joint, shape (n, k)."""
 
+    @property
+    def torques(self) -> Float64 | None:
+        """What calls of TORQUE_CONTROL give [N m] or [N], shape (n, k); None if they give none."""
+        given = self.values.get("force")
+        if given is None and self.site.function in DEFAULTS_TO_FORCE:
+            return np.full((len(self.calls), 1), FORCE)
+        return given
+
     def only(self, which: NDArray[np.bool_]) -> Command:
         """Return some of them."""
         held = {name: values[which] for name, values in self.values.items()}
@@ -70,7 +79,7 @@ def commands_of(seen: Calls, sites: Mapping[int, Site], widths: Int64) -> Iterat
     starts = np.cumsum(widths) - widths
     for number in np.unique(seen.sites).tolist():
         site = sites[number]
-        if not site.function.startswith(MOTORS):
+        if site.act is not Act.COMMAND:
             continue
         its = np.flatnonzero(seen.sites == number)
         numbers = seen.numbers[starts[its, None] + np.arange(len(site.names))]

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from drop_physics.trace.acts import Act, act_of
+
 
 @dataclass(frozen=True)
 class Subject:
@@ -89,3 +91,8 @@ class Reading:
     """Whether `targets` are all; at most 1024 are kept."""
     camera: Lens | None = None
     """The lens of the first picture that it took."""
+
+    @property
+    def act(self) -> Act:
+        """What it reads."""
+        return act_of(self.function)

@@ -14,11 +14,21 @@ from typing import TypeVar
 
 import numpy as np
 
-from drop_physics.physics import bullet_calls as engine
 from drop_physics.physics.tree import BASE
+from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import At, Body, Dynamics, Settings, order
 from drop_physics.trace.log import Log
+from drop_physics.trace.properties import (
+    OF_BODIES,
+    PROPERTIES,
+    REPORTED,
+    REPORTED_SETTINGS,
+    SETTERS,
+    arrives,
+    link_reached,
+    takes,
+)
 
 ROUNDING = 1e-9
 """By which share a report may differ from what was asked for: the mass of a btRigidBody is 1 / (1 /
@@ -60,7 +70,7 @@ class Request:
         if self.ignored or self.body is None:
             return not self.ignored
         there = self.link < len(self.body.links) - 1 or self.body.hides_links
-        return there and engine.arrives(self.name, self.link, self.reached)
+        return there and arrives(self.name, self.link, self.reached)
 
 
 def requests(
@@ -77,12 +87,12 @@ def requests(
     for setting in settings:
         of_client[setting.client].append(setting)
     latest: dict[object, Request] = {}
-    for call, at, came in calls.of_bodies("changeDynamics"):
+    for call, at, came in calls.of_bodies(Act.SET_PROPERTY):
         named = int(call.values.get("linkIndex", (BASE,))[0])
-        reached = engine.link_reached(call.values)
+        reached = link_reached(call.values)
         before, after = _around(of_body[came.body.number], call, at, order(came.at))
-        for name in engine.PROPERTIES & call.values.keys():
-            whose = BASE if name in engine.OF_BODIES else named
+        for name in (name for name in call.values if name in PROPERTIES):
+            whose = BASE if name in OF_BODIES else named
             latest[came.body.number, whose, name, at.step] = Request(
                 call=call,
                 name=name,
@@ -90,12 +100,12 @@ def requests(
                 body=came.body,
                 link=named,
                 reached=reached,
-                ignored=not engine.takes(name, call.values),
+                ignored=not takes(name, call.values),
                 before=_of_link(before, name, named),
                 got=_of_link(after, name, named),
                 elsewhere=None if reached == named else _of_link(after, name, reached),
             )
-    for call in calls.of(*engine.SETTERS):
+    for call in calls.of(*SETTERS):
         earlier, later = _around(of_client[call.client], call, call.at)
         for name, asked in call.values.items():
             latest[call.client, name, call.at.step, "settings"] = Request(
@@ -122,7 +132,7 @@ def _around(
 
 def _of_link(row: Dynamics | None, name: str, link: int) -> Numbers | None:
     """Return what was reported of a link's property, if the engine reports it of such a link."""
-    values = None if row is None else row.reported.get(engine.REPORTED.get(name, ""))
+    values = None if row is None else row.reported.get(REPORTED.get(name, ""))
     if values is None or not BASE <= link < len(values) - 1:
         return None
     numbers = np.ravel(values[link + 1])
@@ -130,5 +140,5 @@ def _of_link(row: Dynamics | None, name: str, link: int) -> Numbers | None:
 
 
 def _of_engine(row: Settings | None, name: str) -> Numbers | None:
-    values = None if row is None else row.values.get(engine.REPORTED_SETTINGS.get(name, name))
+    values = None if row is None else row.values.get(REPORTED_SETTINGS.get(name, name))
     return None if values is None else tuple(np.ravel(values).tolist())

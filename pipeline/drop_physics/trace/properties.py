@@ -13,6 +13,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from drop_physics.physics.tree import BASE
+from drop_physics.trace.acts import Act
 
 NAMED, TO_BASE = True, False
 ORDER: Mapping[str, bool] = {
@@ -72,8 +73,8 @@ REPORTED_SETTINGS: Mapping[str, str] = {
     "enableRealTimeSimulation": "useRealTimeSimulation",
 }
 """Arguments that `getPhysicsEngineParameters` reports under another name."""
-SETTERS = ("setGravity", "setTimeStep", "setRealTimeSimulation", "setPhysicsEngineParameter")
-"""The functions with such arguments."""
+SETTERS = Act.SET_GRAVITY, Act.SET_TIMESTEP, Act.SET_REAL_TIME, Act.SET_ENGINE
+"""The calls with such arguments."""
 VECTORS = frozenset(("anisotropicFriction", "localInertiaDiagonal"))
 """Arguments that have a setter whatever their numbers are."""
 

@@ -1,0 +1,79 @@
+"""What a call does, by the names of the functions that do it.
+
+Rules and laws ask for acts, and never for a function: only here, and in the engine's own room, is
+its name known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import Enum
+
+
+class Act(Enum):
+    """What a call does; its value is the functions of PyBullet that do it."""
+
+    LOAD = ("loadURDF", "loadSDF", "loadMJCF", "loadBullet", "loadSoftBody")
+    """Makes bodies from a file."""
+    MAKE = ("createMultiBody",)
+    REMOVE = ("removeBody",)
+    CLEAR = ("resetSimulation",)
+    """Removes everything, and sets the engine back."""
+    SAVE = ("saveState",)
+    RESTORE = ("restoreState",)
+    SET_POSE = ("resetBasePositionAndOrientation",)
+    SET_VELOCITY = ("resetBaseVelocity",)
+    SET_JOINT = ("resetJointState", "resetJointStateMultiDof", "resetJointStatesMultiDof")
+    PUSH = ("applyExternalForce",)
+    TWIST = ("applyExternalTorque",)
+    COMMAND = (
+        "setJointMotorControl2",
+        "setJointMotorControl",
+        "setJointMotorControlArray",
+        "setJointMotorControlMultiDof",
+        "setJointMotorControlMultiDofArray",
+    )
+    """Sets the motor of a joint, or gives it a torque."""
+    CONSTRAIN = ("createConstraint",)
+    CHANGE_CONSTRAINT = ("changeConstraint",)
+    RELEASE = ("removeConstraint",)
+    SET_PROPERTY = ("changeDynamics",)
+    """Sets properties of a body or a link."""
+    SET_GRAVITY = ("setGravity",)
+    SET_TIMESTEP = ("setTimeStep",)
+    SET_ENGINE = ("setPhysicsEngineParameter",)
+    SET_REAL_TIME = ("setRealTimeSimulation",)
+    FILTER_PAIR = ("setCollisionFilterPair",)
+    FILTER_GROUP = ("setCollisionFilterGroupMask",)
+    SOLVE_IK = ("calculateInverseKinematics",)
+    """Asks where joints have to be for a link to be somewhere."""
+    SOLVE_SEVERAL_IK = ("calculateInverseKinematics2",)
+    READ_LINK = ("getLinkState", "getLinkStates")
+    READ_VELOCITY = ("getBaseVelocity",)
+    READ_JOINT = (
+        "getJointState",
+        "getJointStates",
+        "getJointStateMultiDof",
+        "getJointStatesMultiDof",
+    )
+    OTHER = ()
+
+    @property
+    def function(self) -> str:
+        """The function that does it, as a text names it."""
+        functions: tuple[str, ...] = self.value
+        return functions[0]
+
+
+ACTS: Mapping[str, Act] = {function: act for act in Act for function in act.value}
+"""By the name of a function."""
+PUSHES = Act.PUSH, Act.TWIST
+MAKES = Act.LOAD, Act.MAKE
+FILTERS = Act.FILTER_PAIR, Act.FILTER_GROUP
+CONSTRAINS = Act.CONSTRAIN, Act.CHANGE_CONSTRAINT
+SETS_TIMESTEP = Act.SET_TIMESTEP, Act.SET_ENGINE
+
+
+def act_of(function: str) -> Act:
+    """Return what calls of a function do."""
+    return ACTS.get(function, Act.OTHER)
