@@ -1,4 +1,8 @@
-"""Run a script, and record everything that happens in its simulations."""
+"""Run a script, and record everything that happens in its simulations.
+
+What writes the recording loads Rerun, for as long as a script takes to load PyBullet: it is loaded
+while the script begins.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +18,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,10 +28,8 @@ from drop_physics.fields import all_of
 from drop_physics.files.outputs import check_apart
 from drop_physics.messages import Message
 from drop_physics.printable import Printable
-from drop_physics.recording import schema, writer
+from drop_physics.recording import schema
 from drop_physics.recording.about import about_script
-from drop_physics.recording.layout import layout
-from drop_physics.recording.recorder import Recorder
 from drop_physics.stages.found import name_of, path_digest
 from drop_physics.stages.missing_file import missing_file
 from drop_physics.stages.program import (
@@ -40,6 +42,9 @@ from drop_physics.stages.program import (
 )
 from drop_physics.stages.record_target import target_of
 from drop_physics.trace.events import Ending
+
+if TYPE_CHECKING:
+    from drop_physics.recording.recorder import Recorder
 
 NAMED_AFTER_S = 60.0
 """A script without a limit that runs longer [s] may never end."""
@@ -147,7 +152,6 @@ def record_script(
     program = Program(
         target, arguments, interpreter, is_module, steps, duration_s, keep_sleeping, seed, begins_s
     )
-    recorder = Recorder({schema.ORIGIN_PROPERTY: _origin(program, digest)}, compared=twice)
     recording_id = uuid.uuid4().hex
     placed = target_of(target, out, is_module=is_module, keep=keep, force=force)
     with placed as place:
@@ -159,6 +163,9 @@ def record_script(
             running.Script(program, stdout=stdout, tell=tell) as process,
             _interrupts(process.interrupt),
         ):
+            from drop_physics.recording.recorder import Recorder
+
+            recorder = Recorder({schema.ORIGIN_PROPERTY: _origin(program, digest)}, compared=twice)
             ended = written(
                 process,
                 recorder,
@@ -247,6 +254,9 @@ def written(
 
     The recording is called `name` in Rerun's lists; by default as its file.
     """
+    from drop_physics.recording import writer
+    from drop_physics.recording.layout import layout
+
     endings: list[Ending] = []
 
     def ending() -> Ending:
@@ -348,6 +358,8 @@ def _again(
         return False, None
     # One more would be a difference, where the script ended by itself.
     most = made if made and how in STOPPED else made + 1
+    from drop_physics.recording.recorder import Recorder
+
     other, null = Recorder({}), os.open(os.devnull, os.O_WRONLY)
     try:
         again = replace(program, steps=most, perturb=running.OTHER_PERTURB)
