@@ -18,6 +18,7 @@ from pathlib import Path
 from drop_physics.engines.mujoco.explained import explained
 from drop_physics.engines.mujoco.received import Received
 from drop_physics.engines.pybullet.script import Program, Script
+from drop_physics.trace.events import Event
 
 from benchmarks.harness import Measured
 
@@ -192,15 +193,16 @@ def _watched(path: Path, spool: Path | None = None) -> Stepped:
     with printed.open("wb") as stdout, (spool or path.with_name("spool")).open("wb") as spooled:
         received = Received(spooled)
 
-        def take(payload: bytes) -> None:
+        def take(payload: bytes) -> Iterator[Event]:
             nonlocal sent
             sent += len(payload) * (payload[:1] in b"SW")
             for _ in received.take(payload):
                 pass
+            yield from ()
 
         program = Program(str(path), (), sys.executable)
         with Script(program, stdout=stdout.fileno()) as script:
-            script.decoder.mujoco = take
+            script.decoder.mujoco.take = take
             for _ in script.events():
                 pass
     state, took = printed.read_text().split()

@@ -15,7 +15,7 @@ from drop_physics.engines.mujoco.explain.reasons import REASONS
 from drop_physics.engines.mujoco.explained import ExplainedPiece, explained
 from drop_physics.engines.mujoco.received import Received, StepPiece, Written
 from drop_physics.engines.pybullet.script import Program, Script
-from drop_physics.trace.events import Ending
+from drop_physics.trace.events import Ending, Event
 
 MACHINE = """
 <mujoco>
@@ -150,12 +150,13 @@ def watched(folder: Path, text: str, **how: Any) -> Run:
         ):
             received = Received(spool)
 
-            def take(payload: bytes) -> None:
+            def take(payload: bytes) -> Iterator[Event]:
                 pieces.extend(received.take(payload))
+                yield from ()
 
             program = Program("script.py", [], sys.executable, **how)
             with Script(program, stdout=printed.fileno(), stderr=said.fileno()) as script:
-                script.decoder.mujoco = take
+                script.decoder.mujoco.take = take
                 list(script.events())
                 ending = script.ending()
             pieces += received.rest()

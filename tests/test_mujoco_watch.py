@@ -492,25 +492,6 @@ os.kill(os.getpid(), signal.SIGKILL)
     assert statuses(run.explained()) == [(EXPLAINED, "")] * 777
 
 
-def test_a_script_may_use_both_engines(tmp_path: Path) -> None:
-    text = (
-        SCENE
-        + """
-import pybullet as p
-p.connect(p.DIRECT)
-for k in range(7):
-    p.stepSimulation()
-    mujoco.mj_step(m, d)
-print(d.time)
-"""
-    )
-    alone, run = bare(tmp_path / "bare", text), watched(tmp_path / "watched", text)
-    assert run.printed == alone.stdout
-    assert run.steps() == 7
-    limited = watched(tmp_path / "limited", text, steps=6)
-    assert (limited.ending.how, limited.steps()) == ("steps", 3)
-
-
 def test_a_library_that_steps_is_named_beside_the_scripts_line(tmp_path: Path) -> None:
     library = tmp_path / "site-packages/simulator"
     library.mkdir(parents=True)

@@ -101,7 +101,8 @@ def about_script(origin: Mapping[str, Any], recorder: Recorder, ending: Ending) 
     }
     table = "\n".join(f"| {name} | {value} |" for name, value in rows.items())
     notes = "".join(f"\n- {note}" for note in ending.notes)
-    return f"""# A script that uses PyBullet
+    engine = "MuJoCo" if ending.made_with.get("mujoco") else "PyBullet"
+    return f"""# A script that uses {engine}
 
 `{call}`, recorded by drop: everything that happened in its simulations.
 

@@ -26,7 +26,7 @@ BEYOND_M = 1e-3
 """By which a hull is drawn larger, lest it flicker where the mesh lies in it: its margin."""
 MESH_SUFFIXES = (".obj", ".stl", ".dae", ".gltf", ".glb")
 LARGEST_MESH_BYTES = 1 << 26
-ROUND_OR_BOX = "box", "sphere", "cylinder"
+ROUND_OR_BOX = "box", "sphere", "cylinder", "ellipsoid"
 """Kinds of shapes that are drawn, and that may be touched."""
 BRIGHTEST = 217
 """Of 255, of a white body: PyBullet's default would vanish on a light page."""
@@ -118,12 +118,14 @@ def shape(entity: str, at: Times, seen: Shape) -> Iterator[Chunk]:
 
 
 def _solid(seen: Shape | Collision, **look: Any) -> Iterable[rr.ComponentColumn]:  # noqa: ANN401
-    """Return a box, sphere or cylinder."""
+    """Return a box, sphere, ellipsoid or cylinder."""
     a, b, *_ = (*seen.size_m, 0.0, 0.0)
     if seen.kind == "box":
         return rr.Boxes3D.columns(half_sizes=[[side / 2 for side in seen.size_m]], **look)
     if seen.kind == "sphere":
         return rr.Ellipsoids3D.columns(half_sizes=[[a, a, a]], **look)
+    if seen.kind == "ellipsoid":
+        return rr.Ellipsoids3D.columns(half_sizes=[[side / 2 for side in seen.size_m]], **look)
     return rr.Cylinders3D.columns(lengths=[a], radii=[b], **look)
 
 

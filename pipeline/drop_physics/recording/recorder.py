@@ -216,8 +216,8 @@ class Recorder:
     def _names_of_joints(self, body: Body) -> Iterator[Chunk]:
         if any(any(joint.widths) for joint in body.joints):
             for name in schema.OF_JOINTS:
-                entity = f"{schema.JOINTS}/{body.label}/{name}"
-                yield writer.series_chunk(entity, joint_names(body, name))
+                if names := joint_names(body, name):
+                    yield writer.series_chunk(f"{schema.JOINTS}/{body.label}/{name}", names)
 
     # -- samples ----------------------------------------------------------------------------------
 
@@ -253,6 +253,8 @@ class Recorder:
 
     def _on_series(self, entity: str, at: Times, values: NDArray[np.float64]) -> Iterator[Chunk]:
         """Yield one number per row and joint."""
+        if not values.shape[1]:
+            return
         self._made.add_series(entity, at.steps, values)
         yield writer.scalars_chunk(entity, at, values)
 

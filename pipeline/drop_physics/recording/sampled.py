@@ -142,6 +142,8 @@ class RecordedSamples:
             if len(held[0][0]):
                 (steps, position), (_, velocity), (_, effort) = held
                 nowhere = np.full(len(steps), np.nan)
+                if len(effort) != len(steps):  # of an engine that reports none
+                    effort = np.zeros((len(steps), 0))
                 joints[number] = Joints(steps, nowhere, position, velocity, effort)
         for entity in self.entities:
             if entity.startswith(f"{schema.CONSTRAINTS}/"):

@@ -56,7 +56,8 @@ def row_of(event: Event) -> tuple[str, At, Values]:
         case Settings(at, client, values):
             # The viewer's times are rounded; later times are computed from this one.
             held = {name: np.asarray(value, np.float64).tolist() for name, value in values.items()}
-            return schema.SETTINGS, at, {"client": client, "time_s": at.time_s, "values": held}
+            row = {"client": client, "time_s": at.time_s, "values": held}
+            return schema.SETTINGS, at, row | ({"engine": event.engine} if event.engine else {})
         case Site():
             # A place has no time of its own: a recording may know it before the first step.
             return schema.SITES, At(0, 0.0, event.number), asdict(event)
@@ -83,6 +84,8 @@ def _plain_body(body: Body) -> Values:
     # `asdict` copies numbers one by one: corners of hulls are added after it.
     bare = tuple(replace(shape, hull_m=()) for shape in body.collisions)
     plain = asdict(replace(body, collisions=bare))
+    if not body.actuators:  # as recordings without any always were
+        del plain["actuators"]
     for shape in (*plain["shapes"], *plain["collisions"]):
         shape["file"] = PurePath(shape["file"]).name
     for shape, held in zip(plain["collisions"], body.collisions, strict=True):
@@ -143,7 +146,12 @@ def dynamics(told: Told, bodies: Mapping[int, Body]) -> list[Dynamics]:
 def settings(told: Told) -> list[Settings]:
     """Return what the engine reported of itself."""
     return [
-        Settings(replace(at, time_s=values["time_s"]), values["client"], values["values"])
+        Settings(
+            replace(at, time_s=values["time_s"]),
+            values["client"],
+            values["values"],
+            values.get("engine", ""),
+        )
         for at, values in told[schema.SETTINGS]
     ]
 

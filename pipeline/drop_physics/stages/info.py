@@ -150,9 +150,11 @@ def _of_script(held: Recording) -> tuple[str, str | None, str]:
     if script != schema.BLOCK and not any(REPLACED in word for word in program):
         options_end = ["--"] if program[0].startswith("-") and program[0] != "-m" else []
         command = shell_command("drop", "record", *options, *options_end, *program)
-    engine: str = "PyBullet"
+    engine: str = held.seen.engine
     if ended is not None and "made_with_version" in ended:  # not where its first bytes were lost
-        engine = Message("PyBullet in Python {version}", version=ended["made_with_version"])
+        engine = Message(
+            "{engine} in Python {version}", engine=engine, version=ended["made_with_version"]
+        )
     how = ENDED.get(str((ended or {}).get("ended")), Message("never finished"))
     return Message("{script}, {ended}", script=what, ended=how), command, engine
 

@@ -210,7 +210,7 @@ def _worth_knowing(
 ) -> Iterator[str]:
     """Yield what is worth knowing of a script that has ended."""
     decoder = process.decoder
-    if not recorder.samples and not decoder.cut_off:
+    if not recorder.samples and not decoder.cut_off and not decoder.mujoco.version:
         nothing = Message(
             "nothing was simulated: the script did not connect to PyBullet, or loaded nothing"
         )

@@ -41,10 +41,11 @@ class Shape:
 
     link: int
     kind: str
-    """`box`, `sphere`, `cylinder`, `capsule`, `mesh`, `plane`, or the engine's number."""
+    """`box`, `sphere`, `ellipsoid`, `cylinder`, `capsule`, `mesh`, `plane`, or the engine's
+    number."""
     size_m: tuple[float, ...]
-    """Whole lengths of a box; radius of a sphere; length and radius; the scale of a mesh; of a
-    plane of which only a part is drawn, its two sides."""
+    """Whole lengths of a box or an ellipsoid; radius of a sphere; length and radius; the scale of a
+    mesh; of a plane of which only a part is drawn, its two sides."""
     file: str
     """Of a mesh; empty if it has none."""
     position_m: tuple[float, ...]
@@ -157,6 +158,30 @@ class Asked:
 
 
 @dataclass(frozen=True)
+class Actuator:
+    """What drives joints by a law of its own, which the engine evaluates in each step."""
+
+    name: str
+    number: int
+    """Its number in its simulation."""
+    kind: str
+    """`motor`, `position`, `velocity`, `muscle` or `general`."""
+    acts_on: str
+    """`joint`, `tendon`, `site`, `slider-crank` or `body`."""
+    target: str
+    """Name of that."""
+    gear: float
+    kp: float
+    """Gain of what it is given: of a position servo its stiffness."""
+    kv: float
+    """Damping, where its force has such a part."""
+    ctrl_range: tuple[float, float] | None
+    """What it is given is clamped to this; None: it is not."""
+    force_range: tuple[float, float] | None
+    """What its force is clamped to; None: it is not."""
+
+
+@dataclass(frozen=True)
 class Body:
     """A body as it was added to the simulation."""
 
@@ -187,6 +212,7 @@ class Body:
     """That it was loaded with; 0 where they are unknown."""
     before: bool = False
     """Whether it was there before the recording: what calls set on it is not known."""
+    actuators: tuple[Actuator, ...] = ()
 
     @cached_property
     def coordinates(self) -> tuple[slice, ...]:
@@ -254,6 +280,8 @@ class Settings:
     at: At
     client: int
     values: Mapping[str, float | Sequence[float]]
+    engine: str = ""
+    """Name and version of the engine; empty of PyBullet."""
 
 
 def located(file: str, line: int) -> str:

@@ -85,6 +85,11 @@ class Seen:
     machine: str
     """Kind of processor; empty if unknown."""
 
+    @property
+    def engine(self) -> str:
+        """Name and version of the engine; of PyBullet its name."""
+        return next((each.engine for each in self.settings if each.engine), "PyBullet")
+
     def pieces(self, steps: int = PIECE) -> Iterator[Piece]:
         """Yield what was sampled, so many steps at a time."""
         for first in range(self.sampled.first, self.sampled.last + 1, steps):

@@ -149,6 +149,7 @@ class Listener(ABC):
             **decoder.python,
             "unseeded": decoder.unseeded or None,
             "real_time": decoder.real_time,
+            "mujoco": decoder.mujoco.version if decoder.mujoco.steps else None,
         }
         ending = Ending(
             main_sha256=decoder.main_sha256, notes=list(decoder.faults), made_with=made_with
@@ -186,6 +187,7 @@ class BlockListener(Listener):
 
     def close(self) -> None:
         """Close the pipe."""
+        self.decoder.close()
         if not self._left:
             self._left = True
             os.close(self._reading)
@@ -277,6 +279,7 @@ class Script(Listener):
     def _close(self) -> None:
         os.close(self._reading)
         self._block.close()
+        self.decoder.close()
 
     def interrupt(self) -> None:
         """Note a Ctrl-C, which a terminal has sent to the script too."""

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.engines.mujoco.watched import MujocoDecoder
 from drop_physics.engines.pybullet.described import Numbering, moving_links, reported_of, shapes_of
 from drop_physics.engines.pybullet.frames import Frames, StreamError
 from drop_physics.engines.pybullet.gathered import Known, World
@@ -39,6 +40,13 @@ from drop_physics.trace.events import (
 
 Float64 = NDArray[np.float64]
 
+OF_PYBULLET = frozenset(
+    (
+        *("world", "site", "raised", "solver", "over", "engine", "body", "look", "gone", "reset"),
+        *("reading", "read", "dynamics", "carried", "layout", "real_time", "fault"),
+    )
+)
+"""Notes about its simulations."""
 TIMESTEPS = ("timeStep", "fixedTimeStep")
 """Arguments of `setTimeStep` and `setPhysicsEngineParameter`."""
 
@@ -75,8 +83,11 @@ class Decoder:
         self.unseeded: list[str] = []
         self.timing = ""
         """Where the script first read a time after a step: file and line."""
-        self.mujoco: Callable[[bytes], object] = len
+        self.mujoco = MujocoDecoder()
         """What takes the payloads of `engines/mujoco/frames`."""
+        self.both = ""
+        """The engine that stepped, too, after the other had: it is not recorded."""
+        self._sites = 0
         self._frames = Frames()
         self._worlds: dict[int, World] = {}
         self._bodies: dict[int, Known] = {}
@@ -91,17 +102,30 @@ class Decoder:
     @property
     def steps(self) -> int:
         """How many steps all simulations have made: a sample each, after their first."""
-        return self.samples - sum(world.sampled for world in self._worlds.values())
+        made = self.samples - sum(world.sampled for world in self._worlds.values())
+        return made or self.mujoco.steps
 
     @property
     def time_s(self) -> float:
         """Simulated time [s], of the simulation that is furthest."""
-        return max((world.time_s(world.step) for world in self._worlds.values()), default=0.0)
+        its = max((world.time_s(world.step) for world in self._worlds.values()), default=0.0)
+        return its or self.mujoco.time_s
+
+    def close(self) -> None:
+        """Free what was kept for a replay."""
+        self.mujoco.close()
 
     def feed(self, data: bytes) -> Iterator[Event]:
         """Yield the events in the next part of the stream."""
         for kind, payload in self._frames.feed(data):
-            if kind == pipe.SAMPLE:  # most frames are: without a generator for each
+            if kind == pipe.MUJOCO:
+                if self.samples:
+                    self.both = "MuJoCo"
+                else:
+                    yield from self._on_mujoco(payload)
+            elif kind != pipe.NOTE and self.mujoco.steps:
+                self.both = "PyBullet"
+            elif kind == pipe.SAMPLE:  # most frames are: without a generator for each
                 number, step = pipe.HEAD.unpack_from(payload)
                 world = self._worlds[number]
                 if world.is_full:
@@ -119,14 +143,15 @@ class Decoder:
                 except ValueError:
                     self._frames.broken = True
                     break
-                yield from getattr(self, f"_on_{note.pop('what')}")(**note) or ()
+                what = note.pop("what")
+                if self.mujoco.steps and what in OF_PYBULLET:
+                    continue
+                yield from getattr(self, f"_on_{what}")(**note) or ()
             elif kind == pipe.SET:
                 yield self._put(payload)
             elif kind == pipe.RESULT:
                 if self._caller is not None:
                     self._caller.add_result(*pipe.NUMBER.unpack(payload))
-            elif kind == pipe.MUJOCO:
-                self.mujoco(payload)
             else:
                 yield from self._on_image(payload)
 
@@ -134,6 +159,18 @@ class Decoder:
         """Yield what is gathered and not yet yielded; the stream is over."""
         for world in self._worlds.values():
             yield from world.gathered()
+        yield from self.mujoco.rest()
+        self.faults += self.mujoco.notes()
+        if self.both:
+            first = "PyBullet" if self.both == "MuJoCo" else "MuJoCo"
+            self.faults.append(
+                Message(
+                    "the script steps {first} and {other}: only {first}, which came first, is "
+                    "recorded",
+                    first=first,
+                    other=self.both,
+                )
+            )
         yield from self._solvers.values()
         if self.counters:
             yield from self._reads.counted(self.counters)
@@ -156,6 +193,14 @@ class Decoder:
         )
 
     # -- numbers ----------------------------------------------------------------------------------
+
+    def _on_mujoco(self, payload: bytes) -> Iterator[Event]:
+        """Yield the events of MuJoCo's; what PyBullet had before keeps its numbers."""
+        if not self.mujoco.steps:
+            bodies = [known.body.number for known in self._bodies.values()]
+            self.mujoco.first_body = max(bodies, default=-1) + 1
+            self.mujoco.first_client, self.mujoco.first_site = len(self._worlds), self._sites
+        yield from self.mujoco.take(payload)
 
     def _on_call(self, payload: bytes) -> None:
         number, site = pipe.CALL_HEAD.unpack_from(payload)
@@ -199,6 +244,7 @@ class Decoder:
         if self._finer > 1 and at is not None:
             self._timesteps[note["number"]] = at
             whole = [each and number != at for number, each in enumerate(whole)]
+        self._sites += 1
         yield Site(names=tuple(names), whole=tuple(whole), **note)
 
     def _on_raised(self, error: str) -> Iterator[Event]:

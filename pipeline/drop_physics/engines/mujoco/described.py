@@ -1,0 +1,587 @@
+"""A MuJoCo model as bodies of a recording: what each is, and its state from `qpos` and `qvel`.
+
+A body of a recording is what hangs on a child of MuJoCo's world: its base is that child where it
+has a free joint or none, and else the world. A body with several joints is a row of links, of which
+all but the last have no mass (`physics.tree`). Positions are those of centres of mass, in the axes
+of inertia; a joint's position is the script's own number.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.physics.mujoco_tree import BALL, FREE, HINGE, SLIDE
+from drop_physics.physics.rotations import products, rotate, rotate_inverse
+from drop_physics.trace.events import Actuator, Body, Collision, Joint, Shape
+from drop_physics.trace.states import BASE
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Arrays = Mapping[str, NDArray[Any]]
+Pose = tuple[Float64, Float64]
+"""Position, shape (3,), and quaternion x, y, z, w."""
+
+GEOMS = {
+    0: "plane",
+    1: "heightfield",
+    2: "sphere",
+    3: "capsule",
+    4: "ellipsoid",
+    5: "cylinder",
+    6: "box",
+    7: "mesh",
+    8: "sdf",
+}
+"""Types of geometries (`mjtGeom`)."""
+JOINTS = {BALL: "spherical", SLIDE: "prismatic", HINGE: "revolute"}
+WIDTHS = {BALL: (4, 3, 0), SLIDE: (1, 1, 0), HINGE: (1, 1, 0)}
+"""Positions and velocities of a joint; what drives it is among the impulses."""
+SHOWN_GROUPS = 3
+"""Geometries of the first groups are shown, as MuJoCo's viewer does."""
+UNPAINTED = (0.5, 0.5, 0.5, 1.0)
+"""The colour of a geometry that takes that of its material."""
+NOWHERE, UPRIGHT = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])
+TRANSMISSIONS = {0: "joint", 1: "joint", 2: "slider-crank", 3: "tendon", 4: "site", 5: "body"}
+"""What an actuator acts on (`mjtTrn`)."""
+NAMED = {"joint": "jnt", "tendon": "tendon", "site": "site", "body": "body"}
+
+
+@dataclass(frozen=True)
+class LinkOf:
+    """A link of a body of a recording."""
+
+    of: int
+    """MuJoCo's body; of a base that is the world, -1."""
+    joint: int
+    """MuJoCo's joint before it; -1 where it is welded to its parent."""
+    whole: bool
+    """Whether it is the last of its body, which has the mass; else it is between two joints."""
+
+
+@dataclass(frozen=True)
+class DescribedBody:
+    """A body of a recording, and where its numbers are in a model's."""
+
+    body: Body
+    links: tuple[LinkOf, ...]
+    """Its base and links."""
+    positions: Int64
+    """Where the coordinates of its joints are in `qpos`."""
+    rates: Int64
+    """Where their rates are in `qvel`."""
+    balls: tuple[tuple[slice, slice, Float64], ...]
+    """The joints that turn about a point: where their coordinates and rates are among those, and
+    the axes of inertia of their link in its body's."""
+    free: int
+    """MuJoCo's joint that frees its base; -1 if it is not free."""
+
+    @property
+    def root(self) -> int:
+        """MuJoCo's body that is the base, or hangs on it first."""
+        return self.links[0].of if self.links[0].of >= 0 else self.links[1].of
+
+
+@dataclass(frozen=True)
+class DescribedModel:
+    """A model's bodies."""
+
+    arrays: Arrays
+    bodies: tuple[DescribedBody, ...]
+    link_of: Mapping[int, tuple[int, int]]
+    """The number of the recording's body and the link, by MuJoCo's body."""
+    dof_of: Mapping[int, tuple[int, int]]
+    """The number of the body, and the place in its generalised velocity, by degree of freedom."""
+    names: Mapping[str, list[str]]
+    """All names by MuJoCo's kind: `body`, `jnt`, `geom`, `actuator`, `tendon`, `eq`."""
+
+
+def described(arrays: Arrays, *, client: int, first: int, folder: Path) -> DescribedModel:
+    """Return the bodies of a model.
+
+    Parameters
+    ----------
+    arrays
+        Its constants by MuJoCo's names.
+    client
+        The number of the simulation.
+    first
+        The number of the first body in the recording.
+    folder
+        Where meshes are written, for the recorder to read.
+    """
+    names = {
+        kind: _names(arrays, kind)
+        for kind in ("body", "jnt", "geom", "mesh", "actuator", "tendon", "eq", "site")
+    }
+    parents = arrays["body_parentid"].tolist()
+    tops = [body for body in range(1, len(parents)) if parents[body] == 0]
+    if _geoms_of(arrays, 0):
+        tops.insert(0, 0)
+    of_top: dict[int, list[int]] = {top: [] for top in tops}
+    for body in range(len(parents)):
+        if (top := _top(parents, body)) in of_top:
+            of_top[top].append(body)
+    bodies, link_of, dof_of = [], {0: (first, BASE)}, {}
+    for number, top in enumerate(tops, first):
+        made = _described(arrays, names, of_top[top], number, client, folder)
+        bodies.append(made)
+        for link, each in enumerate(made.links, BASE):
+            if each.of >= 0 and each.whole:
+                link_of[each.of] = number, link
+        begin = 0
+        if made.free >= 0:
+            at = int(arrays["jnt_dofadr"][made.free])
+            # MuJoCo has the velocity before the spin.
+            for k in range(6):
+                dof_of[at + k] = number, (k + 3) % 6
+            begin = 6
+        for k, dof in enumerate(made.rates.tolist()):
+            dof_of[dof] = number, begin + k
+    return DescribedModel(arrays, tuple(bodies), link_of, dof_of, names)
+
+
+def _top(parents: list[int], body: int) -> int:
+    """Return the child of the world that a body hangs on."""
+    while parents[body]:
+        body = parents[body]
+    return body
+
+
+def _names(arrays: Arrays, kind: str) -> list[str]:
+    """Return the names of all elements of a kind; of one without, its kind and number."""
+    held = bytes(arrays["names"]) if "names" in arrays else b""
+    word = {"jnt": "joint", "eq": "equality"}.get(kind, kind)
+    found = []
+    for number, at in enumerate(np.atleast_1d(arrays.get(f"name_{kind}adr", ())).tolist()):
+        name = held[at : held.index(b"\0", at)].decode("utf-8", "replace")
+        found.append(name or f"{word}{number}")
+    return found
+
+
+def _geoms_of(arrays: Arrays, body: int) -> list[int]:
+    if "geom_bodyid" not in arrays:
+        return []
+    return np.flatnonzero(arrays["geom_bodyid"] == body).tolist()
+
+
+def xyzw(quaternion: NDArray[Any]) -> Float64:
+    """Return quaternions with the real part last, shape (…, 4)."""
+    return np.roll(np.asarray(quaternion, np.float64), -1, axis=-1)
+
+
+def _turned(quaternion: Float64, vector: NDArray[Any]) -> Float64:
+    return np.asarray(rotate(quaternion[None], np.asarray(vector, np.float64)[None])[0])
+
+
+def _turned_back(quaternion: Float64, vector: NDArray[Any]) -> Float64:
+    return np.asarray(rotate_inverse(quaternion[None], np.asarray(vector, np.float64)[None])[0])
+
+
+def _product(a: Float64, b: Float64) -> Float64:
+    return np.asarray(products(a[None], b[None])[0])
+
+
+def _inverse(quaternion: Float64) -> Float64:
+    return np.asarray(quaternion * [-1.0, -1.0, -1.0, 1.0])
+
+
+def _inertial(arrays: Arrays, body: int) -> Pose:
+    """Return where a body's centre of mass and its axes of inertia are in its frame."""
+    return np.asarray(arrays["body_ipos"][body], np.float64), xyzw(arrays["body_iquat"][body])
+
+
+def _placed(arrays: Arrays, body: int) -> Pose:
+    return np.asarray(arrays["body_pos"][body], np.float64), xyzw(arrays["body_quat"][body])
+
+
+def _described(
+    arrays: Arrays,
+    names: Mapping[str, list[str]],
+    members: list[int],
+    number: int,
+    client: int,
+    folder: Path,
+) -> DescribedBody:
+    """Return a child of the world with all that hangs on it."""
+    top = members[0]
+    name = names["body"][top]
+    label = f"{number}_{_plain(name)}"
+    first = _joints_of(arrays, top)
+    free = first[0] if first and arrays["jnt_type"][first[0]] == FREE else -1
+    if first and free < 0:
+        links, titles = [LinkOf(-1, -1, whole=True)], ["world"]
+        rest = members
+    else:
+        links, titles = [LinkOf(top, -1, whole=True)], [name]
+        rest = members[1:]
+    joints: list[Joint] = []
+    last: dict[int, int] = {} if rest is members else {top: BASE}
+    for body in rest:
+        parent = int(arrays["body_parentid"][body])
+        its = _joints_of(arrays, body) or [-1]
+        for which, joint in enumerate(its):
+            whole = joint == its[-1]
+            before = last.get(parent, BASE) if which == 0 else len(joints) - 1
+            joints.append(
+                _joint(arrays, names, links[before + 1], body, joint, whole, which, before, joints)
+            )
+            links.append(LinkOf(body, joint, whole=whole))
+            titles.append(names["body"][body] if whole else f"{names['body'][body]}/{which}")
+        last[body] = len(joints) - 1
+    positions, rates = list[int](), list[int]()
+    balls: list[tuple[slice, slice, Float64]] = []
+    for link in links[1:]:
+        if link.joint < 0:
+            continue
+        kind = int(arrays["jnt_type"][link.joint])
+        at, dof = int(arrays["jnt_qposadr"][link.joint]), int(arrays["jnt_dofadr"][link.joint])
+        width, wide, _ = WIDTHS[kind]
+        if kind == BALL:
+            axes = _inertial(arrays, link.of)[1] if link.whole else UPRIGHT
+            coordinates = slice(len(positions), len(positions) + width)
+            balls.append((coordinates, slice(len(rates), len(rates) + wide), axes))
+        positions += range(at, at + width)
+        rates += range(dof, dof + wide)
+    moving = {BASE} if free >= 0 else set[int]()
+    for joint_ in joints:
+        if any(joint_.widths) or joint_.parent in moving:
+            moving.add(joint_.link)
+    shapes, collisions = _shapes(arrays, names, links, members, folder)
+    mine = {link.joint for link in links if link.joint >= 0} | ({free} - {-1})
+    body_ = Body(
+        number=number,
+        label=label,
+        name=name,
+        engine_id=top,
+        client=client,
+        links=tuple(titles),
+        joints=tuple(joints),
+        moving=tuple(sorted(moving)),
+        soft=False,
+        shapes=shapes,
+        collisions=collisions,
+        actuators=tuple(_actuators(arrays, names, mine)),
+    )
+    return DescribedBody(
+        body_,
+        tuple(links),
+        np.array(positions, np.int64),
+        np.array(rates, np.int64),
+        tuple(balls),
+        free,
+    )
+
+
+def _joints_of(arrays: Arrays, body: int) -> list[int]:
+    first = int(arrays["body_jntadr"][body])
+    return [*range(first, first + int(arrays["body_jntnum"][body]))]
+
+
+def _joint(
+    arrays: Arrays,
+    names: Mapping[str, list[str]],
+    parent: LinkOf,
+    body: int,
+    joint: int,
+    whole: bool,
+    which: int,
+    before: int,
+    joints: list[Joint],
+) -> Joint:
+    """Return what connects a link to the one before it (`mj_kinematics`)."""
+    inertial = _inertial(arrays, body) if whole else (NOWHERE, UPRIGHT)
+    if which == 0:
+        at, turn = _placed(arrays, body)
+        if parent.of >= 0:
+            centre, axes = _inertial(arrays, parent.of)
+        else:
+            centre, axes = NOWHERE, UPRIGHT
+    else:  # the link before is the same body, before its next joint
+        (at, turn), (centre, axes) = (NOWHERE, UPRIGHT), (NOWHERE, UPRIGHT)
+    if joint < 0:
+        pivot, axis, kind = at, NOWHERE, "fixed"
+    else:
+        anchor = np.asarray(arrays["jnt_pos"][joint], np.float64)
+        pivot = at + _turned(turn, anchor)
+        kind = JOINTS[int(arrays["jnt_type"][joint])]
+        axis = np.asarray(arrays["jnt_axis"][joint], np.float64)
+        rest = float(arrays["qpos0"][arrays["jnt_qposadr"][joint]])
+        if kind == "prismatic":
+            pivot = pivot - _turned(turn, axis) * rest
+        elif kind == "revolute":
+            turn = _product(turn, np.append(np.sin(-rest / 2) * axis, np.cos(rest / 2)))
+    limited = joint >= 0 and kind != "fixed" and bool(arrays["jnt_limited"][joint])
+    dof = int(arrays["jnt_dofadr"][joint]) if joint >= 0 else 0
+    one = joint >= 0 and kind != "spherical"
+    low, high = arrays["jnt_range"][joint].tolist() if limited and one else (0.0, -1.0)
+    onto = _product(_product(_inverse(axes), turn), inertial[1])
+    from_parent = _turned_back(axes, pivot - centre)
+    return Joint(
+        link=len(joints),
+        name=names["jnt"][joint] if joint >= 0 else names["body"][body],
+        kind=kind,
+        parent=before,
+        widths=(0, 0, 0) if joint < 0 else WIDTHS[int(arrays["jnt_type"][joint])],
+        limits=(low, high),
+        axis=tuple(_turned_back(inertial[1], axis).tolist()),
+        parent_position_m=tuple(from_parent.tolist()),
+        parent_orientation=tuple(_inverse(onto).tolist()),
+        damping=float(arrays["dof_damping"].reshape(-1)[dof]) if joint >= 0 else 0.0,
+        friction=float(arrays["dof_frictionloss"][dof]) if joint >= 0 else 0.0,
+    )
+
+
+def reported_of(arrays: Arrays, made: DescribedBody) -> dict[str, Float64]:
+    """Return what a model says of base and links: masses, inertias, and where they are."""
+    count = len(made.links)
+    masses, inertias, positions = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3))
+    orientations, friction = np.tile(UPRIGHT, (count, 1)), np.full(count, np.nan)
+    armature = np.zeros(count)
+    for row, link in enumerate(made.links):
+        if link.joint >= 0:
+            positions[row] = -np.asarray(arrays["jnt_pos"][link.joint])
+            armature[row] = arrays["dof_armature"][arrays["jnt_dofadr"][link.joint]]
+        if link.of < 0 or not link.whole:
+            continue
+        stands = row == 0 and made.free < 0
+        centre, axes = _inertial(arrays, link.of)
+        positions[row] += centre
+        orientations[row] = axes
+        if not stands:
+            masses[row] = arrays["body_mass"][link.of]
+            inertias[row] = arrays["body_inertia"][link.of]
+        if geoms := _geoms_of(arrays, link.of):
+            friction[row] = max(arrays["geom_friction"][geoms, 0])
+    if made.free >= 0:
+        armature[0] = arrays["dof_armature"][arrays["jnt_dofadr"][made.free]]
+    return {
+        "mass_kg": masses,
+        "inertia_kg_m2": inertias,
+        "inertial_position_m": positions,
+        "inertial_orientation": orientations,
+        "lateral_friction": friction,
+        "armature": armature,
+    }
+
+
+# -- states ---------------------------------------------------------------------------------------
+
+
+def base_of(arrays: Arrays, made: DescribedBody, qpos: Float64, qvel: Float64) -> Float64:
+    """Return position, orientation, velocity and spin of a base that is free, shape (n, 13).
+
+    MuJoCo's are those of the body's frame: the velocity in the world's axes, the spin in its own.
+    """
+    at, dof = (int(arrays[f"jnt_{name}adr"][made.free]) for name in ("qpos", "dof"))
+    turn = xyzw(qpos[:, at + 3 : at + 7])
+    turn = turn / np.linalg.norm(turn, axis=1, keepdims=True)
+    centre, axes = _inertial(arrays, made.root)
+    n = len(qpos)
+    arm = rotate(turn, np.tile(centre, (n, 1)))
+    spin = rotate(turn, qvel[:, dof + 3 : dof + 6])
+    return np.hstack(
+        (
+            qpos[:, at : at + 3] + arm,
+            products(turn, np.tile(axes, (n, 1))),
+            qvel[:, dof : dof + 3] + np.cross(spin, arm),
+            spin,
+        )
+    )
+
+
+def joints_of(made: DescribedBody, qpos: Float64, qvel: Float64) -> tuple[Float64, Float64]:
+    """Return positions and velocities of a body's joints, shapes (n, positions), (n, rates)."""
+    positions, rates = qpos[:, made.positions], qvel[:, made.rates]
+    for coordinates, of_rates, axes in made.balls:
+        # From the body's axes to those of its inertia.
+        many = np.tile(axes, (len(qpos), 1))
+        turn = xyzw(positions[:, coordinates])
+        turn = turn / np.linalg.norm(turn, axis=1, keepdims=True)
+        positions[:, coordinates] = products(products(many * [-1, -1, -1, 1], turn), many)
+        rates[:, of_rates] = rotate_inverse(many, rates[:, of_rates])
+    return positions, rates
+
+
+def standing_base(arrays: Arrays, made: DescribedBody, mocap: Pose | None) -> Float64:
+    """Return the state of a base that no joint frees, shape (13,)."""
+    state = np.zeros(13)
+    state[6] = 1.0
+    if made.links[0].of < 0 or made.links[0].of == 0:
+        return state
+    at, turn = _placed(arrays, made.links[0].of) if mocap is None else mocap
+    centre, axes = _inertial(arrays, made.links[0].of)
+    state[:3], state[3:7] = at + _turned(turn, centre), _product(turn, axes)
+    return state
+
+
+# -- looks ----------------------------------------------------------------------------------------
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^\w-]+", "_", name, flags=re.ASCII)[:40].strip("_") or "body"
+
+
+def _shapes(
+    arrays: Arrays,
+    names: Mapping[str, list[str]],
+    links: list[LinkOf],
+    members: list[int],
+    folder: Path,
+) -> tuple[tuple[Shape, ...], tuple[Collision, ...]]:
+    """Return what is drawn, and what is touched, of a body."""
+    whole = {each.of: link for link, each in enumerate(links, BASE) if each.whole and each.of >= 0}
+    shapes: list[Shape] = []
+    collisions: list[Collision] = []
+    geoms = [(geom, body) for body in members for geom in _geoms_of(arrays, body)]
+    shown = [each for each in geoms if arrays["geom_group"][each[0]] < SHOWN_GROUPS] or geoms
+    for geom, body in geoms:
+        link = whole[body]
+        kind = GEOMS.get(int(arrays["geom_type"][geom]), str(arrays["geom_type"][geom]))
+        centre, axes = _inertial(arrays, body)
+        position = _turned_back(axes, arrays["geom_pos"][geom] - centre)
+        orientation = _product(_inverse(axes), xyzw(arrays["geom_quat"][geom]))
+        pose = tuple(position.tolist()), tuple(orientation.tolist())
+        size, file = _size(kind, arrays["geom_size"][geom]), ""
+        if kind == "mesh":
+            mesh = int(arrays["geom_dataid"][geom])
+            size, file = (1.0, 1.0, 1.0), str(_mesh(arrays, names["mesh"], mesh, folder))
+        if (geom, body) in shown:
+            shapes.append(Shape(link, kind, size, file, *pose, _colour(arrays, geom)))
+        if arrays["geom_contype"][geom] or arrays["geom_conaffinity"][geom]:
+            hull = _hull(arrays, int(arrays["geom_dataid"][geom])) if kind == "mesh" else ()
+            collisions.append(Collision(link, kind, size, Path(file).name, *pose, hull))
+    return tuple(shapes), tuple(collisions)
+
+
+def _size(kind: str, size: NDArray[Any]) -> tuple[float, ...]:
+    """Return a geometry's size as a `Shape` has it, from MuJoCo's halves."""
+    x, y, z = size.tolist()
+    return {
+        "plane": (2 * x, 2 * y) if x and y else (),
+        "sphere": (x,),
+        "capsule": (2 * y, x),
+        "cylinder": (2 * y, x),
+        "box": (2 * x, 2 * y, 2 * z),
+        "ellipsoid": (2 * x, 2 * y, 2 * z),
+    }.get(kind, (x, y, z))
+
+
+def _colour(arrays: Arrays, geom: int) -> tuple[float, ...]:
+    rgba = tuple(np.asarray(arrays["geom_rgba"][geom], np.float64).round(6).tolist())
+    material = int(arrays["geom_matid"][geom])
+    if material >= 0 and rgba == UNPAINTED and "mat_rgba" in arrays:
+        rgba = tuple(np.asarray(arrays["mat_rgba"][material], np.float64).round(6).tolist())
+    return rgba
+
+
+def _mesh(arrays: Arrays, names: list[str], mesh: int, folder: Path) -> Path:
+    """Write a mesh, as MuJoCo holds it, as a file that the recorder can read."""
+    path = folder / f"{_plain(names[mesh])}_{mesh}.obj"
+    if not path.exists():
+        corner, face = (int(arrays[f"mesh_{name}adr"][mesh]) for name in ("vert", "face"))
+        corners = arrays["mesh_vert"][corner : corner + int(arrays["mesh_vertnum"][mesh])]
+        faces = arrays["mesh_face"][face : face + int(arrays["mesh_facenum"][mesh])] + 1
+        lines = [*("v {:.7g} {:.7g} {:.7g}".format(*each) for each in corners.tolist())]
+        lines += ["f {} {} {}".format(*each) for each in faces.tolist()]
+        path.write_text("\n".join(lines) + "\n", encoding="ascii")
+    return path
+
+
+def _hull(arrays: Arrays, mesh: int) -> tuple[float, ...]:
+    """Return the corners of the convex hull that MuJoCo holds of a mesh (`mesh_graph`)."""
+    at = int(arrays["mesh_graphadr"][mesh])
+    if at < 0 or "mesh_graph" not in arrays:
+        return ()
+    graph = arrays["mesh_graph"]
+    count = int(graph[at])
+    which = graph[at + 2 + count : at + 2 + 2 * count]
+    corners = arrays["mesh_vert"][int(arrays["mesh_vertadr"][mesh]) + which]
+    return tuple(np.asarray(corners, np.float64).round(6).ravel().tolist())
+
+
+# -- actuators ------------------------------------------------------------------------------------
+
+
+def _actuators(
+    arrays: Arrays, names: Mapping[str, list[str]], mine: set[int]
+) -> Iterator[Actuator]:
+    """Yield the actuators that act on a body's joints, or on what is its alone."""
+    for number in range(len(names["actuator"])):
+        kind = TRANSMISSIONS.get(int(arrays["actuator_trntype"][number]), "other")
+        target = int(arrays["actuator_trnid"][number, 0])
+        if kind == "joint":
+            is_mine = target in mine
+        elif kind in ("site", "slider-crank"):
+            is_mine = bool(mine & _joints_above(arrays, int(arrays["site_bodyid"][target])))
+        elif kind == "body":
+            is_mine = bool(mine & _joints_above(arrays, target))
+        elif kind == "tendon":
+            is_mine = bool(mine & _joints_of_tendon(arrays, target))
+        else:
+            is_mine = False
+        if not is_mine:
+            continue
+        named = NAMED.get("site" if kind == "slider-crank" else kind, "jnt")
+        gains, biases = arrays["actuator_gainprm"][number], arrays["actuator_biasprm"][number]
+        yield Actuator(
+            name=names["actuator"][number],
+            number=number,
+            kind=_kind(arrays, number),
+            acts_on=kind,
+            target=names[named][target] if target < len(names[named]) else "",
+            gear=float(arrays["actuator_gear"][number, 0]),
+            kp=float(gains[0]),
+            kv=float(-biases[2]),
+            ctrl_range=_range(arrays, "ctrl", number),
+            force_range=_range(arrays, "force", number),
+        )
+
+
+def _range(arrays: Arrays, what: str, number: int) -> tuple[float, float] | None:
+    if not arrays[f"actuator_{what}limited"][number]:
+        return None
+    low, high = arrays[f"actuator_{what}range"][number].tolist()
+    return low, high
+
+
+def _kind(arrays: Arrays, number: int) -> str:
+    """Return how a script would write an actuator: by its gain and bias (`mjtGain`, `mjtBias`)."""
+    gain, bias = int(arrays["actuator_gaintype"][number]), int(arrays["actuator_biastype"][number])
+    kp, biases = arrays["actuator_gainprm"][number][0], arrays["actuator_biasprm"][number]
+    if int(arrays["actuator_dyntype"][number]) != 0 or gain != 0:
+        return "muscle" if gain == 2 else "general"  # `mjGAIN_MUSCLE`
+    if bias == 0:
+        return "motor"
+    if bias == 1 and kp and biases[1] == -kp and not biases[0]:
+        return "position"
+    if bias == 1 and kp and not biases[1] and biases[2] == -kp and not biases[0]:
+        return "velocity"
+    return "general"
+
+
+def _joints_above(arrays: Arrays, body: int) -> set[int]:
+    found: set[int] = set()
+    while body > 0:
+        found |= {*_joints_of(arrays, body)}
+        body = int(arrays["body_parentid"][body])
+    return found
+
+
+def _joints_of_tendon(arrays: Arrays, tendon: int) -> set[int]:
+    """Return the joints that a tendon moves."""
+    first = int(arrays["tendon_adr"][tendon])
+    found: set[int] = set()
+    for wrap in range(first, first + int(arrays["tendon_num"][tendon])):
+        kind, number = int(arrays["wrap_type"][wrap]), int(arrays["wrap_objid"][wrap])
+        if kind == 1:  # `mjWRAP_JOINT`
+            found.add(number)
+        elif kind == 3:  # `mjWRAP_SITE`
+            found |= _joints_above(arrays, int(arrays["site_bodyid"][number]))
+    return found

@@ -1,0 +1,560 @@
+"""What a MuJoCo script's process sends, as events of a recording.
+
+`received` puts a stream together. Here its pieces get the form that recordings have: bodies,
+samples, and what was set between two steps, by which line.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.engines.mujoco.described import (
+    DescribedBody,
+    DescribedModel,
+    base_of,
+    described,
+    joints_of,
+    reported_of,
+    standing_base,
+    xyzw,
+)
+from drop_physics.engines.mujoco.received import Edited, Received, ScriptLine, StepPiece, Written
+from drop_physics.fields import all_of, counted
+from drop_physics.messages import Message
+from drop_physics.trace.events import (
+    Appearance,
+    At,
+    Calls,
+    Dynamics,
+    Event,
+    Put,
+    Samples,
+    Settings,
+    Site,
+    located,
+)
+from drop_physics.trace.states import CONTACT, Joints
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+GIVEN_FIRST = ("ctrl", "qfrc_applied", "xfrc_applied")
+"""What a script may have set before its first step, and is zero else."""
+STATE = ("qpos", "qvel", "act", "ctrl", "qfrc_applied", "xfrc_applied", "eq_active")
+PLACES = ("mocap_pos", "mocap_quat")
+"""The parts of a state that a script writes to mean something by it."""
+MOVING = ("qpos", "qvel")
+BY_MEMORY = frozenset(
+    ("memory", "mj_forward", "mj_step1", "mj_inverse", "mj_kinematics", "mj_fwdPosition")
+)
+"""Causes of what the script has written by itself."""
+SILENT = frozenset(("step", "posed"))
+"""Causes that are no act of the script."""
+SHAPES_BODIES = re.compile(r"body_|jnt_|dof_|geom_|qpos0")
+"""Fields of a model that say what its bodies are."""
+MOST_NOTES = 3
+"""Different texts that are noted of one kind."""
+
+
+@dataclass
+class MujocoSimulation:
+    """The steps of one MjData with one model."""
+
+    client: int
+    model: int
+    first: int
+    """The first step, of the MjData's."""
+    described: DescribedModel
+    number: int
+    """The number of its first body."""
+    held: dict[str, NDArray[Any]]
+    """The parts of the state as they are, flat."""
+    held_at: int
+    """After so many steps of the MjData."""
+    arrays: dict[str, NDArray[Any]]
+    """The model's constants, with what was edited."""
+    began: bool = False
+    start: dict[str, NDArray[Any]] | None = None
+    """The state before its first step."""
+    since_step: int = 0
+    since_s: float = 0.0
+    timestep_s: float = 0.0
+    ends: int = 0
+    """The last step of which there is a sample."""
+    edited: int = 0
+    """How many edits of its model it knows."""
+
+    def times_s(self, steps: Int64) -> Float64:
+        """Return the times of some steps, the sums of the timesteps before [s]."""
+        return self.since_s + (steps - self.since_step).astype(np.float64) * self.timestep_s
+
+    def time_s(self, step: int) -> float:
+        """Return the time of a step [s]."""
+        return self.since_s + (step - self.since_step) * self.timestep_s
+
+    def take(self, written: Written) -> dict[str, Int64]:
+        """Take what was written; return where that changed something, by part."""
+        changed = {}
+        for name, (indices, values) in written.parts.items():
+            old = self.held.get(name)
+            if indices is None:
+                new = np.array(values, np.float64)
+                differs = np.arange(len(new))
+                if old is not None and len(old) == len(new):
+                    differs = np.flatnonzero(old.view(np.uint64) != new.view(np.uint64))
+            else:
+                size = int(indices.max(initial=-1)) + 1
+                new = np.zeros(size) if old is None else old.copy()
+                if len(new) < size:
+                    new = np.concatenate((new, np.zeros(size - len(new))))
+                new[indices] = values
+                differs = indices.astype(np.int64)
+            self.held[name] = new
+            changed[name] = differs
+        return changed
+
+
+@dataclass
+class _Rows:
+    """Calls that were gathered."""
+
+    steps: list[int] = field(default_factory=list)
+    numbers: list[int] = field(default_factory=list)
+    sites: list[int] = field(default_factory=list)
+    values: list[Float64] = field(default_factory=list)
+
+
+class MujocoDecoder:
+    """Interprets payloads of a stream as events, in order; `close` it.
+
+    What is replayed is kept in a folder of its own.
+    """
+
+    def __init__(self) -> None:
+        self._folder: Path | None = None
+        self._spool: BinaryIO | None = None
+        self._received: Received | None = None
+        self._simulations: dict[tuple[int, int], MujocoSimulation] = {}
+        self._edits: dict[int, list[Edited]] = {}
+        """What was edited in each model so far."""
+        self._sites: dict[tuple[Any, ...], int] = {}
+        self._new_sites: list[Site] = []
+        self._calls = 0
+        self.first_body = self.first_site = self.first_client = 0
+        """Numbers from which on bodies, sites and simulations are counted."""
+        self.samples = 0
+
+    def close(self) -> None:
+        """Remove what was kept."""
+        if self._spool is not None:
+            self._spool.close()
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
+
+    @property
+    def steps(self) -> int:
+        """How many steps all simulations have made."""
+        return 0 if self._received is None else self._received.steps
+
+    @property
+    def version(self) -> str:
+        """MuJoCo's version; empty while it is not known."""
+        return "" if self._received is None else self._received.version
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time of what was taken so far, of the simulation that is furthest [s]."""
+        return max((each.time_s(each.ends) for each in self._simulations.values()), default=0.0)
+
+    def take(self, payload: bytes) -> Iterator[Event]:
+        """Yield the events in a payload."""
+        if self._received is None:
+            self._folder = Path(tempfile.mkdtemp(prefix="drop-"))
+            self._spool = (self._folder / "spool").open("wb")
+            self._received = Received(self._spool)
+        for piece in self._received.take(payload):
+            yield from self._on_piece(piece)
+
+    def rest(self) -> Iterator[Event]:
+        """Yield what is left; the stream is over."""
+        if self._received is not None:
+            for piece in self._received.rest():
+                yield from self._on_piece(piece)
+
+    def notes(self) -> Iterator[Message]:
+        """Yield what is worth knowing about the recording."""
+        received = self._received
+        if received is None:
+            return
+        for each in received.uncaught[:MOST_NOTES]:
+            place = located(each["file"], each["line"]) if each["file"] else ""
+            if place:
+                yield Message(
+                    "what {name} does, at {place}, is not recorded: it steps outside of mj_step",
+                    name=each["name"],
+                    place=place,
+                )
+            else:
+                yield Message(
+                    "what {name} does is not recorded: it steps outside of mj_step",
+                    name=each["name"],
+                )
+        if not received.steps and received.posed_without_steps:
+            yield Message(
+                "no step was seen: positions change between {calls} of mj_forward, so the script "
+                "integrates by itself",
+                calls=counted(1 + max(received.posed_without_steps.values()), "call"),
+            )
+        if received.warnings:
+            shown: list[str] = list(received.warnings[:MOST_NOTES])
+            yield Message("MuJoCo warned: {warnings}", warnings=all_of(shown))
+        for fault in received.faults[:MOST_NOTES]:
+            yield Message("a simulation could not be read: {error}", error=fault)
+
+    # -- pieces -----------------------------------------------------------------------------------
+
+    def _on_piece(self, piece: StepPiece) -> Iterator[Event]:
+        """Yield what happened in a piece, cut where the model was edited."""
+        simulation = self._simulation(piece)
+        end = piece.first + len(piece.times_s)
+        known = self._edits.setdefault(piece.model, [])
+        late = known[simulation.edited :]  # seen at steps of other simulations of the model
+        cuts = sorted({each.step for each in piece.edited if piece.first < each.step < end})
+        for first, last in zip([piece.first, *cuts], [*cuts, end], strict=True):
+            here = late + [
+                each
+                for each in piece.edited
+                if first <= each.step < last or (last == end and each.step >= end)
+            ]
+            late = []
+            known += [each for each in here if each.world == piece.world]
+            simulation.edited = len(known)
+            yield from self._on_steps(simulation, piece, first, last, here)
+
+    def _simulation(self, piece: StepPiece) -> MujocoSimulation:
+        """Return the simulation that a piece belongs to."""
+        key = piece.world, piece.model
+        found = self._simulations.get(key)
+        if found is not None:
+            return found
+        assert self._received is not None
+        assert self._folder is not None
+        model = self._received.models[piece.model]
+        arrays = {name: np.array(values) for name, values in model.arrays.items()}
+        for each in self._edits.get(piece.model, ()):
+            _edit(arrays, each)
+        number = self.first_body + sum(len(s.described.bodies) for s in self._simulations.values())
+        client = self.first_client + len(self._simulations)
+        made = described(arrays, client=client, first=number, folder=self._folder)
+        before = [s for (world, _), s in self._simulations.items() if world == piece.world]
+        held = dict(before[-1].held) if before else {}
+        found = MujocoSimulation(
+            client, piece.model, piece.first, made, number, held, piece.first, arrays
+        )
+        found.edited = len(self._edits.get(piece.model, ()))
+        self._simulations[key] = found
+        return found
+
+    def _on_steps(
+        self, its: MujocoSimulation, piece: StepPiece, first: int, end: int, edits: list[Edited]
+    ) -> Iterator[Event]:
+        """Yield what happened from one step of a piece to before another."""
+        assert self._received is not None
+        rows, puts = _Rows(), list[Event]()
+        changes = list[Event]()
+        for edit in edits:
+            self._on_edit(its, edit, rows)
+        if edits and its.began:
+            changes += self._changed(its, edits, first - its.first)
+        for written in piece.written:
+            if first <= written.step < end or (written.step >= end and end == _end(piece)):
+                puts += self._on_written(its, piece, written, rows)
+        told = changes
+        if not its.began:
+            told = [*self._beginning(its), *changes]
+        yield from self._new_sites
+        self._new_sites = []
+        yield from told
+        if rows.steps:
+            yield self._gathered(its, rows)
+        yield from puts
+        yield self._sampled(its, piece, first, end)
+
+    def _beginning(self, its: MujocoSimulation) -> Iterator[Event]:
+        """Yield what a simulation is, as it is before its first step."""
+        its.began, its.timestep_s = True, _timestep(its)
+        at = At(0, 0.0, self._calls)
+        yield self._settings(its, at)
+        for made in its.described.bodies:
+            yield Appearance(at, made.body, there=True, came=True)
+            yield Dynamics(at, made.body, reported_of(its.arrays, made))
+            if made.free < 0:
+                yield self._put(its, made, at, counts=False)
+
+    def _settings(self, its: MujocoSimulation, at: At) -> Settings:
+        assert self._received is not None
+        options = {
+            name.removeprefix("opt."): value.ravel().tolist()
+            if value.size > 1
+            else float(value.item())
+            for name, value in its.arrays.items()
+            if name.startswith("opt.") and name not in ("opt.timestep", "opt.gravity")
+        }
+        gravity = np.ravel(its.arrays["opt.gravity"]).tolist()
+        named = {f"gravityAcceleration{axis}": g for axis, g in zip("XYZ", gravity, strict=True)}
+        values = {"fixedTimeStep": _timestep(its), "numSubSteps": 1, **named}
+        return Settings(at, its.client, values | options, f"MuJoCo {self._received.version}")
+
+    def _changed(self, its: MujocoSimulation, edits: list[Edited], step: int) -> Iterator[Event]:
+        """Yield what edits of the model have changed of settings and bodies."""
+        assert self._folder is not None
+        at = At(step, its.time_s(step), self._calls)
+        if any(edit.name.startswith("opt.") for edit in edits):
+            its.since_s, its.since_step = its.time_s(step), step
+            its.timestep_s = _timestep(its)
+            yield self._settings(its, at)
+        if not any(SHAPES_BODIES.match(edit.name) for edit in edits):
+            return
+        before = its.described
+        its.described = described(
+            its.arrays, client=its.client, first=its.number, folder=self._folder
+        )
+        for old, new in zip(before.bodies, its.described.bodies, strict=True):
+            if old.body != new.body:
+                yield Appearance(at, new.body, there=True)
+            was, now = (reported_of(a, b) for a, b in ((before.arrays, old), (its.arrays, new)))
+            if any(not np.array_equal(was[name], now[name], equal_nan=True) for name in now):
+                yield Dynamics(at, new.body, now)
+
+    # -- states -----------------------------------------------------------------------------------
+
+    def _sampled(self, its: MujocoSimulation, piece: StepPiece, first: int, end: int) -> Samples:
+        """Return the samples that the steps from `first` to before `end` led to."""
+        begin = its.first == first
+        which = slice(first - piece.first, end - piece.first)
+        states = {name: piece.parts.get(name, np.zeros((0, 0)))[which] for name in MOVING}
+        if begin:  # the state before the first step
+            start = its.held if its.start is None else its.start
+            states = {
+                name: np.vstack((_of_size(start.get(name), rows.shape[1])[None], rows))
+                for name, rows in states.items()
+            }
+        steps = np.arange(first + 1 - begin, end + 1, dtype=np.int64) - its.first
+        times_s = its.times_s(steps)
+        bases, joints = {}, {}
+        for made in its.described.bodies:
+            number = made.body.number
+            if made.free >= 0:
+                bases[number] = base_of(its.arrays, made, states["qpos"], states["qvel"])
+            if len(made.rates):
+                position, velocity = joints_of(made, states["qpos"], states["qvel"])
+                joints[number] = Joints(
+                    steps, times_s, position, velocity, np.zeros((len(steps), 0))
+                )
+        for name, rows in piece.parts.items():
+            its.held[name] = rows[which][-1].copy()
+        its.held_at = end
+        its.ends = int(steps[-1])
+        self.samples += len(steps)
+        return Samples(
+            its.client, steps, times_s, self._calls, bases, joints, np.empty(0, CONTACT), {}
+        )
+
+    def _put(self, its: MujocoSimulation, made: DescribedBody, at: At, *, counts: bool) -> Put:
+        """Return the state of a body as it is held."""
+        nq, nv = (int(its.arrays[name].item()) for name in ("nq", "nv"))
+        qpos = _of_size(its.held.get("qpos"), nq)[None]
+        qvel = _of_size(its.held.get("qvel"), nv)[None]
+        base = (
+            standing_base(its.arrays, made, self._mocap(its, made))
+            if made.free < 0
+            else base_of(its.arrays, made, qpos, qvel)[0]
+        )
+        position, velocity = joints_of(made, qpos, qvel)
+        joints = Joints(
+            np.array([at.step]), np.array([at.time_s]), position, velocity, np.zeros((1, 0))
+        )
+        return Put(at, made.body, base, joints, counts)
+
+    def _mocap(self, its: MujocoSimulation, made: DescribedBody) -> tuple[Float64, Float64] | None:
+        """Return where a base is that the script moves; None of others."""
+        which = int(its.arrays["body_mocapid"][made.root]) if made.links[0].of > 0 else -1
+        if which < 0 or "mocap_pos" not in its.held:
+            return None
+        turn = xyzw(its.held["mocap_quat"][4 * which : 4 * which + 4])
+        length = float(np.linalg.norm(turn)) or 1.0
+        return its.held["mocap_pos"][3 * which : 3 * which + 3], turn / length
+
+    # -- what was set -----------------------------------------------------------------------------
+
+    def _on_written(
+        self, its: MujocoSimulation, piece: StepPiece, written: Written, rows: _Rows
+    ) -> Iterator[Put]:
+        """Take what was written before a step; yield the bodies that it moved."""
+        step = written.step - its.first
+        if written.step > its.first and its.start is None:
+            its.start = dict(its.held)
+        row = written.step - piece.first - 1
+        if its.held_at != written.step and row >= 0:  # what the step before left
+            for name, held in piece.parts.items():
+                its.held[name] = held[row].copy()
+        its.held_at = written.step
+        changed = its.take(written)
+        if written.cause in SILENT:
+            return
+        if written.cause == "first":
+            for name in GIVEN_FIRST:
+                if name in changed and its.held[name].any():
+                    self._set(its, written, step, name, changed[name], rows)
+            return
+        if written.cause in BY_MEMORY:
+            for name in (*STATE, *PLACES):
+                if name in changed and len(changed[name]):
+                    self._set(its, written, step, name, changed[name], rows)
+        else:
+            names: tuple[str, ...] = ()
+            values = np.empty(0)
+            if written.cause == "mj_resetDataKeyframe":
+                names, values = ("key",), np.array([float(written.argument)])
+            form = ", ".join("key={}" for _ in names)
+            self._call(written.cause, written.site, -1, step, form, names, values, rows)
+        if step == 0:  # the first sample follows it
+            return
+        at = At(step, its.time_s(step), self._calls)
+        for made in its.described.bodies:
+            if self._moves(its, made, changed):
+                yield self._put(its, made, at, counts=True)
+
+    def _moves(
+        self, its: MujocoSimulation, made: DescribedBody, changed: Mapping[str, Int64]
+    ) -> bool:
+        """Return whether what was written changed the state of a body."""
+        if made.links[0].of > 0 and (which := int(its.arrays["body_mocapid"][made.root])) >= 0:
+            for name, width in (("mocap_pos", 3), ("mocap_quat", 4)):
+                if (changed.get(name, np.empty(0, np.int64)) // width == which).any():
+                    return True
+        for name, places, kind, width in (
+            ("qpos", made.positions, "qpos", 7),
+            ("qvel", made.rates, "dof", 6),
+        ):
+            where = changed.get(name)
+            if where is None or not len(where):
+                continue
+            if made.free >= 0:
+                at = int(its.arrays[f"jnt_{kind}adr"][made.free])
+                places = np.concatenate((places, np.arange(at, at + width)))
+            if np.isin(where, places).any():
+                return True
+        return False
+
+    def _set(
+        self,
+        its: MujocoSimulation,
+        written: Written,
+        step: int,
+        name: str,
+        where: Int64,
+        rows: _Rows,
+    ) -> None:
+        """Note that a part of the state was written: all of it, or some elements."""
+        held = its.held[name]
+        if len(where) == len(held):
+            form = ", ".join("{}" for _ in held)
+            names, values = (name,) * len(held), held
+        else:
+            form = ", ".join("[{}]={}" for _ in where)
+            names = ("index", name) * len(where)
+            values = np.stack((where.astype(np.float64), held[where]), axis=1).ravel()
+        self._call(name, written.site, written.since, step, form, names, values, rows)
+
+    def _on_edit(self, its: MujocoSimulation, edit: Edited, rows: _Rows) -> None:
+        """Note that elements of the model were edited in place."""
+        its.arrays = dict(its.arrays)
+        _edit(its.arrays, edit)
+        new, old = edit.new.astype(np.float64), edit.old.astype(np.float64)
+        names: tuple[str, ...]
+        if its.arrays.get(edit.name, np.zeros(2)).size == 1:
+            form, names, values = "{}, was {}", (edit.name, "before"), np.array([*new, *old])
+        else:
+            form = ", ".join("[{}]={} was {}" for _ in new)
+            names = ("index", edit.name, "before") * len(new)
+            values = np.stack((edit.indices.astype(np.float64), new, old), axis=1).ravel()
+        step = max(edit.step - its.first, 0)
+        self._call(edit.name, edit.site, edit.since, step, form, names, values, rows)
+
+    def _call(
+        self,
+        function: str,
+        site: int,
+        since: int,
+        step: int,
+        form: str,
+        names: tuple[str, ...],
+        values: Float64,
+        rows: _Rows,
+    ) -> None:
+        """Gather an act of the script."""
+        assert self._received is not None
+        line = self._received.sites[site]
+        if since >= 0 and since != site:
+            form += f"; after {_place(self._received.sites[since])}"
+        key = function, form, line.file, line.line
+        number = self._sites.get(key)
+        if number is None:
+            number = self._sites[key] = self.first_site + len(self._sites)
+            whole = tuple(name in ("index", "key") for name in names)
+            form = form.replace("{", "{{").replace("}", "}}").replace("{{}}", "{}")
+            self._new_sites.append(Site(number, function, line.file, line.line, form, names, whole))
+        rows.steps.append(step)
+        rows.numbers.append(self._calls)
+        rows.sites.append(number)
+        rows.values.append(np.asarray(values, np.float64))
+        self._calls += 1
+
+    def _gathered(self, its: MujocoSimulation, rows: _Rows) -> Calls:
+        steps = np.array(rows.steps, np.int64)
+        return Calls(
+            its.client,
+            steps,
+            its.times_s(steps),
+            np.array(rows.numbers, np.int64),
+            np.array(rows.sites, np.int64),
+            np.concatenate(rows.values),
+            np.full(len(steps), np.nan),
+        )
+
+
+def _end(piece: StepPiece) -> int:
+    return piece.first + len(piece.times_s)
+
+
+def _of_size(held: NDArray[Any] | None, size: int) -> Float64:
+    """Return a part of a state; what was never sent is zero."""
+    found = np.zeros(size)
+    if held is not None:
+        found[: len(held)] = held[:size]
+    return found
+
+
+def _timestep(its: MujocoSimulation) -> float:
+    return float(its.arrays["opt.timestep"].item())
+
+
+def _place(line: ScriptLine) -> str:
+    return located(line.file, line.line)
+
+
+def _edit(arrays: dict[str, NDArray[Any]], edit: Edited) -> None:
+    """Write into a model's constants what was edited."""
+    if edit.name in arrays:
+        held = arrays[edit.name] = np.array(arrays[edit.name])
+        held.reshape(-1)[edit.indices] = edit.new

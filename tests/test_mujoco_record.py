@@ -1,0 +1,217 @@
+"""What a recording of a MuJoCo script holds.
+
+Verification: where links are, by our own kinematics from what was recorded, against MuJoCo's own
+`xipos`; what was set, by which line; and that the script prints the same as without us.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drop_physics.recording.reader import Recording, read
+from drop_physics.stages.info import info
+from drop_physics.stages.record import Recorded, record_script
+from mujoco_scripts import bare
+
+SCENE = """
+import json, mujoco, numpy as np
+XML = '''<mujoco><asset><mesh name="wedge" vertex="0 0 0 .2 0 0 0 .2 0 0 0 .2"/></asset>
+<worldbody><geom type="plane" size="5 5 1"/>
+<body name="box" pos="0 0 0.15"><freejoint/>
+<geom type="box" size="0.1 0.1 0.1" pos="0.01 0 0" euler="0 30 0"/><geom type="mesh" mesh="wedge"/>
+</body>
+<body name="stand" pos="1 0 0.4" euler="0 0 20"><geom type="cylinder" size="0.1 0.1"/>
+<body name="arm" pos="0 0 0.6"><joint name="j" axis="0 1 0" ref="0.3"/>
+<geom type="capsule" size="0.05" fromto="0 0 0 0.3 0 0"/>
+<body name="two" pos="0.3 0 0"><joint name="a" type="slide" axis="1 0 0" ref="0.02" pos="0 0 .02"/>
+<joint name="b" type="ball" pos="0.01 0.02 0"/>
+<geom type="box" size="0.1 0.02 0.03" pos="0.05 0.02 0.02" euler="10 20 30"/>
+<body name="three" pos="0.1 0 0"><geom type="ellipsoid" size="0.03 0.04 0.05"/></body></body></body>
+</body>
+<body name="cart" pos="0 2 0.2" euler="0 0 45"><joint name="x" type="slide" axis="1 0 0"/>
+<joint name="tilt" axis="0 1 0" pos="0.1 0 0"/><geom size="0.1" pos="0 0 0.2"/></body>
+<body name="hand" mocap="true" pos="0 -2 0.2"><geom size="0.05"/></body>
+</worldbody>
+<actuator><position name="p" joint="j" kp="20" forcerange="-3 3"/></actuator>
+<keyframe><key name="lifted" qpos="0 0 0.3 1 0 0 0 0.5 0 1 0 0 0 0 0" ctrl="0.5"/></keyframe>
+</mujoco>'''
+m = mujoco.MjModel.from_xml_string(XML)
+d = mujoco.MjData(m)
+d.qvel[:] = 0.5 * np.random.default_rng(1).standard_normal(m.nv)
+places = []
+def look():
+    other = mujoco.MjData(m)
+    other.qpos[:], other.mocap_pos[:] = d.qpos, d.mocap_pos
+    mujoco.mj_kinematics(m, other)
+    places.append(other.xipos.tolist())
+"""
+DRIVEN = """
+for k in range(60):
+    look()
+    d.ctrl[0] = 0.1 * k
+    if k == 20:
+        d.qpos[2] = 0.5
+    if k == 30:
+        m.opt.timestep = 0.001
+        m.body_mass[1] = 3
+    if k == 40:
+        d.mocap_pos[0, 0] = 0.3
+    mujoco.mj_step(m, d)
+mujoco.mj_resetDataKeyframe(m, d, 0)
+mujoco.mj_step(m, d, 10)
+look()
+print(json.dumps(places))
+"""
+KEPT = 60
+"""The steps of which the script looks where bodies are."""
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Recorded, str]:
+    folder = tmp_path_factory.mktemp("recorded")
+    script = folder / "driven.py"
+    script.write_text(SCENE + DRIVEN)
+    with (folder / "printed.txt").open("wb") as printed:
+        found = record_script(str(script), out=folder / "run.rrd", stdout=printed.fileno())
+    return found, (folder / "printed.txt").read_text()
+
+
+@pytest.fixture(scope="module")
+def held(recorded: tuple[Recorded, str]) -> Recording:
+    return read(recorded[0].recording)
+
+
+def test_the_script_prints_the_same(recorded: tuple[Recorded, str], tmp_path: Path) -> None:
+    alone = bare(tmp_path, SCENE + DRIVEN)
+    assert alone.stdout == recorded[1]
+    assert recorded[0].ended == "finished"
+    assert recorded[0].samples == 71
+    assert not [*recorded[0].recording.parent.glob("*.part")]
+
+
+def test_links_are_where_mujoco_has_them(recorded: tuple[Recorded, str], held: Recording) -> None:
+    """Of bodies with several joints, a ball, references, mocap: to rounding."""
+    places = np.array(json.loads(recorded[1]))
+    numbers = {body.name: number for number, body in held.seen.bodies.items()}
+    states, puts = held.seen.states, held.seen.puts
+    names = ["world", "box", "stand", "arm", "two", "three", "cart", "hand"]
+    for name in ("box", "arm", "two", "three", "cart"):
+        body = held.seen.bodies[numbers.get(name, numbers["stand"])]
+        link = body.links.index(name) - 1
+        rows = states[(states["body"] == body.number) & (states["link"] == link)]
+        for k in range(KEPT):
+            (row,) = rows[rows["step"] == k]
+            np.testing.assert_allclose(row["position_m"], places[k, names.index(name)], atol=1e-14)
+        np.testing.assert_allclose(
+            rows[-1]["position_m"], places[-1, names.index(name)], atol=1e-14
+        )
+    hand = [put for put in puts if put.body.name == "hand"]
+    assert [put.at.step for put in hand] == [0, 40, 60]
+    np.testing.assert_array_equal(hand[1].base[:3], places[41, names.index("hand")])
+
+
+def test_velocities_are_those_of_centres_of_mass(held: Recording) -> None:
+    """Semi-implicit Euler moves a free base by its new velocity, its spin aside."""
+    box = next(number for number, body in held.seen.bodies.items() if body.name == "box")
+    base = held.seen.bases[held.seen.bases["body"] == box][5:15]
+    moved = np.diff(base["position_m"], axis=0)
+    # The centre of mass is off the frame's origin, about which MuJoCo turns it: an arm of 0.03 m.
+    np.testing.assert_allclose(moved / 0.002, base["velocity_m_s"][1:], atol=2e-4)
+
+
+def test_what_was_set_is_told_with_its_line(held: Recording) -> None:
+    text = (SCENE + DRIVEN).splitlines()
+    step = 1 + next(k for k, line in enumerate(text) if line == "    mujoco.mj_step(m, d)")
+    reset = 1 + next(k for k, line in enumerate(text) if "resetDataKeyframe" in line)
+    calls = [
+        (call.function, call.arguments, call.site.place, call.at.step)
+        for call in held.seen.calls
+        if call.function != "ctrl"
+    ]
+    assert calls == [
+        ("qpos", "[2]=0.5", f"driven.py:{step}", 20),
+        ("opt.timestep", "0.001, was 0.002", f"driven.py:{step}", 30),
+        ("body_mass", calls[2][1], f"driven.py:{step}", 30),
+        ("mocap_pos", "[0]=0.3", f"driven.py:{step}", 40),
+        ("mj_resetDataKeyframe", "key=0", f"driven.py:{reset}", 60),
+    ]
+    assert calls[2][1].startswith("[1]=3.0 was ")
+    driven = [call for call in held.seen.calls if call.function == "ctrl"]
+    assert [(call.at.step, call.numbers) for call in driven[:2]] == [(1, (0.1,)), (2, (0.2,))]
+    assert [each.values["fixedTimeStep"] for each in held.seen.settings] == [0.002, 0.001]
+    masses = {
+        (each.at.step, each.body.name): each.reported["mass_kg"].tolist()
+        for each in held.seen.dynamics
+    }
+    assert masses[30, "box"] == [3.0]
+    assert masses[0, "stand"][0] == 0.0, "what stands has no mass to move"
+
+
+def test_a_recording_says_what_made_it(recorded: tuple[Recorded, str]) -> None:
+    import mujoco
+
+    told = info(recorded[0].recording)
+    assert told.engine.startswith(f"MuJoCo {mujoco.__version__} in Python ")
+    assert told.samples == 71
+    np.testing.assert_allclose(told.duration_s, 30 * 0.002 + 40 * 0.001)
+    assert told.bodies[0] == "0_world, held still"
+
+
+def test_actuators_and_shapes_are_described(held: Recording) -> None:
+    stand = next(body for body in held.seen.bodies.values() if body.name == "stand")
+    (servo,) = stand.actuators
+    assert (servo.name, servo.kind, servo.target, servo.kp) == ("p", "position", "j", 20.0)
+    assert servo.force_range == (-3.0, 3.0)
+    assert [joint.kind for joint in stand.joints] == [
+        "revolute",
+        "prismatic",
+        "spherical",
+        "fixed",
+    ]
+    box = next(body for body in held.seen.bodies.values() if body.name == "box")
+    assert [shape.kind for shape in box.shapes] == ["box", "mesh"]
+    assert len(box.collisions[1].hull_m) == 12
+
+
+BOTH = """
+import pybullet as p, mujoco
+p.connect(p.DIRECT)
+p.createMultiBody(1, p.createCollisionShape(p.GEOM_SPHERE, radius=0.1))
+m = mujoco.MjModel.from_xml_string(
+    '<mujoco><worldbody><body><freejoint/><geom size="0.1"/></body></worldbody></mujoco>')
+d = mujoco.MjData(m)
+def bullet():
+    for _ in range(10): p.stepSimulation()
+def muj():
+    for _ in range(10): mujoco.mj_step(m, d)
+"""
+INTEGRATES = """
+import mujoco
+m = mujoco.MjModel.from_xml_string(
+    '<mujoco><worldbody><body><freejoint/><geom size="0.1"/></body></worldbody></mujoco>')
+d = mujoco.MjData(m)
+for _ in range(5):
+    d.qpos[2] -= 0.1
+    mujoco.mj_forward(m, d)
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "samples", "said"),
+    [
+        (f"{BOTH}muj(); bullet()", 11, "only MuJoCo, which came first"),
+        (f"{BOTH}bullet(); muj()", 11, "only PyBullet, which came first"),
+        (INTEGRATES, 0, "positions change between 5 calls of mj_forward"),
+    ],
+    ids=["mujoco-first", "pybullet-first", "own-integration"],
+)
+def test_what_is_not_recorded_is_said(tmp_path: Path, text: str, samples: int, said: str) -> None:
+    script, notes = tmp_path / "script.py", list[str]()
+    script.write_text(text)
+    found = record_script(str(script), out=tmp_path / "run.rrd", stdout=2, note=notes.append)
+    assert found.samples == samples
+    assert len([note for note in notes if said in note]) == 1
+    read(found.recording)
