@@ -47,6 +47,20 @@ for k in range(20):
     mj_step(m, d)
     look()
 """,
+    "the package under another name": """
+import importlib.util, sys
+where = list(mujoco.__path__)
+spec = importlib.util.spec_from_file_location(
+    "other", mujoco.__file__, submodule_search_locations=where)
+other = sys.modules["other"] = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(other)
+from mujoco._functions import mj_step
+for k in range(20):
+    other.mj_step(m, d)
+    look()
+    mj_step(m, d)
+    look()
+""",
     "nstep": """
 mujoco.mj_step(m, d, 3); mujoco.mj_step(m, d, nstep=4)
 mujoco.mj_step(m=m, d=d, nstep=np.int64(2)); mujoco.mj_step(nstep=1, d=d, m=m)
@@ -389,22 +403,34 @@ def test_errors_are_mujocos_own(tmp_path: Path) -> None:
     text = (
         SCENE
         + """
+import traceback
 for arguments in ((m,), (m, d, 2.5), (d, m), (m, None), (), (m, d, 1, 2)):
     try:
         mujoco.mj_step(*arguments)
-    except TypeError as error:
-        print(str(error).partition("Invoked")[0])
+    except TypeError:
+        print(traceback.format_exc())
+def fails(m, d):
+    raise ValueError
+mujoco.set_mjcb_control(fails)
+for call in (
+    lambda: mujoco.mj_step(m, d), lambda: mujoco.mj_forward(m, d), lambda: mujoco.mj_forward(3),
+    lambda: mujoco.mj_resetData(m, 3), lambda: mujoco.set_mjcb_control(3),
+):
+    try:
+        call()
+    except Exception:
+        print(traceback.format_exc())
 mujoco.mj_step(m, d, nstep=3, steps=3)
 """
     )
     alone, run = bare(tmp_path / "bare", text), watched(tmp_path / "watched", text)
-    assert run.printed == alone.stdout
-    assert run.printed.count("incompatible function arguments") == 6
+    assert run.printed.count("Traceback") == 11
     assert alone.returncode == 1
     plain = re.compile(r"object at 0x\w+|mj_step\(\)")
-    assert plain.sub("", run.said) == plain.sub("", alone.stderr).replace(
-        str(tmp_path / "bare"), str(tmp_path / "watched")
-    )
+    for mine, theirs in ((run.printed, alone.stdout), (run.said, alone.stderr)):
+        assert plain.sub("", mine) == plain.sub("", theirs).replace(
+            str(tmp_path / "bare"), str(tmp_path / "watched")
+        )
 
 
 def test_a_viewer_needs_no_window_and_ends_with_the_steps(tmp_path: Path) -> None:

@@ -918,6 +918,46 @@ def test_a_traceback_is_that_of_the_script(bench: Bench, text: str) -> None:
     assert bare.stderr.strip() in mine.stderr
 
 
+CATCHES = """
+import random, signal, sys, threading, time, traceback
+def shown(call):
+    try:
+        call()
+    except BaseException:
+        traceback.print_exc(file=sys.stdout)
+for call in (
+    lambda: p.loadURDF("nothing.urdf"), lambda: p.getJointState(0, 99), lambda: p.stepSimulation(7),
+    lambda: p.stepSimulation(x=3), lambda: p.setAdditionalSearchPath(3), lambda: p.setGravity("a"),
+    lambda: p.changeDynamics(9, -1, mass=1), lambda: p.createMultiBody(foo=3),
+    lambda: p.stepSimulation.foo,
+    lambda: setattr(p.stepSimulation, "x", 1), lambda: delattr(p.stepSimulation, "__doc__"),
+    lambda: time.sleep("x"), lambda: time.sleep(-1), lambda: random.randint(3, 1),
+    lambda: random.Random([]), lambda: signal.signal("x", 3), lambda: signal.getsignal(9999),
+    lambda: __import__("breaks"),
+):
+    shown(call)
+signal.signal(signal.SIGALRM, lambda *_: 1 / 0)
+def interrupted():
+    signal.setitimer(signal.ITIMER_REAL, 0.01)
+    while True:
+        p.stepSimulation()
+shown(interrupted)
+thread = threading.Thread(target=lambda: shown(lambda: p.getJointState(0, 99)))
+thread.start()
+thread.join()
+"""
+
+
+def test_what_a_script_catches_has_no_frame_of_ours(bench: Bench) -> None:
+    """Whichever of our wrappers an error comes through: a script may print it, or log it."""
+    bench.folder.joinpath("breaks.py").write_text("import numpy.random\nnumpy.random.rand('x')")
+    script = bench.script(STEPS + CATCHES)
+    bare = bench.bare(script)
+    _, printed = bench.record(script)
+    assert printed == bare.stdout
+    assert printed.count("Traceback") == 20
+
+
 @pytest.mark.parametrize("to_the_group", some([True, False], 1))
 def test_ctrl_c_ends_it_with_a_whole_recording(bench: Bench, to_the_group: bool) -> None:
     script = bench.script(
@@ -942,6 +982,25 @@ def test_ctrl_c_ends_it_with_a_whole_recording(bench: Bench, to_the_group: bool)
     assert said["ended"] == "interrupted"
     steps = sorted(step for step, _ in states(bench.folder / said["recording"]))
     assert steps == list(range(said["samples"]))
+
+
+def test_ctrl_c_that_is_ignored_stays_ignored(bench: Bench) -> None:
+    """As `nohup` and `&` start a program: neither it nor the script is to be interrupted."""
+    script = bench.script(
+        STEPS + "import os, signal\nassert signal.getsignal(signal.SIGINT) is signal.SIG_IGN\n"
+        "os.kill(os.getppid(), signal.SIGINT)\nos.kill(0, signal.SIGINT)\np.stepSimulation()\n"
+    )
+    said = subprocess.run(
+        [*COMMAND, "record", "--json", script],
+        cwd=bench.folder,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
+        check=True,
+    )
+    told = json.loads(said.stdout)
+    assert (told["ended"], told["samples"]) == ("finished", 102)
 
 
 @pytest.mark.long
@@ -1665,6 +1724,55 @@ show(q)
     )
     done = bench.bare(bench.script(STEPS + block))
     assert done.stdout.splitlines()[-1] == "2", done.stderr
+
+
+OTHER_MODULES = """
+import importlib.util, os, shutil, sys
+import pybullet as p
+def loaded(name, path):
+    spec = importlib.util.spec_from_file_location(name, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+def beside(how):
+    os.mkdir("vendored")
+    how(p.__file__, "vendored/pybullet.so")
+    from vendored import pybullet
+    return pybullet
+q = {load}
+q.connect(q.DIRECT)
+q.createMultiBody(1, q.createCollisionShape(q.GEOM_SPHERE, radius=0.1))
+for _ in range(7):
+    q.stepSimulation()
+"""
+
+
+@pytest.mark.parametrize(
+    "load",
+    [
+        "loaded('pybullet', p.__file__)",
+        "loaded('mine.pybullet', p.__file__)",
+        "beside(os.symlink)",
+    ],
+)
+def test_pybullet_as_another_module_is_recorded(bench: Bench, load: str) -> None:
+    recorded, _ = bench.record(bench.script(OTHER_MODULES.replace("{load}", load)))
+    assert (recorded.ended, recorded.samples) == ("finished", 8)
+
+
+def test_a_copy_of_pybullet_is_recorded_alone_and_named_beside_another(bench: Bench) -> None:
+    """It has simulations of its own, with the same numbers."""
+    notes: list[str] = []
+    text = OTHER_MODULES.replace("{load}", "beside(shutil.copy)")
+    recorded, _ = bench.record(bench.script(text), note=notes.append)
+    assert recorded.samples == 0
+    assert notes == [
+        "vendored/pybullet.so is a second copy of PyBullet, with simulations of its own: they are "
+        "not recorded"
+    ]
+    alone = "import vendored.pybullet as q\n" + text.partition("q = ")[2].partition("\n")[2]
+    recorded, _ = bench.record(bench.script(alone))
+    assert recorded.samples == 8
 
 
 def test_a_stream_of_another_version_is_refused() -> None:

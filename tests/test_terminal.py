@@ -41,6 +41,7 @@ from drop_physics.drop.convergence import StudiedRun, study_of
 from drop_physics.drop.statistics import Summary
 from drop_physics.fields import decimals, engineering
 from drop_physics.figures.composition import caption
+from drop_physics.files.table import write_table
 from drop_physics.messages import shell_command
 from drop_physics.recording.viewer import Viewer
 from drop_physics.stages.check import Check, FrameComparison
@@ -288,6 +289,14 @@ def test_names_with_control_characters_are_harmless_in_errors(
     assert told.returncode == 0
     assert "\x1b" not in told.stdout
     assert "\u202e" not in told.stdout
+
+
+def test_a_table_is_harmless_on_a_terminal(tmp_path: Path) -> None:
+    name = "a\x1b[31m\u202eb"
+    for suffix in (".csv", ".parquet"):
+        write_table(tmp_path / f"t{suffix}", pl.DataFrame({name: [name]}), force=False)
+    assert (tmp_path / "t.csv").read_text() == "a\\u001b[31m\\u202eb\n" * 2
+    assert pl.read_parquet(tmp_path / "t.parquet").to_dict(as_series=False) == {name: [name]}
 
 
 # -- progress -------------------------------------------------------------------------------------

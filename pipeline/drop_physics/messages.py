@@ -13,6 +13,7 @@ import os
 import re
 import shlex
 import textwrap
+import unicodedata
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Self
@@ -131,6 +132,25 @@ def wrapped(words: str, columns: int, indent: str = "") -> list[str]:
         columns, subsequent_indent=indent, break_on_hyphens=False, break_long_words=False
     )
     return wrapper.wrap(words)
+
+
+def harmless(text: str) -> str:
+    """Escape, as in JSON, what a terminal would interpret or not show.
+
+    Names and texts may come from someone else's recording: control characters, escape sequences,
+    marks that reverse the reading direction.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        letter if letter.isprintable() or unicodedata.category(letter) == "Zs" else _units(letter)
+        for letter in text
+    )
+
+
+def _units(character: str) -> str:
+    units = character.encode("utf-16-be", "surrogatepass").hex()
+    return "".join(f"\\u{units[first : first + 4]}" for first in range(0, len(units), 4))
 
 
 def shell_command(*words: str | Path) -> str:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.terminal_theme import TerminalTheme
 
-from drop_physics.console.output import harmless
 from drop_physics.errors import DropError
+from drop_physics.messages import harmless
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -6,14 +6,13 @@ import json
 import os
 import re
 import sys
-import unicodedata
 from collections.abc import Sequence
 from typing import Any, TextIO
 
 from drop_physics.fields import counted as counted
 from drop_physics.fields import decimals
 from drop_physics.messages import columns_of as columns_of
-from drop_physics.messages import translated
+from drop_physics.messages import harmless, translated
 from drop_physics.messages import wrapped as wrapped
 
 WIDTH = 80
@@ -36,25 +35,6 @@ def width(stream: TextIO | None = None) -> int:
     except (KeyError, ValueError):
         columns = os.get_terminal_size(stream.fileno()).columns
     return min(max(columns or WIDTH, NARROWEST), WIDEST)
-
-
-def harmless(text: str) -> str:
-    """Escape, as in JSON, what a terminal would interpret or not show.
-
-    Names and texts may come from someone else's recording: control characters, escape sequences,
-    marks that reverse the reading direction.
-    """
-    if text.isprintable():
-        return text
-    return "".join(
-        letter if letter.isprintable() or unicodedata.category(letter) == "Zs" else _escaped(letter)
-        for letter in text
-    )
-
-
-def _escaped(character: str) -> str:
-    units = character.encode("utf-16-be", "surrogatepass").hex()
-    return "".join(f"\\u{units[first : first + 4]}" for first in range(0, len(units), 4))
 
 
 def wants_colour(stream: TextIO) -> bool:

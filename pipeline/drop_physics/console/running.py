@@ -53,7 +53,8 @@ def main() -> None:
         return app
 
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, stop)
+        if signal.getsignal(number) is not signal.SIG_IGN:  # as `nohup` and `&` start programs
+            signal.signal(number, stop)
     workers.given = dict(os.environ)
     for name in workers.LOUD:
         os.environ.pop(name, None)

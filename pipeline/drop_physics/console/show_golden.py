@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from drop_physics.console.show_check import append_summary, first_words
-from drop_physics.messages import Message, translated
+from drop_physics.messages import Message, harmless, translated
 from drop_physics.stages.check import check
 
 
@@ -43,4 +43,4 @@ def failure(
         path=path,
         golden=golden,
     )
-    return f"{first}\n\n{checked}\n{translated(look)}"
+    return f"{harmless(first)}\n\n{checked}\n{translated(look)}"

@@ -12,6 +12,7 @@ import polars as pl
 from drop_physics.errors import check_suffix
 from drop_physics.files.outputs import check_target, unwritable
 from drop_physics.files.whole import written_whole
+from drop_physics.messages import harmless
 
 PROBE_BYTES = 1 << 16
 
@@ -31,7 +32,7 @@ def check_table(path: Path, *, force: bool) -> None:
 
 
 def write_table(path: Path, samples: pl.DataFrame, *, force: bool) -> None:
-    """Write a table whole; CSV keeps every digit.
+    """Write a table whole; CSV keeps every digit, and is harmless on a terminal.
 
     Raises
     ------
@@ -40,7 +41,8 @@ def write_table(path: Path, samples: pl.DataFrame, *, force: bool) -> None:
     """
     with written_by_polars(path, force=force) as file:
         if path.suffix == ".csv":
-            samples.write_csv(file)
+            texts = pl.col(pl.String).map_elements(harmless, return_dtype=pl.String)
+            samples.with_columns(texts).rename(harmless).write_csv(file)
         else:
             samples.write_parquet(file)
 

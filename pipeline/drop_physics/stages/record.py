@@ -215,7 +215,10 @@ def _worth_knowing(
             "nothing was simulated: the script did not connect to PyBullet, or loaded nothing"
         )
         early = Message("nothing was simulated: the script ended before its first step")
-        yield early if ended.how == "failed" else nothing
+        if ended.how == "failed":
+            yield early
+        elif not ended.notes:  # they say what was not seen
+            yield nothing
     if decoder.real_time:
         virtual = Message(
             "the script asked for real-time simulation, which needs a window: it was stepped by a "
@@ -400,8 +403,12 @@ def _again(
 
 @contextlib.contextmanager
 def _interrupts(then: Callable[[], None]) -> Iterator[None]:
-    """Have Ctrl-C end the script but not this process, which completes the recording."""
-    if threading.current_thread() is not threading.main_thread():
+    """Have Ctrl-C end the script but not this process, which completes the recording.
+
+    Where it is ignored, as `nohup` and `&` have it, it stays ignored: the script inherits that.
+    """
+    ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    if ignored or threading.current_thread() is not threading.main_thread():
         yield
         return
     before = signal.signal(signal.SIGINT, lambda *_: then())

@@ -371,6 +371,15 @@ class Decoder:
         )
         yield from self._worlds[world].gathered()
 
+    def _on_copy(self, file: str) -> None:
+        self.faults.append(
+            Message(
+                "{file} is a second copy of PyBullet, with simulations of its own: they are not "
+                "recorded",
+                file=file,
+            )
+        )
+
     def _on_running(self) -> None:
         self._ends_early(Message("threads that step the simulation outlive the block"))
 

@@ -56,7 +56,7 @@ class MujocoWatch:
     ----------
     host
         What watches the script: its pipe, its turns, its clock, its limits (`on`, `check`, `count`,
-        `calls.place`, `pipe`, `lock`, `clock`, `on_removal`).
+        `hide`, `calls.place`, `pipe`, `lock`, `clock`, `on_removal`).
     letter
         The kind of our frames in its pipe.
     frame
@@ -137,8 +137,12 @@ class MujocoWatch:
         hook.__name__ = hook.__qualname__ = name
         hook.__doc__, hook.__module__ = plain.__doc__, "mujoco"  # so that it can be pickled
         hook.drop_plain, hook.drop_watch = plain, self
-        setattr(module, name, hook)
-        self.host.on_removal(lambda: setattr(module, name, original))
+        # Another import of the package, under whatever name, takes them from its inner modules.
+        inner = [one for key, one in list(sys.modules.items()) if key.startswith("mujoco._")]
+        for owner in (module, *inner):
+            if vars(owner).get(name) is original:
+                setattr(owner, name, hook)
+                self.host.on_removal(partial(setattr, owner, name, original))
 
     # -- what is sent -----------------------------------------------------------------------------
 
@@ -265,16 +269,20 @@ class MujocoWatch:
         which = CALLBACKS.index(name[5:])
 
         def set_callback(callback: Any) -> None:
-            if not self.host.on or not callable(callback):
-                plain(callback)
-                if self.callbacks.pop(name, None) is not None:
-                    self.tell("callback", name=name, on=False)
-                if callback is not None and self.host.on:
-                    self.tell_uncaught(f"set_{name}", _getframe(1))
-                return
-            plain(_calling(self, which, callback))
-            self.callbacks[name] = callback
-            self.tell("callback", name=name, on=True)
+            try:
+                if not self.host.on or not callable(callback):
+                    plain(callback)
+                    if self.callbacks.pop(name, None) is not None:
+                        self.tell("callback", name=name, on=False)
+                    if callback is not None and self.host.on:
+                        self.tell_uncaught(f"set_{name}", _getframe(1))
+                    return
+                plain(_calling(self, which, callback))
+                self.callbacks[name] = callback
+                self.tell("callback", name=name, on=True)
+            except BaseException as error:
+                self.host.hide(error)
+                raise
 
         def get_callback() -> Any:
             return self.callbacks.get(name) or getter()
@@ -295,17 +303,25 @@ class MujocoWatch:
         stream = 2 if _version(module.__version__) >= WARNS_TO_STDERR else 1
 
         def warn(text: Any) -> None:
-            text = text.decode(errors="replace") if isinstance(text, bytes) else str(text)
-            if self._warning is not None:
-                self._warning(text)
-            else:
-                (sys.stdout if stream == 1 else sys.stderr).flush()
-                os.write(stream, f"WARNING: {text}\n\n".encode(errors="replace"))
-            known = text.partition(" Time = ")[0]
-            if self.host.on and known not in self._warnings and len(self._warnings) < MOST_WARNINGS:
-                self._warnings[known] = 1
-                state = self.stepping.get(get_ident())
-                self.tell("warning", text=text, world=None if state is None else state.number)
+            try:
+                text = text.decode(errors="replace") if isinstance(text, bytes) else str(text)
+                if self._warning is not None:
+                    self._warning(text)
+                else:
+                    (sys.stdout if stream == 1 else sys.stderr).flush()
+                    os.write(stream, f"WARNING: {text}\n\n".encode(errors="replace"))
+                known = text.partition(" Time = ")[0]
+                if (
+                    self.host.on
+                    and known not in self._warnings
+                    and len(self._warnings) < MOST_WARNINGS
+                ):
+                    self._warnings[known] = 1
+                    state = self.stepping.get(get_ident())
+                    self.tell("warning", text=text, world=None if state is None else state.number)
+            except BaseException as error:
+                self.host.hide(error)
+                raise
 
         def set_warning(handler: Any) -> None:
             self._warning = handler
@@ -327,59 +343,63 @@ def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
     number, takes_steps = STEPS.index(name), name == "mj_step"
 
     def step(*args: Any, **kwargs: Any) -> Any:
-        if not host.on:
-            return original(*args, **kwargs)
-        if len(args) == 2 and not kwargs:
-            (m, d), count, rest = args, 1, ()
-        else:
-            given = _arguments(args, kwargs, takes_steps)
-            if given is None:
-                return original(*args, **kwargs)  # which raises MuJoCo's own error
-            m, d, count, rest = given
-        place, function = frame(1), number
-        site = sites.get((id(place.f_code), place.f_lasti))
-        state = states.get(id(d))
-        if site is None or state is None or state.ref() is not d or state.model.ref() is not m:
-            with lock:
-                state, site = watch.seen(m, d, place)
-        if state is None:
-            return original(*args, **kwargs)
-        for _ in range(count):
-            if state.lost:
-                original(m, d, *rest)
-                continue
-            acquire()
-            try:
-                if host.stopped or pipe.gone:
-                    host.check()
-                state.before(d, site)
-                if number:
-                    function = number | state.staleness(everything=number > 1)
-                if callbacks:
-                    state.begin_calling()
-                    now[get_ident()] = state
-            except Exception as error:  # noqa: BLE001 - our errors must not reach the script
-                watch.lose(state, error)
-            finally:
-                release()
-                if kept:
-                    lock.give_back()
-            try:
-                original(m, d, *rest)
-            finally:
-                if now:
-                    now.pop(get_ident(), None)
-            acquire()
-            try:
-                state.after(d, site, function)
-                host.count(state.elapsed_s)
-            except Exception as error:  # noqa: BLE001 - likewise
-                watch.lose(state, error)
-            finally:
-                release()
-                if kept:
-                    lock.give_back()
-        return None
+        try:
+            if not host.on:
+                return original(*args, **kwargs)
+            if len(args) == 2 and not kwargs:
+                (m, d), count, rest = args, 1, ()
+            else:
+                given = _arguments(args, kwargs, takes_steps)
+                if given is None:
+                    return original(*args, **kwargs)  # which raises MuJoCo's own error
+                m, d, count, rest = given
+            place, function = frame(1), number
+            site = sites.get((id(place.f_code), place.f_lasti))
+            state = states.get(id(d))
+            if site is None or state is None or state.ref() is not d or state.model.ref() is not m:
+                with lock:
+                    state, site = watch.seen(m, d, place)
+            if state is None:
+                return original(*args, **kwargs)
+            for _ in range(count):
+                if state.lost:
+                    original(m, d, *rest)
+                    continue
+                acquire()
+                try:
+                    if host.stopped or pipe.gone:
+                        host.check()
+                    state.before(d, site)
+                    if number:
+                        function = number | state.staleness(everything=number > 1)
+                    if callbacks:
+                        state.begin_calling()
+                        now[get_ident()] = state
+                except Exception as error:  # noqa: BLE001 - our errors must not reach the script
+                    watch.lose(state, error)
+                finally:
+                    release()
+                    if kept:
+                        lock.give_back()
+                try:
+                    original(m, d, *rest)
+                finally:
+                    if now:
+                        now.pop(get_ident(), None)
+                acquire()
+                try:
+                    state.after(d, site, function)
+                    host.count(state.elapsed_s)
+                except Exception as error:  # noqa: BLE001 - likewise
+                    watch.lose(state, error)
+                finally:
+                    release()
+                    if kept:
+                        lock.give_back()
+            return None
+        except BaseException as error:
+            host.hide(error)
+            raise
 
     return step
 
@@ -407,22 +427,26 @@ def _resetting(watch: MujocoWatch, name: str, original: Any) -> Any:
     of_model, of_data = WHICH.get(name, (0, 1))
 
     def reset(*args: Any, **kwargs: Any) -> Any:
-        if not host.on:
-            return original(*args, **kwargs)
-        given, state, d = [*args, *kwargs.values()], None, None
-        with host.lock:
-            host.check()
-            if len(given) > max(of_model, of_data):
-                d = given[of_data]
-                state, site = watch.seen(given[of_model], d, _getframe(1))
-            if state is not None and name in PARTLY:
-                watch.guarded(state, state.before, d, site)
-        result = original(*args, **kwargs)
-        if state is not None and not state.lost:
-            argument = given[2] if name == "mj_resetDataKeyframe" else 0
+        try:
+            if not host.on:
+                return original(*args, **kwargs)
+            given, state, d = [*args, *kwargs.values()], None, None
             with host.lock:
-                watch.guarded(state, state.set_by, d, site, cause, argument)
-        return result
+                host.check()
+                if len(given) > max(of_model, of_data):
+                    d = given[of_data]
+                    state, site = watch.seen(given[of_model], d, _getframe(1))
+                if state is not None and name in PARTLY:
+                    watch.guarded(state, state.before, d, site)
+            result = original(*args, **kwargs)
+            if state is not None and not state.lost:
+                argument = given[2] if name == "mj_resetDataKeyframe" else 0
+                with host.lock:
+                    watch.guarded(state, state.set_by, d, site, cause, argument)
+            return result
+        except BaseException as error:
+            host.hide(error)
+            raise
 
     return reset
 
@@ -433,23 +457,27 @@ def _posing(watch: MujocoWatch, name: str, original: Any) -> Any:
     complete, callbacks, now = name in COMPLETE, watch.callbacks, watch.stepping
 
     def pose(*args: Any, **kwargs: Any) -> Any:
-        given = [*args, *kwargs.values()]
-        if not host.on or len(given) < 2:
-            return original(*args, **kwargs)
-        m, d = given[:2]
-        with host.lock:
-            host.check()
-            state, site = watch.seen(m, d, _getframe(1))
-            if state is not None:
-                watch.guarded(state, state.pose, d, site, cause, complete)
-                if callbacks and name == "mj_step1":
-                    state.begin_calling()
-                    now[get_ident()] = state
         try:
-            return original(*args, **kwargs)
-        finally:
-            if now:
-                now.pop(get_ident(), None)
+            given = [*args, *kwargs.values()]
+            if not host.on or len(given) < 2:
+                return original(*args, **kwargs)
+            m, d = given[:2]
+            with host.lock:
+                host.check()
+                state, site = watch.seen(m, d, _getframe(1))
+                if state is not None:
+                    watch.guarded(state, state.pose, d, site, cause, complete)
+                    if callbacks and name == "mj_step1":
+                        state.begin_calling()
+                        now[get_ident()] = state
+            try:
+                return original(*args, **kwargs)
+            finally:
+                if now:
+                    now.pop(get_ident(), None)
+        except BaseException as error:
+            host.hide(error)
+            raise
 
     return pose
 
@@ -459,12 +487,16 @@ def _calling(watch: MujocoWatch, which: int, callback: Any) -> Any:
     now = watch.stepping
 
     def call(*args: Any) -> Any:
-        answer = callback(*args)
-        state = now.get(get_ident())
-        if state is not None and not state.lost:
-            with watch.host.lock:
-                watch.guarded(state, state.called, which, answer)
-        return answer
+        try:
+            answer = callback(*args)
+            state = now.get(get_ident())
+            if state is not None and not state.lost:
+                with watch.host.lock:
+                    watch.guarded(state, state.called, which, answer)
+            return answer
+        except BaseException as error:
+            watch.host.hide(error)
+            raise
 
     return call
 

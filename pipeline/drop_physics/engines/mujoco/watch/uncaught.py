@@ -45,7 +45,11 @@ def _naming(watch: MujocoWatch, name: str, original: Any) -> Any:
         if watch.host.on and not named and not ours:
             named = True
             watch.tell_uncaught(name, place)
-        return original(*args, **kwargs)
+        try:
+            return original(*args, **kwargs)
+        except BaseException as error:
+            watch.host.hide(error)
+            raise
 
     call.drop_watch = watch  # type: ignore[attr-defined]
     return call

@@ -20,6 +20,8 @@ from sys import _getframe
 from threading import get_ident
 from typing import Any
 
+from .hidden import hide
+
 CALL_S = 1e-4
 """How long a call takes on the clock while a simulation runs in real time [s]."""
 READ_S = 1e-6
@@ -108,26 +110,34 @@ class Clock:
 
     def _reading(self, real: Any, began: float, unit: float) -> Any:
         def read() -> Any:
-            if self._is_real():
-                return real()
-            if self.timing is not None and self.simulated_s:
-                self.timing(_getframe(1))
-                self.timing = None
-            self.read()
-            now = began + self.now_s()
-            return now if unit == 1.0 else int(now * unit)
+            try:
+                if self._is_real():
+                    return real()
+                if self.timing is not None and self.simulated_s:
+                    self.timing(_getframe(1))
+                    self.timing = None
+                self.read()
+                now = began + self.now_s()
+                return now if unit == 1.0 else int(now * unit)
+            except BaseException as error:
+                hide(error)
+                raise
 
         read.__name__ = real.__name__
         return read
 
     def _sleeping(self, real: Any) -> Any:
         def sleep(seconds: float) -> None:
-            # An argument that is not a time gets Python's own error.
-            if self._is_real() or not hasattr(seconds, "__float__") or not seconds >= 0:
-                real(seconds)
-                return
-            self._asks = 0
-            self.wait(float(seconds))
+            try:
+                # An argument that is not a time gets Python's own error.
+                if self._is_real() or not hasattr(seconds, "__float__") or not seconds >= 0:
+                    real(seconds)
+                    return
+                self._asks = 0
+                self.wait(float(seconds))
+            except BaseException as error:
+                hide(error)
+                raise
 
         return sleep
 

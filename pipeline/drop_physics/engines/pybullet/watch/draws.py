@@ -15,6 +15,8 @@ from sys import _getframe
 from types import ModuleType
 from typing import Any
 
+from .hidden import hide
+
 SEEDS = ("seed", "setstate", "set_state", "set_bit_generator")
 """Functions of a generator that determine what it draws."""
 SILENT = ("getstate", "get_state", "getrandbits")
@@ -84,7 +86,11 @@ class Draws:
 
         @functools.wraps(original)
         def seed(generator: random.Random, a: Any = None, version: int = 2) -> None:
-            original(generator, entropy.getrandbits(64) if a is None else a, version)
+            try:
+                original(generator, entropy.getrandbits(64) if a is None else a, version)
+            except BaseException as error:
+                hide(error)
+                raise
 
         for owner, name, function in (
             (random.Random, "seed", seed),
@@ -112,7 +118,11 @@ class Draws:
                 self._quiet.discard(name)
             elif draws and name not in self._quiet:
                 self._drawn(called, _getframe(1), name)
-            return function(*args, **kwargs)
+            try:
+                return function(*args, **kwargs)
+            except BaseException as error:
+                hide(error)
+                raise
 
         return notice
 

@@ -14,10 +14,6 @@ from . import draws
 from .calls import shown_file
 from .hooks import Stop, Watch
 
-_HERE = os.path.dirname(os.path.abspath(__file__))
-_ENGINES = os.path.dirname(os.path.dirname(_HERE))
-WRAPPERS = (_HERE + os.sep, os.path.join(_ENGINES, "mujoco", "watch", ""))
-"""The folders whose functions stand before others: the script's tracebacks are without them."""
 LIBRARY = os.path.dirname(os.__file__)
 """The folder of Python's own modules."""
 NOWHERE = "", 0
@@ -56,7 +52,6 @@ def run(watch: Watch, script: Callable[[], None], ours: str) -> None:
         _tell(watch, "failed", in_one_line(error), place_of(error, ours))
         while error.__traceback__ is not None and _is_ours(error.__traceback__, ours):
             error.__traceback__ = error.__traceback__.tb_next
-        _hide_wrappers(error)
         sys.excepthook(type(error), error, error.__traceback__)
         code = 1
     raise SystemExit(code)  # not sys.exit, which the script may have replaced
@@ -100,7 +95,7 @@ def place_of(error: BaseException, ours: str) -> tuple[str, int]:
     while trace is not None:
         name = trace.tb_frame.f_code.co_filename
         library = name.startswith(("<", LIBRARY)) or draws.INSTALLED.search(name)
-        if not library and not name.startswith(WRAPPERS) and not _is_ours(trace, ours):
+        if not library and not _is_ours(trace, ours):
             place = shown_file(name), trace.tb_lineno
         trace = trace.tb_next
     return place
@@ -109,26 +104,6 @@ def place_of(error: BaseException, ours: str) -> tuple[str, int]:
 def _is_ours(trace: TracebackType, ours: str) -> bool:
     name = trace.tb_frame.f_code.co_filename
     return name in (ours, __file__) or "runpy" in name
-
-
-def _hide_wrappers(failure: BaseException) -> None:
-    """Leave out of an error's traceback, and of those it follows, what stands before a function."""
-    pending: list[BaseException | None] = [failure]
-    cleaned: set[int] = set()
-    while pending:
-        error = pending.pop()
-        if error is None or id(error) in cleaned:
-            continue
-        cleaned.add(id(error))
-        trace, kept = error.__traceback__, []
-        while trace is not None:
-            if not trace.tb_frame.f_code.co_filename.startswith(WRAPPERS):
-                kept.append(trace)
-            trace = trace.tb_next
-        for before, after in zip(kept, [*kept[1:], None]):
-            before.tb_next = after
-        error.__traceback__ = kept[0] if kept else None
-        pending += [error.__cause__, error.__context__]
 
 
 def in_one_line(error: BaseException) -> str:

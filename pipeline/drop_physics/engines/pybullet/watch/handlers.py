@@ -25,6 +25,7 @@ from .functions import (
     RETURNS,
     ROLES,
 )
+from .hidden import hide
 from .quiet import Window
 from .worlds import ALL, World
 
@@ -60,20 +61,24 @@ def stepping(watch: Watch, name: str, original: Any) -> Call:
     acquire, release, kept = lock.acquire, lock.release, lock.kept
 
     def step(*args: Any, **kwargs: Any) -> Any:
-        if not watch.on:
-            return original(*args, **kwargs)
-        acquire()
         try:
-            if watch.stopped or pipe.gone:
-                watch.check()
-            world = worlds.get(client_of(name, args, kwargs) if args or kwargs else 0)
-            if world is None:
+            if not watch.on:
                 return original(*args, **kwargs)
-            return watch.step(world, original, args, kwargs)
-        finally:
-            release()
-            if kept:
-                lock.give_back()
+            acquire()
+            try:
+                if watch.stopped or pipe.gone:
+                    watch.check()
+                world = worlds.get(client_of(name, args, kwargs) if args or kwargs else 0)
+                if world is None:
+                    return original(*args, **kwargs)
+                return watch.step(world, original, args, kwargs)
+            finally:
+                release()
+                if kept:
+                    lock.give_back()
+        except BaseException as error:
+            hide(error)
+            raise
 
     return step
 
@@ -90,52 +95,56 @@ def changing(watch: Watch, name: str, original: Any) -> Call:
     letter, head, block = protocol.CALL, protocol.HEADER.size, protocol.BLOCK.size
 
     def change(*args: Any, **kwargs: Any) -> Any:
-        if not watch.on:
-            return original(*args, **kwargs)
-        told = noted = None
-        acquire()
         try:
-            if watch.stopped or pipe.gone or real_time:
-                watch.check()
-                watch.let_time_pass()
-            place, world, numbers = frame(1), None, None
-            plan = plan_of((id(place.f_code), place.f_lasti))
-            if plan is not None and len(args) == plan[1] and [*kwargs] == plan[2]:
-                world, _, _, flat, pack, size, site = plan
-                if flat is None:
-                    numbers = (*args, *kwargs.values())
-                else:
-                    try:
-                        numbers = flat(*args, *kwargs.values())
-                    except Exception:  # noqa: BLE001 - an argument is of another form
-                        world = None
-            if world is None:
-                world = worlds.get(client_of(name, args, kwargs))
-                if world is None:
-                    return original(*args, **kwargs)
-            if before is not None:
-                noted = before(watch, world, name, args, kwargs)
+            if not watch.on:
+                return original(*args, **kwargs)
+            told = noted = None
+            acquire()
             try:
-                if numbers is None:
-                    raise LookupError
-                end = pipe.end if pipe.end <= pipe.limit else pipe.make_room()
-                pack(pipe.memory, end, letter, size - head, world.number, site, *numbers)
-                pipe.end = end = end + size
-                pipe.counts[1] = end - block
-            except Exception:  # noqa: BLE001 - likewise
-                watch.guarded(world, calls.tell, world, name, args, kwargs, place)
-            told = world
-            result = original(*args, **kwargs)
-            if after is not None:
-                after(watch, world, name, noted, result)
-            return result
-        except Exception as error:
-            _raised(watch, told, name, error)
+                if watch.stopped or pipe.gone or real_time:
+                    watch.check()
+                    watch.let_time_pass()
+                place, world, numbers = frame(1), None, None
+                plan = plan_of((id(place.f_code), place.f_lasti))
+                if plan is not None and len(args) == plan[1] and [*kwargs] == plan[2]:
+                    world, _, _, flat, pack, size, site = plan
+                    if flat is None:
+                        numbers = (*args, *kwargs.values())
+                    else:
+                        try:
+                            numbers = flat(*args, *kwargs.values())
+                        except Exception:  # noqa: BLE001 - an argument is of another form
+                            world = None
+                if world is None:
+                    world = worlds.get(client_of(name, args, kwargs))
+                    if world is None:
+                        return original(*args, **kwargs)
+                if before is not None:
+                    noted = before(watch, world, name, args, kwargs)
+                try:
+                    if numbers is None:
+                        raise LookupError
+                    end = pipe.end if pipe.end <= pipe.limit else pipe.make_room()
+                    pack(pipe.memory, end, letter, size - head, world.number, site, *numbers)
+                    pipe.end = end = end + size
+                    pipe.counts[1] = end - block
+                except Exception:  # noqa: BLE001 - likewise
+                    watch.guarded(world, calls.tell, world, name, args, kwargs, place)
+                told = world
+                result = original(*args, **kwargs)
+                if after is not None:
+                    after(watch, world, name, noted, result)
+                return result
+            except Exception as error:
+                _raised(watch, told, name, error)
+                raise
+            finally:
+                release()
+                if kept:
+                    lock.give_back()
+        except BaseException as error:
+            hide(error)
             raise
-        finally:
-            release()
-            if kept:
-                lock.give_back()
 
     return change
 
@@ -221,28 +230,32 @@ def reading(watch: Watch, name: str, original: Any) -> Call:
 
     def read(*args: Any, **kwargs: Any) -> Any:
         try:
-            if frame(1).f_lasti in passing or not watch.on:
-                # Without empty keywords it takes a fiftieth of the reading less.
-                return original(*args, **kwargs) if kwargs else original(*args)
-            if watch.stopped or pipe.gone or real_time:
-                with watch.lock:
-                    watch.check()
-                    watch.let_time_pass()
-            result = original(*args, **kwargs)
-        except Exception as error:
-            if watch.on:
-                _failed(watch, name, args, kwargs, error, frame(1))
+            try:
+                if frame(1).f_lasti in passing or not watch.on:
+                    # Without empty keywords it takes a fiftieth of the reading less.
+                    return original(*args, **kwargs) if kwargs else original(*args)
+                if watch.stopped or pipe.gone or real_time:
+                    with watch.lock:
+                        watch.check()
+                        watch.let_time_pass()
+                result = original(*args, **kwargs)
+            except Exception as error:
+                if watch.on:
+                    _failed(watch, name, args, kwargs, error, frame(1))
+                raise
+            acquire()
+            try:
+                readings.count(name, args, kwargs, frame(1))
+            except Exception as error:  # noqa: BLE001 - our errors must not reach the script
+                readings.fail(error)
+            finally:
+                release()
+                if kept:
+                    watch.lock.give_back()
+            return result
+        except BaseException as error:
+            hide(error)
             raise
-        acquire()
-        try:
-            readings.count(name, args, kwargs, frame(1))
-        except Exception as error:  # noqa: BLE001 - our errors must not reach the script
-            readings.fail(error)
-        finally:
-            release()
-            if kept:
-                watch.lock.give_back()
-        return result
 
     return read
 
@@ -269,22 +282,26 @@ def passive(watch: Watch, name: str, original: Any) -> Call:
     has_answer, real_time = name in ANSWERED, watch.real_time_since
 
     def call(*args: Any, **kwargs: Any) -> Any:
-        if not watch.on:
-            return original(*args, **kwargs)
-        if watch.stopped or pipe.gone or real_time or polls:
-            with watch.lock:
-                watch.check()
-                watch.let_time_pass()
-                if polls:
-                    clock.ask()
-        if has_answer and windows:
-            client = client_of(name, args, kwargs)
-            if client in windows:
-                return _answer(windows[client], name, original, args, kwargs)
         try:
-            return original(*args, **kwargs)
-        except Exception as error:
-            _failed(watch, name, args, kwargs, error, _getframe(1))
+            if not watch.on:
+                return original(*args, **kwargs)
+            if watch.stopped or pipe.gone or real_time or polls:
+                with watch.lock:
+                    watch.check()
+                    watch.let_time_pass()
+                    if polls:
+                        clock.ask()
+            if has_answer and windows:
+                client = client_of(name, args, kwargs)
+                if client in windows:
+                    return _answer(windows[client], name, original, args, kwargs)
+            try:
+                return original(*args, **kwargs)
+            except Exception as error:
+                _failed(watch, name, args, kwargs, error, _getframe(1))
+                raise
+        except BaseException as error:
+            hide(error)
             raise
 
     return call
@@ -303,7 +320,11 @@ def searching(watch: Watch, name: str, original: Any) -> Call:
     call = passive(watch, name, original)
 
     def search(*args: Any, **kwargs: Any) -> Any:
-        result = call(*args, **kwargs)
+        try:
+            result = call(*args, **kwargs)
+        except BaseException as error:
+            hide(error)
+            raise
         path = named(name, args, kwargs).get("path")
         if type(path) is str:
             World.search_path = path
@@ -316,25 +337,29 @@ def connecting(watch: Watch, _: str, original: Any) -> Call:
     """Return what begins a simulation, never with a window."""
 
     def connect(*args: Any, **kwargs: Any) -> Any:
-        if not watch.on:
-            return original(*args, **kwargs)
-        with watch.lock:
-            watch.check()
-            p = watch.p
-            method: Any = args[0] if args else kwargs.get("method")
-            windows = {getattr(p, name, None) for name in ("GUI", "GUI_SERVER")}
-            if method in windows:
-                client = original(p.DIRECT)
-                watch.windows[client] = Window(p, method)
-                label = "GUI"
-            elif method == p.SHARED_MEMORY:
-                return -1  # a server there would not be the script's
-            else:
-                client = original(*args, **kwargs)
-                label = "DIRECT" if method == p.DIRECT else f"method {method}"
-            if client >= 0:
-                watch.begin(client, label)
-            return client
+        try:
+            if not watch.on:
+                return original(*args, **kwargs)
+            with watch.lock:
+                watch.check()
+                p = watch.p
+                method: Any = args[0] if args else kwargs.get("method")
+                windows = {getattr(p, name, None) for name in ("GUI", "GUI_SERVER")}
+                if method in windows:
+                    client = original(p.DIRECT)
+                    watch.windows[client] = Window(p, method)
+                    label = "GUI"
+                elif method == p.SHARED_MEMORY:
+                    return -1  # a server there would not be the script's
+                else:
+                    client = original(*args, **kwargs)
+                    label = "DIRECT" if method == p.DIRECT else f"method {method}"
+                if client >= 0:
+                    watch.begin(client, label)
+                return client
+        except BaseException as error:
+            hide(error)
+            raise
 
     return connect
 
@@ -343,10 +368,14 @@ def disconnecting(watch: Watch, name: str, original: Any) -> Call:
     """Return what ends a simulation."""
 
     def disconnect(*args: Any, **kwargs: Any) -> Any:
-        if watch.on:  # no check for Stop: scripts clean up with this call
-            with watch.lock:
-                watch.end(client_of(name, args, kwargs))
-        return original(*args, **kwargs)
+        try:
+            if watch.on:  # no check for Stop: scripts clean up with this call
+                with watch.lock:
+                    watch.end(client_of(name, args, kwargs))
+            return original(*args, **kwargs)
+        except BaseException as error:
+            hide(error)
+            raise
 
     return disconnect
 
@@ -355,24 +384,28 @@ def resetting(watch: Watch, name: str, original: Any) -> Call:
     """Return what removes all bodies."""
 
     def reset(*args: Any, **kwargs: Any) -> Any:
-        if not watch.on:
-            return original(*args, **kwargs)
-        with watch.lock:
-            watch.check()
-            world = watch.worlds.get(client_of(name, args, kwargs))
-            if world is None:
+        try:
+            if not watch.on:
                 return original(*args, **kwargs)
-            watch.guarded(world, world.sync)
-            place = _getframe(1)
-            watch.guarded(world, watch.calls.tell, world, name, args, kwargs, place)
-            try:
-                result = original(*args, **kwargs)
-            except Exception as error:
-                _raised(watch, world, name, error)
-                raise
-            world.forget()
-            watch.readings.forget()
-            return result
+            with watch.lock:
+                watch.check()
+                world = watch.worlds.get(client_of(name, args, kwargs))
+                if world is None:
+                    return original(*args, **kwargs)
+                watch.guarded(world, world.sync)
+                place = _getframe(1)
+                watch.guarded(world, watch.calls.tell, world, name, args, kwargs, place)
+                try:
+                    result = original(*args, **kwargs)
+                except Exception as error:
+                    _raised(watch, world, name, error)
+                    raise
+                world.forget()
+                watch.readings.forget()
+                return result
+        except BaseException as error:
+            hide(error)
+            raise
 
     return reset
 
@@ -381,19 +414,23 @@ def photographing(watch: Watch, name: str, original: Any) -> Call:
     """Return what sends what the script's camera sees."""
 
     def photograph(*args: Any, **kwargs: Any) -> Any:
-        if not watch.on:
-            return original(*args, **kwargs)
-        with watch.lock:
-            watch.check()
-            watch.let_time_pass()
-            world = watch.worlds.get(client_of(name, args, kwargs))
-            result = original(*args, **kwargs)
-            if world is not None:
-                watch.guarded(world, watch.readings.count, name, args, kwargs, _getframe(1))
-                place = watch.calls.place(_getframe(1))
-                arguments = named(name, args, kwargs)
-                watch.guarded(world, _send_image, watch, world, arguments, result, place)
-            return result
+        try:
+            if not watch.on:
+                return original(*args, **kwargs)
+            with watch.lock:
+                watch.check()
+                watch.let_time_pass()
+                world = watch.worlds.get(client_of(name, args, kwargs))
+                result = original(*args, **kwargs)
+                if world is not None:
+                    watch.guarded(world, watch.readings.count, name, args, kwargs, _getframe(1))
+                    place = watch.calls.place(_getframe(1))
+                    arguments = named(name, args, kwargs)
+                    watch.guarded(world, _send_image, watch, world, arguments, result, place)
+                return result
+        except BaseException as error:
+            hide(error)
+            raise
 
     return photograph
 

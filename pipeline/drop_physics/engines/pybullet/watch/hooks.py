@@ -17,9 +17,10 @@ from typing import Any
 from weakref import ref
 
 from .bodies import Body
-from .calls import Calls
+from .calls import Calls, shown_file
 from .clock import CALL_S, Clock
 from .handlers import handler
+from .hidden import hide
 from .pipe import Pipe
 from .quiet import Window
 from .readings import Readings
@@ -68,13 +69,25 @@ class Hook:
     def __getattribute__(self, name: str) -> Any:
         if name in OF_HOOKS:
             return object.__getattribute__(self, name)
-        return getattr(object.__getattribute__(self, "drop_plain"), name)
+        try:
+            return getattr(object.__getattribute__(self, "drop_plain"), name)
+        except AttributeError as error:
+            hide(error)
+            raise
 
     def __setattr__(self, name: str, value: object) -> None:
-        setattr(self.drop_plain, name, value)  # which raises Python's own error
+        try:
+            setattr(self.drop_plain, name, value)  # which raises Python's own error
+        except Exception as error:
+            hide(error)
+            raise
 
     def __delattr__(self, name: str) -> None:
-        delattr(self.drop_plain, name)
+        try:
+            delattr(self.drop_plain, name)
+        except Exception as error:
+            hide(error)
+            raise
 
     def __reduce__(self) -> str:
         return str(self.__name__)
@@ -136,6 +149,8 @@ class Watch:
         self._limit_steps, self._limit_s = steps, duration_s
         self.steps_made = self._worlds_made = 0
         self._last_end = (0, 0.0)
+        self._library: object = None
+        """The file of the PyBullet that is watched."""
         self._modules: list[tuple[ModuleType, dict[str, Any]]] = []
         self._undo: list[Callable[[], None]] = []
         self._process, self._thread = getpid(), get_ident()
@@ -150,7 +165,16 @@ class Watch:
     # -- in place of pybullet's functions ---------------------------------------------------------
 
     def install(self, module: ModuleType) -> None:
-        """Replace the functions of pybullet, in place; those of a reloaded module are already."""
+        """Replace the functions of pybullet, in place; those of a reloaded module are already.
+
+        A copy of its file is another PyBullet, whose numbers of simulations are the same: it is
+        named.
+        """
+        library = _library(module)
+        if self._library not in (None, library):  # it has simulations of its own
+            self.pipe.note("copy", file=shown_file(str(module.__file__)))
+            return
+        self._library = library
         originals = {
             name: value
             for name, value in vars(module).items()
@@ -181,6 +205,9 @@ class Watch:
             self._undo.pop()()
         self.clock.remove()
         self.lock.remove()
+
+    hide = staticmethod(hide)
+    """Takes wrappers' frames off an error's traceback; for those that are not in this folder."""
 
     def on_removal(self, undo: Callable[[], None]) -> None:
         """Register a function that undoes something when this watch ends."""
@@ -384,6 +411,15 @@ class Watch:
                 self.pipe.note("running")
             self.worlds.clear()
             self.on = False
+
+
+def _library(module: ModuleType) -> object:
+    """Return which file a module was loaded from, whatever its path."""
+    try:
+        status = os.stat(str(module.__file__))
+    except OSError:  # it was removed, or is no file
+        return module.__file__
+    return status.st_dev, status.st_ino
 
 
 def _leave(kept: ref[Watch]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _imp
 import importlib.abc
 import importlib.machinery
 import importlib.util
@@ -15,6 +16,7 @@ from typing import Any
 
 from .clock import Clock
 from .draws import Draws
+from .hidden import hide
 from .hooks import Watch
 from .pipe import MUJOCO, Pipe, frame
 from .varied import Variation
@@ -76,9 +78,34 @@ def watch(
 
     on_import("numpy.random", draws.on_numpy)
     # A script may forget an engine, and import it again.
-    on_import("pybullet", started.install, once=False)
+    _on_extension("pybullet", started)
     on_import("mujoco", partial(_on_mujoco, started, on_import, []), once=False)
     return started
+
+
+def _on_extension(name: str, started: Watch) -> None:
+    """Watch every module that an extension's file becomes, however it is loaded.
+
+    `importlib` can make one under another name, or beside the one that is imported already; all of
+    them come from one function of Python's. The last part of the name is always the extension's.
+    """
+    original = _imp.create_dynamic
+
+    def create(spec: Any, *rest: Any) -> ModuleType:
+        try:
+            module: ModuleType = original(spec, *rest)
+        except BaseException as error:
+            hide(error)
+            raise
+        if spec.name.rpartition(".")[2] == name:
+            started.install(module)
+        return module
+
+    _imp.create_dynamic = create
+    started.on_removal(lambda: setattr(_imp, "create_dynamic", original))
+    for known, module in list(sys.modules.items()):
+        if known.rpartition(".")[2] == name:
+            started.install(module)
 
 
 def _on_mujoco(host: Watch, on_import: Any, known: list[Any], module: ModuleType) -> None:
@@ -136,7 +163,11 @@ class _OnImport(importlib.abc.MetaPathFinder):
             execute = spec.loader.exec_module
 
             def exec_module(module: ModuleType) -> None:
-                execute(module)
+                try:
+                    execute(module)
+                except BaseException as error:
+                    hide(error)
+                    raise
                 if not self._over:
                     self._over = self._once
                     self._then(module)

@@ -7,6 +7,8 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
+from .hidden import hide
+
 
 class Turn:
     """A lock that also holds back signals until it is released.
@@ -58,22 +60,31 @@ class Turn:
             self._handlers = {}
 
     def _set(self, signalnum: Any, handler: Any) -> Any:
-        before = self._get(signalnum)
-        if not callable(handler) or isinstance(handler, signal.Handlers):
-            self._signal(signalnum, handler)
-            self._handlers.pop(int(signalnum), None)
-            return before
-
         def keep(number: int, frame: Any) -> None:
-            if self._is_owned():
-                self.kept.append(lambda: handler(number, frame))
-            else:
-                handler(number, frame)
+            try:
+                if self._is_owned():
+                    self.kept.append(lambda: handler(number, frame))
+                else:
+                    handler(number, frame)
+            except BaseException as error:
+                hide(error)
+                raise
 
-        self._signal(signalnum, keep)
-        self._handlers[int(signalnum)] = handler
+        try:
+            is_ours = callable(handler) and not isinstance(handler, signal.Handlers)
+            before = self._signal(signalnum, keep if is_ours else handler)
+        except BaseException as error:
+            hide(error)
+            raise
+        before = self._handlers.pop(int(signalnum), before)
+        if is_ours:
+            self._handlers[int(signalnum)] = handler
         return before
 
     def _get(self, signalnum: Any) -> Any:
-        current = self._getsignal(signalnum)
+        try:
+            current = self._getsignal(signalnum)
+        except BaseException as error:
+            hide(error)
+            raise
         return self._handlers.get(int(signalnum), current)

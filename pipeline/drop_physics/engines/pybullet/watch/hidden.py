@@ -1,0 +1,24 @@
+"""An error that passes through our wrappers looks as if it came from the function itself."""
+
+from __future__ import annotations
+
+import os
+from types import TracebackType
+
+_HERE = os.path.dirname(os.path.abspath(__file__))
+_ENGINES = os.path.dirname(os.path.dirname(_HERE))
+WRAPPERS = (_HERE + os.sep, os.path.join(_ENGINES, "mujoco", "watch", ""))
+"""The folders whose functions stand before others."""
+
+
+def hide(error: BaseException) -> None:
+    """Take our frames off the near end of an error's traceback; follow it with a bare `raise`.
+
+    Such a `raise` adds no frame: Python notes one where an error arises and where a call returns
+    with it, but not where it is raised again. So a script that catches the error, prints it or
+    hands it to a logger finds the frames that it would find without us.
+    """
+    trace: TracebackType | None = error.__traceback__
+    while trace is not None and trace.tb_frame.f_code.co_filename.startswith(WRAPPERS):
+        trace = trace.tb_next
+    BaseException.with_traceback(error, trace)  # a script's class may have its own
