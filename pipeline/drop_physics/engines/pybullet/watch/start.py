@@ -104,7 +104,9 @@ def _on_extension(name: str, started: Watch) -> None:
     _imp.create_dynamic = create
     started.on_removal(lambda: setattr(_imp, "create_dynamic", original))
     for known, module in list(sys.modules.items()):
-        if known.rpartition(".")[2] == name:
+        loader = getattr(module, "__loader__", None)
+        is_extension = isinstance(loader, importlib.machinery.ExtensionFileLoader)
+        if is_extension and known.rpartition(".")[2] == name:
             started.install(module)
 
 
