@@ -33,11 +33,11 @@ from drop_physics.compare import difference as checking
 from drop_physics.compare.comparison import Comparison, compare
 from drop_physics.compare.difference import Difference, Side
 from drop_physics.compare.tolerance import IN_CONTACT_M
-from drop_physics.console.show_check import first_words
 from drop_physics.errors import OutputError, RecordingError
 from drop_physics.recording import rrd, sampled, schema
 from drop_physics.recording.frames import frames
 from drop_physics.recording.reader import Recording, read
+from drop_physics.report.check import first_words
 from drop_physics.stages.check import Check, check
 from drop_physics.stages.record import record_script
 from drop_physics.stages.run import Run

@@ -8,7 +8,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 from conftest import Recorder, judge, said, some
-from drop_physics.console.show_analysis import show_analysis
+from drop_physics.report.terminal import show
 from engine import MODES, box, urdf_of
 
 BOUNCY = 0.7**0.5
@@ -226,7 +226,7 @@ def test_a_contact_of_several_substeps_and_joints_is_not_denied(
     assert len(recording.contacts)
     analysis = judge(recording)
     assert analysis.impact is None
-    show_analysis(analysis, as_json=False)
+    show(analysis, as_json=False)
     assert "Impact      time unknown" in capsys.readouterr().out
 
 

@@ -17,8 +17,8 @@ import pytest
 from conftest import Drop
 from drawn import is_within
 from drop_physics import Analysis, analyze
-from drop_physics.console import output
 from drop_physics.errors import RecordingError
+from drop_physics.fields import counted
 from drop_physics.figures import style
 from drop_physics.figures.panel_plot import build_figure, render
 from drop_physics.figures.theme import LIGHT
@@ -161,7 +161,7 @@ def test_the_language_is_that_of_drop_lang_else_of_the_locale(
 
 @pytest.mark.usefixtures("japanese")
 def test_messages_within_messages_are_translated_too() -> None:
-    noun = output.counted(2, "sample")
+    noun = counted(2, "sample")
     assert translated(noun) == "2 サンプル"
     both = joined(", ", [noun, "a name", Message("none")]) + "!"
     assert both == "2 samples, a name, none!"
@@ -253,7 +253,7 @@ def test_only_what_is_shown_is_translated() -> None:
         for path in PACKAGE.rglob("*.py")
         if re.search(r"\b(translated|localized)\(", path.read_text(encoding="utf-8"))
     }
-    assert translates == {"console", "figures", "messages.py"}
+    assert translates == {"console", "figures", "messages.py", "report"}
 
 
 @pytest.mark.usefixtures("japanese")

@@ -23,8 +23,8 @@ from clients import release_clients
 from command import drop_here
 from conftest import Drop, Recorder, judge, rerun_rrd, some
 from drop_physics.analysis.results import Analysis, BodyAnalysis
-from drop_physics.console.show_analysis import show_analysis
 from drop_physics.recording.reader import Recording
+from drop_physics.report.terminal import show
 from drop_physics.trace.history import Seen
 from drop_physics.trace.tables import table_of
 from engine import MODES, ROUNDS_ONCE
@@ -1278,7 +1278,7 @@ shutil.rmtree(folder)
 """
     _, analysis = analyzed(scene)
     told = replace(analysis, origin={"script": "scene.py", "ended": "finished"})
-    show_analysis(told, as_json=False)
+    show(told, as_json=False)
     lines = capfd.readouterr().out.splitlines()
     assert max(map(len, lines)) <= 80
     assert any("15 bodies" in line for line in lines)
@@ -1321,7 +1321,7 @@ steps(110)
     assert held
     part = whole.of_body(1).explained
     assert (part.samples, part.of) == (111 - held, 111)
-    show_analysis(whole.of_body(2), as_json=False)
+    show(whole.of_body(2), as_json=False)
     told = capfd.readouterr().out
     assert "1 of 3 bodies" in told
 

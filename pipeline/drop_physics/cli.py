@@ -67,8 +67,8 @@ def simulate(
     camera: Camera | None,
 ) -> None:
     """Drop the body and record everything that happens."""
-    from drop_physics.console.show_run import show_simulation
     from drop_physics.errors import ScenarioError
+    from drop_physics.report.terminal import show
     from drop_physics.stages.simulate import simulate
 
     if spawn and connect is not None:
@@ -88,7 +88,7 @@ def simulate(
             note=output.note,
             progress=report,
         )
-    show_simulation(simulation, as_json=json)
+    show(simulation, as_json=json)
 
 
 @app.command(
@@ -122,7 +122,7 @@ def analyze(
     from drop_physics.stages.settings import settings
 
     choice = settings().choice(select, ignore, fail_on)
-    from drop_physics.console.show_analysis import show_analysis  # takes a second to load
+    from drop_physics.report.terminal import show  # takes a second to load
     from drop_physics.stages.analyze import analyze
 
     with progress() as report:
@@ -137,7 +137,7 @@ def analyze(
             force=force,
             progress=report,
         )
-    raise typer.Exit(show_analysis(analysis, as_json=json, verbose=verbose, choice=choice))
+    raise typer.Exit(show(analysis, as_json=json, verbose=verbose, choice=choice))
 
 
 @app.command(
@@ -168,8 +168,8 @@ def render(
     from drop_physics.stages.found import recording_of
 
     recording = recording_of(run, output.note)
-    from drop_physics.console.show_run import show_rendering
     from drop_physics.figures.playback import Animation
+    from drop_physics.report.terminal import show
     from drop_physics.stages.render import render
 
     animation = Animation(fps=fps, speed=speed, caption=caption, with_plot=with_plot)
@@ -185,7 +185,7 @@ def render(
             force=force,
             progress=report,
         )
-    show_rendering(rendering, recording, as_json=json)
+    show(rendering, as_json=json, recording=recording)
 
 
 @app.command(
@@ -208,9 +208,9 @@ def run(
     camera: Camera | None,
 ) -> None:
     """Simulate, analyze and render: the whole story of one drop."""
-    from drop_physics.console.show_run import show_run
     from drop_physics.figures.playback import Animation
     from drop_physics.option_types import times
+    from drop_physics.report.terminal import show
     from drop_physics.stages.run import run
 
     animation = Animation(fps=fps, speed=speed, caption=caption, with_plot=with_plot)
@@ -225,7 +225,7 @@ def run(
             note=output.note,
             progress=report,
         )
-    show_run(result, as_json=json)
+    show(result, as_json=json)
 
 
 @app.command(
@@ -246,8 +246,9 @@ def check(
 
     Both must be of a drop, or both of a script.
     """
-    from drop_physics.console.show_check import append_summary, show_check
     from drop_physics.files.outputs import check_apart, check_target
+    from drop_physics.report.check import append_summary
+    from drop_physics.report.terminal import show
     from drop_physics.stages.check import check
     from drop_physics.stages.settings import settings
 
@@ -258,7 +259,7 @@ def check(
     checked = check(run, against, tolerance_m=allowed_m, update=update)
     if summary is not None:
         append_summary(checked, summary)
-    raise typer.Exit(show_check(checked, as_json=json))
+    raise typer.Exit(show(checked, as_json=json))
 
 
 @app.command(
@@ -295,8 +296,8 @@ def sweep(
         from drop_physics.sweeping.engines import get_ready
 
         get_ready(jobs)
-    from drop_physics.console.show_sweep import show_sweep
     from drop_physics.option_types import times
+    from drop_physics.report.terminal import show
     from drop_physics.stages.sweep import sweep
     from drop_physics.sweeping.plan import plan_of
 
@@ -316,7 +317,7 @@ def sweep(
             force=force,
             progress=report,
         )
-    raise typer.Exit(show_sweep(result, as_json=json))
+    raise typer.Exit(show(result, as_json=json))
 
 
 @app.command(
@@ -335,8 +336,8 @@ def script(context: typer.Context, program: given.Program) -> None:
     from drop_physics.stages.settings import settings
 
     choice = settings().choice()
-    from drop_physics.console.show_analysis import show_analysis
-    from drop_physics.console.show_record import note_ours, show_record
+    from drop_physics.report.record import note_ours, show_record
+    from drop_physics.report.terminal import show
 
     note_ours(target, arguments, _options(context, "record", "analyze"), verb="record")
 
@@ -346,7 +347,7 @@ def script(context: typer.Context, program: given.Program) -> None:
 
     with progress() as report:
         analysis = analyze(recorded.recording, choice=choice, script=Path(target), progress=report)
-    found = show_analysis(analysis, as_json=False, choice=choice)
+    found = show(analysis, choice=choice)
     raise typer.Exit(code or found)
 
 
@@ -382,7 +383,7 @@ def record(
 
     target, *arguments = program
     digest_of_script(target, is_module=module)  # before what takes a second to load
-    from drop_physics.console.show_record import note_ours, show_record
+    from drop_physics.report.record import note_ours, show_record
 
     note_ours(target, arguments, _options(context, context.info_name))
     recorded = _recorded(
@@ -468,8 +469,8 @@ def trust(
     import sys
 
     from drop_physics.console.progress import sweep_progress
-    from drop_physics.console.show_record import note_ours
-    from drop_physics.console.show_trust import show_trust
+    from drop_physics.report.record import note_ours
+    from drop_physics.report.terminal import show
     from drop_physics.stages.trust import trust
     from drop_physics.stages.variations import lengths_of
 
@@ -497,7 +498,7 @@ def trust(
             progress=report,
         )
     outputs = [each for each in (table, plot) if each is not None]
-    raise typer.Exit(show_trust(result, as_json=json, within=lengths, outputs=outputs))
+    raise typer.Exit(show(result, as_json=json, within=lengths, outputs=outputs))
 
 
 @app.command(
@@ -510,10 +511,10 @@ def info(run: given.RunOrNewest = None, *, json: given.Json = False) -> None:
     from drop_physics.stages.found import recording_of
 
     recording = recording_of(run, output.note)
-    from drop_physics.console.show_info import show_info
+    from drop_physics.report.terminal import show
     from drop_physics.stages.info import info
 
-    show_info(info(recording), as_json=json)
+    show(info(recording), as_json=json)
 
 
 @app.command(
@@ -533,9 +534,9 @@ def view(
 
     named: list[Path | None] = [*runs] if runs else [None]
     recordings = [recording_of(each, output.note) for each in named]
-    from drop_physics.console.show_view import show_view
+    from drop_physics.report.terminal import show
     from drop_physics.stages import view
 
     with view.view(recordings, against=against, web=web) as shown:
-        show_view(shown, as_json=json)
+        show(shown, as_json=json)
         view.show(shown)

@@ -1,32 +1,41 @@
 """A result prints as the terminal shows it, and in a notebook with its plot.
 
-It names the function that formats it, as `module:function`: in a room above, so loaded on demand.
+It names the module that reports it: in a room above, so loaded on demand.
 """
 
 from __future__ import annotations
 
 import importlib
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
-NOTEBOOK = "drop_physics.console.notebook"
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+NOTEBOOK = "drop_physics.report.notebook"
 
 
 class Printable:
     """A result that Python prints as the command does."""
 
     __slots__ = ()
-    lines_of: ClassVar[str]
-    """The `module:function` that returns its lines, with Rich's markup."""
+    reported_by: ClassVar[str]
+    """The module whose `report_of` makes its report, and whose `json_of` its JSON object."""
 
-    def __init_subclass__(cls, lines_of: str) -> None:
-        cls.lines_of = lines_of
+    def __init_subclass__(cls, reported_by: str) -> None:
+        cls.reported_by = reported_by
         cls._repr_pretty_ = Printable._repr_pretty_  # type: ignore[method-assign]  # before a dataclass's __repr__
 
-    def lines(self) -> list[str]:
-        """Return what the terminal prints, with Rich's markup."""
-        module, _, function = self.lines_of.partition(":")
-        lines: list[str] = getattr(importlib.import_module(module), function)(self)
-        return lines
+    def report(self, **how: object) -> Any:  # noqa: ANN401 - a Report, of a room above
+        """Return what there is to say, for any renderer; `how` are options of the report."""
+        return self._from("report_of")(self, **how)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return what `--json` prints."""
+        return dict(self._from("json_of")(self))
+
+    def _from(self, name: str) -> Callable[..., Any]:
+        function: Callable[..., Any] = getattr(importlib.import_module(self.reported_by), name)
+        return function
 
     def __str__(self) -> str:
         return str(importlib.import_module(NOTEBOOK).text_of(self))

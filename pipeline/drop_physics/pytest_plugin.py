@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 GoldenRecording = Callable[..., AbstractContextManager[None]]
 WRITERS: pytest.StashKey[list[BlockWriter]] = pytest.StashKey()
 """The processes that record, in pytest's configuration: one, or more for blocks within blocks."""
-JUDGE = "drop_physics.console.show_golden:failure"
+JUDGE = "drop_physics.report.golden:failure"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

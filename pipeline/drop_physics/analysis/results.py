@@ -22,8 +22,8 @@ Vector = tuple[float, float, float]
 
 JSON_NAMES = {"other": "with"}
 """Names of fields that JSON has in place of Python's."""
-LINES = "drop_physics.console.show_analysis:analysis_lines"
-"""What prints an analysis."""
+REPORT = "drop_physics.report.analysis"
+"""What reports an analysis."""
 HIDDEN = ("table", "by_body", "contact_j", "curves")
 """What JSON leaves out."""
 
@@ -214,7 +214,7 @@ class Explained:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Analysis(Printable, lines_of=LINES):
+class Analysis(Printable, reported_by=REPORT):
     """Everything that the analysis of a recording found."""
 
     origin: dict[str, Any] | None

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import sys
-from collections.abc import Sequence
 from typing import Any, TextIO
 
 from drop_physics.fields import counted as counted
-from drop_physics.fields import decimals
 from drop_physics.messages import columns_of as columns_of
 from drop_physics.messages import harmless, translated
 from drop_physics.messages import wrapped as wrapped
@@ -44,14 +41,6 @@ def wants_colour(stream: TextIO) -> bool:
     return bool(os.environ.get("FORCE_COLOR")) or stream.isatty()
 
 
-def millimetres(value_m: float) -> str:
-    """Right-align a length in mm; in powers of ten where four decimals would show nothing."""
-    value = value_m * 1e3 + 0.0  # no minus before a zero
-    small = 0 < abs(value) < 5e-5
-    text = f"{value:+.1e}" if small else decimals(value, 4, "+")
-    return f"{text:>10} mm"
-
-
 def left(text: str, columns: int) -> str:
     """Left-align a text in columns."""
     return text + " " * (columns - columns_of(text))
@@ -67,89 +56,6 @@ def cut(text: str, columns: int) -> str:
     from rich.cells import set_cell_size
 
     return set_cell_size(text, columns)
-
-
-def beside(title: str, words: str, column: int) -> list[tuple[str, str]]:
-    """Wrap words in a column beside a title; below it if the title is too long.
-
-    Both are in the reader's language. Each line has two parts; the first is as wide as the title's
-    column.
-    """
-    title = translated(title)
-    lines = wrapped(translated(words), width() - column)
-    if not lines or (title and columns_of(title) > column - 2):
-        lines.insert(0, "")
-    titles = [title, *[""] * (len(lines) - 1)]
-    return [(left(head, column), line) for head, line in zip(titles, lines, strict=True)]
-
-
-def titled(title: str, words: str, *, column: int, style: str = "") -> list[str]:
-    """Return the same with Rich's markup: the words are escaped, the title may have a style."""
-    from rich.markup import escape  # takes a tenth of the time of `drop --help`
-
-    lines = [
-        (escape(head if words else head.rstrip()), escape(words))
-        for head, words in beside(title, words, column)
-    ]
-    head, first = lines[0]
-    head = f"[{style}]{head}[/]" if style else head
-    return [head + first, *(head + line for head, line in lines[1:])]
-
-
-_SHELL_WORD = re.compile(r"""(?:\$'(?:\\.|[^'\\])*'|'[^']*'|"[^"]*"|\S)+""")
-
-
-def pasteable(title: str, command: str, *, column: int, style: str = "") -> list[str]:
-    """Return a command beside its title, with Rich's markup.
-
-    A long one goes on in lines that a shell reads as one: none breaks within a quoted word.
-    """
-    from rich.markup import escape
-
-    lines, room = [""], width() - column - len(" \\")
-    for word in _SHELL_WORD.findall(translated(command)):
-        if lines[-1] and columns_of(f"{lines[-1]} {word}") > room:
-            lines.append(word)
-        else:
-            lines[-1] += f" {word}" if lines[-1] else word
-    head = left(translated(title), column)
-    heads = [f"[{style}]{head}[/]" if style else head, *[" " * column] * (len(lines) - 1)]
-    ends = [*[" \\"] * (len(lines) - 1), ""]  # after `escape`, which doubles a backslash at an end
-    return [a + escape(b) + c for a, b, c in zip(heads, lines, ends, strict=True)]
-
-
-Column = tuple[str, Sequence[str], bool]
-"""Of a table: its head, its cells, and whether they are numbers, aligned to the right."""
-
-
-def table(columns: Sequence[Column], *, red: Sequence[bool] = ()) -> list[str]:
-    """Return a table with Rich's markup; `red` are rows in which something failed."""
-    from rich.markup import escape
-
-    aligned = []
-    for head, cells, numbers in columns:
-        texts = [translated(head), *cells]
-        wide = max(8 if numbers else 0, *map(columns_of, texts))
-        aligned.append([(right if numbers else left)(text, wide) for text in texts])
-    heads, *rows = (escape("  ".join(row).rstrip()) for row in zip(*aligned, strict=True))
-    reds = [*red, *[False] * (len(rows) - len(red))]
-    return [
-        f"[dim]{heads}[/]",
-        *(f"[red]{row}[/]" if is_red else row for row, is_red in zip(rows, reds, strict=True)),
-    ]
-
-
-def made(title: str, path: object, facts: str = "", *, column: int) -> list[str]:
-    """Return the line of a written file; the facts go below a long name."""
-    from rich.markup import escape
-
-    title, facts = translated(title), translated(facts)
-    head = f"[dim]{title}[/]{left('', column - columns_of(title))}{escape(str(path))}"
-    if not facts:
-        return [head]
-    if column + columns_of(str(path)) + 3 + columns_of(facts) <= width():
-        return [f"{head}   {facts}"]
-    return [head, *(left("", column) + line for line in wrapped(facts, width() - column))]
 
 
 def print_json(value: dict[str, Any]) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import polars as pl
 
-from drop_physics.analysis.results import LINES, Analysis, BodyFlight
+from drop_physics.analysis.results import REPORT, Analysis, BodyFlight
 from drop_physics.drop.phases import Phase
 from drop_physics.engine_report import EngineReport
 
@@ -227,7 +227,7 @@ class FallAnalysis:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DropAnalysis(FallAnalysis, Analysis, lines_of=LINES):
+class DropAnalysis(FallAnalysis, Analysis, reported_by=REPORT):
     """Everything that the analysis of a drop's recording found."""
 
     segments: dict[str, int]

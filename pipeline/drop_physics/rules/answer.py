@@ -16,6 +16,7 @@ from drop_physics.explain.recording import Explained
 from drop_physics.explain.steps import BodySteps
 from drop_physics.explain.times import Times
 from drop_physics.explain.touches import TouchTable
+from drop_physics.fields import counted
 from drop_physics.messages import Message, joined
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.asked_of_bodies import AskedOfBodies
@@ -109,6 +110,14 @@ class Finding:
         if self.body is None or self.joint is not None or self.body in self.message:
             return self.message
         return joined(": ", [self.body, self.message])
+
+    @property
+    def told(self) -> str:
+        """The same, and how many other bodies it holds for."""
+        if self.bodies < 2:
+            return self.said
+        others = counted(self.bodies - 1, "other body", "other bodies")
+        return Message("{text}; the same holds for {others}", text=self.said, others=others)
 
     @property
     def rank(self) -> tuple[int, float]:

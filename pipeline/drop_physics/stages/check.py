@@ -46,7 +46,7 @@ class FrameComparison:
 
 
 @dataclass(frozen=True)
-class Check(Printable, lines_of="drop_physics.console.show_check:check_lines"):
+class Check(Printable, reported_by="drop_physics.report.check"):
     """Whether a recording is the same physics as a golden one, and where it is not."""
 
     recording: Path

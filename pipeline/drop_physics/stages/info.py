@@ -32,7 +32,7 @@ REPLACED = "\ufffd"
 
 
 @dataclass(frozen=True)
-class Info(Printable, lines_of="drop_physics.console.show_info:info_lines"):
+class Info(Printable, reported_by="drop_physics.report.info"):
     """What a recording is and holds."""
 
     recording: Path

@@ -52,7 +52,7 @@ CANNOT_LOAD = "pybullet.error: Cannot load"
 
 
 @dataclass(frozen=True)
-class Recorded(Printable, lines_of="drop_physics.console.show_record:record_lines"):
+class Recorded(Printable, reported_by="drop_physics.report.record"):
     """What was recorded of a script."""
 
     recording: Path

@@ -45,7 +45,7 @@ DRAW_PLOT = "drop_physics.figures.panel_plot:render"
 
 
 @dataclass(frozen=True)
-class Rendering(Printable, lines_of="drop_physics.console.show_run:rendering_lines"):
+class Rendering(Printable, reported_by="drop_physics.report.run"):
     """What was rendered; a path is None where there was nothing to render."""
 
     gif: Path | None

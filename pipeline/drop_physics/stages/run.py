@@ -24,7 +24,7 @@ _DERIVED = (".analysis.rrd", ".gif", ".png")
 
 
 @dataclass(frozen=True)
-class Run(Printable, lines_of="drop_physics.console.show_run:run_lines"):
+class Run(Printable, reported_by="drop_physics.report.run"):
     """The results of the three stages."""
 
     simulation: Simulation

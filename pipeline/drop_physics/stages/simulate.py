@@ -31,7 +31,7 @@ LARGE_BYTES = 1_000_000_000
 
 
 @dataclass(frozen=True)
-class Simulation(Printable, lines_of="drop_physics.console.show_run:simulation_lines"):
+class Simulation(Printable, reported_by="drop_physics.report.run"):
     """What was recorded of a drop."""
 
     recording: Path

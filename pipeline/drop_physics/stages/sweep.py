@@ -43,7 +43,7 @@ LEAST_BYTES = 50_000
 
 
 @dataclass(frozen=True)
-class Sweep(Printable, lines_of="drop_physics.console.show_sweep:sweep_lines"):
+class Sweep(Printable, reported_by="drop_physics.report.sweep"):
     """The results of a sweep."""
 
     plan: Plan

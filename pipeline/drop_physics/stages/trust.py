@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Trust(Printable, lines_of="drop_physics.console.show_trust:trust_lines"):
+class Trust(Printable, reported_by="drop_physics.report.trust"):
     """What of a script's result stands."""
 
     script: str

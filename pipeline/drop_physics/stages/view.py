@@ -30,7 +30,7 @@ from drop_physics.trace.history import Seen
 
 
 @dataclass(frozen=True)
-class View(Printable, lines_of="drop_physics.console.show_view:view_lines"):
+class View(Printable, reported_by="drop_physics.report.view"):
     """What the viewer shows, and how it is started."""
 
     recordings: list[Path]

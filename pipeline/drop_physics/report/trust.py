@@ -9,22 +9,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.markup import escape
-
 from drop_physics.analysis.results import renamed
-from drop_physics.console.output import (
-    Column,
-    columns_of,
-    counted,
-    made,
-    print_json,
-    print_lines,
-    table,
-    width,
-    wrapped,
-)
 from drop_physics.explain.jsonable import jsonable
+from drop_physics.fields import counted
 from drop_physics.messages import Message, joined, translated
+from drop_physics.report.blocks import Block, Column, DataTable, Facts, File, Report, Section, Words
+from drop_physics.report.words import MISSING
 from drop_physics.stages.trust_findings import BY_STEP, TERMS, part_of, readable
 
 if TYPE_CHECKING:
@@ -36,11 +26,12 @@ if TYPE_CHECKING:
 
 Part = Callable[[str, str | None, str], str]
 """Names a position, of its body, joint and unit."""
+COLUMN = 12
+"""Characters that the titles of files take."""
 MOST_PARTS = 6
 """Positions that are listed; all are in the JSON."""
 APART = 3
 """The exit code where a variation ends farther apart than it may."""
-NONE = "–"
 LEAST = 1e-6
 """Of positions that are less apart [m], orientations are shown instead, if they are more [rad]."""
 VARIATIONS = (
@@ -61,19 +52,6 @@ STANDING = (
     Message("but for"),
 )
 CONVERGENCE = ("converges", "does-not-converge", "no-order")
-
-
-def show_trust(
-    trust: Trust, *, as_json: bool, within: Mapping[str, float], outputs: Sequence[Path] = ()
-) -> int:
-    """Print what stands, and return the exit code: 3 if a variation ends farther apart."""
-    if as_json:
-        print_json(json_of(trust))
-    else:
-        print_lines(
-            *trust_lines(trust), *(made(Message("written"), each, column=12)[0] for each in outputs)
-        )
-    return 0 if trust.ends_within(within) else APART
 
 
 # -- as JSON --------------------------------------------------------------------------------------
@@ -112,30 +90,32 @@ def json_of(trust: Trust) -> dict[str, Any]:
 # -- as lines -------------------------------------------------------------------------------------
 
 
-def trust_lines(trust: Trust) -> list[str]:
-    """Return what the terminal prints."""
+def report_of(
+    trust: Trust, *, within: Mapping[str, float] | None = None, outputs: Sequence[Path] = ()
+) -> Report:
+    """Say what stands; the code is 3 if a variation ends farther apart than `within`."""
     part = _namer(trust)
     rows = [[each.name, *_distances(each, trust, part)] for each in trust.variations]
-    lines = [*wrapped(translated(_verdict(trust)), width()), ""]
-    lines += _table(VARIATIONS, rows, without=(4,))
+    sections = [Section([_table(VARIATIONS, rows, {4: 1})])]
     stands = trust.standing[:MOST_PARTS]
     if stands:
-        lines += ["", *_table(STANDING, [_stands(each, part) for each in stands], without=(5, 4))]
+        table = _table(STANDING, [_stands(each, part) for each in stands], {5: 2, 4: 1})
+        blocks: list[Block] = [table]
         if len(trust.standing) > len(stands):
-            more = Message(
-                "and {more} more: --json",
-                more=counted(len(trust.standing) - len(stands), "position"),
-            )
-            lines.append(f"[dim]{escape(translated(more))}[/]")
-    sentences = [*_sentences(trust)]
+            more = counted(len(trust.standing) - len(stands), "position")
+            blocks.append(Words(Message("and {more} more: --json", more=more), "dim"))
+        sections.append(Section(blocks))
+    sentences = [Words(each) for each in _sentences(trust)]
     if sentences:
-        lines.append("")
-    for each in sentences:
-        lines += [escape(line) for line in wrapped(translated(each), width())]
+        sections.append(Section(sentences))
     folder = trust.recording.parent
     with contextlib.suppress(ValueError):
         folder = folder.relative_to(Path.cwd())
-    return [*lines, "", *made(Message("recordings"), folder, column=12)]
+    files = [File(Message("recordings"), folder)]
+    files += [File(Message("written"), each) for each in outputs]
+    sections.append(Section([Facts(files, COLUMN)]))
+    code = 0 if trust.ends_within(within or {}) else APART
+    return Report(verdict=Words(_verdict(trust)), sections=sections, code=code)
 
 
 def _verdict(trust: Trust) -> Message:
@@ -181,8 +161,8 @@ def _distances(each: Varied, trust: Trust, part: Part) -> list[str]:
         return [translated(Message("fails")), each.made.error[:40], "", "", "", ""]
     first = each.apart.first
     end, most = (_farthest(found, part) for found in (each.apart.end, each.apart.most))
-    since = NONE if first is None else f"{first.from_s:.4g} s"
-    term = NONE if each.term is None else translated(TERMS[each.term])
+    since = MISSING if first is None else f"{first.from_s:.4g} s"
+    term = MISSING if each.term is None else translated(TERMS[each.term])
     return [*end, *most, since, term]
 
 
@@ -214,17 +194,16 @@ def _digits(digits: int | None, off: float, unit: str) -> str:
 
 
 def _table(
-    heads: Sequence[str], rows: Sequence[Sequence[str]], *, without: Sequence[int]
-) -> list[str]:
-    """Return a table's lines, without some of its columns where the terminal has no room."""
-    columns: list[Column] = [
-        (head, [row[at] for row in rows], False) for at, head in enumerate(heads)
-    ]
-    for number in without:
-        widths = [max(map(columns_of, [translated(head), *cells])) for head, cells, _ in columns]
-        if sum(widths) + 2 * len(widths) - 2 > width():
-            del columns[number]
-    return table(columns)
+    heads: Sequence[str], rows: Sequence[Sequence[str]], drop: Mapping[int, int]
+) -> DataTable:
+    """Return a table; some of its columns are left out where there is no room."""
+    cells = zip(*rows, strict=True)
+    return DataTable(
+        [
+            Column(head, column, drop=drop.get(at, 0))
+            for at, (head, column) in enumerate(zip(heads, cells, strict=True))
+        ]
+    )
 
 
 def _sentences(trust: Trust) -> Iterator[str]:

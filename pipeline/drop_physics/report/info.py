@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from drop_physics.console.output import pasteable, print_json, print_lines, titled
-from drop_physics.console.words import NONE, RECORDING, SCRIPT
-from drop_physics.messages import Message, joined, localized, shell_command, translated
+from drop_physics.messages import Message, joined, shell_command
+from drop_physics.report.blocks import Fact, Facts, Report, Section
+from drop_physics.report.words import NONE, RECORDING, SCRIPT
 
 if TYPE_CHECKING:
     from drop_physics.stages.info import Info
@@ -17,22 +18,21 @@ MOST_BODIES, MOST_READINGS = 6, 4
 """Bodies, and places that read, that are listed; all are in the JSON."""
 
 
-def show_info(info: Info, *, as_json: bool) -> None:
-    """Print what a recording is."""
-    if as_json:
-        print_json(info.as_json())
-    else:
-        print_lines(*info_lines(info))
-
-
-def _readings(info: Info) -> list[str]:
+def _readings(info: Info) -> Message:
     """Say where the script reads most often, what and how often."""
     most = sorted(info.readings, key=lambda each: -each.count)
-    told = [translated(_reading(each)) for each in most[:MOST_READINGS]]
-    more = len(most) - MOST_READINGS
+    return _first_of([_reading(each) for each in most], MOST_READINGS)
+
+
+def _first_of(parts: Sequence[str], most: int) -> Message:
+    """Enumerate the first of several texts, and say how many more there are."""
+    shown, more = [*parts[:most]], len(parts) - most
     if more > 0:
-        told.append(localized("and {more:,} more: see --json", more=more))
-    return told
+        shown.append(Message("and {more:,} more: see --json", more=more))
+    values = {f"part{number}": part for number, part in enumerate(shown)}
+    # Of parts, not of sentences: `joined` would end each as one where the language does.
+    template = "; ".join(f"{{{name}}}" for name in values)
+    return Message(template, **values)
 
 
 def _reading(place: Reading) -> Message:
@@ -44,15 +44,11 @@ def _reading(place: Reading) -> Message:
     return Message("{read} at {site}, some {n:,} times", read=read, site=site, n=place.count)
 
 
-def info_lines(info: Info) -> list[str]:
+def report_of(info: Info) -> Report:
     """Say what a recording is."""
     state = (
         Message("complete, verified") if info.complete else Message("never finished, unverified")
     )
-    more = len(info.bodies) - MOST_BODIES
-    bodies = [*map(translated, info.bodies[:MOST_BODIES])]
-    if more > 0:
-        bodies.append(localized("and {more:,} more: see --json", more=more))
     samples = Message(
         "{samples:,} in {duration:.9g} s", samples=info.samples, duration=info.duration_s
     )
@@ -67,27 +63,23 @@ def info_lines(info: Info) -> list[str]:
             state=state,
         ),
         Message("drop") if info.kind == "drop" else SCRIPT: info.what,
-        Message("bodies"): "; ".join(bodies) if bodies else NONE,
+        Message("bodies"): _first_of(info.bodies, MOST_BODIES) if info.bodies else NONE,
         Message("samples"): samples,
         Message("frames"): f"{info.frames:,}" if info.frames else NONE,
-        **({Message("reads"): "; ".join(_readings(info))} if info.readings else {}),
-        **({Message("lacks"): "; ".join(info.notes)} if info.notes else {}),
+        **({Message("reads"): _readings(info)} if info.readings else {}),
+        **({Message("lacks"): joined("; ", info.notes)} if info.notes else {}),
         Message("engine"): info.engine,
         Message("id"): info.recording_id,
     }
-    lines = [
-        line
-        for title, words in facts.items()
-        for line in titled(title, words, column=COLUMN, style="dim")
-    ]
+    rows = [Fact(title, words, "dim") for title, words in facts.items()]
     if info.command is not None:
-        lines += pasteable(Message("again"), info.command, column=COLUMN, style="dim")
+        rows.append(Fact(Message("again"), info.command, "dim", is_command=True))
         if info.kind == "script" and " -m " not in info.command:
-            where = localized("where the script is: its folder is not recorded")
-            lines += titled("", where, column=COLUMN, style="dim")
-    analysis = Message("analysis")
-    if info.layer is not None:
-        return lines + titled(analysis, str(info.layer), column=COLUMN, style="dim")
+            where = Message("where the script is: its folder is not recorded")
+            rows.append(Fact("", where, "dim"))
     analyze = shell_command("drop", "analyze", info.recording)
-    missing = Message("none yet: {analyze}", analyze=analyze)
-    return lines + pasteable(analysis, missing, column=COLUMN, style="dim")
+    layer = (
+        Message("none yet: {analyze}", analyze=analyze) if info.layer is None else str(info.layer)
+    )
+    rows.append(Fact(Message("analysis"), layer, "dim", is_command=info.layer is None))
+    return Report(sections=[Section([Facts(rows, COLUMN)])])

@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Collection, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from drop_physics.console.output import (
-    columns_of,
-    counted,
-    made,
-    note,
-    pasteable,
-    print_json,
-    print_lines,
-    titled,
-)
-from drop_physics.console.words import SCRIPT
-from drop_physics.fields import all_of
+from drop_physics.console.output import columns_of, note, print_json, print_lines
+from drop_physics.explain.jsonable import jsonable
+from drop_physics.fields import all_of, counted
 from drop_physics.messages import Message, shell_command, translated
+from drop_physics.report.blocks import Fact, Facts, File, Report, Section
+from drop_physics.report.terminal import block_lines, lines_of
+from drop_physics.report.words import SCRIPT
 from drop_physics.trace.events import ENDED
 
 if TYPE_CHECKING:
@@ -59,24 +53,9 @@ def show_record(recorded: Recorded, *, as_json: bool, analyzed: bool = False) ->
     """
     failed = recorded.ended == "failed"
     if as_json:
-        again = {"first_difference": recorded.first_difference} if recorded.twice else {}
-        print_json(
-            {
-                "recording": str(recorded.recording),
-                "recording_id": recorded.recording_id,
-                "script": recorded.script,
-                "ended": recorded.ended,
-                "error": recorded.error or None,
-                "samples": recorded.samples,
-                "bodies": recorded.bodies,
-                "frames": recorded.frames,
-                "bytes": recorded.bytes,
-                "wall_s": recorded.wall_s,
-                **again,
-            }
-        )
+        print_json(recorded.as_json())
     else:
-        print_lines(*record_lines(recorded), stream=sys.stderr)
+        print_lines(*lines_of(report_of(recorded)), stream=sys.stderr)
     if failed and not analyzed:
         note(
             Message(
@@ -87,11 +66,19 @@ def show_record(recorded: Recorded, *, as_json: bool, analyzed: bool = False) ->
         )
     if not as_json and not analyzed and (failed or recorded.samples):
         command = shell_command("drop", "analyze", recorded.recording)
-        print_lines(*pasteable(NEXT, command, column=_column(), style="dim"), stream=sys.stderr)
+        following = Facts([Fact(NEXT, command, "dim", is_command=True)], _column())
+        print_lines(*block_lines(following), stream=sys.stderr)
     return int(failed)
 
 
-def record_lines(recorded: Recorded) -> list[str]:
+def json_of(recorded: Recorded) -> dict[str, Any]:
+    """Return what `--json` prints."""
+    left_out = {"failure", "twice"} | (set() if recorded.twice else {"first_difference"})
+    values = vars(recorded) | {"error": recorded.error or None}
+    return {name: value for name, value in jsonable(values).items() if name not in left_out}
+
+
+def report_of(recorded: Recorded) -> Report:
     """Say how the script ended, and what was recorded of it."""
     facts = Message(
         "{samples}, {bodies}, {frames}, {megabytes:.2f} MB, {wall_s:.1f} s",
@@ -101,11 +88,9 @@ def record_lines(recorded: Recorded) -> list[str]:
         megabytes=recorded.bytes / 1e6,
         wall_s=recorded.wall_s,
     )
-    column = _column()
-    return [
-        *titled(SCRIPT, ENDED[recorded.ended], column=column, style="dim"),
-        *made(RECORDED, recorded.recording, facts, column=column),
-    ]
+    ended = Fact(SCRIPT, ENDED[recorded.ended], "dim")
+    files = Facts([ended, File(RECORDED, recorded.recording, facts)], _column())
+    return Report(sections=[Section([files])])
 
 
 def _column() -> int:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from drop_physics.console.output import counted
+from drop_physics.fields import counted, decimals
 from drop_physics.messages import Message, joined
 
 CONTACTS, EXPLAINED = Message("Contacts"), Message("Explained")
 NONE, PLOT = Message("none"), Message("plot")
+MISSING = "–"
+"""In place of a number."""
 RECORDING, SCRIPT = Message("recording"), Message("script")
 TERMS = {
     "total": Message("total"),
@@ -68,3 +70,12 @@ def unfinished(recording: object, samples: int) -> Message:
         recording=str(recording),
         samples=counted(samples, "sample"),
     )
+
+
+def millimetres(value_m: float | None) -> str:
+    """Write a length in mm; in powers of ten where four decimals would show nothing."""
+    if value_m is None:
+        return MISSING
+    value = value_m * 1e3 + 0.0  # no minus before a zero
+    small = 0 < abs(value) < 5e-5
+    return f"{value:+.1e}" if small else decimals(value, 4, "+")

@@ -15,6 +15,7 @@ from rich.terminal_theme import TerminalTheme
 
 from drop_physics.errors import DropError
 from drop_physics.messages import harmless
+from drop_physics.report.terminal import lines_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -77,7 +78,7 @@ def _printed(result: Printable) -> Console:
         force_terminal=True,
         force_jupyter=False,  # it would show each line by itself, besides the whole
     )
-    for line in result.lines():
+    for line in lines_of(result.report()):
         console.print(harmless(line))
     return console
 

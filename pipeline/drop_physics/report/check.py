@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from drop_physics.compare.difference import Difference
 from drop_physics.compare.tolerance import IN_CONTACT_M
-from drop_physics.console.output import print_json, print_lines, titled
-from drop_physics.console.words import NONE
 from drop_physics.explain.jsonable import jsonable
 from drop_physics.files.outputs import output_errors
-from drop_physics.messages import Message, joined, localized, shell_command, translated
+from drop_physics.messages import Message, joined, localized, shell_command
+from drop_physics.report.blocks import Fact, Facts, Report, Section
+from drop_physics.report.markdown import markdown_of
+from drop_physics.report.words import NONE
 from drop_physics.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from drop_physics.stages.check import Check, FrameComparison
     from drop_physics.trace.calls import Call
 
-Pair = tuple[str, str]
-"""A title, and words."""
 DIFFERS = 3
 """The exit code of a check that found a difference, or could not compare everything."""
 GOLDEN, IDENTICAL, NOTHING = Message("golden"), Message("identical"), Message("nothing")
@@ -37,15 +35,6 @@ COLUMN = 12
 """Columns that a title takes."""
 LONGEST = 160
 """Characters of a call's arguments."""
-
-
-def show_check(check: Check, *, as_json: bool) -> int:
-    """Print what `check` found; return the exit code."""
-    if as_json:
-        print_json(json_of(check))
-    else:
-        print_lines(*check_lines(check))
-    return 0 if check.same or check.updated else DIFFERS
 
 
 def append_summary(check: Check, file: Path) -> None:
@@ -126,44 +115,36 @@ def _call_json(call: Call | None) -> dict[str, Any] | None:
 # -- as lines -------------------------------------------------------------------------------------
 
 
-def check_lines(check: Check) -> list[str]:
+def report_of(check: Check) -> Report:
     """Say whether the two are the same, and if not, where and how."""
-    return [line for pair in _told(check) for line in titled(*pair, column=COLUMN)]
+    verdict, *others = _facts(check)
+    code = 0 if check.same or check.updated else DIFFERS
+    return Report(
+        title="drop check",
+        verdict=verdict,
+        sections=[Section([Facts(others, COLUMN)], apart=False)],
+        code=code,
+    )
 
 
 def summary_of(check: Check) -> str:
     """Return the same as Markdown, such as a CI service shows beside a job."""
-    (verdict, both), *others = _told(check)
-    rows = [f"| {_cell(title)} | {_cell(words)} |\n" for title, words in others]
-    table = ["| | |\n", "| --- | --- |\n", *rows] if rows else []
-    meant = []
-    if not (check.same or check.updated):
-        update = ("check", check.recording, "--against", check.golden, "--update")
-        words = localized("If the change is intended: {command}", command="`{}`")
-        meant = ["\n", words.format(shell_command("drop", *update)), "\n"]
-    return "".join(
-        [
-            f"#### drop check: {translated(verdict)}\n\n",
-            f"{translated(both)}\n\n",
-            *table,
-            *meant,
-            "\n",
-        ]
-    )
+    report = markdown_of(check.report(), level=4)
+    if check.same or check.updated:
+        return f"{report}\n"
+    update = shell_command("drop", "check", check.recording, "--against", check.golden, "--update")
+    words = localized("If the change is intended: {command}", command="`{}`")
+    return f"{report}\n{words.format(update)}\n\n"
 
 
-def _cell(words: str) -> str:
-    return re.sub(r"([\\|`*_<>\[\]])", r"\\\1", translated(words)).replace("\n", " ")
-
-
-def _told(check: Check) -> Iterator[Pair]:
-    """Yield what there is to say: titles and words."""
+def _facts(check: Check) -> Iterator[Fact]:
+    """Yield what there is to say, the verdict first."""
     compared = check.comparison
     if compared is not None:
         # Nobody knows where something is left out.
         undecided = check.first is None and bool(check.not_compared)
         same = Message("same") if check.same else Message("differs")
-        yield (
+        yield Fact(
             Message("undecided") if undecided else same,
             Message(
                 "{recording} and {golden}", recording=str(check.recording), golden=str(check.golden)
@@ -171,9 +152,9 @@ def _told(check: Check) -> Iterator[Pair]:
         )
         yield from _compared(check, compared)
         for lacks in check.lacks:
-            yield Message("lacks"), lacks
+            yield Fact(Message("lacks"), lacks)
     if check.updated:
-        yield (
+        yield Fact(
             GOLDEN,
             Message(
                 "{golden} is now {recording}",
@@ -183,24 +164,24 @@ def _told(check: Check) -> Iterator[Pair]:
         )
 
 
-def _compared(check: Check, compared: Comparison) -> Iterator[Pair]:
+def _compared(check: Check, compared: Comparison) -> Iterator[Fact]:
     if check.not_compared:
-        yield Message("left out"), _left_out(check.not_compared)
+        yield Fact(Message("left out"), _left_out(check.not_compared))
     settings = [each for each in compared.differences if each.step is None]
     for setting in settings:
         if setting.column in Scenario.options():
-            yield Message("setting"), _option(setting)
+            yield Fact(Message("setting"), _option(setting))
         else:
             name = setting.column.removeprefix("engine.")
-            yield Message("engine"), _beside(name, setting.value, setting.golden)
+            yield Fact(Message("engine"), _beside(name, setting.value, setting.golden))
     if check.first is not None:
-        yield Message("first"), _difference(check.first)
+        yield Fact(Message("first"), _difference(check.first))
     if compared.call_before is not None:
-        yield Message("after"), _call(compared.call_before)
+        yield Fact(Message("after"), _call(compared.call_before))
     other = compared.other_call
     if other is not None:
         calls = {"call": _call(other.value), "golden": _call(other.golden)}
-        yield Message("call"), Message("{call}, golden {golden}", **calls)
+        yield Fact(Message("call"), Message("{call}, golden {golden}", **calls))
     yield from _distances(check, compared)
     # What a call sets is kept beside what the engine reports of it.
     told = {each.column for each in compared.differences}
@@ -211,14 +192,14 @@ def _compared(check: Check, compared: Comparison) -> Iterator[Pair]:
         and not (SET in each.column and each.column.replace(SET, "engine.") in told)
     ]
     for difference in more[:MOST]:
-        yield Message("also"), _difference(difference)
+        yield Fact(Message("also"), _difference(difference))
     if len(more) > MOST:
-        yield "", Message("and {more:,} more: see --json", more=len(more) - MOST)
+        yield Fact("", Message("and {more:,} more: see --json", more=len(more) - MOST))
     if check.engines is not None:
-        yield Message("engines"), check.engines
+        yield Fact(Message("engines"), check.engines)
     if check.frames is not None:
-        yield Message("frames"), _frames(check.frames)
-    yield from _facts(compared)
+        yield Fact(Message("frames"), _frames(check.frames))
+    yield from _besides(compared)
 
 
 def _left_out(bodies: Sequence[str]) -> Message:
@@ -229,7 +210,7 @@ def _left_out(bodies: Sequence[str]) -> Message:
     )
 
 
-def _distances(check: Check, compared: Comparison) -> Iterator[Pair]:
+def _distances(check: Check, compared: Comparison) -> Iterator[Fact]:
     """Yield how far apart positions are, and joints."""
     if compared.largest_difference_m is None:
         return
@@ -239,9 +220,11 @@ def _distances(check: Check, compared: Comparison) -> Iterator[Pair]:
     most, joint = farthest.get("position"), farthest.get("joint_position")
     if most is None:
         ends = check.first is not None and check.first.column == "there"
-        yield (Message("positions"), Message("identical, as far as both go") if ends else IDENTICAL)
+        yield Fact(
+            Message("positions"), Message("identical, as far as both go") if ends else IDENTICAL
+        )
     else:
-        yield (
+        yield Fact(
             Message("positions"),
             Message(
                 "up to {apart:.3g} m apart ({where}); allowed: {allowed}",
@@ -251,7 +234,7 @@ def _distances(check: Check, compared: Comparison) -> Iterator[Pair]:
             ),
         )
     if joint is not None:
-        yield (
+        yield Fact(
             Message("joints"),
             Message(
                 "up to {apart:.3g} {unit} apart ({where})",
@@ -366,11 +349,11 @@ def _frames(frames: FrameComparison) -> Message:
     return counts if frames.why is None else joined("; ", [counts, frames.why])
 
 
-def _facts(compared: Comparison) -> Iterator[Pair]:
+def _besides(compared: Comparison) -> Iterator[Fact]:
     """Yield what differs besides the physics, and what may differ from run to run."""
     for setting in compared.script:
         if setting.name == "script_sha256":
-            yield Message("script"), Message("its text differs")
+            yield Fact(Message("script"), Message("its text differs"))
         else:
             value, golden = (
                 " ".join(map(str, each)) if isinstance(each, list) else _value(each)
@@ -378,9 +361,9 @@ def _facts(compared: Comparison) -> Iterator[Pair]:
             )
             names = Message("{call}, golden {golden}", call=value, golden=golden)
             named = _beside(setting.name, value, golden)
-            yield Message("script"), names if setting.name == "script" else named
+            yield Fact(Message("script"), names if setting.name == "script" else named)
     if compared.other_call is not None and compared.unseeded:
-        yield (
+        yield Fact(
             Message("draws"),
             Message(
                 "unseeded random numbers at {places}; --seed 0 fixes them",
@@ -388,7 +371,7 @@ def _facts(compared: Comparison) -> Iterator[Pair]:
             ),
         )
     if compared.other_call is not None and compared.real_time:
-        yield Message("clock"), Message("real-time simulation was asked for")
+        yield Fact(Message("clock"), Message("real-time simulation was asked for"))
     for version in compared.versions:
         name = version.name.removesuffix("_version")
-        yield Message("version"), _beside(name, version.value, version.golden)
+        yield Fact(Message("version"), _beside(name, version.value, version.golden))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from drop_physics.console.show_check import append_summary, first_words
 from drop_physics.messages import Message, harmless, translated
+from drop_physics.report.check import append_summary, first_words
 from drop_physics.stages.check import check
 
 

@@ -6,63 +6,53 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.markup import escape
-
-from drop_physics.console.bodies_told import sum_lines
-from drop_physics.console.findings_told import finding_lines
-from drop_physics.console.flights_told import contact_lines, flight_lines
-from drop_physics.console.output import (
-    beside,
-    columns_of,
-    counted,
-    left,
-    millimetres,
-    titled,
-    width,
-    wrapped,
+from drop_physics.fields import LARGE, counted, decimals, engineering, fraction
+from drop_physics.messages import Message, joined
+from drop_physics.report.blocks import (
+    Column,
+    DataTable,
+    Fact,
+    Facts,
+    FindingList,
+    Report,
+    Section,
+    Words,
 )
-from drop_physics.console.words import CAUSES, EXPLAINED, TERMS, kinds_of_samples
-from drop_physics.fields import LARGE, decimals, engineering, fraction
-from drop_physics.messages import Message, joined, localized, translated
+from drop_physics.report.bodies import sum_of
+from drop_physics.report.flights import contacts, flights
+from drop_physics.report.words import CAUSES, EXPLAINED, TERMS, kinds_of_samples, millimetres
 from drop_physics.scenario import ENGINES, EXACT_INTEGRATORS
 
 if TYPE_CHECKING:
     from drop_physics.drop.results import Bounce, Coverage, DropAnalysis, Moment, Rest
 
 
-def lines_of_drop(analysis: DropAnalysis, *, verbose: bool = False) -> list[str]:
-    """Tell a drop from its release to its rest, in lines as wide as the terminal."""
-    scenario = analysis.scenario
+def report_of_drop(analysis: DropAnalysis, *, verbose: bool = False) -> Report:
+    """Say what a drop did from its release to its rest."""
     last = analysis.table.row(-1, named=True)
-    body = Path(scenario["body"]).name
-    headline, *others = map(escape, wrapped(translated(_dropped(analysis, body)), width()))
-    body = escape(body)
-    lines = [
-        headline.replace(body, f"[bold]{body}[/]", 1),
-        *others,
-        localized(
-            "after {time:.4g} s its centre is at {height} m",
-            time=last["time_s"],
-            height=decimals(last["simulated_m"], 4),
-        ),
-    ]
-    for moment in analysis.at:
-        lines += ["", *_moment(moment, scenario)]
-    lines += ["", *_impact(analysis), *_bounces(analysis), *_rest(analysis), *_energy(analysis)]
+    body = Path(analysis.scenario["body"]).name
+    centre = Message(
+        "after {time:.4g} s its centre is at {height} m",
+        time=last["time_s"],
+        height=decimals(last["simulated_m"], 4),
+    )
+    facts = [*_impact(analysis), *_bounces(analysis), *_rest(analysis), *_energy(analysis)]
     if analysis.explained.why is not None or verbose:
-        lines += _explained(analysis)
-    if verbose:
-        if analysis.coverage.samples < analysis.coverage.of:
-            lines += _titled(Message("Covered"), _covered(analysis.coverage))
-        lines += [*flight_lines(analysis.bodies), *contact_lines(analysis.bodies[:1])]
-        for body_told in analysis.bodies:
-            for each in body_told.at:
-                lines += ["", *sum_lines(body_told, each)]
-    left_out = analysis.left_out
-    return [
-        *lines,
-        *finding_lines(analysis.findings, verbose=verbose, left_out=left_out, most=MOST_FINDINGS),
+        facts.append(_titled(EXPLAINED, _explained(analysis)))
+    if verbose and analysis.coverage.samples < analysis.coverage.of:
+        facts.append(_titled(Message("Covered"), _covered(analysis.coverage)))
+    sections = [
+        Section([Words(centre)], apart=False),
+        *(_moment(moment, analysis.scenario) for moment in analysis.at),
+        Section([Facts(facts, _TITLE)]),
     ]
+    if verbose:
+        sections += [*flights(analysis.bodies), *contacts(analysis.bodies[:1])]
+        sections += [sum_of(body, each) for body in analysis.bodies for each in body.at]
+    most = len(analysis.findings) if verbose else MOST_FINDINGS
+    found = FindingList(analysis.findings, most, analysis.left_out)
+    sections.append(Section([found], apart=False))
+    return Report(verdict=Words(_dropped(analysis, body), key=body), sections=sections)
 
 
 def _dropped(analysis: DropAnalysis, body: str) -> Message:
@@ -103,45 +93,41 @@ def _covered(coverage: Coverage) -> Message:
     )
 
 
-def _titled(title: str, words: str) -> list[str]:
-    return titled(title, words, column=_TITLE, style="bold")
+def _titled(title: str, words: str) -> Fact:
+    return Fact(title, words, "bold")
 
 
-def _moment(moment: Moment, scenario: dict[str, Any]) -> list[str]:
-    heights = localized(
+def _moment(moment: Moment, scenario: dict[str, Any]) -> Section:
+    heights = Message(
         "simulated {simulated} m, free fall {free_fall} m, difference {difference} m",
         simulated=decimals(moment.simulated_m, 4),
         free_fall=decimals(moment.free_fall_m, 4),
         difference=decimals(moment.error_m, 4, "+"),
     )
-    at = localized("At {time:.4g} s (step {step})", time=moment.time_s, step=moment.step)
-    first, *others = map(escape, wrapped(f"{at}: {heights}", width(), indent="  "))
-    lines = [first.replace(escape(at), f"[bold]{escape(at)}[/]", 1), *others]
+    at = Message("At {time:.4g} s (step {step})", time=moment.time_s, step=moment.step)
+    title = Words(joined(": ", [at, heights]), key=at, indent="  ")
     terms = moment.terms_m
     if terms is None:
-        return [
-            *lines,
-            "  " + localized("not broken down: the law of free flight does not cover it"),
-        ]
-    why = {
+        why = Message("not broken down: the law of free flight does not cover it")
+        return Section([title, Words(why, margin="  ")])
+    reasons = {
         "timestep": Message("Euler moves with the end-of-step velocity"),
         "damping": _drag(scenario, bool(terms.damping)),
         "interaction": Message("timestep × damping"),
         "rounding": Message("double precision"),
+        "total": "",
     }
     if scenario["integrator"] in EXACT_INTEGRATORS:
-        why["timestep"] = Message("none: the integrator is exact where only gravity acts")
+        reasons["timestep"] = Message("none: the integrator is exact where only gravity acts")
     if scenario["engine"] == "physx":
-        why["rounding"] = Message("single precision")
-    return [
-        *lines,
-        *(
-            line
-            for name, reason in why.items()
-            for line in _term(name, getattr(terms, name), reason)
-        ),
-        f"  {left(translated(TERMS['total']), 12)} [bold]{millimetres(moment.error_m)}[/]",
+        reasons["rounding"] = Message("single precision")
+    values_m = [getattr(terms, name, moment.error_m) for name in reasons]
+    columns = [
+        Column("", [TERMS[name] for name in reasons], least=12),
+        Column("", [f"{millimetres(m)} mm" for m in values_m], right=True, least=13, gap=1),
+        Column("", [*reasons.values()], gap=3, style="dim", wraps=True),
     ]
+    return Section([title, DataTable(columns, has_heads=False, has_total=True, margin="  ")])
 
 
 def _drag(scenario: dict[str, Any], is_felt: bool) -> Message:
@@ -153,19 +139,10 @@ def _drag(scenario: dict[str, Any], is_felt: bool) -> Message:
     return Message("drag; independent of timestep")
 
 
-def _term(name: str, value_m: float, reason: str) -> list[str]:
-    head = f"  {left(translated(TERMS[name]), 12)} {millimetres(value_m)}   "
-    first, *others = [words for _, words in beside("", reason, columns_of(head))]
-    return [
-        f"{head}[dim]{first}[/]",
-        *(f"{'':<{columns_of(head)}}[dim]{line}[/]" for line in others),
-    ]
-
-
-def _impact(analysis: DropAnalysis) -> list[str]:
+def _impact(analysis: DropAnalysis) -> list[Fact]:
     impact = analysis.impact
     if impact is None:
-        return _titled(Message("Impact"), _no_impact(analysis))
+        return [_titled(Message("Impact"), _no_impact(analysis))]
     predicted = _times(impact.time_simulated_s, impact.time_free_fall_s, impact.time_damped_s)
     step_mm = impact.speed_m_s * analysis.scenario["timestep_s"] * 1e3
     step_mm /= analysis.scenario["substeps"] or 1
@@ -184,7 +161,7 @@ def _impact(analysis: DropAnalysis) -> list[str]:
         else:
             arrives += Message(", {depth} mm deep", depth=depth)
     unknown = Message("theory gives no time: the body is turned, or did not fall")
-    return [*_titled(Message("Impact"), predicted or unknown), *_titled("", arrives)]
+    return [_titled(Message("Impact"), predicted or unknown), _titled("", arrives)]
 
 
 def _no_impact(analysis: DropAnalysis) -> Message:
@@ -219,24 +196,24 @@ def _times(simulated_s: float | None, free_s: float | None, damped_s: float | No
     )
 
 
-def _bounces(analysis: DropAnalysis) -> list[str]:
+def _bounces(analysis: DropAnalysis) -> list[Fact]:
     explained = [bounce for bounce in analysis.bounces if bounce.effective_restitution is not None]
-    lines = []
+    facts = []
     if analysis.impact and analysis.engine.pair_restitution and (analysis.engine.substeps or 1) > 1:
         why = Message("not counted: of substeps PyBullet reports only the last contact")
-        lines = _titled(Message("Bounces"), why)
+        facts.append(_titled(Message("Bounces"), why))
     for number, bounce in enumerate(explained[:_MOST_BOUNCES], start=1):
         title = Message("Bounce {number}", number=number)
-        lines += _titled(title, _bounce(analysis, bounce))
+        facts.append(_titled(title, _bounce(analysis, bounce)))
     more = len(explained) - _MOST_BOUNCES
     if more > 0:
         bounces = counted(more, "more bounce")
-        lines += _titled("", Message("and {bounces}: see --json", bounces=bounces))
+        facts.append(_titled("", Message("and {bounces}: see --json", bounces=bounces)))
     if analysis.tumbled_step is not None:
         title = Message("Tumbles") if analysis.tumbles else Message("Not flat")
         tumbling = analysis.bounces[len(explained) :]
-        lines += _titled(title, _tumbles(analysis, analysis.tumbled_step, tumbling))
-    return lines
+        facts.append(_titled(title, _tumbles(analysis, analysis.tumbled_step, tumbling)))
+    return facts
 
 
 def _tumbles(analysis: DropAnalysis, step: int, bounces: Sequence[Bounce]) -> Message:
@@ -291,7 +268,7 @@ def _positive_mm(length_m: float) -> str:
     return decimals(round(length_m * 1e3, 1) + 0.0, 1)
 
 
-def _rest(analysis: DropAnalysis) -> list[str]:
+def _rest(analysis: DropAnalysis) -> list[Fact]:
     rest = analysis.rest
     if rest is None:
         return []
@@ -299,10 +276,11 @@ def _rest(analysis: DropAnalysis) -> list[str]:
         "{height} m: the position is the body's centre, not its underside",
         height=decimals(rest.height_m, 4),
     )
-    lines = _titled(Message("Rest"), height)
+    facts = [_titled(Message("Rest"), height)]
     if rest.settled_step is None:
-        lines += _titled("", Message("it keeps creeping or turning until the end of the recording"))
-    return lines + _titled("", _off(rest, analysis.engine.modulus_pa))
+        keeps = Message("it keeps creeping or turning until the end of the recording")
+        facts.append(_titled("", keeps))
+    return [*facts, _titled("", _off(rest, analysis.engine.modulus_pa))]
 
 
 def _off(rest: Rest, modulus_pa: float | None) -> Message:
@@ -343,7 +321,7 @@ def _micrometres(length_m: float) -> str:
     return decimals(round(length_m * 1e6, 2) + 0.0, 2, "+")
 
 
-def _energy(analysis: DropAnalysis) -> list[str]:
+def _energy(analysis: DropAnalysis) -> list[Fact]:
     energy = analysis.bodies[0].energy
     if energy is None:
         return []
@@ -366,23 +344,21 @@ def _energy(analysis: DropAnalysis) -> list[str]:
         final=joules(energy.end_j),
     )
     words = joined(": ", [sum_up, joined(", ", causes)]) if causes else sum_up
-    return _titled(Message("Energy"), words)
+    return [_titled(Message("Energy"), words)]
 
 
-def _explained(analysis: DropAnalysis) -> list[str]:
+def _explained(analysis: DropAnalysis) -> Message:
     explained = analysis.explained
     kinds = kinds_of_samples(analysis.segments)
     if explained.why is None:
-        words = Message("all {of:,} samples, step by step: {kinds}", of=explained.of, kinds=kinds)
-    else:
-        words = Message(
-            "{samples:,} of {of:,} samples, step by step: {kinds}; {why}",
-            samples=explained.samples,
-            of=explained.of,
-            kinds=kinds,
-            why=explained.why,
-        )
-    return _titled(EXPLAINED, words)
+        return Message("all {of:,} samples, step by step: {kinds}", of=explained.of, kinds=kinds)
+    return Message(
+        "{samples:,} of {of:,} samples, step by step: {kinds}; {why}",
+        samples=explained.samples,
+        of=explained.of,
+        kinds=kinds,
+        why=explained.why,
+    )
 
 
 _TITLE = 12

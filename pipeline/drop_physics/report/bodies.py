@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from rich.markup import escape
-
-from drop_physics.console.findings_told import finding_lines
-from drop_physics.console.flights_told import contact_lines, fall_lines, flight_lines
-from drop_physics.console.momentum_told import momentum_lines
-from drop_physics.console.output import columns_of, counted, cut, left, right, titled, wrapped
-from drop_physics.console.output import width as columns
-from drop_physics.console.words import CAUSES, SEGMENTS, kinds_of_samples
-from drop_physics.messages import Message, joined, localized, translated
+from drop_physics.fields import counted
+from drop_physics.messages import Message, columns_of, joined
+from drop_physics.report.blocks import (
+    Block,
+    Column,
+    DataTable,
+    Fact,
+    Facts,
+    FindingList,
+    Report,
+    Section,
+    Words,
+)
+from drop_physics.report.flights import contacts, falls, flights, momentum
+from drop_physics.report.words import CAUSES, MISSING, SEGMENTS, kinds_of_samples
 from drop_physics.trace.events import ENDED
 
 if TYPE_CHECKING:
@@ -22,6 +28,8 @@ if TYPE_CHECKING:
     from drop_physics.explain.joints import JointRow
     from drop_physics.rules.answer import Finding
 
+MOST_FINDINGS = 6
+"""That are listed without --verbose; all are in the JSON."""
 MOST_BODIES, MOST_ROBOTS, MOST_JOINTS = 12, 4, 8
 """That are listed without --verbose; all are in the JSON."""
 NO_MOTOR = "off", "unknown", "default"
@@ -31,38 +39,35 @@ CELL, CONTROL, LONGEST_JOINT = 8, 10, 24
 """Columns of a joint's numbers, of how it is driven, and of its name."""
 
 
-def lines_of_bodies(analysis: Analysis, *, verbose: bool = False) -> list[str]:
-    """Tell what the bodies of a script did."""
+def report_of_bodies(analysis: Analysis, *, verbose: bool = False) -> Report:
+    """Say what the bodies of a script did."""
     moving = [
         body for body in analysis.bodies if body.segments["still"] < sum(body.segments.values())
     ]
     alone = len(analysis.bodies) < len(analysis.by_body)
-    found = finding_lines(analysis.findings, verbose=verbose, left_out=analysis.left_out)
-    lines = [*_headline(analysis), *found]
-    joints = _joints(moving, analysis.findings, verbose=verbose or alone)
-    lines += joints
-    if joints or verbose or alone:
-        lines += _of_substeps(analysis)
-    lines += ["", *_bodies(analysis, moving, verbose=verbose or alone)]
-    for body in moving:
-        for each in body.at:
-            lines += ["", *sum_lines(body, each)]
-    if verbose or alone:
-        lines += momentum_lines(moving)
-        lines += flight_lines(moving)
-        lines += contact_lines(moving)
+    most = len(analysis.findings) if verbose else MOST_FINDINGS
+    sections = [Section([FindingList(analysis.findings, most, analysis.left_out)], apart=False)]
+    verbose = verbose or alone
+    joints = [*_joints(moving, analysis.findings, verbose=verbose)]
+    sections += joints
+    if joints or verbose:
+        sections += _of_substeps(analysis)
+    sections.append(Section([*_bodies(analysis, moving, verbose=verbose)]))
+    sections += [sum_of(body, each) for body in moving for each in body.at]
+    if verbose:
+        sections += [*momentum(moving), *flights(moving), *contacts(moving)]
     else:
-        lines += fall_lines(moving)
-    if not (verbose or alone) and any(body.flights or body.contacts for body in moving):
-        more = Message("flights, contacts and all else: --verbose, --body NAME, --at T, --json")
-        lines += ["", *(f"[dim]{escape(line)}[/]" for line in wrapped(translated(more), columns()))]
-    return lines
+        sections += falls(moving)
+        if any(body.flights or body.contacts for body in moving):
+            more = Message("flights, contacts and all else: --verbose, --body NAME, --at T, --json")
+            sections.append(Section([Words(more, "dim")]))
+    return Report(verdict=_headline(analysis), sections=sections)
 
 
 # -- the verdict ----------------------------------------------------------------------------------
 
 
-def _headline(analysis: Analysis) -> list[str]:
+def _headline(analysis: Analysis) -> Words:
     """Say what this is, how it ended, and how much of it is explained."""
     origin, there = analysis.origin or {}, len(analysis.by_body)
     ended = ENDED.get(str(origin["ended"]), Message("never finished"))
@@ -77,9 +82,7 @@ def _headline(analysis: Analysis) -> list[str]:
         steps=counted(max(0, analysis.samples - 1), "step"),
         explained=_explained(analysis),
     )
-    first, *rest = map(escape, wrapped(translated(words), columns(), indent="  "))
-    name = escape(str(origin["script"]))
-    return [first.replace(name, f"[bold]{name}[/]", 1), *rest]
+    return Words(words, key=str(origin["script"]), indent="  ")
 
 
 def _explained(analysis: Analysis) -> Message:
@@ -98,80 +101,80 @@ def _explained(analysis: Analysis) -> Message:
     )
 
 
-def _of_substeps(analysis: Analysis) -> list[str]:
+def _of_substeps(analysis: Analysis) -> Iterator[Section]:
     """Say of which substep torques and forces are."""
-    told = analysis.engine.values() if isinstance(analysis.engine, dict) else ()
-    substeps = max((int(each["numSubSteps"]) for each in told), default=0)
+    reported = analysis.engine.values() if isinstance(analysis.engine, dict) else ()
+    substeps = max((int(each["numSubSteps"]) for each in reported), default=0)
     if substeps < 2:
-        return []
+        return
     words = Message(
         "numSubSteps={substeps}: torques, limits and contact forces are those of the last substep",
         substeps=substeps,
     )
-    return [f"[dim]{escape(line)}[/]" for line in wrapped(translated(words), columns())]
+    yield Section([Words(words, "dim")], apart=False)
 
 
 # -- joints ---------------------------------------------------------------------------------------
 
-Cell = tuple[str, Callable[["JointRow"], str]]
 
-
-def _joints(bodies: list[BodyAnalysis], findings: list[Finding], *, verbose: bool) -> list[str]:
-    """Return a table of the joints; without `verbose` only those that calls drive.
+def _joints(
+    bodies: Sequence[BodyAnalysis], findings: Sequence[Finding], *, verbose: bool
+) -> Iterator[Section]:
+    """Yield tables of the joints; without `verbose` only of those that calls drive.
 
     Those with findings come first where there are too many; what does not fit is left out.
     """
-    lines: list[str] = []
     named = {each.joint for each in findings}
-    robots = [body for body in bodies if any(_told(row, named) for row in body.joints)]
-    # Those with findings first, of many.
+    robots = [body for body in bodies if any(_is_shown(row, named) for row in body.joints)]
     robots.sort(key=lambda body: not any(each.body == body.label for each in findings))
     shown_robots = bodies if verbose else robots[:MOST_ROBOTS]
     for body in sorted(shown_robots, key=lambda body: body.id):
-        rows = [row for row in body.joints if verbose or _told(row, named)]
+        rows = [row for row in body.joints if verbose or _is_shown(row, named)]
         rows.sort(key=lambda row: row.name not in named)
         shown = sorted(rows if verbose else rows[:MOST_JOINTS], key=_place)
         if not shown:
             continue
-        named_ = (body.label, *map(_name, shown))
-        column = min(max(map(columns_of, named_)) + 2, LONGEST_JOINT)
-        cells = CELLS[: max(2, (columns() - column - CONTROL) // CELL)]
-        heads = "".join(right(translated(head), CELL) for head, _ in cells)
-        label = escape(left(cut(body.label, column - 1), column))
-        control = left(localized("control"), CONTROL)
-        lines += ["", f"[bold]{label}[/][dim]{control}{heads}[/]"]
-        lines += [_joint(row, cells, column) for row in shown]
+        blocks: list[Block] = [_joint_table(body.label, shown)]
         if len(rows) > len(shown):
             joints = counted(len(rows) - len(shown), "joint")
-            more = Message("and {joints}: --verbose", joints=joints)
-            lines.append(f"[dim]{escape(translated(more))}[/]")
+            blocks.append(Words(Message("and {joints}: --verbose", joints=joints), "dim"))
+        yield Section(blocks)
     if len(robots) > MOST_ROBOTS and not verbose:
         more = Message(
             "and the joints of {bodies} more: --verbose",
             bodies=counted(len(robots) - MOST_ROBOTS, "body", "bodies"),
         )
-        lines += ["", f"[dim]{escape(translated(more))}[/]"]
-    return lines
+        yield Section([Words(more, "dim")])
 
 
-def _told(row: JointRow, named: set[str | None]) -> bool:
+def _is_shown(row: JointRow, named: set[str | None]) -> bool:
     """Return whether a joint is shown: a call drives it, or a finding names it."""
     return row.control not in NO_MOTOR or row.name in named
 
 
-def _joint(row: JointRow, cells: Sequence[Cell], column: int) -> str:
-    notes = [
-        Message("at its stop in {steps}", steps=counted(row.at_stop_steps, "step")),
-        Message("at its limit in {steps}", steps=counted(row.at_force_limit_steps, "step")),
+def _joint_table(label: str, rows: Sequence[JointRow]) -> DataTable:
+    names = [*map(_name, rows)]
+    column = min(max(map(columns_of, (label, *names))) + 2, LONGEST_JOINT)
+    at_stop = [
+        Message("at its stop in {steps}", steps=counted(n, "step")) if n else ""
+        for n in (row.at_stop_steps for row in rows)
     ]
-    held = (row.at_stop_steps, row.at_force_limit_steps)
-    line = left(cut(_name(row), column - 1), column) + left(row.control, CONTROL)
-    line += "".join(right(text(row), CELL) for _, text in cells)
-    for steps, note in zip(held, notes, strict=True):
-        longer = f"{line}  {translated(note)}"
-        if steps and columns_of(longer) <= columns():
-            line = longer
-    return escape(line.rstrip())
+    at_limit = [
+        Message("at its limit in {steps}", steps=counted(n, "step")) if n else ""
+        for n in (row.at_force_limit_steps for row in rows)
+    ]
+    return DataTable(
+        [
+            Column("", names, least=column - 1, most=column - 1),
+            Column(Message("control"), [row.control for row in rows], least=CONTROL, gap=1),
+            *(
+                Column(head, [*map(text, rows)], right=True, least=CELL, gap=0, drop=drop)
+                for drop, (head, text) in enumerate(CELLS, -1)
+            ),
+            *(Column("", notes, fits=True) for notes in (at_stop, at_limit)),
+        ],
+        title=label,
+    )
 
 
 def _place(joint: JointRow) -> tuple[int, int]:
@@ -184,14 +187,14 @@ def _name(joint: JointRow) -> str:
 
 def _number(value: float | None, form: str) -> str:
     if value is None or not math.isfinite(value):
-        return "–"
+        return MISSING
     # What rounds to zero has no sign.
     text = format(value, form)
     text = text if len(text) < CELL else format(value, "+.2g" if form[0] == "+" else ".2g")
     return format(0.0, form) if not text.strip("+-0.") else text
 
 
-CELLS: Sequence[Cell] = (
+CELLS: Sequence[tuple[Message, Callable[[JointRow], str]]] = (
     (Message("target"), lambda row: _number(row.target, ".3f")),
     (Message("reached"), lambda row: _number(row.reached, ".3f")),
     (Message("off"), lambda row: _number(row.off, "+.3f")),
@@ -205,13 +208,15 @@ CELLS: Sequence[Cell] = (
 # -- bodies ---------------------------------------------------------------------------------------
 
 
-def _bodies(analysis: Analysis, moving: list[BodyAnalysis], *, verbose: bool) -> list[str]:
-    """Return a line per moving body: its mass, samples and energy; and what is unexplained."""
-    lines = []
+def _bodies(
+    analysis: Analysis, moving: Sequence[BodyAnalysis], *, verbose: bool
+) -> Iterator[Block]:
+    """Yield a line per moving body: its mass, samples and energy; and what is unexplained."""
+    rows = []
     shown = moving[:MOST_BODIES]
     column = min(max((columns_of(body.label) for body in shown), default=NAME) + 2, 30)
     for body in shown:
-        lines += titled(body.label, _facts(body, verbose=verbose), column=column, style="bold")
+        rows.append(Fact(body.label, _facts(body, verbose=verbose), "bold"))
         for run in body.unexplained:
             words = Message(
                 "unexplained: {samples} from step {step} on: {reason}",
@@ -219,20 +224,19 @@ def _bodies(analysis: Analysis, moving: list[BodyAnalysis], *, verbose: bool) ->
                 step=run.first_step,
                 reason=run.reason,
             )
-            lines += titled("", words, column=column)
+            rows.append(Fact("", words))
+    yield Facts(rows, column)
     more = len(moving) - len(shown)
     if more > 0:
         bodies = counted(more, "body", "bodies")
-        lines.append(localized("and {bodies} more: see --json, or --body", bodies=bodies))
+        yield Words(Message("and {bodies} more: see --json, or --body", bodies=bodies))
     soft = [body.label for body in analysis.bodies if body.soft]
-    still = [body for body in analysis.bodies if body not in moving and not body.soft]
-    if still:
-        names = [body.label for body in still]
-        lines += titled(Message("still"), _first_of(names), column=column, style="dim")
+    still = [body.label for body in analysis.bodies if body not in moving and not body.soft]
+    rows = [Fact(Message("still"), _first_of(still), "dim")] if still else []
     if soft:
         words = Message("{bodies}: its motion is not recorded", bodies=_first_of(soft))
-        lines += titled(Message("soft"), words, column=column, style="dim")
-    return lines
+        rows.append(Fact(Message("soft"), words, "dim"))
+    yield Facts(rows, column)
 
 
 def _first_of(labels: list[str]) -> str:
@@ -258,38 +262,36 @@ def _facts(body: BodyAnalysis, *, verbose: bool) -> Message:
     return joined("; ", [facts, joined(": ", [changes, joined(", ", named)]) if named else changes])
 
 
-def sum_lines(body: BodyAnalysis, each: StepSum) -> list[str]:
-    """Return a step as its sum: a row per term, a column per degree of freedom."""
-    title = localized(
-        "[bold]{body}[/] at {time:.4g} s, step {step}: {segment}",
-        body=escape(body.label),
+def sum_of(body: BodyAnalysis, each: StepSum) -> Section:
+    """Return a step as its sum: a row per degree of freedom."""
+    title = Message(
+        "{body} at {time:.4g} s, step {step}: {segment}",
+        body=body.label,
         time=each.time_s,
         step=each.step,
         segment=SEGMENTS[each.segment],
     )
-    if each.terms is None or each.remainder is None:
-        return [title]
-    base = (
-        []
-        if len(each.remainder) < 6 or not body.momentum
-        else [*["ωx", "ωy", "ωz", "vx", "vy", "vz"]]
+    blocks: list[Block] = [Words(title, key=body.label)]
+    if each.terms is not None and each.remainder is not None:
+        base = len(each.remainder) > 5 and body.momentum
+        heads = [*(("ωx", "ωy", "ωz", "vx", "vy", "vz") if base else ()), *map(_name, body.joints)]
+        rows = {name: term for name, term in each.terms.items() if any(term)}
+        rows["remainder"] = each.remainder
+        facts = [
+            Fact(head, _sum({name: term[at] for name, term in rows.items()}))
+            for at, head in enumerate(heads[: len(each.remainder)])
+        ]
+        blocks.append(Facts(facts, min(28, max(map(columns_of, heads)) + 2)))
+    return Section(blocks)
+
+
+def _sum(terms: Mapping[str, float]) -> Message:
+    return joined(
+        ", ",
+        [
+            Message("{term} {distance}", term=CAUSES.get(name, name), distance=f"{value:+.3e}")
+            for name, value in terms.items()
+            if value
+        ]
+        or ["0"],
     )
-    heads = base + [_name(joint) for joint in body.joints]
-    rows = {name: term for name, term in each.terms.items() if any(term)}
-    rows["remainder"] = each.remainder
-    lines = [title]
-    for number, head in enumerate(heads):
-        if number < len(each.remainder):
-            terms = [
-                Message(
-                    "{term} {distance}",
-                    term=CAUSES.get(name, name),
-                    distance=f"{term[number]:+.3e}",
-                )
-                for name, term in rows.items()
-                if term[number]
-            ]
-            lines += titled(
-                head, joined(", ", terms or ["0"]), column=min(28, max(map(columns_of, heads)) + 2)
-            )
-    return lines

@@ -1,0 +1,1 @@
+"""Reports: what a verb found, as data, and its renderers."""

@@ -1,0 +1,82 @@
+"""A report as Markdown: for a recording's layer, a golden recording, a CI's summary."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from functools import singledispatch
+
+from drop_physics.messages import translated
+from drop_physics.report.blocks import DataTable, Fact, Facts, File, FindingList, Report, Words
+
+Say = Callable[[str], str]
+"""Puts a text in the language of the page: `translated`, or `str` for English."""
+
+
+def markdown_of(report: Report, *, level: int = 2, say: Say = translated) -> str:
+    """Return a report as Markdown; its headings have this level."""
+    lines = [*_verdict(report, level, say)]
+    for section in report.sections:
+        for block in section.blocks:
+            lines += block_markdown(block, say)
+    return "\n".join(lines)
+
+
+def _verdict(report: Report, level: int, say: Say) -> Iterator[str]:
+    verdict = report.verdict
+    if isinstance(verdict, Fact):
+        yield f"{'#' * level} {report.title}: {say(verdict.title)}"
+        yield from ("", say(verdict.words), "")
+    elif verdict is not None:
+        yield from block_markdown(verdict, say)
+
+
+def _escaped(text: str) -> str:
+    return re.sub(r"([\\|`*_<>\[\]])", r"\\\1", text).replace("\n", " ")
+
+
+@singledispatch
+def block_markdown(block: object, say: Say) -> Iterator[str]:
+    """Yield the lines of a block, the last of them empty."""
+    raise TypeError(block, say)
+
+
+@block_markdown.register
+def _(words: Words, say: Say) -> Iterator[str]:
+    yield from (_escaped(say(words.text)), "")
+
+
+@block_markdown.register
+def _(facts: Facts, say: Say) -> Iterator[str]:
+    if facts.rows:
+        yield from ("| | |", "| --- | --- |")
+    for row in facts.rows:
+        words = str(row.path) if isinstance(row, File) else row.words
+        yield _row([row.title, words], say)
+    yield ""
+
+
+@block_markdown.register
+def _(table: DataTable, say: Say) -> Iterator[str]:
+    first, *others = table.columns
+    yield _row([table.title or first.head, *(each.head for each in others)], say)
+    yield _row(["---:" if each.right else "---" for each in table.columns], say)
+    for cells in zip(*(each.cells for each in table.columns), strict=True):
+        yield _row(cells, say)
+    yield ""
+
+
+def _row(cells: Sequence[str], say: Say) -> str:
+    return f"| {' | '.join(_escaped(say(each)).strip() for each in cells)} |"
+
+
+@block_markdown.register
+def _(found: FindingList, say: Say) -> Iterator[str]:
+    for finding in found.findings:
+        about = f" ({finding.body})" if finding.body else ""
+        # Two spaces end a line.
+        end = "  " if finding.advice else ""
+        yield f"- **{finding.code}**{about}: {say(finding.message)}{end}"
+        if finding.advice:
+            yield f"  *{say(finding.advice)}*"
+        yield ""

@@ -1,0 +1,87 @@
+"""What was made of a drop or a script: recording, animation, plot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from drop_physics.explain.jsonable import jsonable
+from drop_physics.fields import counted
+from drop_physics.messages import Message, joined, shell_command
+from drop_physics.report.blocks import Facts, File, Report, Section
+from drop_physics.report.words import PLOT, RECORDING
+from drop_physics.stages.render import Rendering
+from drop_physics.stages.run import Run
+
+if TYPE_CHECKING:
+    from drop_physics.stages.simulate import Simulation
+
+COLUMN = 17
+"""Characters that the titles of what was made take."""
+
+
+def report_of(made: Simulation | Rendering | Run, *, recording: Path | None = None) -> Report:
+    """Say what was made, of which recording; of a whole run, tell its story first."""
+    notes = []
+    if recording is not None and recording.suffix == ".part":
+        notes.append(
+            Message(
+                "{recording} was never finished: this shows what it holds, unverified",
+                recording=str(recording),
+            )
+        )
+    if isinstance(made, Rendering):
+        return Report(sections=[_made(*_rendering(made))], notes=notes)
+    if not isinstance(made, Run):
+        return Report(sections=[_made(_simulation(made))])
+    story: Report = made.analysis.report()
+    command = shell_command("drop", "view", made.simulation.recording)
+    files = [_simulation(made.simulation), *_rendering(made.rendering)]
+    files.append(File(Message("see it move"), command))
+    return replace(story, sections=[*story.sections, _made(*files)], notes=(), code=0)
+
+
+def json_of(made: Simulation | Rendering | Run) -> dict[str, Any]:
+    """Return what `--json` prints."""
+    if isinstance(made, Run):
+        parts = {"simulate": made.simulation, "analyze": made.analysis, "render": made.rendering}
+        return {name: part.as_json() for name, part in parts.items()}
+    return {name: value for name, value in jsonable(vars(made)).items() if name != "speed"}
+
+
+def _made(*files: File) -> Section:
+    return Section([Facts(files, COLUMN)])
+
+
+def _simulation(simulation: Simulation) -> File:
+    facts = Message(
+        "{samples}, {frames}, {kilobytes:,.0f} kB, {wall_s:.1f} s",
+        samples=counted(simulation.samples, "sample"),
+        frames=counted(simulation.frames, "frame"),
+        kilobytes=simulation.bytes / 1e3,
+        wall_s=simulation.wall_s,
+    )
+    return File(RECORDING, simulation.recording, facts)
+
+
+def _rendering(rendering: Rendering) -> Iterator[File]:
+    """Yield what was rendered, and how it plays."""
+    if rendering.gif is not None:
+        frames = counted(rendering.frames, "frame")
+        facts = [frames, f"{rendering.frames / rendering.fps:.2f} s"]
+        if rendering.speed is not None:
+            facts.append(_speed(rendering.speed))
+        yield File(rendering.gif.suffix[1:], rendering.gif, joined(", ", facts))
+    if rendering.plot is not None:
+        yield File(PLOT, rendering.plot)
+
+
+def _speed(speed: float) -> Message:
+    """Return a speed in words: real time, or what part or multiple of it."""
+    if abs(speed - 1) < 5e-4:
+        return Message("in real time")
+    if speed < 1:
+        return Message("{times:.4g} times slower", times=1 / speed)
+    return Message("{times:.4g} times faster", times=speed)

@@ -1,0 +1,297 @@
+"""A report in lines as wide as the terminal, with Rich's markup, in the reader's language."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import singledispatch
+from typing import TYPE_CHECKING, TextIO
+
+from rich.markup import escape
+
+from drop_physics.console.output import (
+    columns_of,
+    cut,
+    error,
+    left,
+    note,
+    print_json,
+    print_lines,
+    right,
+    width,
+    wrapped,
+)
+from drop_physics.fields import counted
+from drop_physics.messages import Message, joined, translated
+from drop_physics.printable import Printable
+from drop_physics.report.blocks import (
+    Column,
+    DataTable,
+    Fact,
+    Facts,
+    File,
+    FindingList,
+    Report,
+    Words,
+)
+
+if TYPE_CHECKING:
+    from drop_physics.rules.answer import Finding
+
+VERDICT = 12
+"""Characters that the title of a verdict takes."""
+NUMBER = 3
+"""Characters that a finding's number takes."""
+GAP = 3
+"""Characters at least before a finding's code, which ends its last line where there is room."""
+
+
+def show(
+    result: Printable,
+    *,
+    as_json: bool = False,
+    stream: TextIO | None = None,
+    **how: object,
+) -> int:
+    """Print a result, and return the exit code that its report has; `how` goes to its builder."""
+    report: Report = result.report(**how)
+    for each in report.notes:
+        note(each)
+    if as_json:
+        print_json(result.as_json())
+    else:
+        print_lines(*lines_of(report), stream=stream)
+    for each in report.remarks:
+        (error if report.code == 1 else note)(each)
+    return report.code
+
+
+def lines_of(report: Report) -> list[str]:
+    """Return a report in lines."""
+    first = report.verdict
+    verdict = Facts([first], VERDICT) if isinstance(first, Fact) else first
+    lines = [] if verdict is None else [*block_lines(verdict)]
+    for section in report.sections:
+        if lines and section.apart:
+            lines.append("")
+        for block in section.blocks:
+            lines += block_lines(block)
+    return lines
+
+
+def _styled(text: str, style: str) -> str:
+    return f"[{style}]{text}[/]" if style and text else text
+
+
+@singledispatch
+def block_lines(block: object) -> Iterator[str]:
+    """Yield the lines of a block."""
+    raise TypeError(block)
+
+
+@block_lines.register
+def _(words: Words) -> Iterator[str]:
+    key = escape(translated(words.key))
+    room = width() - len(words.margin)
+    for number, line in enumerate(wrapped(translated(words.text), room, indent=words.indent)):
+        text = escape(line)
+        if key and not number:
+            text = text.replace(key, f"[bold]{key}[/]", 1)
+        yield words.margin + _styled(text, words.style)
+
+
+# -- titles, and what is beside them --------------------------------------------------------------
+
+
+@block_lines.register
+def _(facts: Facts) -> Iterator[str]:
+    for row in facts.rows:
+        if isinstance(row, File):
+            yield from _file(row, facts.column)
+        elif row.is_command:
+            yield from _command(row, facts.column)
+        else:
+            yield from _fact(row, facts.column)
+
+
+def _fact(fact: Fact, column: int) -> Iterator[str]:
+    """Yield words in a column beside a title; below it if the title is too long."""
+    title = translated(fact.title)
+    lines = wrapped(translated(fact.words), width() - column)
+    if not lines or (title and columns_of(title) > column - 2):
+        lines.insert(0, "")
+    head = left(title, column) if lines[0] else title.rstrip()
+    yield _styled(escape(head), fact.style) + escape(lines[0])
+    yield from (" " * column + escape(line) for line in lines[1:])
+
+
+_SHELL_WORD = re.compile(r"""(?:\$'(?:\\.|[^'\\])*'|'[^']*'|"[^"]*"|\S)+""")
+
+
+def _command(fact: Fact, column: int) -> Iterator[str]:
+    """Yield lines that a shell reads as one: none breaks within a quoted word."""
+    lines, room = [""], width() - column - len(" \\")
+    for word in _SHELL_WORD.findall(translated(fact.words)):
+        if lines[-1] and columns_of(f"{lines[-1]} {word}") > room:
+            lines.append(word)
+        else:
+            lines[-1] += f" {word}" if lines[-1] else word
+    heads = [_styled(left(translated(fact.title), column), fact.style)]
+    heads += [" " * column] * (len(lines) - 1)
+    ends = [*[" \\"] * (len(lines) - 1), ""]  # after `escape`, which doubles a backslash at an end
+    for head, line, end in zip(heads, lines, ends, strict=True):
+        yield head + escape(line) + end
+
+
+def _file(file: File, column: int) -> Iterator[str]:
+    """Yield the line of a written file; the facts go below a long name."""
+    title, facts, path = translated(file.title), translated(file.facts), str(file.path)
+    head = f"[dim]{title}[/]{left('', column - columns_of(title))}{escape(path)}"
+    if facts and column + columns_of(path) + 3 + columns_of(facts) <= width():
+        yield f"{head}   {facts}"
+        return
+    yield head
+    yield from (left("", column) + line for line in wrapped(facts, width() - column))
+
+
+# -- tables ---------------------------------------------------------------------------------------
+
+
+@block_lines.register
+def _(table: DataTable) -> Iterator[str]:
+    columns, left_out = _fitted(table)
+    widths = [_width(column) for column in columns]
+    rows = len(columns[0].cells)
+    if table.has_heads:
+        heads = [_padded(translated(each.head), each, wide) for each, wide in _and(columns, widths)]
+        line = "".join(heads).rstrip()
+        if table.title:
+            title = left(cut(translated(table.title), widths[0]).rstrip(), widths[0])
+            rest = "".join(heads[1:]).rstrip()
+            yield f"{table.margin}[bold]{escape(title)}[/][dim]{escape(rest)}[/]"
+        else:
+            yield f"{table.margin}[dim]{escape(line)}[/]"
+    for number in range(rows):
+        failed = number < len(table.failed) and table.failed[number]
+        total = table.has_total and number == rows - 1
+        yield from (
+            table.margin + _styled(line, "red" if failed else "")
+            for line in _row(columns, widths, number, margin=len(table.margin), total=total)
+        )
+    if left_out and table.left_out is not None:
+        yield from block_lines(table.left_out(joined(", ", left_out)))
+
+
+def _and(columns: Sequence[Column], widths: Sequence[int]) -> Iterator[tuple[Column, int]]:
+    """Yield columns with their widths; the first has no gap."""
+    for number, (column, wide) in enumerate(zip(columns, widths, strict=True)):
+        yield (column if number else replace(column, gap=0)), wide
+
+
+def _padded(text: str, column: Column, wide: int) -> str:
+    return " " * column.gap + (right if column.right else left)(text, wide)
+
+
+def _row(
+    columns: Sequence[Column], widths: Sequence[int], number: int, *, margin: int, total: bool
+) -> Iterator[str]:
+    """Yield the line of a row, and those on which its last cell goes on."""
+    line, plain, more = "", "", list[str]()
+    for column, wide in _and(columns, widths):
+        text = translated(column.cells[number])
+        if column.fits:
+            cell = " " * column.gap + text if text else ""
+            cell = cell if columns_of(plain + cell) + margin <= width() else ""
+        elif column.wraps:
+            before = columns_of(plain) + column.gap
+            first, *more = wrapped(text, width() - margin - before) or [""]
+            more = [" " * before + _styled(escape(each), column.style) for each in more]
+            cell = " " * column.gap + first if first else ""
+        else:
+            cell = _padded(_cut(text, column.most), column, wide)
+        style = "bold" if total and column.right else column.style
+        gap = len(cell) - len(cell.lstrip())
+        line += cell[:gap] + _styled(escape(cell[gap:]), style)
+        plain += cell
+    yield line.rstrip()
+    yield from more
+
+
+def _cut(text: str, most: int) -> str:
+    return cut(text, most).rstrip() if most and columns_of(text) > most else text
+
+
+def _width(column: Column) -> int:
+    if column.fits or column.wraps:
+        return 0
+    texts = [
+        translated(column.head),
+        *(_cut(translated(each), column.most) for each in column.cells),
+    ]
+    return max(column.least, *map(columns_of, texts))
+
+
+def _fitted(table: DataTable) -> tuple[list[Column], list[str]]:
+    """Return the columns that there is room for, and the heads of the others.
+
+    First those that may be left out are, then what may be cut is.
+    """
+    columns, left_out = [*table.columns], list[Column]()
+    room = width() - len(table.margin)
+
+    def needed(least: Callable[[Column], int]) -> int:
+        fixed = [each for each in columns if not (each.fits or each.wraps)]
+        return sum(least(each) + each.gap for each in fixed) - columns[0].gap
+
+    def shrunk(column: Column) -> int:
+        wide = _width(column)
+        return min(wide, column.shrinks_to or wide)
+
+    while needed(shrunk) > room and any(each.drop for each in columns):
+        left_out.append(max(columns, key=lambda each: each.drop))
+        columns.remove(left_out[-1])
+    over = needed(_width) - room
+    for at, column in enumerate(columns):
+        if over > 0 and column.shrinks_to:
+            columns[at] = replace(column, most=max(column.shrinks_to, _width(column) - over))
+    return columns, [each.head for each in table.columns if each in left_out]
+
+
+# -- findings -------------------------------------------------------------------------------------
+
+
+@block_lines.register
+def _(found: FindingList) -> Iterator[str]:
+    for number, each in enumerate(found.findings[: found.most], 1):
+        yield ""
+        yield from _finding(number, each)
+    hidden = len(found.findings) - found.most
+    if hidden > 0:
+        more = Message("and {findings}: --verbose", findings=counted(hidden, "finding"))
+        yield f"[dim]{' ' * NUMBER}{escape(translated(more))}[/]"
+    if found.left_out:
+        words = Message(
+            "{findings} left out: --select all", findings=counted(found.left_out, "finding")
+        )
+        yield ""
+        yield f"[dim]{escape(translated(words))}[/]"
+
+
+def _finding(number: int, finding: Finding) -> Iterator[str]:
+    style = "bold red" if finding.level == "broken" else "bold"
+    room = width() - NUMBER
+    message = wrapped(translated(finding.told), room)
+    advice = [] if finding.advice is None else wrapped(translated(finding.advice), room)
+    first, *rest = message
+    # Alone on its line, as linters write it: terminals and editors open that.
+    lines = [f"[cyan]{escape(finding.site)}[/]"] if finding.site else []
+    lines += [f"[{style}]{left(str(number), NUMBER)}[/][{style}]{escape(first)}[/]"]
+    lines += [f"{' ' * NUMBER}{escape(line)}" for line in rest]
+    lines += [f"{' ' * NUMBER}[green]{escape(line)}[/]" for line in advice]
+    code = f"[dim]{finding.code}[/]"
+    space = room - columns_of((advice or message)[-1]) - columns_of(finding.code)
+    if space < GAP:
+        yield from [*lines, f"{' ' * NUMBER}{code}"]
+    else:
+        yield from [*lines[:-1], f"{lines[-1]}{' ' * space}{code}"]
