@@ -3,6 +3,7 @@
     python tests/corpus/score.py            # all scripts, on all processors, and a tenth of them
     python tests/corpus/score.py --tenth    # only the tenth that the tests score by default
     python tests/corpus/score.py NAME …     # only these: print what falls short
+    python tests/corpus/score.py --mujoco   # the scripts in mujoco/, likewise
 
 `truth.toml` says of each script what its author asks, and of the findings:
 
@@ -92,19 +93,19 @@ Verdicts = dict[str, Verdict]
 """By script."""
 
 
-def truths() -> dict[str, Truth]:
+def truths(corpus: Path = FOLDER) -> dict[str, Truth]:
     """Return what is known of each script."""
-    entries = tomllib.loads((FOLDER / "truth.toml").read_text(encoding="utf-8"))
+    entries = tomllib.loads((corpus / "truth.toml").read_text(encoding="utf-8"))
     return {name: Truth(**entry) for name, entry in entries.items()}
 
 
-def findings_of(name: str) -> list[Finding]:
+def findings_of(name: str, corpus: Path = FOLDER) -> list[Finding]:
     """Record and analyze a script in this process, and return its findings, the gravest first.
 
     Raises `RuntimeError` if it cannot be recorded or analyzed.
     """
     with tempfile.TemporaryDirectory() as folder:
-        script = shutil.copy(FOLDER / "scripts" / f"{name}.py", folder)
+        script = shutil.copy(corpus / "scripts" / f"{name}.py", folder)
         for arguments in (["record", "--out", "a.rrd", script], ["analyze", "a.rrd", "--json"]):
             done = drop_here(*arguments, folder=Path(folder))
             if done.returncode:
@@ -232,11 +233,12 @@ def write_scores(path: Path, verdicts: Verdicts) -> None:
     path.write_text(text, encoding="utf-8")
 
 
-def all_findings(names: Iterable[str]) -> dict[str, list[Finding]]:
+def all_findings(names: Iterable[str], corpus: Path = FOLDER) -> dict[str, list[Finding]]:
     """Record and analyze scripts, on all processors."""
     names, spawn = list(names), multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(cores(), len(names)), mp_context=spawn) as pool:
-        return dict(zip(names, pool.map(findings_of, names), strict=True))
+        found = pool.map(findings_of, names, [corpus] * len(names))
+        return dict(zip(names, found, strict=True))
 
 
 def print_scores(verdicts: Verdicts, known: Mapping[str, Truth]) -> None:
@@ -259,11 +261,13 @@ def main() -> None:
     ask = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     ask.add_argument("names", nargs="*", metavar="NAME", help="score only these scripts")
     ask.add_argument("--tenth", action="store_true", help="score the tests' tenth")
-    asked, known = ask.parse_args(), truths()
-    files = {name: FOLDER / f"{name}.json" for name in ("tenth", "whole")}
+    ask.add_argument("--mujoco", action="store_true", help="score MuJoCo's scripts")
+    asked = ask.parse_args()
+    corpus = FOLDER / "mujoco" if asked.mujoco else FOLDER
+    known, files = truths(corpus), {name: corpus / f"{name}.json" for name in ("tenth", "whole")}
     tenth = list(read_scores(files["tenth"]))
     names = asked.names or (tenth if asked.tenth else list(known))
-    said = all_findings(names)
+    said = all_findings(names, corpus)
     for name in names:
         if short := shortfall(known[name], said[name]):
             print(f"{name:30}{short}")

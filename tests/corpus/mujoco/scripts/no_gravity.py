@@ -1,0 +1,14 @@
+"""The box just floats."""
+
+import sys
+
+import mujoco
+
+FIX = "fix" in sys.argv
+XML = """<mujoco><option timestep="0.002" gravity="{g}"/><worldbody><geom name="floor" type="plane" size="5 5 1"/>
+  <body name="box" pos="0 0 0.5"><freejoint/><geom name="box" type="box" size="0.1 0.1 0.1" mass="1"/></body></worldbody></mujoco>"""
+model = mujoco.MjModel.from_xml_string(XML.format(g="0 0 -9.81" if FIX else "0 0 0"))
+data = mujoco.MjData(model)
+for _ in range(1000):
+    mujoco.mj_step(model, data)
+print("height:", data.qpos[2])

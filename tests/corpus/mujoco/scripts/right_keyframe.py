@@ -1,0 +1,20 @@
+"""A robot starts in its home pose and stays there."""
+
+import sys
+
+import mujoco
+
+FIX = "fix" in sys.argv
+XML = """<mujoco><option timestep="0.002"/><worldbody>
+  <body name="upper" pos="0 0 1" gravcomp="1"><joint name="shoulder" axis="0 1 0" damping="5" armature="0.1"/>
+    <geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.04" mass="3" contype="0" conaffinity="0"/>
+    <body name="lower" pos="0.4 0 0" gravcomp="1"><joint name="elbow" axis="0 1 0" damping="5" armature="0.1"/>
+      <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.03" mass="2" contype="0" conaffinity="0"/>
+    </body></body></worldbody>
+<actuator><position name="shoulder" joint="shoulder" kp="500"/><position name="elbow" joint="elbow" kp="500"/></actuator><keyframe><key name="home" qpos="0.5 -1.2" ctrl="0.5 -1.2"/></keyframe></mujoco>"""
+model = mujoco.MjModel.from_xml_string(XML)
+data = mujoco.MjData(model)
+mujoco.mj_resetDataKeyframe(model, data, 0)
+for _ in range(1000):
+    mujoco.mj_step(model, data)
+print("ends at", data.qpos)

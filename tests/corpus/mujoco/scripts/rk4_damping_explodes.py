@@ -1,0 +1,26 @@
+"""Since I switched to RK4 a damped joint explodes."""
+
+import sys
+
+import mujoco
+
+FIX = "fix" in sys.argv
+XML = """<mujoco><option timestep="{dt}"{opt}/><worldbody><body pos="0 0 1"><joint name="wrist" axis="1 0 0" damping="{damp}" armature="{arm}"/>
+  <geom type="capsule" fromto="0 0 0 0.05 0 0" size="0.01" mass="0.05" contype="0" conaffinity="0"/></body></worldbody>
+<actuator>{act}</actuator></mujoco>"""
+model = mujoco.MjModel.from_xml_string(
+    XML.format(
+        dt=0.002,
+        opt="" if FIX else ' integrator="RK4"',
+        damp=0.02,
+        arm=0,
+        act='<motor name="wrist" joint="wrist"/>',
+    )
+)
+data = mujoco.MjData(model)
+resets, before = 0, 0.0
+for _ in range(1000):
+    data.ctrl[:] = 0.001
+    mujoco.mj_step(model, data)
+    resets, before = resets + (data.time < before), data.time
+print("resets:", resets, "rate:", data.qvel)
