@@ -12,6 +12,7 @@ from benchmarks.harness import HEAD, ROOT, machine
 
 SCRIPTS = (
     "run",
+    "look",
     "steps",
     "memory",
     "size",

@@ -1,69 +1,60 @@
-"""`drop analyze` of a long recording and of many bodies, against polars on the same numbers."""
+"""`drop analyze` of a long recording and of many bodies, against the simulation itself."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from drop_physics.recording.reader import read
-
 from benchmarks.growth import SCENE, boxes
-from benchmarks.harness import DROP, PYTHON, Measured, paired, process
+from benchmarks.harness import DROP, Measured, process, worked
 
-POLARS = """
-import polars as pl
-table = pl.read_parquet("state.parquet").with_columns(time_s=pl.col("step") / 240)
-free_fall = 1.0 - 9.81 / 2 * pl.col("time_s") ** 2
-print(table.with_columns(error_m=pl.col("z_m") - free_fall)["error_m"].abs().max())
-"""
-SUMS = """
-import polars as pl
-for name in ("states.parquet", "contacts.parquet"):
-    print(pl.read_parquet(name).sum())
-"""
+BOX = 'p.loadURDF("cube_small.urdf", [0, 0, 0.03])'
 
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
-    """Compare whole processes."""
-    steps = 100_000 if quick else 1_000_000
-    process(
-        *DROP,
-        "simulate",
-        "--no-camera",
-        "--out",
-        "run.rrd",
-        "--duration",
-        f"{steps}/240",
-        folder=folder,
-    )
-    read(folder / "run.rrd").states.write_parquet(folder / "state.parquet")
-    ratios, detail = paired(
-        lambda: process(*DROP, "analyze", "run.rrd", folder=folder),
-        lambda: process(*PYTHON, POLARS, folder=folder),
-        pairs=3 if quick else 7,
-    )
-    yield Measured(
-        f"`drop analyze`, {steps:.0e} steps",
-        "polars: Parquet, free fall, error",
-        ratios,
-        6,
-        detail=detail,
-    )
-    steps = 1_000 if quick else 10_000
-    (folder / "scene.py").write_text(SCENE.format(load=boxes(100)), encoding="utf-8")
-    process(*DROP, "record", "--out", "boxes.rrd", "scene.py", steps, folder=folder)
-    seen = read(folder / "boxes.rrd").seen
-    seen.states.write_parquet(folder / "states.parquet")
-    seen.contacts.write_parquet(folder / "contacts.parquet")
-    ratios, detail = paired(
+    """Compare the processor time of whole processes."""
+    script, share = folder / "scene.py", 10 if quick else 1
+    steps = 10_000 // share
+    script.write_text(SCENE.format(load=boxes(100)), encoding="utf-8")
+    process(*DROP, "record", "--out", "boxes.rrd", script, steps, folder=folder)
+    ratios, detail = worked(
         lambda: process(*DROP, "analyze", "--force", "boxes.rrd", folder=folder),
-        lambda: process(*PYTHON, SUMS, folder=folder),
+        lambda: process(sys.executable, script, steps, folder=folder),
         pairs=3,
     )
     yield Measured(
-        f"`drop analyze`, 100 bodies × {steps:,} steps",
-        "polars: the same numbers from Parquet",
+        f"`drop analyze`, 100 boxes × {steps:,} steps: processor time",
+        "the bare script",
         ratios,
-        5,
+        1.5,
+        detail=detail,
+    )
+    ratios, detail = worked(
+        lambda: process(*DROP, "check", "boxes.rrd", "--against", "boxes.rrd", folder=folder),
+        lambda: process(*DROP, "info", "boxes.rrd", folder=folder),
+        pairs=3,
+    )
+    yield Measured(
+        f"`drop check`, 100 boxes × {steps:,} steps, twice: processor time",
+        "`drop info`, which reads it once",
+        ratios,
+        2.0,
+        detail=detail,
+    )
+    steps = 1_000_000 // share
+    script.write_text(SCENE.format(load=BOX), encoding="utf-8")
+    record = (*DROP, "record", "--force", "--out", "box.rrd", script, steps)
+    process(*record, folder=folder)
+    ratios, detail = worked(
+        lambda: process(*DROP, "analyze", "--force", "box.rrd", folder=folder),
+        lambda: process(*record, folder=folder),
+        pairs=3,
+    )
+    yield Measured(
+        f"`drop analyze`, a box, {steps:.0e} steps: processor time",
+        "`drop record` of it",
+        ratios,
+        0.8,
         detail=detail,
     )

@@ -141,6 +141,18 @@ def paired(
     return ratios, times if math.isnan(work) else f"{times}; processor time {_digits(work)} ×"
 
 
+def worked(
+    ours: Callable[[], Ran], theirs: Callable[[], Ran], *, pairs: int
+) -> tuple[list[float], str]:
+    """Return our processor time over theirs for each pair, and the times behind it as text."""
+    runs = [(ours(), theirs()) for _ in range(pairs)]
+    ratios = [mine.cpu_s / other.cpu_s for mine, other in runs]
+    mine_s, other_s = (
+        statistics.median(ran.cpu_s for ran in side) for side in zip(*runs, strict=True)
+    )
+    return ratios, f"{_digits(mine_s)} s of processor time over {_digits(other_s)} s"
+
+
 def done(work: Callable[[], object]) -> Ran:
     """Do something in this process, and return only the time: workers' use cannot be separated."""
     began = time.perf_counter()

@@ -23,6 +23,6 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
         "`drop run`: recording, analysis, gif, plot",
         "plain script: gif",
         ratios,
-        0.38,
+        0.45,
         detail=detail,
     )

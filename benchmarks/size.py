@@ -11,7 +11,7 @@ from benchmarks.harness import DROP, Measured, process
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     """Divide the size of long recordings without frames by their steps."""
     steps = 20_000 if quick else 200_000
-    goals_b = {"in flight": 170, "at rest, creeping and turning": 200}
+    goals_b = {"in flight": 160, "at rest, creeping and turning": 240}
     flight = ("--gravity", "zero", "--linear-damping", "0", "--velocity", "0.1,0.2,1")
     for what, options in (("in flight", flight), ("at rest, creeping and turning", ())):
         process(

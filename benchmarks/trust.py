@@ -43,7 +43,7 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
         f"`drop trust`, kuka, {steps:,} steps, 7 runs, 2 jobs",
         "the bare script seven times",
         ratios,
-        1.2,
+        1.3,
         detail=detail,
     )
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from drop_physics.engines.pybullet.script import Program, Script
 
 from benchmarks.growth import boxes
-from benchmarks.harness import Measured
+from benchmarks.harness import DROP, Measured, process, worked
 
 SCRIPT = """
 import sys, time
@@ -71,14 +71,17 @@ class Scene:
     """Times the bare step; for one box µs more."""
     goal_logged: float | None = 1.0
     """Times the step with a logger written by hand."""
+    both: float | None = None
+    """Times the processor time of a script that only reads the same, of both processes of `drop
+    record`."""
 
 
 SCENES = {
-    "one box": Scene(PLANE + BOX, "pass", 40_000, 12),
-    "kuka": Scene(KUKA, "pass", 20_000, 1.35),
-    "laikago": Scene(LAIKAGO, "pass", 3_000, 1.15),
-    "100 boxes at rest": Scene(PLANE + boxes(100), "pass", 500, 2.3),
-    "kuka, commanded by 7 calls": Scene(KUKA, MOTORS, 10_000, 1.8, 1.15),
+    "one box": Scene(PLANE + BOX, "pass", 40_000, 10, both=1.3),
+    "kuka": Scene(KUKA, "pass", 20_000, 1.45, both=1.2),
+    "laikago": Scene(LAIKAGO, "pass", 3_000, 1.2, both=1.1),
+    "100 boxes at rest": Scene(PLANE + boxes(100), "pass", 500, 1.9, both=1.1),
+    "kuka, commanded by 7 calls": Scene(KUKA, MOTORS, 10_000, 1.6, 1.15, both=1.4),
     "a walker, 20 motors commanded": Scene(
         PLANE
         + """b = p.loadURDF("quadruped/minitaur.urdf", [0, 0, 0.3])
@@ -99,8 +102,9 @@ p.getBasePositionAndOrientation(b), p.getBaseVelocity(b), p.getJointStates(b, hi
     p.applyExternalTorque(b, -1, [0, 0, 1e-3], p.LINK_FRAME)
     p.getBasePositionAndOrientation(b), p.getBaseVelocity(b)""",
         10_000,
-        1.6,
+        2.2,
         None,
+        both=1.8,
     ),
     "a reaching arm": Scene(
         KUKA,
@@ -160,13 +164,31 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
                 scene.goal_logged,
                 detail=_over(ours, logged),
             )
+    for name, scene in SCENES.items():
+        if scene.both is None:
+            continue
+        path = _written(folder, scene.load, scene.call, 5 * scene.steps // share)
+        ratios, detail = worked(
+            lambda path=path: process(
+                *DROP, "record", "--force", "--out", "a.rrd", path, folder=folder
+            ),  # type: ignore[misc]
+            lambda path=path: process(sys.executable, path, "read", folder=folder),  # type: ignore[misc]
+            pairs=3,
+        )
+        yield Measured(
+            f"`drop record`, {name}: processor time of both processes",
+            "a script that reads the same, and keeps nothing",
+            ratios,
+            scene.both,
+            detail=detail,
+        )
     for name, (load, call) in CALLS.items():
         calls = [_of_call(folder, load, call, 20_000 // share) for _ in range(pairs)]
         yield Measured(
             f"watching {name} every step: more per call",
             "the bare call",
             [mine - other for mine, other in calls],
-            5,
+            3,
             unit="µs",
             detail=f"the call takes {calls[-1][1]:.3g} µs",
         )
@@ -188,13 +210,18 @@ def _of_call(folder: Path, load: str, call: str, steps: int) -> tuple[float, flo
 
 def _runs(folder: Path, load: str, call: str, steps: int, runs: int) -> list[list[float]]:
     """Return the time of a step [µs] of each run: watched, bare, logged by hand, and only read."""
-    path = folder / "scene.py"
-    call = textwrap.indent(call, "        ")
-    path.write_text(SCRIPT.format(load=load, call=call, steps=steps), encoding="utf-8")
+    path = _written(folder, load, call, steps)
     each = [
         (_watched(path), _bare(path), _bare(path, "log"), _bare(path, "read")) for _ in range(runs)
     ]
     return [[*times] for times in zip(*each, strict=True)]
+
+
+def _written(folder: Path, load: str, call: str, steps: int) -> Path:
+    path = folder / "scene.py"
+    call = textwrap.indent(call, "        ")
+    path.write_text(SCRIPT.format(load=load, call=call, steps=steps), encoding="utf-8")
+    return path
 
 
 def _over(ours: list[float], theirs: list[float]) -> str:
