@@ -298,10 +298,7 @@ class Watched:
             link=link,
             is_a=is_a,
             point_m=at,
-            normal=normal,
-            normal_force_n=force,
-            friction_n=friction,
-            directions=directions,
+            force_n=bullet_reports.points_force_n(normal, force, friction, directions),
             rolling=rolls,
         )
 

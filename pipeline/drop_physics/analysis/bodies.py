@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.analysis.flights import Flights
@@ -21,7 +20,7 @@ from drop_physics.analysis.results import (
 from drop_physics.explain.causes import Totals
 from drop_physics.explain.chain import Chain
 from drop_physics.explain.judged import SEGMENTS, Judged
-from drop_physics.explain.rows import rows_of
+from drop_physics.explain.rows import SampleRows, rows_of
 from drop_physics.explain.steps import Steps
 from drop_physics.physics.vectors import triple
 from drop_physics.rules.answer import Scene
@@ -60,7 +59,7 @@ class BodyStory:
         steps = (self._times.nearest(time_s, 0, last) for time_s in times_s)
         return [step for step in steps if step is not None]
 
-    def add(self, judged: Judged, chain: Chain, *, detailed: bool) -> pl.DataFrame:
+    def add(self, judged: Judged, chain: Chain, *, detailed: bool) -> SampleRows:
         """Take a piece; return a row for each of its samples."""
         errors_m = self._flights.add(judged)
         self._phases.add(judged)

@@ -12,7 +12,7 @@ from drop_physics.analysis.results import BodyContact, Pusher
 from drop_physics.explain.judged import CONTACT, Judged
 from drop_physics.explain.steps import Steps
 from drop_physics.explain.times import Times
-from drop_physics.physics.vectors import summed, triple
+from drop_physics.physics.vectors import lengths, summed, triple
 from drop_physics.trace.events import Body
 
 Float64 = NDArray[np.float64]
@@ -68,7 +68,7 @@ class Phases:
         step = contacts.step[points] - first
         impulses = contacts.force_n[points] * steps.reported.timestep_s[contacts.step[points], None]
         per_step = summed(step, impulses, count=end - first)
-        sizes_n = np.linalg.norm(per_step, axis=1) / steps.reported.timestep_s[first:end]
+        sizes_n = lengths(per_step) / steps.reported.timestep_s[first:end]
         point_j = steps.point_energy_j[points]
         given_j = summed(step, point_j[:, None], count=end - first)[:, 0]
         most = int(np.argmax(given_j))
@@ -78,9 +78,10 @@ class Phases:
         if given_j[most] > run.most_given_j:
             run.most_given_j = float(given_j[most])
             run.most_given_step = int(steps.steps[first + most])
-        links = np.stack((steps.sides.other_body[points], steps.sides.other_link[points]))
-        for body, link in np.unique(links, axis=1).T.tolist():
-            its = (links[0] == body) & (links[1] == link)
+        bodies, links = steps.sides.other_body[points], steps.sides.other_link[points]
+        firsts = np.unique(np.column_stack((bodies, links)).view("V16"), return_index=True)[1]
+        for body, link in zip(bodies[firsts].tolist(), links[firsts].tolist(), strict=True):
+            its = (bodies == body) & (links == link)
             impulse, energy = run.by.get((body, link), (np.zeros(3), 0.0))
             run.by[body, link] = (
                 impulse + impulses[its].sum(axis=0),

@@ -15,7 +15,7 @@ from drop_physics.explain import recording
 from drop_physics.explain.curves import CurveTable
 from drop_physics.explain.joints import JointTable
 from drop_physics.explain.recording import Explanation
-from drop_physics.explain.rows import COLUMNS, MOST_ROWS, SHOWN_PER_S, shown
+from drop_physics.explain.rows import MOST_ROWS, SHOWN_PER_S, SampleRows, table_of
 from drop_physics.explain.times import Times
 from drop_physics.explain.touches import TouchTable
 from drop_physics.physics.base import Law
@@ -75,7 +75,7 @@ class Story:
         self._answers = [question(self.scene) for question in answers]
         self._seen, self._origin = seen, origin
         self._whole, self._also, self._reports = whole, also, reports
-        self._rows: list[pl.DataFrame] = []
+        self._rows: list[SampleRows] = []
         ends_s = [
             self.scene.times[body.client].of(seen.samples.get(body.client, 1) - 1)
             for body in seen.bodies.values()
@@ -99,7 +99,7 @@ class Story:
         for number, judged in explained.bodies.items():
             chain = explained.chains[number]
             rows = self.bodies[number].add(judged, chain, detailed=self._whole)
-            self._rows.append(shown(rows, per_s=self._shown_per_s))
+            self._rows.append(rows.shown(per_s=self._shown_per_s))
         self.scene.forget()
 
     @np.errstate(all="ignore")  # of states that are not finite: reported
@@ -136,8 +136,7 @@ class Story:
     @property
     def table(self) -> pl.DataFrame:
         """The samples that were kept, body by body."""
-        table = pl.concat([pl.DataFrame(schema=COLUMNS), *self._rows], how="diagonal")
-        return table.sort("body", "step", maintain_order=True)
+        return table_of(self._rows)
 
 
 def _together(parts: Sequence[Explained]) -> Explained:

@@ -89,6 +89,7 @@ class Record:
 
     def __post_init__(self) -> None:
         self._known: Int64 | None = None
+        self._coefficients: dict[str, tuple[Int64, Float64]] = {}
 
     def told(self, steps: Int64) -> Float64:
         """Return where calls had put the base at samples, shape (n, 13).
@@ -103,18 +104,17 @@ class Record:
         used, rows = np.unique(which, return_inverse=True)
         return np.array([self.puts[one].base for one in used.tolist()])[rows]
 
-    def coefficients(self, name: str, steps: Int64, links: Int64) -> Float64:
-        """Return what the engine reported of links as the steps to samples began, shape (n,).
+    def coefficients(self, name: str) -> tuple[Int64, Float64]:
+        """Return what the engine reported of base and links, shape (m, links + 1), and when.
 
         Not a number where it reports none.
         """
-        held = [each for each in self.dynamics if name in each.reported]
-        if not held:
-            return np.full(len(steps), np.nan)
-        told, reported = [each.at.step for each in held], [each.reported[name] for each in held]
-        which = np.maximum(np.searchsorted(told, steps - 1, side="right") - 1, 0)
-        numbers = np.array(reported)
-        return np.asarray(numbers[which, np.minimum(links + 1, numbers.shape[1] - 1)])
+        if name not in self._coefficients:
+            held = [each for each in self.dynamics if name in each.reported]
+            told = np.array([each.at.step for each in held] or [0], np.int64)
+            numbers = [each.reported[name] for each in held] or [np.array([np.nan])]
+            self._coefficients[name] = told, np.array(numbers, np.float64)
+        return self._coefficients[name]
 
     def puts_between(self, first: int, end: int) -> list[Put]:
         """Return the states that calls set at the steps from `first` to before `end`."""
@@ -128,6 +128,29 @@ class Record:
         """
         first = [each.at.step + each.sampled for each in self.came]
         return np.maximum(np.searchsorted(first, steps, side="right") - 1, 0)
+
+
+def coefficients_of(
+    records: Mapping[int, Record], name: str, steps: Int64, bodies: Int64, links: Int64
+) -> Float64:
+    """Return what the engine reported of links as the steps to samples began, shape (n,).
+
+    Not a number where it reports none, and of bodies without a record.
+    """
+    told = {number: record.coefficients(name) for number, record in records.items()}
+    widest = max((numbers.shape[1] for _, numbers in told.values()), default=1)
+    most = max([int(bodies.max(initial=0)), *told])
+    latest = np.full((most + 1, widest), np.nan)
+    for number, (_, numbers) in told.items():
+        latest[number, : numbers.shape[1]] = numbers[-1]
+        latest[number, numbers.shape[1] :] = numbers[-1, -1]
+    found = latest[bodies, np.minimum(links + 1, widest - 1)]
+    for number, (since, numbers) in told.items():
+        if len(since) > 1 and (numbers != numbers[0]).any():
+            rows = np.flatnonzero(bodies == number)
+            which = np.maximum(np.searchsorted(since, steps[rows] - 1, side="right") - 1, 0)
+            found[rows] = numbers[which, np.minimum(links[rows] + 1, numbers.shape[1] - 1)]
+    return found
 
 
 def _step_of(put: Put) -> int:

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.explain.bodies import Record
+from drop_physics.explain.bodies import coefficients_of
 from drop_physics.explain.recording import Explained
 from drop_physics.explain.steps import Steps
 from drop_physics.physics.kinematics import kinematics, motion
-from drop_physics.physics.vectors import groups
+from drop_physics.physics.vectors import cross, groups
 from drop_physics.trace.states import Rows
 
 Float64 = NDArray[np.float64]
@@ -274,110 +275,127 @@ def pairs_of(explained: Explained) -> Pairs:
 
 
 def _points(explained: Explained) -> Points:
-    table, records = explained.piece.contacts, explained.records
-    bodies, links = (
-        np.column_stack([table[f"{what}_{side}"] for side in "ab"]) for what in ("body", "link")
-    )
-    swapped = bodies[:, 0] > bodies[:, 1]
+    contacts, records = explained.piece.contacts, explained.records
     # The points that the engine could name by their bodies, in the order of steps and pairs.
-    low, high = bodies.min(axis=1, initial=1 << 30), bodies.max(axis=1, initial=-1)
-    order = np.lexsort((high, low, table["step"]))
-    order = order[np.isin(bodies[order], [*records]).all(axis=1)]
-    sides = _Sides(explained, bodies)
-    flip = np.where(swapped, -1.0, 1.0)[order]
-    which = np.where(swapped[:, None], [1, 0], [0, 1])[order]
-    rows = order[:, None]
+    a, b = contacts["body_a"], contacts["body_b"]
+    known = np.isin(a, [*records]) & np.isin(b, [*records])
+    order = np.lexsort((np.maximum(a, b), np.minimum(a, b), contacts["step"]))
+    order = order[known[order]]
+    table = contacts[order]
+    swapped = table["body_a"] > table["body_b"]
+    flip = np.where(swapped, -1.0, 1.0)
+    places = np.full(len(contacts), -1)
+    places[order] = np.arange(len(order))
+    bodies, links = (_by_side(table, what, "", swapped) for what in ("body", "link"))
+    sides = _Sides(explained, table["step"], bodies, _by_side(table, "position", "_m", swapped))
+    sides.move(explained, places, swapped)
     friction = (
         sum(table[f"friction_{k}_direction"] * table[f"friction_{k}_n"][:, None] for k in (1, 2))
         * (table["normal_force_n"] != 0)[:, None]
     )  # as in `Touching`
+    lateral, bouncing = (
+        np.prod(
+            [
+                coefficients_of(records, name, table["step"], bodies[:, side], links[:, side])
+                for side in (0, 1)
+            ],
+            axis=0,
+        )
+        for name in ("lateral_friction", "restitution")
+    )
     return Points(
-        step=table["step"][order],
-        body=bodies[rows, which],
-        link=links[rows, which],
-        at_m=sides.at_m[rows, which],
-        normal=table["normal"][order] * flip[:, None],
-        distance_m=table["distance_m"][order],
-        normal_n=table["normal_force_n"][order],
-        tangential_n=np.asarray(friction)[order] * flip[:, None],
-        friction=_product(records, "lateral_friction", table, bodies, links)[order],
-        restitution=_product(records, "restitution", table, bodies, links)[order],
-        began_m_s=sides.began_m_s[rows, which],
-        ended_m_s=sides.ended_m_s[rows, which],
-        carried_m_s=sides.carried_m_s[rows, which],
-        timestep_s=sides.timestep_s[order],
-        explained=sides.explained[rows, which],
-        moves=sides.moves[rows, which],
+        step=np.ascontiguousarray(table["step"]),
+        body=bodies,
+        link=links,
+        at_m=sides.at_m,
+        normal=table["normal"] * flip[:, None],
+        distance_m=np.ascontiguousarray(table["distance_m"]),
+        normal_n=np.ascontiguousarray(table["normal_force_n"]),
+        tangential_n=np.asarray(friction) * flip[:, None],
+        friction=lateral,
+        restitution=bouncing,
+        began_m_s=sides.began_m_s,
+        ended_m_s=sides.ended_m_s,
+        carried_m_s=sides.carried_m_s,
+        timestep_s=sides.timestep_s,
+        explained=sides.explained,
+        moves=sides.moves,
     )
 
 
-class _Sides:
-    """How both sides of k contact points move, in the engine's order: shapes (k, 2, …)."""
+def _by_side(table: Rows, what: str, unit: str, swapped: Flags) -> NDArray[Any]:
+    """Return a number of both sides of each point, the body with the lower number first."""
+    both = np.stack([table[f"{what}_{side}{unit}"] for side in "ab"], axis=1)
+    both[swapped] = both[swapped, ::-1]
+    return both
 
-    def __init__(self, explained: Explained, bodies: Int64) -> None:
-        table, records = explained.piece.contacts, explained.records
-        count = len(table)
-        self.at_m = np.stack([table["position_a_m"], table["position_b_m"]], axis=1)
+
+class _Sides:
+    """How both sides of k contact points move: shapes (k, 2, …)."""
+
+    def __init__(self, explained: Explained, ends: Int64, bodies: Int64, at_m: Float64) -> None:
+        self._ends, self._bodies, self._records = ends, bodies, explained.records
+        count = len(ends)
+        self.at_m = at_m
         self.began_m_s, self.ended_m_s, self.carried_m_s = np.zeros((3, count, 2, 3))
         self.timestep_s = np.zeros(count)
         self.explained = np.ones((count, 2), np.bool_)
         self.moves = np.zeros((count, 2), np.bool_)
-        ends = table["step"]
+
+    def move(self, explained: Explained, places: Int64, swapped: Flags) -> None:
+        """Find how they move; `places` are those of the engine's points among these."""
         for batch, verdict in explained.batches:
             if len(batch.whole.sides.step) and batch.whole.law.tree.size:
-                self._take(batch.whole, verdict.why < 0)
+                self._take(batch.whole, verdict.why < 0, places, swapped)
+        # What only calls move, while it has no mass; most never do.
         for side in (0, 1):
-            for number, its in groups(bodies[:, side]):
-                rows = its[~self.moves[its, side]]  # what only calls move, while it has no mass
-                if number not in records or not len(rows):
+            still = np.flatnonzero(~self.moves[:, side])
+            for number, its in groups(self._bodies[still, side]):
+                rows = still[its]
+                base = self._records[number].told(self._ends[rows])
+                if not base[:, 7:].any():
                     continue
-                base = records[number].told(ends[rows])
                 arm = self.at_m[rows, side] - base[:, :3]
-                moved = base[:, 7:10] + np.cross(base[:, 10:13], arm)
+                moved = base[:, 7:10] + cross(base[:, 10:13], arm)
                 for each in (self.began_m_s, self.ended_m_s, self.carried_m_s):
                     each[rows, side] = moved
 
-    def _take(self, steps: Steps, explained: Flags) -> None:
-        used, rows = np.unique(steps.reported.contacts.step, return_inverse=True)
+    def _take(self, steps: Steps, explained: Flags, places: Int64, swapped: Flags) -> None:
+        point = places[steps.sides.point]
+        if (point < 0).any():
+            kept = np.flatnonzero(point >= 0)
+            sides, row, point = (
+                steps.sides.at(kept),
+                steps.reported.contacts.step[kept],
+                point[kept],
+            )
+        else:
+            sides, row = steps.sides, steps.reported.contacts.step
+        side = np.where(sides.is_a ^ swapped[point], 0, 1)
+        used, rows = np.unique(row, return_inverse=True)
         kin, then = (
             kinematics(steps.law.tree, each.at(used)) for each in (steps.before, steps.after)
         )
-        point, side = steps.sides.point, np.where(steps.sides.is_a, 0, 1)
         at_m = self.at_m[point, side]
+        links = np.unique(sides.link).tolist()
         for here, states, out in (
             (kin, steps.before, self.began_m_s),
             (kin, steps.after, self.ended_m_s),
             (then, steps.after, self.carried_m_s),
         ):
             moved = motion(here, states.velocity[used])
-            for link in np.unique(steps.sides.link).tolist():
-                its = np.flatnonzero(steps.sides.link == link)
+            for link in links:
+                its = np.flatnonzero(sides.link == link) if len(links) > 1 else slice(None)
                 k = min(link, steps.law.tree.links - 1) + 1
                 arm = at_m[its] - kin.centres[k].T[rows[its]]
                 if here is then:
                     turn = then.matrix(k - 1) @ kin.matrix(k - 1).swapaxes(1, 2)
                     arm = np.einsum("nij,nj->ni", turn[rows[its]], arm)
-                turned = np.cross(moved.spins[k].T[rows[its]], arm)
+                turned = cross(moved.spins[k].T[rows[its]], arm)
                 out[point[its], side[its]] = moved.velocities[k].T[rows[its]] + turned
-        row = steps.reported.contacts.step
         self.timestep_s[point] = steps.reported.timestep_s[row]
         self.explained[point, side] = explained[row]
         self.moves[point, side] = True
-
-
-def _product(
-    records: Mapping[int, Record], name: str, table: Rows, bodies: Int64, links: Int64
-) -> Float64:
-    """Return the product of both sides' coefficients, as each step began, shape (k,).
-
-    Not a number where an engine reports none.
-    """
-    product, ends = np.ones(len(table)), table["step"]
-    for side in (0, 1):
-        for number, rows in groups(bodies[:, side]):
-            if number in records:
-                product[rows] *= records[number].coefficients(name, ends[rows], links[rows, side])
-    return product
 
 
 def _along(vectors: Float64, axes: Float64) -> Float64:

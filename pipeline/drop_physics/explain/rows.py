@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -10,7 +12,7 @@ from numpy.typing import NDArray
 
 from drop_physics.explain.judged import SEGMENTS, Judged
 from drop_physics.explain.times import Times
-from drop_physics.physics.vectors import summed
+from drop_physics.trace.events import Body
 
 Float64 = NDArray[np.float64]
 
@@ -28,6 +30,54 @@ SHOWN_PER_S = 60.0
 """Rows of a body that are kept at most where not all are."""
 
 
+@dataclass(frozen=True, eq=False)
+class SampleRows:
+    """Some samples of a body, n of them."""
+
+    body: Body
+    columns: dict[str, NDArray[Any]]
+    """Those of COLUMNS but for body and label, and those of joints and terms, shape (n,) each.
+
+    The segment is its number in SEGMENTS.
+    """
+
+    def shown(self, *, per_s: float) -> SampleRows:
+        """Return the rows that a curve or a state shows: so many a second, and changes."""
+        if np.isinf(per_s):
+            return self
+        due = np.floor(self.columns["time_s"] * per_s + 1e-9)
+        flies, segment = ~np.isnan(self.columns["error_z_m"]), self.columns["segment"]
+        kept = np.ones(len(due), np.bool_)
+        kept[1:] = (due[1:] != due[:-1]) | (segment[1:] != segment[:-1]) | (flies[1:] != flies[:-1])
+        kept[:-1] |= flies[1:] != flies[:-1]
+        kept[-1:] = True
+        return SampleRows(self.body, {name: each[kept] for name, each in self.columns.items()})
+
+
+def table_of(parts: Sequence[SampleRows]) -> pl.DataFrame:
+    """Return rows as one table, ordered by body and step; what a body lacks is null."""
+    more = dict.fromkeys(name for part in parts for name in part.columns if name not in COLUMNS)
+    counts = [len(part.columns["step"]) for part in parts]
+    which = pl.Series(np.repeat(np.arange(len(parts)), counts))
+    table: dict[str, Any] = {
+        name: np.concatenate(
+            [
+                part.columns.get(name, np.full(count, np.nan))
+                for part, count in zip(parts, counts, strict=True)
+            ]
+        )
+        for name in (*COLUMNS, *more)
+        if parts and name not in ("body", "label")
+    }
+    if parts:
+        table["body"] = pl.Series([part.body.number for part in parts]).gather(which)
+        table["label"] = pl.Series([part.body.label for part in parts]).gather(which)
+        table["segment"] = pl.Series(SEGMENTS).gather(table["segment"])
+    schema = COLUMNS | dict.fromkeys(more, pl.Float64)
+    whole = pl.DataFrame(table, schema=schema, nan_to_null=True)
+    return whole.sort("body", "step", maintain_order=True)
+
+
 def rows_of(
     judged: Judged,
     base_m: Float64,
@@ -35,13 +85,13 @@ def rows_of(
     times: Times,
     *,
     detailed: bool,
-) -> pl.DataFrame:
+) -> SampleRows:
     """Return a row for each sample of a body in a piece.
 
     `base_m`: where its base is, shape (n, 3); `errors_m`: how far off free fall it is, by row;
     `detailed`: whether each joint and each term has its columns (`details_of`).
     """
-    n, body = len(judged.steps), judged.body
+    n = len(judged.steps)
     error_m = np.full((n, 3), np.nan)
     energy_j, contact_j = np.full(n, np.nan), np.zeros(n)
     if errors_m:
@@ -52,25 +102,20 @@ def rows_of(
             energy_j[rows] = steps.changes.after_j
             if rows[0] and not steps.put[0] and np.isnan(energy_j[rows[0] - 1]):
                 energy_j[rows[0] - 1] = steps.changes.begin_j
-        given = summed(
-            steps.reported.contacts.step, steps.point_energy_j[:, None], count=len(steps)
+        contact_j[rows] = np.bincount(
+            steps.reported.contacts.step, steps.point_energy_j, minlength=len(steps)
         )
-        contact_j[rows] = given[:, 0]
-    named = {
+    named: dict[str, NDArray[Any]] = {
         "step": judged.steps,
         "time_s": times.of_all(judged.steps),
-        "body": np.full(n, body.number),
-        "label": pl.repeat(body.label, n, eager=True),
-        "segment": pl.Series(SEGMENTS).gather(judged.segment),
+        "segment": judged.segment,
         **{f"{axis}_m": base_m[:, k] for k, axis in enumerate("xyz")},
         **{f"error_{axis}_m": error_m[:, k] for k, axis in enumerate("xyz")},
         "energy_j": energy_j,
         "contact_j": contact_j,
         "remainder": judged.unexplained,
     }
-    details = details_of(judged) if detailed else {}
-    schema = COLUMNS | dict.fromkeys(details, pl.Float64)
-    return pl.DataFrame(named | details, schema=schema, nan_to_null=True)
+    return SampleRows(judged.body, named | (details_of(judged) if detailed else {}))
 
 
 def details_of(judged: Judged) -> dict[str, Float64]:
@@ -96,19 +141,3 @@ def details_of(judged: Judged) -> dict[str, Float64]:
         for name, values in found.items():
             columns.setdefault(name, np.full(len(judged.steps), np.nan))[rows] = values
     return columns
-
-
-def shown(rows: pl.DataFrame, *, per_s: float) -> pl.DataFrame:
-    """Return the rows of a body that a curve or a state shows: so many a second, and changes."""
-    if np.isinf(per_s):
-        return rows
-    due = (pl.col("time_s") * per_s + 1e-9).floor()
-    flies = pl.col("error_z_m").is_not_null()
-    segment = pl.col("segment")
-    kept = due != due.shift(1, fill_value=-1)
-    kept |= segment != segment.shift(1, fill_value="")
-    kept |= (flies != flies.shift(1, fill_value=False)) | (
-        flies != flies.shift(-1, fill_value=False)
-    )
-    number = pl.int_range(pl.len())
-    return rows.filter(kept | (number == pl.len() - 1) | (number == 0))

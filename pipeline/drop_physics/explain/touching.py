@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.explain.bodies import Record
-from drop_physics.physics.bullet_reports import contact_forces
+from drop_physics.explain.bodies import Record, coefficients_of
+from drop_physics.physics.bullet_reports import contact_forces, points_force_n
 from drop_physics.physics.impulses import Forces
 from drop_physics.physics.rowed import Rowed
 from drop_physics.physics.tree import BASE
-from drop_physics.physics.vectors import groups
 from drop_physics.trace.states import Rows
 
 Float64 = NDArray[np.float64]
@@ -68,10 +67,11 @@ class Touching:
         step, a, b, link_a, link_b = (
             contacts[name] for name in ("step", "body_a", "body_b", "link_a", "link_b")
         )
-        points, body = np.tile(np.arange(len(step)), 2), np.concatenate((a, b))
+        k, body = len(step), np.concatenate((a, b))
         rolling = _rolls(records, step, a, link_a) | _rolls(records, step, b, link_b)
-        order = np.lexsort((points, body))
-        points, is_a = points[order], (np.arange(2 * len(step)) < len(step))[order]
+        order = np.lexsort((np.tile(np.arange(k), 2), body))
+        is_a = order < k
+        points = np.where(is_a, order, order - k)
         self._sides = Sides(
             step=step[points],
             body=body[order],
@@ -88,17 +88,18 @@ class Touching:
         # Farther apart than contactProcessingThreshold, Bullet reports the friction of another
         # point; DART's points in contact may have friction alone.
         friction_n[(contacts["normal_force_n"] == 0) & (self._distance_m > 0)] = 0.0
-        at_a, at_b = (contacts[name][points] for name in ("position_a_m", "position_b_m"))
-        directions = [contacts[f"friction_{k}_direction"][points] for k in (1, 2)]
+        directions = [contacts[f"friction_{which}_direction"] for which in (1, 2)]
         self._forces = contact_forces(
             step=self._sides.step,
             link=self._sides.link,
             is_a=is_a,
-            point_m=np.where(is_a[:, None], at_a, at_b),
-            normal=contacts["normal"][points],
-            normal_force_n=contacts["normal_force_n"][points],
-            friction_n=friction_n[points],
-            directions=np.stack(directions, axis=1),
+            point_m=np.concatenate((contacts["position_a_m"], contacts["position_b_m"]))[order],
+            force_n=points_force_n(
+                contacts["normal"],
+                contacts["normal_force_n"],
+                friction_n,
+                np.stack(directions, axis=1),
+            )[points],
             rolling=self._sides.rolling,
         )
 
@@ -137,11 +138,9 @@ def touches_of(contacts: Rows, body: int, link: int = BASE) -> Touches:
 def _rolls(records: Mapping[int, Record], step: Int64, body: Int64, link: Int64) -> Flags:
     """Return which links resist rolling or spinning, in the steps that led to these samples."""
     rolls = np.zeros(len(step), np.bool_)
-    for number, rows in groups(body):
-        if number in records:
-            for kind in ("rolling", "spinning"):
-                held = records[number].coefficients(f"{kind}_friction", step[rows], link[rows])
-                rolls[rows] |= np.nan_to_num(held) != 0  # other engines report none
+    for name in ("rolling_friction", "spinning_friction"):
+        held = coefficients_of(records, name, step, body, link)
+        rolls |= np.nan_to_num(held) != 0  # other engines report none
     return rolls
 
 

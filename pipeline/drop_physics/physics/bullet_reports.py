@@ -30,29 +30,35 @@ def contact_forces(
     link: Rows,
     is_a: Flags,
     point_m: Float64,
-    normal: Float64,
-    normal_force_n: Float64,
-    friction_n: Float64,
-    directions: Float64,
+    force_n: Float64,
     rolling: Flags,
 ) -> Forces:
     """Return contact points of `getContactPoints`, seen from one of the two bodies.
 
-    A body that touches itself has two rows per point. `normal` is contactNormalOnB, (k, 3), and
-    `point_m` positionOnA or positionOnB; `friction_n` both lateral frictions, (k, 2), and
-    `directions` theirs, (k, 2, 3). `rolling`: whether either link has a coefficient of rolling or
+    A body that touches itself has two rows per point. `point_m` is positionOnA or positionOnB;
+    `force_n` the force on a, (k, 3). `rolling`: whether either link has a coefficient of rolling or
     spinning friction.
     """
-    force = normal * normal_force_n[:, None] + np.einsum("kd,kdi->ki", friction_n, directions)
-    force = np.where(is_a[:, None], force, -force)
     return Forces(
         step=step,
         link=link,
-        force_n=force,
+        force_n=force_n * np.where(is_a, 1.0, -1.0)[:, None],
         point_m=point_m,
-        torque_n_m=np.zeros_like(force),
+        torque_n_m=np.zeros_like(force_n),
         rolling=rolling,
     )
+
+
+def points_force_n(
+    normal: Float64, normal_force_n: Float64, friction_n: Float64, directions: Float64
+) -> Float64:
+    """Return the forces on a at contact points of `getContactPoints`, shape (k, 3).
+
+    `normal` is contactNormalOnB, (k, 3); `friction_n` both lateral frictions, (k, 2), and
+    `directions` theirs, (k, 2, 3).
+    """
+    frictions = np.einsum("kd,kdi->ki", friction_n, directions)
+    return np.asarray(normal * normal_force_n[:, None] + frictions)
 
 
 def pushes(

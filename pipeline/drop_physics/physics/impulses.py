@@ -8,8 +8,10 @@ what it reports of it, is in that engine's law (`bullet_tree`).
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +19,7 @@ from numpy.typing import NDArray
 from drop_physics.physics.kinematics import Kinematics, generalised_at_points
 from drop_physics.physics.rowed import Rowed
 from drop_physics.physics.tree import RATES, Tree
-from drop_physics.physics.vectors import summed
+from drop_physics.physics.vectors import largest, lengths, summed
 
 Float64 = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -88,11 +90,11 @@ def largest_per_step(
     for link, parent in enumerate(tree.parents):
         free.append(free[parent + 1] or RATES[tree.joints[link]] > 0)
     moves = np.array(free)[forces.link + 1]
-    impulses = np.linalg.norm(forces.force_n, axis=1) * timestep_s[forces.step]
+    impulses = lengths(forces.force_n) * timestep_s[forces.step]
     heaviest_kg = float(tree.masses_kg[free].max(initial=0.0))
-    largest: Float64 = heaviest_kg * np.linalg.norm(gravity_m_s2, axis=1) * timestep_s
-    np.maximum.at(largest, forces.step[moves], impulses[moves])
-    return largest
+    most: Float64 = heaviest_kg * lengths(gravity_m_s2) * timestep_s
+    np.maximum.at(most, forces.step[moves], impulses[moves])
+    return most
 
 
 ROUNDED = 1e-6
@@ -121,7 +123,7 @@ class Sum:
         """M before each step, shape (n, size, size)."""
         return self.matrices[:-1]
 
-    @property
+    @cached_property
     def largest(self) -> Float64:
         """The largest entry of any term, or impulse of a single force, in each step, shape (n,).
 
@@ -129,19 +131,19 @@ class Sum:
         the numbers are that were added. Nor where next to nothing acts: the momentum itself is
         rounded, so that a share of it counts.
         """
-        entries = [np.abs(term).max(axis=1, initial=0.0) for term in self.terms.values()]
-        momentum = np.abs(_applied(self.matrices[1:], self.velocity[1:])).max(axis=1, initial=0.0)
-        return np.asarray(np.max([*entries, self.forces_n_s, ROUNDED * momentum], axis=0))
+        momentum = ROUNDED * largest(_applied(self.matrices[1:], self.velocity[1:]))
+        entries = [largest(term) for term in self.terms.values()]
+        return functools.reduce(np.maximum, [*entries, self.forces_n_s, momentum])
 
-    @property
+    @cached_property
     def unexplained(self) -> Float64:
         """The largest entry of the remainder over the largest of any term, shape (n,).
 
         0 where there is neither; not finite where a state is not.
         """
-        left, largest = np.abs(self.remainder).max(axis=1, initial=0.0), self.largest
+        left, most = largest(self.remainder), self.largest
         return np.asarray(
-            np.divide(left, largest, out=np.where(left == 0, 0.0, np.inf), where=largest > 0)
+            np.divide(left, most, out=np.where(left == 0, 0.0, np.inf), where=most > 0)
         )
 
     def energy_j(self) -> dict[str, Float64]:

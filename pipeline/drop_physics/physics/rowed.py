@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
-from typing import TYPE_CHECKING, Any, Self, cast
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
 
 class Rowed:
     """A dataclass of arrays with one row each."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -37,4 +35,4 @@ class Rowed:
         return cls(*map(np.concatenate, columns))
 
     def _columns(self) -> list[NDArray[Any]]:
-        return [getattr(self, each.name) for each in fields(cast("DataclassInstance", self))]
+        return [getattr(self, name) for name in self.__dataclass_fields__]

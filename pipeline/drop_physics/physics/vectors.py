@@ -16,7 +16,7 @@ Float64 = NDArray[np.float64]
 
 def largest(vectors: Float64) -> Float64:
     """Return the largest absolute component of each vector, shape (n,); nan if one is nan."""
-    return functools.reduce(np.maximum, np.abs(vectors).T)
+    return functools.reduce(np.maximum, np.abs(vectors).T, np.zeros(len(vectors)))
 
 
 def sums(vectors: Float64) -> Float64:
