@@ -501,7 +501,9 @@ def test_update_writes_the_golden_anew_and_whole(drop: Drop, tmp_path: Path) -> 
     assert (second.returncode, result["same"]) == (0, False)
     assert [difference["name"] for difference in result["differences"]] == ["duration_s"]
     assert drop("check", "new.rrd", "--against", "golden.rrd").returncode == 0
-    assert {file.name for file in tmp_path.iterdir()} == {"old.rrd", "new.rrd", "golden.rrd"}
+    assert {file.name for file in tmp_path.iterdir()} == {
+        *("old.rrd", "new.rrd", "golden.rrd", "golden.md")
+    }
     assert read(tmp_path / "golden.rrd").states.equals(read(tmp_path / "new.rrd").states)
 
 

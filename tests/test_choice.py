@@ -13,11 +13,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import drop_physics
+import jsonschema
 import pytest
 from conftest import Drop
 from drop_physics.rules.answer import LEVELS
 from drop_physics.rules.codes import CODES
-from drop_physics.stages.ignored import comments_in
+from drop_physics.stages.sources import comments_in
 
 PACKAGE = Path(drop_physics.__file__).parent
 # Two arms that cannot hold their pose, loaded and driven on lines of their own.
@@ -69,8 +70,112 @@ def analyzed(drop: Drop) -> Analyzed:
     return analyze
 
 
+SARIF = {
+    "type": "object",
+    "required": ["version", "runs"],
+    "properties": {
+        "version": {"const": "2.1.0"},
+        "runs": {
+            "items": {
+                "required": ["tool", "results"],
+                "properties": {
+                    "tool": {
+                        "required": ["driver"],
+                        "properties": {
+                            "driver": {
+                                "required": ["name"],
+                                "properties": {"rules": {"items": {"required": ["id"]}}},
+                            }
+                        },
+                    },
+                    "results": {
+                        "items": {
+                            "required": ["message", "locations"],
+                            "properties": {
+                                "level": {"enum": ["none", "note", "warning", "error"]},
+                                "message": {"required": ["text"]},
+                                "ruleIndex": {"type": "integer", "minimum": 0},
+                                "locations": {
+                                    "items": {
+                                        "properties": {
+                                            "physicalLocation": {
+                                                "required": ["artifactLocation"],
+                                                "properties": {
+                                                    "artifactLocation": {
+                                                        "required": ["uri"],
+                                                        "properties": {
+                                                            "uri": {"format": "uri-reference"}
+                                                        },
+                                                    },
+                                                    "region": {
+                                                        "properties": {
+                                                            "startLine": {
+                                                                "type": "integer",
+                                                                "minimum": 1,
+                                                            }
+                                                        }
+                                                    },
+                                                },
+                                            }
+                                        }
+                                    }
+                                },
+                            },
+                        }
+                    },
+                },
+            }
+        },
+    },
+}
+"""What OASIS's schema of SARIF 2.1.0 requires of the parts that we write (3.13 to 3.30)."""
+
+
 def project(folder: Path, text: str) -> None:
     (folder / "pyproject.toml").write_text(text)
+
+
+# -- where a change is reviewed -------------------------------------------------------------------
+
+
+def test_findings_are_annotations_at_their_lines(drop: Drop, arms: Callable[..., None]) -> None:
+    arms()
+    as_json = json.loads(drop("analyze", "--json").stdout)
+    assert json.loads(drop("analyze", "--output-format", "json").stdout) == as_json
+    found = as_json["findings"]
+
+    annotations = drop("analyze", "--output-format", "github").stdout.splitlines()
+    assert len(annotations) == len(found)
+    for line, finding in zip(annotations, found, strict=True):
+        file, _, number = (finding["site"] or "arms.py:").rpartition(":")
+        place = f"file={file}," + (f"line={number}," if number else "")
+        level = {"broken": "error", "asked": "warning", "model": "warning"}
+        start = f"::{level.get(finding['level'], 'notice')} {place}title=drop%3A {finding['code']}"
+        assert line.startswith(f"{start}::{finding['message'][:20]}".replace("\n", "%0A"))
+
+    log = json.loads(drop("analyze", "--output-format", "sarif").stdout)
+    jsonschema.validate(log, SARIF)
+    (run,) = log["runs"]
+    rules = [each["id"] for each in run["tool"]["driver"]["rules"]]
+    for result, finding in zip(run["results"], found, strict=True):
+        assert rules[result["ruleIndex"]] == result["ruleId"] == finding["code"]
+        place = result["locations"][0]["physicalLocation"]
+        line = place.get("region", {}).get("startLine", "")
+        site = f"{place['artifactLocation']['uri']}:{line}"
+        assert site == (finding["site"] or "arms.py:")
+
+
+def test_an_annotation_names_the_file_from_the_working_directory(
+    drop: Drop, arms: Callable[..., None], tmp_path: Path
+) -> None:
+    arms()
+    (tmp_path / "scripts").mkdir()
+    for name in ("arms.py", "recordings"):
+        (tmp_path / name).rename(tmp_path / "scripts" / name)
+    analyze = ("analyze", "scripts/recordings/arms.rrd", "--output-format", "github")
+    assert "file=scripts/arms.py," in drop(*analyze).stdout
+    (tmp_path / "scripts/arms.py").write_text("another text")  # whose lines are others
+    assert "file=arms.py," in drop(*analyze).stdout
 
 
 # -- a command ------------------------------------------------------------------------------------

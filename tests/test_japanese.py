@@ -23,7 +23,6 @@ from drop_physics.figures import style
 from drop_physics.figures.panel_plot import build_figure, render
 from drop_physics.figures.theme import LIGHT
 from drop_physics.messages import LOCALE, VARIABLES, Message, joined, localized, translated, wrapped
-from drop_physics.stages.narrative import findings_markdown
 from drop_physics.stages.run import Run
 from drop_physics.stages.telling import plot_of
 from fontTools.fontBuilder import FontBuilder
@@ -258,7 +257,7 @@ def test_only_what_is_shown_is_translated() -> None:
 
 @pytest.mark.usefixtures("japanese")
 def test_what_is_recorded_stays_english(standard: Run) -> None:
-    assert not JAPANESE.search(findings_markdown(standard.analysis))
+    assert not JAPANESE.search(standard.analysis.markdown())
 
 
 @pytest.mark.parametrize(

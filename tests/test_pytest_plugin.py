@@ -73,6 +73,9 @@ def test_a_golden_is_made_and_then_holds(
     assert run(project, right, "--update-golden")[0] == 0
     golden = project.path / "tests/golden/box.rrd"
     before = golden.read_bytes()
+    beside = golden.with_suffix(".md")
+    assert beside.read_text().startswith("# box.rrd\n\nWritten by drop with this golden recording")
+    assert "| 0\\_box | 0.000000 | 0.000000 |" in beside.read_text()
     assert run(project, right)[0] == 0
     assert not summary.exists()
     code, text = run(project, wrong)
@@ -83,6 +86,12 @@ def test_a_golden_is_made_and_then_holds(
     assert "differs" in text
     assert "1.001" in text
     assert golden.read_bytes() == before
+    described = beside.read_text()
+    assert run(project, wrong, "--update-golden")[0] == 0
+    assert beside.read_text() != described  # the end has changed, and a reviewer sees where
+    beside.write_text("notes of someone else")
+    assert run(project, right, "--update-golden")[0] == 0
+    assert beside.read_text() == "notes of someone else"
     assert "1.001" in summary.read_text()
 
 

@@ -205,6 +205,7 @@ ANALYSIS = _object(
     by_body=None,
     contact_j=None,
     curves=None,
+    sources=None,
 )
 ANALYSIS = ANALYSIS._replace(
     keys={"origin": (dict[str, Any], None), **ANALYSIS.keys},
@@ -231,6 +232,7 @@ SCRIPT_ANALYSIS = _object(
     table=None,
     by_body=None,
     curves=None,
+    sources=None,
 )
 RENDERING = _object(Rendering, plot=Path | None, speed=None)
 ROW = Object(

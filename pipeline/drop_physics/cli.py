@@ -108,6 +108,7 @@ def analyze(
     fail_on: given.FailOn = None,
     force: given.Force = False,
     verbose: given.Verbose = False,
+    output_format: given.OutputFormat = "text",
     json: given.Json = False,
 ) -> None:
     """Explain each millimetre between simulation and theory.
@@ -137,7 +138,12 @@ def analyze(
             force=force,
             progress=report,
         )
-    raise typer.Exit(show(analysis, as_json=json, verbose=verbose, choice=choice))
+    as_json, text = json or output_format == "json", None
+    if output_format in ("github", "sarif"):
+        from drop_physics.report.annotations import FORMATS
+
+        text = FORMATS[output_format](analysis)
+    raise typer.Exit(show(analysis, as_json=as_json, text=text, verbose=verbose, choice=choice))
 
 
 @app.command(

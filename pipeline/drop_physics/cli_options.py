@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -28,6 +28,14 @@ RunOrNewest = Annotated[
         metavar="RUN.rrd",
         help="The recording to read, or the script that it is of. [default: the newest in "
         "recordings/]",
+    ),
+]
+OutputFormat = Annotated[
+    Literal["text", "json", "github", "sarif"],
+    takes(
+        "FORMAT",
+        "How to print it: text, json, github (annotations of GitHub Actions) or sarif (code "
+        "scanning).",
     ),
 ]
 Json = Annotated[bool, flag("Print one JSON object, for scripts.", "--json")]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-NOTEBOOK = "drop_physics.report.notebook"
+MARKDOWN, NOTEBOOK = "drop_physics.report.markdown", "drop_physics.report.notebook"
 
 
 class Printable:
@@ -32,6 +32,11 @@ class Printable:
     def as_json(self) -> dict[str, Any]:
         """Return what `--json` prints."""
         return dict(self._from("json_of")(self))
+
+    def markdown(self, **how: object) -> str:
+        """Return the report as Markdown, in English: what is kept in files."""
+        markdown_of = importlib.import_module(MARKDOWN).markdown_of
+        return str(markdown_of(self.report(**how), say=str))
 
     def _from(self, name: str) -> Callable[..., Any]:
         function: Callable[..., Any] = getattr(importlib.import_module(self.reported_by), name)

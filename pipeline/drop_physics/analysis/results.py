@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -24,7 +24,7 @@ JSON_NAMES = {"other": "with"}
 """Names of fields that JSON has in place of Python's."""
 REPORT = "drop_physics.report.analysis"
 """What reports an analysis."""
-HIDDEN = ("table", "by_body", "contact_j", "curves")
+HIDDEN = ("table", "by_body", "contact_j", "curves", "sources")
 """What JSON leaves out."""
 
 
@@ -241,6 +241,9 @@ class Analysis(Printable, reported_by=REPORT):
     """Whose recording it is; the analysis of a drop has more (`DropAnalysis`)."""
     recording: Path | None = None
     """The recording that was analyzed."""
+    sources: dict[str, Path] = field(default_factory=dict)
+    """The files that findings cite, by the name that they cite, where their text is the recorded
+    one."""
     layer: Path | None = None
     """The layer that shows the analysis."""
     partial: bool = False

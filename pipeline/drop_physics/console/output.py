@@ -60,9 +60,13 @@ def cut(text: str, columns: int) -> str:
 
 def print_json(value: dict[str, Any]) -> None:
     """Print one JSON object, and nothing else, to standard output."""
+    print_plain(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def print_plain(text: str) -> None:
+    """Print a text that another program reads, and nothing else, to standard output."""
     # Flushed, because a command may go on: `view` waits for its viewer to be closed.
-    lines = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False).split("\n")
-    print("\n".join(map(harmless, lines)), flush=True)
+    print("\n".join(map(harmless, text.rstrip("\n").split("\n"))), flush=True)
 
 
 def descriptor(stream: TextIO) -> int:

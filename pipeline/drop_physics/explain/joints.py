@@ -66,6 +66,17 @@ class JointRow:
     at_stop_steps: int
     """In how many steps one of its limits pushed it."""
 
+    @property
+    def unit(self) -> str:
+        """The unit of `target` and `reached`."""
+        unit = "m" if self.kind == "prismatic" else "rad"
+        return f"{unit}/s" if self.control == "velocity" else unit
+
+    @property
+    def torque_unit(self) -> str:
+        """The unit of `torque`."""
+        return "N" if self.kind == "prismatic" else "N m"
+
 
 @dataclass(frozen=True, eq=False)
 class Driven:

@@ -43,7 +43,8 @@ def block_markdown(block: object, say: Say) -> Iterator[str]:
 
 @block_markdown.register
 def _(words: Words, say: Say) -> Iterator[str]:
-    yield from (_escaped(say(words.text)), "")
+    heading = "### " if words.style == "bold" else ""
+    yield from (heading + _escaped(say(words.text)), "")
 
 
 @block_markdown.register
@@ -59,9 +60,10 @@ def _(facts: Facts, say: Say) -> Iterator[str]:
 @block_markdown.register
 def _(table: DataTable, say: Say) -> Iterator[str]:
     first, *others = table.columns
+    others = [each for each in others if each.head or any(each.cells)]
     yield _row([table.title or first.head, *(each.head for each in others)], say)
-    yield _row(["---:" if each.right else "---" for each in table.columns], say)
-    for cells in zip(*(each.cells for each in table.columns), strict=True):
+    yield _row(["---:" if each.right else "---" for each in (first, *others)], say)
+    for cells in zip(*(each.cells for each in (first, *others)), strict=True):
         yield _row(cells, say)
     yield ""
 
@@ -72,11 +74,15 @@ def _row(cells: Sequence[str], say: Say) -> str:
 
 @block_markdown.register
 def _(found: FindingList, say: Say) -> Iterator[str]:
+    yield from ("## Findings", "")
+    if not found.findings:
+        yield from ("None: nothing in this recording needs a second look.", "")
     for finding in found.findings:
         about = f" ({finding.body})" if finding.body else ""
+        site = f" at `{finding.site}`" if finding.site else ""
         # Two spaces end a line.
         end = "  " if finding.advice else ""
-        yield f"- **{finding.code}**{about}: {say(finding.message)}{end}"
+        yield f"- **{finding.code}**{about}{site}: {say(finding.message)}{end}"
         if finding.advice:
             yield f"  *{say(finding.advice)}*"
         yield ""

@@ -18,6 +18,7 @@ from drop_physics.console.output import (
     note,
     print_json,
     print_lines,
+    print_plain,
     right,
     width,
     wrapped,
@@ -51,15 +52,21 @@ def show(
     result: Printable,
     *,
     as_json: bool = False,
+    text: str | None = None,
     stream: TextIO | None = None,
     **how: object,
 ) -> int:
-    """Print a result, and return the exit code that its report has; `how` goes to its builder."""
+    """Print a result, and return the exit code that its report has; `how` goes to its builder.
+
+    `text` is printed in place of the report, where another renderer has made it.
+    """
     report: Report = result.report(**how)
     for each in report.notes:
         note(each)
     if as_json:
         print_json(result.as_json())
+    elif text is not None:
+        print_plain(text)
     else:
         print_lines(*lines_of(report), stream=stream)
     for each in report.remarks:

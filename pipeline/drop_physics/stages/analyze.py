@@ -23,8 +23,8 @@ from drop_physics.recording.layer_file import is_layer, layer_of
 from drop_physics.recording.reader import Recording, read
 from drop_physics.rules.answer import Finding
 from drop_physics.rules.choice import EVERY, Choice
-from drop_physics.stages.ignored import Ignored
-from drop_physics.stages.narrative import events, findings_markdown
+from drop_physics.stages.events import events
+from drop_physics.stages.sources import Sources
 from drop_physics.stages.telling import viewed
 from drop_physics.trace.history import Seen, body_named
 
@@ -93,12 +93,12 @@ def analyze(
     read_back = read(path)
     progress(ANALYZING, 1, _PARTS)
     folders = [Path(), path.parent, path.parent.parent, (script or Path()).parent]
-    ignored = Ignored(read_back.origin_and_end.get("script_sha256"), folders)
-    analysis = _analysis_of(
+    sources = Sources(read_back.origin_and_end.get("script_sha256"), folders)
+    analysis = analysis_of(
         read_back,
         at_s,
         whole=bool(tables),
-        reports=lambda finding: choice.reports(finding, ignored.at(finding.site)),
+        reports=lambda finding: choice.reports(finding, sources.ignored_at(finding.site)),
     )
     progress(ANALYZING, 2, _PARTS)
     write_layer(
@@ -106,7 +106,7 @@ def analyze(
         read_back,
         samples=analysis.table,
         events=events(analysis),
-        findings=findings_markdown(analysis),
+        findings=analysis.markdown(),
         look=_shown(analysis, read_back.seen),
         force=force,
         ours=out is None,
@@ -116,9 +116,11 @@ def analyze(
     progress(ANALYZING, _PARTS, _PARTS)
     if body is not None:
         analysis = analysis.of_body(body_named(read_back.seen.bodies.values(), body).number)
+    sites = [finding.site.rpartition(":")[0] for finding in analysis.findings if finding.site]
     return replace(
         analysis,
         recording=path,
+        sources=sources.files([str(read_back.origin_and_end.get("script")), *sites]),
         layer=layer,
         partial=read_back.partial,
         lacks=read_back.lacks,
@@ -131,13 +133,14 @@ def _hulls(analysis: Analysis) -> frozenset[str]:
     return frozenset(label for label in found if label is not None)
 
 
-def _analysis_of(
+def analysis_of(
     read_back: Recording,
-    at_s: Sequence[float],
+    at_s: Sequence[float] = (),
     *,
-    whole: bool,
-    reports: Callable[[Finding], bool],
+    whole: bool = False,
+    reports: Callable[[Finding], bool] = lambda _: True,
 ) -> Analysis:
+    """Return the analysis of a recording, which knows of no files; as `analyze`."""
     seen = read_back.seen
     if read_back.drop is not None:
         of_drop = drop_analysis_of(

@@ -17,8 +17,8 @@ from drop_physics.compare.difference import Difference, DropInputs, Side
 from drop_physics.errors import OutputError, RecordingError, check_suffix
 from drop_physics.fields import outside
 from drop_physics.figures.animation import decoded
-from drop_physics.files.outputs import check_apart, check_target
-from drop_physics.files.whole import replaced
+from drop_physics.files.outputs import check_apart, check_target, output_errors
+from drop_physics.files.whole import replaced, written_whole
 from drop_physics.messages import Message, shell_command
 from drop_physics.printable import Printable
 from drop_physics.recording import sealing
@@ -28,6 +28,8 @@ from drop_physics.recording.reader import Recording, is_recording, read
 
 Image = tuple[int, int, int]
 """Step, camera, and how many images that took there before."""
+WRITTEN = "Written by drop with this golden recording: what it holds."
+"""By this line a description of a golden recording is known as ours."""
 NEITHER = Message("neither has images")
 
 
@@ -134,6 +136,7 @@ def check(
     except RecordingError:  # there is none yet, or it cannot be read
         before = Check(path, golden, tolerance_m, None, None)
     _make_golden(run, golden)
+    _describe(golden)
     return replace(before, updated=True)
 
 
@@ -238,6 +241,23 @@ def _make_golden(run: Recording, golden: Path) -> None:
                 golden=golden,
                 path=run.path,
             )
+
+
+def _describe(golden: Path) -> None:
+    """Write in a few lines of Markdown what a golden recording holds, beside it.
+
+    Who reviews a change of it reads there what has changed. A file that is not such is left alone.
+    """
+    from drop_physics.stages.analyze import analysis_of  # loads every rule
+
+    beside = golden.with_suffix(".md")
+    title = f"# {golden.name}\n\n{WRITTEN}\n"
+    with output_errors(beside):
+        if beside.exists() and WRITTEN not in beside.read_text(encoding="utf-8", errors="replace"):
+            return
+    text = analysis_of(read(golden)).markdown(at_the_end=True)
+    with written_whole(beside, force=True) as file:
+        file.write(f"{title}\n{text.strip()}\n".encode())
 
 
 # -- pictures -------------------------------------------------------------------------------------

@@ -321,9 +321,8 @@ class _Told:
                     for each in others
                     if np.isfinite(its.columns[each]).any()
                 ]
-            length, force = ("m", "N") if row.kind == "prismatic" else ("rad", "N m")
-            units[what][length if what == "position" else f"{length}/s"] = None
-            units["torque"][force] = None
+            units[what][row.unit] = None
+            units["torque"][row.torque_unit] = None
         titles = {
             "position": "Joint positions, thin: targets and stops",
             "rate": "Joint rates, thin: targets",
@@ -341,21 +340,19 @@ class _Told:
         if curves is None:
             return
         its = Curves(curves.steps, {name: each[:, k] for name, each in curves.columns.items()})
-        angle = "m" if row.kind == "prismatic" else "rad"
-        what, unit = ("rate", f"{angle}/s") if row.control == "velocity" else ("position", angle)
+        what = "rate" if row.control == "velocity" else "position"
         asked = {"rate": "target_rate", "position": "target"}[what]
         title = Message("{joint}: position", joint=row.name)
         if what == "rate":
             title = Message("{joint}: rate", joint=row.name)
         yield Panel(
             title,
-            unit,
+            row.unit,
             [
                 self._curve(body, its, what, Message("reached"), colours.SIMULATED),
                 self._curve(body, its, asked, Message("target"), "", dashed=True),
             ],
         )
-        force = "N" if row.kind == "prismatic" else "N m"
         limits = [
             self._curve(body, its, side, Message("limit"), "", dashed=True) for side in _limits(its)
         ]
@@ -371,7 +368,7 @@ class _Told:
             padded = np.pad(its.columns["torque"], (window // 2, window - 1 - window // 2), "edge")
             its.columns["torque"] = np.convolve(padded, np.full(window, 1 / window), "valid")
         drawn = self._curve(body, its, "torque", Message("torque"), colours.ROUNDING)
-        yield Panel(title, force, [drawn, *limits], zero=True)
+        yield Panel(title, row.torque_unit, [drawn, *limits], zero=True)
 
     def _friction(self, body: BodyAnalysis, other: BodyAnalysis) -> Iterator[Panel]:
         its = self._curves.friction(body.id, other.id)

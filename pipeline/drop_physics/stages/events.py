@@ -1,18 +1,14 @@
-"""The analysis in words, for the layer: what happened when, and where the error comes from.
-
-It is recorded, and so always in English.
-"""
+"""What happened when, a line each, for the viewer. It is recorded, and so always in English."""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict
 
 from drop_physics.analysis.results import Analysis
 from drop_physics.drop.results import DropAnalysis, Moment
 from drop_physics.fields import decimals
-from drop_physics.rules.answer import Finding
 
 WIDTH = 44
 """Characters of a line in the viewer's list of events."""
@@ -78,50 +74,3 @@ def _sum(moment: Moment) -> str:
         if abs(value_m) > 5e-6
     ]
     return f"{total}: {', '.join(parts)}" if parts else total
-
-
-def _millimetres(value_m: float) -> str:
-    """Write a length in mm; in powers of ten where four decimals would show zero."""
-    value = value_m * 1e3 + 0.0
-    return f"{value:+.4f}" if value == 0 or abs(value) >= 5e-5 else f"{value:+.1e}"
-
-
-def findings_markdown(analysis: Analysis) -> str:
-    """Return the analysis as Markdown."""
-    first = _moments(analysis) if isinstance(analysis, DropAnalysis) else _explained(analysis)
-    return "\n".join([*first, *_listed(analysis.findings)])
-
-
-def _explained(analysis: Analysis) -> Iterator[str]:
-    explained = analysis.explained
-    yield f"{explained.samples:,} of {explained.of:,} samples are explained, step by step."
-    yield ""
-
-
-def _moments(analysis: DropAnalysis) -> Iterator[str]:
-    for moment in analysis.at:
-        if moment.terms_m is None:
-            continue
-        yield f"## At {moment.time_s:.4g} s"
-        yield ""
-        yield "| | mm |"
-        yield "| --- | --- |"
-        for name, value_m in asdict(moment.terms_m).items():
-            yield f"| {name} | {_millimetres(value_m)} |"
-        yield f"| **simulated − free fall** | **{_millimetres(moment.error_m)}** |"
-        yield ""
-
-
-def _listed(findings: Sequence[Finding]) -> Iterator[str]:
-    """Yield the lines of the chapter on findings."""
-    yield "## Findings"
-    yield ""
-    if not findings:
-        yield "None: nothing in this recording needs a second look."
-    for finding in findings:
-        about = f" ({finding.body})" if finding.body else ""
-        # Two spaces end a line.
-        yield f"- **{finding.code}**{about}: {finding.message}{'  ' if finding.advice else ''}"
-        if finding.advice:
-            yield f"  *{finding.advice}*"
-        yield ""

@@ -1,0 +1,68 @@
+"""The files of a recorded script, where they are found with the text that was recorded.
+
+A finding is spared by `# drop: ignore[CODE]` on the first line of a call.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import io
+import re
+import tokenize
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+COMMENT = re.compile(r"#\s*drop:\s*ignore\[([^\]]*)\]")
+
+Lines = Mapping[int, frozenset[str]]
+"""The codes of each line that has such a comment."""
+
+
+class Sources:
+    """The files of a script: by its digest the text is known to be the recorded one.
+
+    Parameters
+    ----------
+    digest
+        Of its recorded text; None where it has none, as a block of Python.
+    folders
+        Where its name, as a finding has it, may lead to it.
+    """
+
+    def __init__(self, digest: str | None, folders: Sequence[Path]) -> None:
+        self._digest, self._folders = digest, folders
+        self._lines: dict[str, Lines] = {}
+
+    def files(self, names: Iterable[str]) -> dict[str, Path]:
+        """Return those of some files, named as in sites, that are found, by name."""
+        found = {name: self._file(name) for name in names}
+        return {name: path for name, path in found.items() if path is not None}
+
+    def ignored_at(self, site: str | None) -> frozenset[str]:
+        """Return the codes that a site, given as file:line, is spared."""
+        name, _, line = (site or "").rpartition(":")
+        if not line.isdecimal():
+            return frozenset()
+        if name not in self._lines:
+            path = self._file(name)
+            self._lines[name] = {} if path is None else comments_in(path.read_bytes())
+        return self._lines[name].get(int(line), frozenset())
+
+    def _file(self, name: str) -> Path | None:
+        for folder in self._folders if self._digest is not None else ():
+            with contextlib.suppress(OSError, ValueError):
+                text = (folder / name).read_bytes()
+                if hashlib.sha256(text).hexdigest() == self._digest:
+                    return folder / name
+        return None
+
+
+def comments_in(text: bytes) -> Lines:
+    """Return the codes in the comments of a Python file, by line."""
+    lines: dict[int, frozenset[str]] = {}
+    with contextlib.suppress(tokenize.TokenError, SyntaxError):
+        for token in tokenize.tokenize(io.BytesIO(text).readline):
+            if token.type == tokenize.COMMENT and (found := COMMENT.search(token.string)):
+                lines[token.start[0]] = frozenset(map(str.strip, found[1].split(",")))
+    return lines
