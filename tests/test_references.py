@@ -114,6 +114,21 @@ def test_what_trust_prints_is_what_the_schema_says(tmp_path: Path) -> None:
     Draft202012Validator(strict(schema_of("trust"))).validate(json.loads(done.stdout))
 
 
+def test_what_why_prints_is_what_the_schema_says(tmp_path: Path) -> None:
+    tmp_path.joinpath("script.py").write_text(
+        "import pybullet as p\np.connect(p.DIRECT)\np.setGravity(0, 0, -10)\n"
+        "b = p.createMultiBody(1, basePosition=[0, 0, 9])\n"
+        "c = p.createConstraint(b, -1, -1, -1, p.JOINT_FIXED, [0, 0, 0], [0, 0, 0], [0, 0, 9])\n"
+        "p.changeConstraint(c, maxForce=5)\n"
+        "for _ in range(60): p.stepSimulation()\n"
+    )
+    done = drop_here("why", "--json", "--ablate", "--jobs", "1", "script.py", folder=tmp_path)
+    printed = json.loads(done.stdout)
+    Draft202012Validator(strict(schema_of("why"))).validate(printed)
+    assert printed["findings"]
+    assert printed["hangs_on"]
+
+
 @pytest.mark.long
 def test_what_analyze_prints_of_a_script_is_what_the_schema_says(
     printed: Any, tmp_path: Path

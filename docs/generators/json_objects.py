@@ -36,6 +36,7 @@ from drop_physics.drop.results import (
 from drop_physics.drop.statistics import Summary
 from drop_physics.engine_report import EngineReport
 from drop_physics.experiments import robustness, run_distance
+from drop_physics.experiments.verdicts import Verdict
 from drop_physics.explain.decomposition import VectorTerms
 from drop_physics.explain.joints import JointRow
 from drop_physics.explain.touches import Touch
@@ -408,6 +409,117 @@ TRUST = Object(
     },
     frozenset({"script", "recording", "variations", "findings"}),
 )
+TRIAL_KEYS: dict[str, Any] = {
+    "name": str,
+    "target": str | None,
+    "value": float | None,
+    "call": str,
+    "site": str | None,
+}
+TRIAL_SAYS = {
+    "name": "Of the intervention, as `--try` takes it.",
+    "target": "The body or joint that it is made on; null if on the whole run.",
+    "value": "What is given; null where the intervention has no number, or several.",
+    "call": "What its user would write.",
+    "site": "File and line of the call that it is about.",
+    "moved": "How far the outcome moves: at the end, else on the way; null where a nudge of 1e-9 "
+    "moves it a tenth as much or more, or nothing moves.",
+}
+MOVED = Object(
+    {"value": float | None, "unit": Literal["m", "rad"], "body": str, "joint": str | None},
+    {
+        "value": "The distance; null where a state is not finite.",
+        "unit": "`m`, of positions; `rad`, of orientations and joints that turn.",
+        "body": "Its label.",
+        "joint": "Its name; null of a base.",
+    },
+    frozenset({"value", "unit", "body", "joint"}),
+)
+TRIED = Object(
+    {
+        **TRIAL_KEYS,
+        "verdict": Verdict,
+        "before": float | None,
+        "after": float | None,
+        "unit": str | None,
+        "left": float | None,
+        "moved": (MOVED,),
+        "new": list[str],
+        "recording": Path | None,
+    },
+    {
+        **TRIAL_SAYS,
+        "verdict": "`cured`: at most a fifth of the effect is left, the outcome moves by more than "
+        "ten times what a nudge moves, nothing graver is new, and the run ends as before; `part`: "
+        "some of this; `chaotic`: the nudge alone changes the finding; `refuted`: it is as before; "
+        "`void`: no call was changed, or the script fails with it; `untried`: there was no time, "
+        "or the engine has no such intervention.",
+        "before": "The finding's effect in the script's own run; null where it has none.",
+        "after": "The same in the trial; null where the finding is gone.",
+        "unit": "Of both.",
+        "left": "Share of the effect that is left; null where the finding's code is itself a "
+        "cause, which the trial takes away whether or not it matters: there the outcome decides.",
+        "new": "Codes of graver findings that only the trial has.",
+        "recording": "Of the trial; null where it was not run.",
+    },
+    frozenset({*TRIAL_KEYS, "verdict", "before", "after", "unit", "left", "moved", "new",
+               "recording"}),
+)  # fmt: skip
+_FINDING = _object(answer.Finding)
+PROVED = Object(
+    {**_FINDING.keys, "verdict": Verdict, "tried": [TRIED]},
+    {
+        **_FINDING.descriptions,
+        "verdict": "The best of its trials; `untried` without any.",
+        "tried": "Its trials.",
+    },
+    _FINDING.required | {"verdict", "tried"},
+)
+WHY = Object(
+    {
+        "script": str,
+        "recording": Path,
+        "ended": RECORD.keys["ended"],
+        "runs": int,
+        "seconds": float,
+        "noise": (
+            Object(
+                {"value": float | None, "unit": Literal["m", "rad"]},
+                {"value": "The distance.", "unit": "As of `moved`."},
+                frozenset({"value", "unit"}),
+            ),
+        ),
+        "findings": [PROVED],
+        "hangs_on": [
+            Object(
+                {**TRIAL_KEYS, "moved": (MOVED,)},
+                TRIAL_SAYS,
+                frozenset({*TRIAL_KEYS, "moved"}),
+            )
+        ],
+        "no_effect": [
+            Object(
+                {"call": str, "site": str},
+                {"call": "What was left out.", "site": "File and line."},
+                frozenset({"call", "site"}),
+            )
+        ],
+    },
+    {
+        "script": "The script, or the module.",
+        "recording": "The recording of its own run; its trials are in the folder beside it.",
+        "ended": "How its own run ended, as of `drop record`.",
+        "runs": "How many things were tried.",
+        "seconds": "That all took [s].",
+        "noise": "How far a nudge of 1e-9 moves the outcome at the end; null where there was none.",
+        "findings": "As of `drop analyze`, and what trials show of each.",
+        "hangs_on": "Trials by how far they move the outcome; no cause is meant.",
+        "no_effect": "With `--ablate`: calls and arguments whose absence changes nothing, to the "
+        "bit.",
+    },
+    frozenset({"script", "recording", "ended", "runs", "seconds", "noise", "findings", "hangs_on",
+               "no_effect"}),
+)  # fmt: skip
 VIEW = Object(
     {
         "recordings": list[Path],
@@ -444,6 +556,7 @@ COMMANDS: dict[str, Object] = {
     "sweep": SWEEP,
     "record": RECORD,
     "trust": TRUST,
+    "why": WHY,
     "info": _object(Info, {"recording", "recording_id", "kind", "complete", "samples", "bodies",
                            "frames", "bytes"}),
     "view": VIEW,

@@ -508,6 +508,75 @@ def trust(
 
 
 @app.command(
+    rich_help_panel=OWN,
+    short_help="Prove causes: change one thing, and run it again.",
+    epilog="Example: drop why --about arm my_script.py --its-own option",
+    context_settings={"allow_interspersed_args": False},
+)
+def why(
+    context: typer.Context,
+    program: given.Program,
+    *,
+    module: given.Module = False,
+    about: given.About = None,
+    tries: given.Tries = None,
+    ablate: given.Ablate = False,
+    budget: given.Budget = 60.0,
+    every: given.Every = False,
+    out: given.WhyFolder = None,
+    steps: given.Steps = None,
+    duration: given.Duration = None,
+    seed: Annotated[int, takes("N", "Seed random and numpy.random with N.", parser=an_integer)] = 0,
+    jobs: given.Jobs = None,
+    python: given.Python = None,
+    force: given.Force = False,
+    json: given.Json = False,
+) -> None:
+    """Record a PyBullet script, then run it again with one thing changed at a time.
+
+    What its findings propose is tried: a motor's force, damping, friction, gains. What takes a
+    symptom away, and moves the outcome by more than chance does, was its cause.
+    """
+    import sys
+
+    from drop_physics.stages.program import digest_of_script
+
+    target, *arguments = program
+    digest_of_script(target, is_module=module)
+    from drop_physics.stages.settings import settings
+
+    choice = settings().choice()
+    from drop_physics.console.progress import sweep_progress
+    from drop_physics.report.record import note_ours
+    from drop_physics.report.terminal import show
+    from drop_physics.stages.why import why
+
+    note_ours(target, arguments, _options(context, context.info_name))
+    with sweep_progress() as report:
+        result = why(
+            target,
+            arguments,
+            is_module=module,
+            about=about,
+            tries=tries or (),
+            ablate=ablate,
+            budget_s=budget,
+            out=out,
+            steps=steps,
+            duration_s=duration,
+            seed=seed,
+            python=python,
+            jobs=jobs,
+            force=force,
+            choice=choice,
+            stdout=output.descriptor(sys.stderr),
+            note=output.note,
+            progress=report,
+        )
+    raise typer.Exit(show(result, as_json=json, every=every))
+
+
+@app.command(
     rich_help_panel=RECORDINGS,
     short_help="Describe a recording.",
     epilog="Example: drop info recordings/run.rrd",

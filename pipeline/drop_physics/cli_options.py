@@ -184,6 +184,30 @@ TrustFolder = Annotated[
     Path | None,
     takes("DIR", "Folder for the recordings. [default: recordings/SCRIPT-trust]", "--out", "-o"),
 ]
+About = Annotated[
+    str | None,
+    takes("CODE|BODY|JOINT", "Try only what findings of this code, body or joint propose."),
+]
+Tries = Annotated[
+    list[str] | None,
+    takes(
+        "NAME[=V]",
+        "In place of what findings propose: force=70, default-motor-off, damping, friction=2, "
+        "timestep/4, …; repeatable.",
+        "--try",
+    ),
+]
+Ablate = Annotated[
+    bool, flag("Leave each call of a setter out in turn, and each optional argument.", "--ablate")
+]
+Budget = Annotated[float, takes("SECONDS", "Begin no trial after this time [s].", parser=a_number)]
+Every = Annotated[
+    bool, flag("Show all that was tried, and all that the outcome hangs on.", "--all")
+]
+WhyFolder = Annotated[
+    Path | None,
+    takes("DIR", "Folder for the recording and its trials. [default: recordings]", "--out", "-o"),
+]
 Within = Annotated[
     str | None,
     takes(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 
 from drop_physics.errors import RecordingError
@@ -16,6 +17,12 @@ _TOP = {
 """First parts of a layer's entity paths, with those that it had once."""
 
 
+TRIALS = ".why"
+"""How the name of the folder of a recording's trials ends."""
+VERDICTS = "why.json"
+"""The file in there that holds what they show."""
+
+
 def layer_of(recording: Path) -> Path:
     """Return the layer's name beside a recording: `run.rrd` has `run.analysis.rrd`."""
     return recording.with_name(recording.name.removesuffix(".rrd") + LAYER)
@@ -27,3 +34,18 @@ def is_layer(path: Path) -> bool:
         return all(entity.split("/")[0] in _TOP for entity in entities(path))
     except RecordingError:
         return False
+
+
+def trials_of(recording: Path) -> Path:
+    """Return the folder of a recording's trials beside it: `run.rrd` has `run.why`."""
+    return recording.with_name(recording.name.removesuffix(".rrd") + TRIALS)
+
+
+def forget_trials(recording: Path) -> None:
+    """Delete the trials of a recording; a file that is not one of theirs stays, with the folder."""
+    folder = trials_of(recording)
+    if folder.is_dir() and not folder.is_symlink():
+        for each in [*folder.glob("*.rrd"), folder / VERDICTS]:
+            each.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            folder.rmdir()

@@ -121,6 +121,8 @@ class FindingList:
     """How many are shown."""
     left_out: int = 0
     """How many more were found, and left out by choice."""
+    first: int = 1
+    """The number of the first."""
 
 
 Block = Words | Facts | DataTable | FindingList

@@ -270,7 +270,7 @@ def _fitted(table: DataTable) -> tuple[list[Column], list[str]]:
 
 @block_lines.register
 def _(found: FindingList) -> Iterator[str]:
-    for number, each in enumerate(found.findings[: found.most], 1):
+    for number, each in enumerate(found.findings[: found.most], found.first):
         yield ""
         yield from _finding(number, each)
     hidden = len(found.findings) - found.most

@@ -15,7 +15,7 @@ from pathlib import Path
 from drop_physics.errors import RecordingError, ScenarioError, check_suffix
 from drop_physics.files.outputs import check_target, make_folder, numbered, reserved
 from drop_physics.recording.contents import properties_of
-from drop_physics.recording.layer_file import is_layer, layer_of
+from drop_physics.recording.layer_file import forget_trials, is_layer, layer_of
 from drop_physics.recording.reader import listed, recording_id
 from drop_physics.recording.schema import RECORDING_PROPERTY
 from drop_physics.stages.found import FOLDER, is_of, origin_of, stem_of
@@ -52,7 +52,7 @@ class Target:
         return (self.earlier[0].path if self.earlier else self.path).stem
 
     def settled(self, *, stepped: bool) -> Path:
-        """Give the whole recording its name, and return that; the layer of one replaced goes too.
+        """Give the whole recording its name, and return that; what one replaced has beside it goes.
 
         A recording without a step replaces only one without.
         """
@@ -136,7 +136,7 @@ def _has_step(path: Path) -> bool:
 
 
 def _replace(earlier: Path, path: Path) -> None:
-    """Give a recording an earlier one's name; the layer of that one is deleted."""
+    """Give a recording an earlier one's name; the layer and the trials of that one are deleted."""
     layer, theirs = layer_of(earlier), None
     with contextlib.suppress(RecordingError):
         theirs = recording_id(earlier)
@@ -144,3 +144,4 @@ def _replace(earlier: Path, path: Path) -> None:
     with contextlib.suppress(RecordingError):
         if layer.is_file() and is_layer(layer) and recording_id(layer) == theirs:
             layer.unlink()
+    forget_trials(earlier)

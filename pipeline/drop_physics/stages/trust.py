@@ -13,16 +13,16 @@ from drop_physics.errors import DropError
 from drop_physics.messages import Message
 from drop_physics.printable import Printable
 from drop_physics.stages.program import SEEDED_CLOCK_S, STOPPED, checked_limits
+from drop_physics.stages.runs import Progress
 from drop_physics.stages.trust_runs import (
     BASE,
     Made,
-    Progress,
     RunVariation,
     TrustFolder,
     Varied,
     identity_of,
     made_of,
-    run_all,
+    run_varied,
 )
 from drop_physics.stages.variations import Variations, variations_of
 
@@ -142,7 +142,7 @@ def trust(
     with folder.claimed((BASE, *variations)):
         work, base = _begun(program, variations, folder, stdout=stdout)
         try:
-            varied = run_all(work, jobs=jobs, ray=ray, progress=progress)
+            varied = run_varied(work, jobs=jobs, ray=ray, progress=progress)
         except BaseException as stop:
             stop.add_note(Message("run the same command again to resume it"))
             raise

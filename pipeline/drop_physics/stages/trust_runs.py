@@ -9,7 +9,7 @@ import contextlib
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
@@ -17,13 +17,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drop_physics.engines.pybullet import script as running
 from drop_physics.errors import DropError, OutputError, RecordingError
 from drop_physics.files.outputs import make_folder
 from drop_physics.files.whole import lock, opened, written_whole
 from drop_physics.messages import Message
 from drop_physics.stages.program import digest_of_script
-from drop_physics.sweeping import engines
+from drop_physics.stages.runs import Progress, Runs, run_all
 from drop_physics.workers import cores
 
 if TYPE_CHECKING:
@@ -35,9 +34,6 @@ BASE = "base"
 """The script's own run, among the variations."""
 MOST_BYTES = 1 << 16
 """Of a description."""
-
-Progress = Callable[[int, int, int], None]
-"""Called with the number of runs that are done, of those that failed, and of all."""
 
 
 @dataclass(frozen=True)
@@ -114,30 +110,21 @@ def made_of(name: str, recording: Recording, *, finer: int = 1) -> Made:
     return Made(name, recording.path, str(ended["ended"]), str(ended.get("error") or ""), steps)
 
 
-def run_all(
+def run_varied(
     work: RunVariation, *, jobs: int | None, ray: str | None, progress: Progress
 ) -> dict[str, Varied]:
-    """Run the variations, those with the most steps first, and return them in order.
-
-    Those of this machine run in processes of their own, which threads of this one record.
-    """
-    from drop_physics.recording.writer import strict
-
-    numbers, jobs = range(len(work.variations)), min(jobs or cores(), len(work.variations))
+    """Run the variations, those with the most steps first, and return them in order."""
+    numbers = range(len(work.variations))
     steps = [each.get("finer", 1) for each in work.variations.values()]
-    longest = sorted(numbers, key=lambda number: -steps[number])
-    runs = (
-        engines.in_threads(work, longest, jobs=jobs, stop=work.folder.stop)
-        if ray is None
-        else engines.on_ray(replace(work, base=None), longest, address=ray)
+    done = run_all(
+        work,
+        sorted(numbers, key=lambda number: -steps[number]),
+        stop=work.folder.runs.stop,
+        has_failed=lambda varied: varied.made.ended == "failed",
+        jobs=jobs or cores(),
+        progress=progress,
+        ray=None if ray is None else (replace(work, base=None), ray),
     )
-    done: dict[int, Varied] = {}
-    progress(0, 0, len(numbers))
-    with strict(), contextlib.closing(runs) as finished:
-        for number, varied in finished:
-            done[number] = varied
-            failed = sum(each.made.ended == "failed" for each in done.values())
-            progress(len(done), failed, len(numbers))
     return {done[number].name: done[number] for number in numbers}
 
 
@@ -161,7 +148,7 @@ class TrustFolder:
     path: Path
     identity: Mapping[str, Any]
     force: bool = False
-    under_way: set[running.Script] = field(default_factory=set, compare=False)
+    runs: Runs = field(default_factory=Runs, compare=False)
     """What runs now in this process."""
 
     @contextlib.contextmanager
@@ -243,35 +230,20 @@ class TrustFolder:
         DropError
             If it is interrupted, or cannot be started.
         """
-        with running.Script(program, stdout=stdout, stderr=stderr) as process:
-            from drop_physics.recording import schema
-            from drop_physics.recording.recorder import Recorder
-            from drop_physics.stages.record import written
-
-            self.under_way.add(process)
-            variation = {} if name == BASE else {"variation": name}
-            origin = {key: value for key, value in self.identity.items() if key != "python"}
-            recorder = Recorder(
-                {schema.ORIGIN_PROPERTY: {**origin, **variation}}, drawn=name == BASE
-            )
-            try:
-                ended = written(
-                    process,
-                    recorder,
-                    self.recording(name),
-                    recording_id=self._id(name),
-                    force=True,
-                )
-            finally:
-                self.under_way.discard(process)
+        variation = {} if name == BASE else {"variation": name}
+        origin = {key: value for key, value in self.identity.items() if key != "python"}
+        ended = self.runs.record(
+            program,
+            self.recording(name),
+            origin={**origin, **variation},
+            recording_id=self._id(name),
+            stdout=stdout,
+            stderr=stderr,
+            drawn=name == BASE,
+        )
         if ended.how == "interrupted":
             raise DropError("{name} was interrupted; run the same command again", name=name)
-        return process.decoder.steps
-
-    def stop(self) -> None:
-        """End what runs now."""
-        for process in [*self.under_way]:
-            process.stop("interrupted")
+        return ended.steps
 
     def _id(self, name: str) -> str:
         text = json.dumps([self.identity, name], sort_keys=True)

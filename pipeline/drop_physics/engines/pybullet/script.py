@@ -68,6 +68,8 @@ class Program:
     perturb: str = PERTURB
     variation: Mapping[str, Any] | None = None
     """The arguments of a `watching.varied.Variation`, or None."""
+    interventions: Sequence[Mapping[str, Any]] = ()
+    """What its calls do otherwise, as `interventions` makes it."""
 
 
 def _seeded(seed: int | None) -> dict[str, str]:
@@ -242,6 +244,7 @@ class Script(Listener):
             "seed": program.seed,
             "begins_s": program.begins_s,
             "variation": program.variation,
+            "interventions": program.interventions,
         }
         command = [program.python, str(WATCHING), json.dumps(options), program.target]
         try:

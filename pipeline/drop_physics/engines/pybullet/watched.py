@@ -81,6 +81,8 @@ class Decoder:
         """Whether the script closed the pipe or wrote into it: the end is missing."""
         self.real_time = False
         self.unseeded: list[str] = []
+        self.intervened: set[int] = set()
+        """The interventions that have changed something, by number."""
         self.timing = ""
         """Where the script first read a time after a step: file and line."""
         self.mujoco = MujocoDecoder()
@@ -382,6 +384,9 @@ class Decoder:
 
     def _on_running(self) -> None:
         self._ends_early(Message("threads that step the simulation outlive the block"))
+
+    def _on_intervened(self, number: int) -> None:
+        self.intervened.add(number)
 
     def _on_stop(self, why: str) -> None:
         self.stopped = why

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from os import getpid
 from threading import current_thread, get_ident
@@ -21,6 +21,7 @@ from .calls import Calls, shown_file
 from .clock import CALL_S, Clock
 from .handlers import handler
 from .hidden import hide
+from .intervene import Interventions, Operation
 from .pipe import Pipe
 from .quiet import Window
 from .readings import Readings
@@ -124,6 +125,8 @@ class Watch:
         After how much time on its clock [s] to stop it, or None.
     variation
         What differs from the script's own run, or None.
+    interventions
+        What its calls do otherwise.
     """
 
     def __init__(
@@ -134,9 +137,11 @@ class Watch:
         steps: int | None,
         duration_s: float | None,
         variation: Variation | None = None,
+        interventions: Sequence[Operation] = (),
     ) -> None:
         self.pipe, self.clock, self._variation = pipe, clock, variation
         World.varied = {} if variation is None else variation.engine
+        self._interventions = Interventions(interventions, self._tell_intervention)
         self.on = True
         self.lock = Turn()
         self.calls, self.readings = Calls(pipe), Readings(self)
@@ -186,9 +191,12 @@ class Watch:
         plain = {name: getattr(value, "drop_plain", value) for name, value in originals.items()}
         self.p = SimpleNamespace(**{**vars(module), **vars(self.p), **plain})
         self._modules.append((module, originals))
+        calls = {}
         for name, original in originals.items():
             varied = self._variation and self._variation.of(self.p, name, original)
-            call = handler(self, name, varied or original)
+            calls[name] = handler(self, name, varied or original)
+        for name, original in originals.items():
+            call = self._interventions.of(name, calls, self.p)
             kind = type(TYPE, (Hook,), {**LOOKS, "__call__": staticmethod(call)})
             setattr(module, name, kind(original, self))
         self.pipe.note("pybullet", version=module.getAPIVersion(), file=module.__file__)
@@ -218,6 +226,11 @@ class Watch:
         file, line = self.calls.place(frame)
         with self.lock:
             self.pipe.note("unseeded", called=called, file=file, line=line)
+
+    def _tell_intervention(self, number: int) -> None:
+        """Report that an intervention has changed something for the first time."""
+        with self.lock:
+            self.pipe.note("intervened", number=number)
 
     def _tell_timing(self, frame: Any) -> None:
         """Report where the script reads a time between steps."""

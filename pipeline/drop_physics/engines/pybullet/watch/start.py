@@ -32,6 +32,7 @@ def watch(
     seed: int | None,
     begins_s: float | None = None,
     variation: dict[str, Any] | None = None,
+    interventions: Sequence[dict[str, Any]] = (),
 ) -> Watch:
     """Watch pybullet and mujoco, as soon as they are imported.
 
@@ -49,6 +50,8 @@ def watch(
         What a virtual clock shows at first [s]; None for the time of day.
     variation
         The arguments of a `Variation`; None for the script's own run.
+    interventions
+        What its calls do otherwise, as `intervene` takes it.
     """
     started = Watch(
         Pipe(pipe, block),
@@ -56,6 +59,7 @@ def watch(
         steps=steps,
         duration_s=duration_s,
         variation=None if variation is None else Variation(**variation),
+        interventions=interventions,
     )
     version = ".".join(map(str, sys.version_info[:3]))
     started.pipe.note(

@@ -1,0 +1,95 @@
+"""What can be changed in a run: the one table of interventions, and what each of them decides.
+
+An intervention is a value. A finding proposes it, by what its advice or its cure asks for; how a
+run with it is made is the engine's part (`engines/…/interventions`).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+
+UNDOES, RAISES, NUMERICS, LEAVES_OUT = "undoes", "raises", "numerics", "leaves out"
+"""What an intervention does: it undoes what was not asked for, raises a limit of the script's own,
+changes how the engine computes, or leaves out what the script asked for."""
+
+WITHIN = re.compile(r"[\w.]+\(…, (.*)\)")
+"""What a call is given, of one whose other arguments are left open."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What is known of an intervention, whatever the run."""
+
+    does: str
+    decides: bool = False
+    """Whether it switches its cause off entirely, so that a trial without effect refutes it."""
+    whole_run: bool = False
+    """Whether it is made on the whole run, not on a body or joint."""
+
+
+KINDS: dict[str, Kind] = {
+    "force": Kind(RAISES),
+    "default-motor-off": Kind(UNDOES),
+    "gains": Kind(RAISES),
+    "substeps": Kind(UNDOES, whole_run=True),
+    "timestep-first": Kind(UNDOES, decides=True, whole_run=True),
+    "timestep": Kind(NUMERICS, whole_run=True),
+    "damping": Kind(NUMERICS, decides=True),
+    "joint-damping": Kind(NUMERICS, decides=True),
+    "inertia-from-file": Kind(UNDOES, decides=True),
+    "targets-held": Kind(UNDOES),
+    "friction": Kind(RAISES),
+    "restitution": Kind(RAISES),
+    "solver": Kind(NUMERICS, whole_run=True),
+    "cone": Kind(UNDOES, decides=True, whole_run=True),
+    "pairs-sorted": Kind(NUMERICS, decides=True, whole_run=True),
+    "constraint-force": Kind(RAISES, whole_run=True),
+    "constraint-frames": Kind(UNDOES, decides=True, whole_run=True),
+    "collision-off": Kind(UNDOES, decides=True),
+    "push-repeated": Kind(UNDOES, whole_run=True),
+    "push-at-centre": Kind(UNDOES, decides=True),
+    "ik": Kind(RAISES, whole_run=True),
+    "limits": Kind(RAISES),
+    "urdf-limits": Kind(UNDOES, decides=True),
+    "concave": Kind(UNDOES, decides=True, whole_run=True),
+    "gravity": Kind(UNDOES, decides=True, whole_run=True),
+    "right-client": Kind(UNDOES, decides=True, whole_run=True),
+    "lifted": Kind(UNDOES),
+    "support-velocity": Kind(UNDOES),
+    "mass": Kind(RAISES),
+    "without": Kind(LEAVES_OUT),
+}
+"""By name, as `--try` takes them."""
+
+
+@dataclass(frozen=True)
+class Intervention:
+    """One thing that is changed in a run."""
+
+    name: str
+    value: float | None
+    call: str
+    """What its user would write."""
+    arguments: tuple[tuple[str, float], ...] = ()
+    """What is given, by the engine's names."""
+    bodies: tuple[int, ...] | None = None
+    """Numbers of the bodies that it is made on; None for the whole run."""
+    joint: str | None = None
+    target: str | None = None
+    """The body or joint, as findings name it; None if on the whole run."""
+    site: str | None = field(default=None, compare=False)
+    """File and line of the call that it changes."""
+
+    @property
+    def kind(self) -> Kind:
+        """What is known of it, whatever the run."""
+        return KINDS[self.name]
+
+    @property
+    def short(self) -> str:
+        """Its call for a table: `force=70`, `timestep/2`."""
+        if self.name == "timestep":
+            return f"timestep/{self.value:g}"
+        within = None if self.name == "without" else WITHIN.fullmatch(self.call)
+        return self.call if within is None else within[1]

@@ -1,0 +1,207 @@
+"""What a trial shows of a finding: its cause, an idle call, or nothing.
+
+A trial is a run with one intervention. It is compared with the script's own run, and with one whose
+bodies were moved by 1e-9 before their first step: what is not clearly beyond that is no result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.experiments.interventions import Intervention
+from drop_physics.experiments.run_distance import APART, Apart, Distance
+from drop_physics.rules.answer import LEVELS, Finding
+
+Float64 = NDArray[np.float64]
+
+Verdict = Literal["cured", "part", "chaotic", "refuted", "void", "untried"]
+VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
+"""The best first."""
+
+CURED = 0.2
+"""Share of a symptom that may be left where it counts as cured."""
+REFUTED = 0.8
+"""Share of a symptom from which on a trial has not changed it."""
+BEYOND = 10.0
+"""The outcome has moved where it moves by so many times what a nudge moves."""
+TRIFLE = 1e-3
+"""An outcome that moves less than this share of what moves most has not moved."""
+CHAOTIC = 0.2
+"""A symptom that a nudge changes by more than this share is one of many."""
+
+CAUSES = frozenset(
+    ("asleep", "beyond-urdf", "collides-as-hull", "default-damping", "default-motor",
+     "force-off-centre", "friction-pyramid", "impossible-inertia", "inertia-from-shape",
+     "inertia-without-mass", "joint-damping", "massless", "mimic-ignored", "motor-gain",
+     "no-gravity", "no-inertial", "push-lasted-a-step", "substeps-scale-motors", "target-clamped",
+     "timestep-after-motor", "timestep-changed", "unseeded"),
+)  # fmt: skip
+"""Codes that are a cause, not a symptom: a trial takes the finding away by what it changes, whether
+or not that mattered, so that the outcome alone decides."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run with an intervention came to."""
+
+    fired: bool
+    """Whether the intervention has changed any call."""
+    ended: str
+    error: str
+    steps: int
+    findings: list[Finding]
+    apart: Apart
+    """How far it is from the script's own run."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What a trial shows of one finding."""
+
+    verdict: Verdict
+    before: float | None
+    """The finding's effect in the script's own run; null where it has none."""
+    after: float | None
+    """The same in the trial; null where the finding is gone."""
+    unit: str | None
+    left: float | None
+    """Share of the effect that is left; null where the finding's code is itself a cause."""
+    new: list[str]
+    """Codes of graver findings that the trial has and the script's own run has not."""
+
+
+def moved(trial: Apart, nudge: Apart | None, about: Finding | None = None) -> Distance | None:
+    """Return how far an outcome has moved; None where a nudge moves it as much.
+
+    At the end, where that is more than ten times what the nudge moves; else on the way, while it
+    is. Of the joint or the body that a finding is about, if that has moved.
+    """
+    noise = {} if nudge is None else {each.unit: each.value for each in nudge.end}
+    ends = [
+        track.distance(track.end, track.end_s)
+        for track in trial.tracks
+        if track.end > BEYOND * noise.get(track.unit, 0.0)
+    ]
+    if about is not None:
+        mine = [each for each in ends if each.body == about.body]
+        ends = [each for each in mine if each.joint == about.joint] or mine or ends
+    if ends:
+        return max(ends, key=lambda each: each.value)
+    found = []
+    for unit, (times_s, off) in trial.curves.items():
+        least = np.zeros(len(off))
+        if nudge is not None and unit in nudge.curves:
+            curve = nudge.curves[unit][1]
+            count = min(len(off), len(curve))
+            least[:count] = np.maximum.accumulate(curve[:count])
+            least[count:] = least[count - 1] if count else 0.0
+        sure = off > BEYOND * least
+        if sure.any():
+            at = int(np.argmax(np.where(sure, off, 0.0)))
+            worst = max((each for each in trial.tracks if each.unit == unit), key=lambda t: t.most)
+            found.append(worst.distance(float(off[at]), float(times_s[at])))
+    return max(found, key=lambda each: each.value, default=None)
+
+
+def _matters(far: Distance | None, trial: Apart) -> bool:
+    """Return whether an outcome has moved by more than what counts as the same, and not a trifle.
+
+    A trifle is less than a thousandth of what moves most in the script's own run.
+    """
+    if far is None:
+        return False
+    way = max((each.moved for each in trial.tracks if each.unit == far.unit), default=0.0)
+    return far.value > max(APART, TRIFLE * way)
+
+
+def same_finding(finding: Finding, among: Sequence[Finding]) -> Finding | None:
+    """Return a finding of another run that is the same, or takes its place; None if it is gone.
+
+    The same code, body and joint; else one of that body, since a finding names the worst joint, or
+    the worst of several bodies.
+    """
+    of_code = [each for each in among if each.code == finding.code]
+    exact = [each for each in of_code if (each.body, each.joint) == (finding.body, finding.joint)]
+    near = [
+        each
+        for each in of_code
+        if each.body == finding.body or max(each.bodies, finding.bodies) > 1
+    ]
+    return next(iter(exact or near), None)
+
+
+def graver(finding: Finding, before: Sequence[Finding], after: Sequence[Finding]) -> list[str]:
+    """Return the codes of graver findings than one that only another run has."""
+    least = max(LEVELS.index(finding.level), 1)
+    return [
+        each.code
+        for each in after
+        if LEVELS.index(each.level) < least and same_finding(each, before) is None
+    ]
+
+
+def judged(
+    finding: Finding,
+    trial: Outcome,
+    *,
+    base: Outcome,
+    nudge: Outcome | None,
+) -> Judged:
+    """Return what a trial shows of a finding of the script's own run."""
+    before = None if finding.effect is None else finding.effect.value
+    unit = None if finding.effect is None else finding.effect.unit
+    if not trial.fired or trial.ended == "failed" != base.ended:
+        return Judged("void", before, before, unit, None, [])
+    other = same_finding(finding, trial.findings)
+    after = None if other is None or other.effect is None else other.effect.value
+    left = _left(finding, other)
+    new = graver(finding, base.findings, trial.findings)
+    far = moved(trial.apart, None if nudge is None else nudge.apart)
+    circular = finding.code in CAUSES
+    verdict: Verdict
+    if nudge is not None and not circular and _is_chaotic(finding, nudge.findings):
+        verdict = "chaotic"
+    elif trial.apart.same or not (_matters(far, trial.apart) if circular else left < REFUTED):
+        verdict = "refuted"
+    elif far is None:
+        verdict = "chaotic"
+    elif left <= CURED and not new and (trial.ended, trial.steps) == (base.ended, base.steps):
+        verdict = "cured"
+    else:
+        verdict = "part"
+    return Judged(verdict, before, after, unit, None if circular else left, new)
+
+
+def _left(finding: Finding, other: Finding | None) -> float:
+    """Return the share of a finding's effect that is left."""
+    if other is None:
+        return 0.0
+    if finding.effect is None or other.effect is None or not finding.effect.value:
+        return 1.0
+    return other.effect.value / finding.effect.value
+
+
+def _is_chaotic(finding: Finding, nudged: Sequence[Finding]) -> bool:
+    other = same_finding(finding, nudged)
+    return other is None or abs(_left(finding, other) - 1) > CHAOTIC
+
+
+def best(verdicts: Sequence[Verdict]) -> Verdict:
+    """Return the best of several verdicts; `untried` if there is none."""
+    return min(verdicts, key=VERDICTS.index, default="untried")
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A run with an intervention, and what it shows."""
+
+    intervention: Intervention
+    outcome: Outcome
+    moved: Distance | None
+    """How far the outcome has moved; None where a nudge moves it as much, or nothing moved."""
+    recording: str | None

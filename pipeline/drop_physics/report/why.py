@@ -1,0 +1,222 @@
+"""How results look: what was tried of a script, and what each trial showed.
+
+Of a trial there are three sentences, and no other: tried X: cured; no effect; the outcome hangs on
+X by so much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+from drop_physics.analysis.results import renamed
+from drop_physics.experiments.verdicts import CAUSES, VERDICTS
+from drop_physics.explain.jsonable import jsonable
+from drop_physics.fields import counted
+from drop_physics.messages import Message, joined, translated
+from drop_physics.report.blocks import (
+    Block,
+    Column,
+    DataTable,
+    FindingList,
+    Report,
+    Section,
+    Words,
+)
+from drop_physics.stages.trust_findings import part_of, readable
+from drop_physics.trace.events import ENDED
+
+if TYPE_CHECKING:
+    from drop_physics.experiments.run_distance import Distance
+    from drop_physics.stages.why import Proved, Tried, Why
+
+MARGIN = "   "
+LISTED = 4
+"""Of what an outcome hangs on, without `--all`."""
+SHOWN = {
+    "cured": Message("cured"),
+    "part": Message("in part"),
+    "refuted": Message("no effect"),
+    "void": Message("void: it changed no call, or the script fails with it"),
+    "chaotic": Message("chaotic"),
+    "untried": Message("not tried: there was no time, or no run can do it"),
+}
+FREE = ("name", "target", "value", "call", "site", "moved")
+"""What a trial has that belongs to no finding."""
+
+
+# -- as JSON --------------------------------------------------------------------------------------
+
+
+def json_of(why: Why) -> dict[str, Any]:
+    """Return what `--json` prints."""
+    return dict(
+        jsonable(
+            {
+                "script": why.script,
+                "recording": why.recording,
+                "ended": why.ended,
+                "runs": why.runs,
+                "seconds": why.seconds,
+                "noise": why.noise and {"value": why.noise.value, "unit": why.noise.unit},
+                "findings": [
+                    {
+                        **renamed(jsonable(each.finding)),
+                        "verdict": each.verdict,
+                        "tried": [*map(_json_of_trial, each.tried)],
+                    }
+                    for each in why.findings
+                ],
+                "hangs_on": [
+                    {name: value for name, value in _json_of_trial(each).items() if name in FREE}
+                    for each in why.hangs_on
+                ],
+                "no_effect": [
+                    {"call": each.call.removeprefix("without "), "site": each.site}
+                    for each in why.no_effect
+                ],
+            }
+        )
+    )
+
+
+def _json_of_trial(tried: Tried) -> dict[str, Any]:
+    what, shown, far = tried.intervention, tried.shown, tried.moved
+    moved = far and {"value": far.value, "unit": far.unit, "body": far.body, "joint": far.joint}
+    return {
+        "name": what.name,
+        "target": what.target,
+        "value": what.value,
+        "call": what.call,
+        "site": what.site,
+        "verdict": tried.verdict,
+        "before": shown and shown.before,
+        "after": shown and shown.after,
+        "unit": shown and shown.unit,
+        "left": shown and shown.left,
+        "moved": moved,
+        "new": [] if shown is None else shown.new,
+        "recording": tried.recording,
+    }
+
+
+# -- as a report ----------------------------------------------------------------------------------
+
+
+def report_of(why: Why, *, every: bool = False) -> Report:
+    """Say what was tried, what was cured first; `every`: all that the outcome hangs on."""
+    head = Message(
+        "{script} {ended}: {steps}; {runs} tried in {seconds:.0f} s, each in a run of its own",
+        script=why.script,
+        ended=ENDED[why.ended],
+        steps=counted(why.steps, "step"),
+        runs=counted(why.runs, "thing"),
+        seconds=why.seconds,
+    )
+    order = sorted(why.findings, key=lambda each: VERDICTS.index(each.verdict))
+    proved = [
+        Section([*_proved(number, each)], apart=False) for number, each in enumerate(order, 1)
+    ]
+    last = [*_hangs(why, every=every), *_idle(why)]
+    return Report(verdict=Words(head, key=why.script, indent="  "), sections=[*proved, *last])
+
+
+def _proved(number: int, proved: Proved) -> Iterator[Block]:
+    """Yield a finding, and a line for each of its trials, the best first."""
+    yield FindingList([proved.finding], 1, first=number)
+    tried = sorted(proved.tried, key=lambda each: VERDICTS.index(each.verdict))
+    if not tried:
+        yield Words(Message("not tried: no run can switch this off"), "dim", margin=MARGIN)
+        return
+    yield DataTable(
+        [
+            Column("", [*map(_word, tried)]),
+            Column("", [each.intervention.short for each in tried]),
+            Column("", [*map(_shows, tried)], wraps=True),
+        ],
+        has_heads=False,
+        margin=MARGIN,
+    )
+    wrong = proved.verdict == "refuted" and proved.finding.code not in CAUSES
+    if wrong and any(each.intervention.kind.decides for each in tried if each.verdict == "refuted"):
+        words = Message("said, and not so: without its cause it is as before")
+        yield Words(words, margin=MARGIN)
+
+
+def _word(tried: Tried) -> str:
+    return {"refuted": Message("no"), "untried": ""}.get(tried.verdict, Message("tried"))
+
+
+def _shows(tried: Tried) -> str:
+    """Return what a trial shows: its verdict, and the numbers behind it."""
+    shown, verdict = tried.shown, tried.verdict
+    if shown is None or verdict == "void":
+        return SHOWN[verdict]
+    parts: list[str] = [] if verdict == "refuted" else [SHOWN[verdict]]
+    if shown.left is not None and shown.after is not None:
+        unit = shown.unit or ""
+        parts.append(
+            Message(
+                "{before} becomes {after}",
+                before=readable(shown.before or 0.0, unit),
+                after=readable(shown.after, unit),
+            )
+        )
+    elif verdict == "refuted":
+        parts.append(SHOWN[verdict])
+    if tried.moved is not None:
+        far = tried.moved
+        part = far.joint or part_of(far.body, None, far.unit)
+        moves = Message("{part} moves by {value}", part=part, value=readable(far.value, far.unit))
+        parts.append(moves)
+    if shown.new:
+        parts.append(Message("new: {codes}", codes=", ".join(dict.fromkeys(shown.new))))
+    return joined("; ", parts)
+
+
+def _hangs(why: Why, *, every: bool) -> Iterator[Section]:
+    """Yield what the outcome hangs on."""
+    moving = [(each, each.moved) for each in why.hangs_on if each.moved is not None]
+    listed = moving if every else moving[:LISTED]
+    rows = [(_named(each), readable(far.value, far.unit), _of(far)) for each, far in listed]
+    rest = [far for _, far in moving[len(listed) :]]
+    if rest:
+        most = Message("{value} or less", value=readable(rest[0].value, rest[0].unit))
+        rows.append((counted(len(rest), "other"), most, ""))
+    if why.noise is not None:
+        sure = Message("what stands above is ten times that")
+        noise = readable(why.noise.value, why.noise.unit)
+        rows.append((Message("nudge of 1e-9"), noise, sure if moving else ""))
+    if not rows:
+        return
+    calls, values, parts = ([*each] for each in zip(*rows, strict=True))
+    table = DataTable(
+        [
+            Column("", calls, shrinks_to=24),
+            Column(Message("it moves by"), values),
+            Column("", parts, wraps=True),
+        ],
+        title=Message("the outcome hangs on"),
+    )
+    yield Section([table])
+
+
+def _of(far: Distance) -> str:
+    return far.joint or part_of(far.body, None, far.unit)
+
+
+def _named(tried: Tried) -> str:
+    site, call = tried.intervention.site, tried.intervention.short
+    leaves_out = tried.intervention.name == "without" and site is not None
+    return Message("{site} {call}", site=site, call=call) if leaves_out else call
+
+
+def _idle(why: Why) -> Iterator[Section]:
+    """Yield the lines of a script that have no effect on the run."""
+    sites: dict[str, list[str]] = {}
+    for each in why.no_effect:
+        sites.setdefault(each.site or "", []).append(each.call.removeprefix("without "))
+    if sites:
+        found = [f"{site} {', '.join(calls)}" for site, calls in sites.items()]
+        words = Message("no effect on the run: {lines}", lines=joined("; ", found))
+        yield Section([Words(translated(words))])

@@ -1,0 +1,149 @@
+"""Runs of a script beside each other, each recorded: what `trust` and `why` have in common.
+
+Rerun and polars are imported where they are used: the script starts while they load.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from drop_physics.engines.pybullet import script as running
+from drop_physics.sweeping import engines
+
+if TYPE_CHECKING:
+    from drop_physics.engines.pybullet.script import Program
+
+T = TypeVar("T")
+
+Progress = Callable[[int, int, int], None]
+"""Called with the number of runs that are done, of those that failed, and of all."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a run came to its end."""
+
+    how: str
+    """As a recording says it; `interrupted` where it was stopped from here."""
+    steps: int
+    """Of all simulations."""
+    intervened: frozenset[int]
+    """The interventions that have changed something, by number."""
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Runs of this process; picklable while there is none."""
+
+    under_way: set[running.Script] = field(default_factory=set, compare=False)
+
+    def record(
+        self,
+        program: Program,
+        path: Path,
+        *,
+        origin: Mapping[str, Any],
+        recording_id: str,
+        stdout: int,
+        stderr: int | None = None,
+        drawn: bool = False,
+        ends_by: Callable[[], bool] = lambda: False,
+    ) -> Ended:
+        """Run and record a program.
+
+        Parameters
+        ----------
+        program
+            What runs.
+        path
+            The recording to write, or to replace.
+        origin
+            What it says of the script.
+        recording_id
+            Its id.
+        stdout, stderr
+            File descriptors of the script's streams.
+        drawn
+            Whether what is only for looking is recorded, too.
+        ends_by
+            Asked ten times a second whether the run is to be stopped.
+
+        Raises
+        ------
+        DropError
+            If it cannot be started.
+        """
+
+        def tell(_: float, __: int) -> None:
+            if ends_by():
+                process.stop("interrupted")
+
+        with running.Script(program, stdout=stdout, stderr=stderr, tell=tell) as process:
+            from drop_physics.recording import schema
+            from drop_physics.recording.recorder import Recorder
+            from drop_physics.stages.record import written
+
+            self.under_way.add(process)
+            recorder = Recorder({schema.ORIGIN_PROPERTY: origin}, drawn=drawn)
+            try:
+                ended = written(process, recorder, path, recording_id=recording_id, force=True)
+            finally:
+                self.under_way.discard(process)
+        decoder = process.decoder
+        return Ended(ended.how, decoder.steps, frozenset(decoder.intervened))
+
+    def stop(self) -> None:
+        """End what runs now."""
+        for process in [*self.under_way]:
+            process.stop("interrupted")
+
+
+def run_all(
+    work: Callable[[int], T],
+    numbers: Sequence[int],
+    *,
+    stop: Callable[[], None],
+    has_failed: Callable[[T], bool],
+    jobs: int,
+    progress: Progress,
+    ray: tuple[Callable[[int], T], str] | None = None,
+) -> dict[int, T]:
+    """Run work by number, in this order, and return what came of it by number.
+
+    On this machine each runs in a process of its own, which a thread of this one records.
+
+    Parameters
+    ----------
+    work
+        Called with a number.
+    numbers
+        Which.
+    stop
+        Called to end what runs.
+    has_failed
+        Whether a result counts as a failure.
+    jobs
+        How many run at once.
+    progress
+        Called while they run.
+    ray
+        The same work, picklable, and the address of a cluster that is to do it instead.
+    """
+    from drop_physics.recording.writer import strict
+
+    runs = (
+        engines.in_threads(work, numbers, jobs=max(1, min(jobs, len(numbers))), stop=stop)
+        if ray is None
+        else engines.on_ray(ray[0], numbers, address=ray[1])
+    )
+    done: dict[int, T] = {}
+    progress(0, 0, len(numbers))
+    with strict(), contextlib.closing(runs) as finished:
+        for number, result in finished:
+            done[number] = result
+            progress(len(done), sum(map(has_failed, done.values())), len(numbers))
+    return done

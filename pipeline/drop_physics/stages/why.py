@@ -1,0 +1,337 @@
+"""Run a script again with one thing changed at a time: causes proved by trying."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from drop_physics.engines.pybullet.script import Program
+from drop_physics.errors import DropError, ScenarioError
+from drop_physics.experiments.interventions import Intervention
+from drop_physics.fields import outside
+from drop_physics.files.whole import written_whole
+from drop_physics.messages import Message
+from drop_physics.printable import Printable
+from drop_physics.recording.layer_file import VERDICTS, forget_trials, trials_of
+from drop_physics.stages.program import SEEDED_CLOCK_S, STOPPED
+from drop_physics.stages.record import record_script
+from drop_physics.stages.runs import Progress, run_all
+from drop_physics.stages.why_trials import Candidate, Made, Proposals, RunTrial, first_tried
+from drop_physics.workers import cores
+
+if TYPE_CHECKING:
+    from drop_physics.experiments.run_distance import Distance
+    from drop_physics.experiments.verdicts import Judged, Outcome, Verdict
+    from drop_physics.rules.answer import Finding
+    from drop_physics.rules.choice import Choice
+
+BUDGET_S = 60.0
+"""No trial begins later [s]."""
+
+
+@dataclass(frozen=True)
+class Tried:
+    """One trial, as a finding has it, or as what an outcome hangs on."""
+
+    intervention: Intervention
+    judged: Judged | None
+    """What it shows of the finding; None of a trial that belongs to none, or was not run."""
+    verdict: Verdict
+    moved: Distance | None
+    """How far the outcome has moved; None where a nudge moves it as much, or nothing moved."""
+    same: bool
+    """Whether no position differs, to the bit."""
+    recording: Path | None
+
+
+@dataclass(frozen=True)
+class Proved:
+    """A finding, and what trials show of it."""
+
+    finding: Finding
+    verdict: Verdict
+    """The best of its trials; `untried` without any."""
+    tried: list[Tried]
+
+
+@dataclass(frozen=True)
+class Why(Printable, reported_by="drop_physics.report.why"):
+    """What trials show of a script."""
+
+    script: str
+    recording: Path
+    """Of its own run."""
+    ended: str
+    steps: int
+    runs: int
+    """How many were made besides its own."""
+    seconds: float
+    """That all of them took."""
+    noise: Distance | None
+    """How far a nudge of 1e-9 moves the outcome; None where it was not run."""
+    findings: list[Proved]
+    hangs_on: list[Tried]
+    """Trials by how far they move the outcome, whatever they show of findings."""
+    no_effect: list[Intervention]
+    """Calls and arguments whose absence changes nothing, to the bit."""
+
+
+def why(
+    target: str,
+    arguments: Sequence[str] = (),
+    *,
+    about: str | None = None,
+    tries: Sequence[str] = (),
+    ablate: bool = False,
+    budget_s: float = BUDGET_S,
+    is_module: bool = False,
+    out: Path | str | None = None,
+    steps: int | None = None,
+    duration_s: float | None = None,
+    seed: int = 0,
+    python: str | None = None,
+    jobs: int | None = None,
+    force: bool = False,
+    choice: Choice | None = None,
+    stdout: int = 1,
+    note: Callable[[str], None] = lambda _: None,
+    progress: Progress = lambda *_: None,
+) -> Why:
+    """Record a script, try what its findings propose, each in a run of its own, and compare.
+
+    Parameters
+    ----------
+    target, arguments, is_module
+        The script's path or a module's name, and its arguments.
+    about
+        A code, body or joint: only findings about it are tried; None for all.
+    tries
+        In place of what findings propose: names such as `force=70`, as `--try` takes them.
+    ablate
+        Whether each call of a setter and each of its optional arguments is left out in turn.
+    budget_s
+        After this time [s] no trial begins.
+    out
+        A folder for the recording and its trials; None for `recordings`, as of `record_script`.
+    steps, duration_s, seed, python
+        As of `record_script`; all runs have the same seed.
+    jobs
+        Processes at once; None for one per core.
+    force
+        Whether an existing recording is replaced, whatever it is of.
+    choice
+        Which findings are reported; None for all.
+    stdout
+        File descriptor of the script's standard output, in its own run.
+    note
+        Called with a sentence worth knowing that is not an error.
+    progress
+        Called while it runs.
+
+    Raises
+    ------
+    ScenarioError
+        If a limit is out of range, or `about` or `tries` name nothing.
+    OutputError
+        If a recording cannot be written.
+    DropError
+        If the interpreter cannot be started, or the script makes no step.
+    """
+    began = time.monotonic()
+    if not budget_s > 0:
+        raise outside("--budget", Message("above {low:g}", low=0), budget_s)
+    if jobs is not None and jobs < 1:
+        raise outside("--jobs", Message("at least 1"), jobs)
+    placed = None if out is None else Path(out) / f"{Path(target).stem}.rrd"
+    if placed is not None:
+        placed.parent.mkdir(parents=True, exist_ok=True)
+    recorded = record_script(
+        target,
+        arguments,
+        is_module=is_module,
+        out=placed,
+        steps=steps,
+        duration_s=duration_s,
+        seed=seed,
+        python=python,
+        force=force,
+        stdout=stdout,
+        note=note,
+    )
+    made_steps = recorded.samples - 1
+    if made_steps < 1 or recorded.ended == "interrupted":
+        raise DropError(
+            "{script} makes no step, so there is nothing to compare; give it the arguments "
+            "with which it steps",
+            script=target,
+        )
+    from drop_physics.recording.reader import read
+    from drop_physics.rules.choice import EVERY
+    from drop_physics.stages.analyze import analyze
+
+    analysis = analyze(recorded.recording, choice=choice or EVERY, script=Path(target))
+    base, findings = read(recorded.recording), analysis.findings
+    proposals = Proposals(base.seen, findings)
+    chosen = _about(findings, about)
+    if tries:
+        candidates = proposals.asked(tries, chosen)
+    else:
+        candidates = [each for each in proposals.of_findings() if {*each.findings} & {*chosen}]
+        known = {each.intervention for each in candidates}
+        candidates += [each for each in proposals.always() if each.intervention not in known]
+    ablated = proposals.left_out() if ablate else []
+    folder = trials_of(recorded.recording)
+    forget_trials(recorded.recording)
+    folder.mkdir(exist_ok=True)
+    all_steps = sum(samples - 1 for samples in base.seen.samples.values())
+    program = Program(
+        target,
+        tuple(map(str, arguments)),
+        python or sys.executable,
+        is_module,
+        all_steps + (recorded.ended not in STOPPED),
+        seed=seed,
+        begins_s=SEEDED_CLOCK_S,
+    )
+    work = RunTrial(
+        program,
+        [*candidates, *ablated],
+        folder,
+        base.origin,
+        base,
+        began + budget_s,
+        recorded.wall_s,
+    )
+    order = [work.nudge, *first_tried(work.candidates)]
+    done = run_all(
+        work,
+        order,
+        stop=work.runs.stop,
+        has_failed=lambda made: made.outcome is not None and made.outcome.ended == "failed",
+        jobs=jobs or cores(),
+        progress=progress,
+    )
+    result = _why(target, base, findings, work, done, chosen, time.monotonic() - began)
+    _keep(folder, result, done, base.recording_id)
+    return result
+
+
+def _about(findings: Sequence[Finding], about: str | None) -> list[int]:
+    """Return the places of the findings that are meant.
+
+    Raises
+    ------
+    ScenarioError
+        If there is none.
+    """
+    places = [
+        place
+        for place, each in enumerate(findings)
+        if about in (None, each.code, each.reason, each.body, each.joint)
+        or (each.body or "").partition("_")[2] == about
+    ]
+    if about is not None and not places:
+        known = dict.fromkeys(
+            name
+            for each in findings
+            for name in (each.code, each.body, each.joint)
+            if name is not None
+        )
+        raise ScenarioError(
+            "--about takes the code, body or joint of a finding: {known}; got {about!r}",
+            known=", ".join(known) or "there is none",
+            about=about,
+        )
+    return places
+
+
+def _why(
+    target: str,
+    base: Any,  # noqa: ANN401 - a Recording, whose module loads Rerun
+    findings: Sequence[Finding],
+    work: RunTrial,
+    done: dict[int, Made],
+    chosen: Sequence[int],
+    seconds: float,
+) -> Why:
+    from drop_physics.experiments.run_distance import Apart
+    from drop_physics.experiments.verdicts import Outcome, best, judged, moved
+
+    ended = str((base.ended or {}).get("ended"))
+    own = Outcome(True, ended, "", _steps(base), [*findings], Apart([], {}))
+    nudge = done[work.nudge].outcome
+    noise = None if nudge is None else max(nudge.apart.end, key=lambda e: e.value, default=None)
+    tried: dict[int, list[Tried]] = {place: [] for place in range(len(findings))}
+    hangs_on, no_effect = [], []
+    for number, candidate in enumerate(work.candidates):
+        made = done[number]
+        if made.outcome is None:
+            each = _tried(candidate, made, None, "untried", None)
+            for place in candidate.findings:
+                tried[place].append(each)
+            continue
+        far = moved(made.outcome.apart, None if nudge is None else nudge.apart)
+        for place in candidate.findings:
+            verdict = judged(findings[place], made.outcome, base=own, nudge=nudge)
+            its = moved(made.outcome.apart, None if nudge is None else nudge.apart, findings[place])
+            tried[place].append(_tried(candidate, made, verdict, verdict.verdict, its))
+        if candidate.intervention.name == "without" and _is_idle(made.outcome, own):
+            no_effect.append(candidate.intervention)
+        elif made.outcome.fired:
+            hangs_on.append(_tried(candidate, made, None, "untried", far))
+    hangs_on.sort(key=lambda each: -(each.moved.value if each.moved is not None else 0.0))
+    proved = [
+        Proved(finding, best([each.verdict for each in tried[place]]), tried[place])
+        for place, finding in enumerate(findings)
+        if place in chosen
+    ]
+    runs = sum(each.outcome is not None for n, each in done.items() if n != work.nudge)
+    return Why(
+        target,
+        base.path,
+        ended,
+        own.steps,
+        runs,
+        seconds,
+        noise,
+        proved,
+        hangs_on,
+        no_effect,
+    )
+
+
+def _steps(recording: Any) -> int:  # noqa: ANN401
+    return sum(samples - 1 for samples in recording.seen.samples.values())
+
+
+def _is_idle(outcome: Outcome, base: Outcome) -> bool:
+    """Return whether leaving something out changed nothing, to the bit."""
+    same = outcome.apart.same and (outcome.ended, outcome.steps) == (base.ended, base.steps)
+    return outcome.fired and same
+
+
+def _tried(
+    candidate: Candidate,
+    made: Made,
+    shown: Judged | None,
+    verdict: Verdict,
+    far: Distance | None,
+) -> Tried:
+    same = made.outcome is not None and made.outcome.apart.same
+    return Tried(candidate.intervention, shown, verdict, far, same, made.recording)
+
+
+def _keep(folder: Path, result: Why, done: dict[int, Made], recording_id: str) -> None:
+    """Write what the trials show beside them; recordings that no finding names are deleted."""
+    named = {each.recording for proved in result.findings for each in proved.tried}
+    for made in done.values():
+        if made.recording is not None and made.recording not in named:
+            made.recording.unlink(missing_ok=True)
+    held = {"recording_id": recording_id, **result.as_json()}
+    with written_whole(folder / VERDICTS, force=True, ours=True) as file:
+        file.write(json.dumps(held, indent=1).encode())

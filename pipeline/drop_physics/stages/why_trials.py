@@ -1,0 +1,312 @@
+"""The trials of `drop why`: which interventions are tried, and a run with each."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from drop_physics.engines.pybullet.interventions import (
+    Proposed,
+    Run,
+    Scope,
+    applied,
+    left_out,
+    proposed,
+)
+from drop_physics.errors import ScenarioError
+from drop_physics.experiments.interventions import KINDS, Intervention
+from drop_physics.experiments.verdicts import Outcome
+from drop_physics.fields import alternatives
+from drop_physics.option_types import number
+from drop_physics.stages.runs import Runs
+from drop_physics.stages.variations import NUDGE
+from drop_physics.trace.events import Body, located
+
+if TYPE_CHECKING:
+    from drop_physics.engines.pybullet.script import Program
+    from drop_physics.recording.reader import Recording
+    from drop_physics.rules.answer import Finding
+    from drop_physics.trace.history import Seen
+
+SEVERAL = re.compile(r" \(and \d+ more\)|\(joints beyond theirs: ")
+"""Where a finding is about more joints than the one that it names."""
+LONGEST = 10.0
+"""A trial that takes so many times the script's own run, and `LEAST_S`, is stopped."""
+LEAST_S = 20.0
+SETTERS = (
+    "changeDynamics", "setPhysicsEngineParameter", "setTimeStep", "setGravity", "setDefault",
+    "setCollisionFilter", "changeConstraint", "enableJointForceTorqueSensor", "setJointMotor",
+    "setRealTimeSimulation", "apply", "resetBaseVelocity", "setInternalSimFlags",
+)  # fmt: skip
+"""The functions whose calls are left out by `--ablate` begin with these."""
+NEEDED = re.compile(r"^(body\w*|object\w*|link\w*|joint\w*|controlMode|physicsClientId|flags|"
+                    r"userConstraint\w*|\w*Obj|grav[XYZ]|timeStep|mass)$")  # fmt: skip
+"""Arguments that a call cannot do without, or that say what it is about."""
+ARGUMENT = re.compile(r"(?:^|, )(\w+)=")
+
+
+@dataclass
+class Candidate:
+    """An intervention that is to be tried, and the findings that propose it, by their places."""
+
+    intervention: Intervention
+    run: Run | None
+    """None where the engine has no such intervention."""
+    findings: list[int] = field(default_factory=list)
+
+
+class Proposals:
+    """What is to be tried of a script, by its own run."""
+
+    def __init__(self, seen: Seen, findings: Sequence[Finding]) -> None:
+        self._seen, self._findings = seen, findings
+        settings = [each.values.get("fixedTimeStep") for each in seen.settings]
+        self._timestep_s = float(np.ravel(settings[-1])[0]) if settings else 1 / 240  # type: ignore[arg-type]
+        self._commanded: frozenset[tuple[int, int]] | None = None
+
+    def of_findings(self) -> list[Candidate]:
+        """Return what the findings propose, in their order; the same thing is tried once."""
+        found: dict[Any, Candidate] = {}
+        for place, finding in enumerate(self._findings):
+            advice = str(finding.advice or "")
+            about = f"{finding.message} {advice}"
+            for each in proposed(advice, about, timestep_s=self._timestep_s, site=finding.site):
+                candidate = self._candidate(each, finding)
+                key = replace(candidate.intervention, site=None, call="")
+                places = found.setdefault(key, candidate).findings
+                if place not in places:
+                    places.append(place)
+        return [*found.values()]
+
+    def always(self) -> list[Candidate]:
+        """Return what is tried of every script, since every outcome may hang on it."""
+        return [
+            self._whole(Proposed("timestep", "p.setTimeStep(…) / 2", 2.0)),
+            self._whole(
+                Proposed(
+                    "solver",
+                    "p.setPhysicsEngineParameter(…, numSolverIterations=500)",
+                    500.0,
+                    {"numSolverIterations": 500.0},
+                )
+            ),
+        ]
+
+    def asked(self, texts: Sequence[str], about: Sequence[int]) -> list[Candidate]:
+        """Return what `--try` names, made on what the findings about are about.
+
+        Raises
+        ------
+        ScenarioError
+            If there is no such intervention, or its value is none.
+        """
+        found = []
+        for text in texts:
+            name, equals, value = text.partition("=")
+            finer = name.startswith("timestep/")
+            if finer:
+                name, equals, value = "timestep", "=", name.removeprefix("timestep/")
+            if name not in KINDS or name == "without":
+                raise ScenarioError(
+                    "--try takes {names}, each alone or as NAME=V, got {text!r}",
+                    names=alternatives(sorted({*KINDS} - {"without"})),
+                    text=text,
+                )
+            given = number(value) if equals else None
+            if finer and (given is None or not given.is_integer() or not 2 <= given <= 1000):
+                raise ScenarioError(
+                    "--try timestep/K takes a whole number from 2 to 1000, got {text!r}", text=text
+                )
+            each = Proposed(name, text, given)
+            of = [self._findings[place] for place in about if not KINDS[name].whole_run]
+            candidates = [self._candidate(each, one) for one in of] or [self._whole(each)]
+            for candidate in candidates:
+                candidate.findings += about
+            found += (
+                candidates[:1] if len({c.intervention for c in candidates}) == 1 else candidates
+            )
+        return found
+
+    def left_out(self) -> list[Candidate]:
+        """Return each call of a setter, and each of its optional arguments, to be left out."""
+        found: dict[tuple[str, str, int, str | None], Candidate] = {}
+        for piece in self._seen.pieces():
+            for call in piece.calls.of(*SETTERS):
+                names = ARGUMENT.findall(call.site.form)
+                for argument in (None, *(each for each in names if not NEEDED.match(each))):
+                    key = call.function, call.file, call.line, argument
+                    if key not in found:
+                        found[key] = _without(*key)
+        return [*found.values()]
+
+    def _whole(self, each: Proposed) -> Candidate:
+        bodies = [*self._seen.bodies.values()]
+        return self._made(each, bodies, joint=None, target=None, site=None, whole=True)
+
+    def _candidate(self, each: Proposed, finding: Finding) -> Candidate:
+        labels = {body.label: body for body in self._seen.bodies.values()}
+        named = [labels[text] for text in (finding.body, finding.other) if text in labels]
+        told = str(finding.advice)
+        advised = [b for b in named if f"give {b.label} " in told or f"({b.label}, " in told]
+        if "on both" in str(finding.advice):
+            bodies = named
+        elif finding.bodies > 1 or not named:
+            bodies = [*labels.values()]
+        else:
+            bodies = advised[:1] or named[:1]
+        several = SEVERAL.search(str(finding.message)) is not None
+        joint = None if several or len(bodies) != 1 else finding.joint
+        target = joint or (bodies[0].label if len(bodies) == 1 else None)
+        return self._made(each, bodies, joint=joint, target=target, site=finding.site, whole=False)
+
+    def _made(
+        self,
+        each: Proposed,
+        bodies: Sequence[Body],
+        *,
+        joint: str | None,
+        target: str | None,
+        site: str | None,
+        whole: bool,
+    ) -> Candidate:
+        whole |= KINDS[each.name].whole_run
+        intervention = Intervention(
+            each.name,
+            each.value,
+            each.call,
+            tuple(each.arguments.items()),
+            None if whole else tuple(body.number for body in bodies),
+            None if whole else joint,
+            None if whole else target,
+            site,
+        )
+        commanded: frozenset[tuple[int, int]] = frozenset()
+        if each.name == "default-motor-off":
+            commanded = self._motors()
+        scope = Scope(bodies, None if whole else joint, commanded, self._timestep_s)
+        return Candidate(intervention, applied(each, scope))
+
+    def _motors(self) -> frozenset[tuple[int, int]]:
+        """Return body and link of each joint that a call gives a motor, but no torque."""
+        if self._commanded is None:
+            found = set()
+            for piece in self._seen.pieces():
+                for each in piece.calls.commands():
+                    modes = np.ravel(each.values["controlMode"])
+                    which = modes != 1
+                    for engine_id in np.unique(each.bodies[which]).tolist():
+                        links = each.joints[which & (each.bodies == engine_id)]
+                        bodies = [
+                            body.number
+                            for body in self._seen.bodies.values()
+                            if (body.client, body.engine_id) == (each.client, engine_id)
+                        ]
+                        found |= {(n, link) for n in bodies for link in np.unique(links).tolist()}
+            self._commanded = frozenset(found)
+        return self._commanded
+
+
+def _without(function: str, file: str, line: int, argument: str | None) -> Candidate:
+    site = located(file, line)
+    call = f"p.{function}(…)" if argument is None else f"p.{function}(…, {argument}=…)"
+    intervention = Intervention("without", None, f"without {call}", site=site)
+    return Candidate(intervention, left_out(function, file, line, argument))
+
+
+@dataclass(frozen=True)
+class Made:
+    """What a trial came to; None of all where it was not run, or stopped."""
+
+    outcome: Outcome | None
+    recording: Path | None
+
+
+@dataclass(frozen=True)
+class RunTrial:
+    """Runs one candidate, called with its number; the one after the last is the nudge."""
+
+    program: Program
+    candidates: Sequence[Candidate]
+    folder: Path
+    origin: Mapping[str, Any]
+    base: Recording
+    until: float
+    """The budget ends then, on the monotonic clock [s]."""
+    took_s: float
+    """By the script's own run."""
+    runs: Runs = field(default_factory=Runs)
+
+    @property
+    def nudge(self) -> int:
+        """The number of the nudge."""
+        return len(self.candidates)
+
+    def __call__(self, number: int) -> Made:
+        """Run a candidate, record it, and compare it with the script's own run."""
+        from drop_physics.analysis.story import Story
+        from drop_physics.experiments.run_distance import apart
+        from drop_physics.recording.reader import read
+
+        nudges = number == self.nudge
+        run = Run([]) if nudges else self.candidates[number].run
+        now = time.monotonic()
+        if run is None or (now > self.until and not nudges):
+            return Made(None, None)
+        variation = {"nudge": NUDGE} if nudges else {"finer": run.finer} if run.finer > 1 else None
+        program = replace(self.program, variation=variation, interventions=run.operations)
+        path, until = self._path(number), now + LEAST_S + LONGEST * self.took_s * run.finer
+        name = path.stem
+        with Path(os.devnull).open("wb") as null:
+            ended = self.runs.record(
+                program,
+                path,
+                origin={**self.origin, "variation": name},
+                recording_id=hashlib.sha256(
+                    f"{self.base.recording_id} {name}".encode()
+                ).hexdigest()[:32],
+                stdout=null.fileno(),
+                stderr=null.fileno(),
+                ends_by=lambda: time.monotonic() > until,
+            )
+        if ended.how == "interrupted":
+            path.unlink(missing_ok=True)
+            return Made(None, None)
+        other = read(path)
+        with np.errstate(all="ignore"):  # of states that are not finite
+            far = apart(self.base.seen, other.seen, finer=run.finer)
+        findings = Story(other.seen, other.origin_and_end).analysis().findings
+        steps = sum(samples - 1 for samples in other.seen.samples.values()) // run.finer
+        fired = nudges or run.finer > 1 or bool(ended.intervened)
+        error = str((other.ended or {}).get("error") or "")
+        return Made(Outcome(fired, ended.how, error, steps, findings, far), path)
+
+    def _path(self, number: int) -> Path:
+        name = "nudge"
+        if number != self.nudge:
+            each = self.candidates[number].intervention
+            text = f"{number + 1}-{each.name}" + ("" if each.value is None else f"={each.value:g}")
+            name = "".join(c if c.isalnum() or c in "=.-+" else "_" for c in text)
+        return self.folder / f"{name}.rrd"
+
+
+def first_tried(candidates: Sequence[Candidate]) -> Iterator[int]:
+    """Yield the numbers of candidates in the order in which they are tried.
+
+    Of each finding its first proposal comes before any's second.
+    """
+    turns: dict[int, int] = {}
+    keys = []
+    for which, candidate in enumerate(candidates):
+        turn = min((turns.get(place, 0) for place in candidate.findings), default=1)
+        for place in candidate.findings:
+            turns[place] = turns.get(place, 0) + 1
+        keys.append((turn, which))
+    yield from (which for _, which in sorted(keys))

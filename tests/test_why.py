@@ -1,0 +1,303 @@
+"""Causes by trying: what an intervention does to a run, and what a trial shows of a finding.
+
+Verification: a changed call is the script written that way by hand, to the last bit; the script
+reads what it would have read. Verdicts are held against scripts whose cause is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pybullet as p
+import pybullet_data
+import pytest
+from drop_physics import analyze
+from drop_physics.engines.pybullet.interventions import Proposed, Scope, applied, proposed
+from drop_physics.engines.pybullet.watch.intervene import Interventions
+from drop_physics.errors import DropError, ScenarioError
+from drop_physics.experiments.run_distance import Apart, Track
+from drop_physics.experiments.verdicts import Outcome, judged, moved
+from drop_physics.recording.layer_file import trials_of
+from drop_physics.recording.reader import read
+from drop_physics.rules.answer import Effect, Finding
+from drop_physics.stages.record import record_script
+from drop_physics.stages.why import Proved, Why, why
+from drop_physics.trace.events import Body, Joint
+
+HEAD = """
+import pybullet as p, pybullet_data
+p.connect(p.DIRECT)
+p.setAdditionalSearchPath(pybullet_data.getDataPath())
+p.setGravity(0, 0, -9.81)
+def steps(number):
+    for _ in range(number):
+        p.stepSimulation()
+"""
+HELD = """
+b = p.createMultiBody(2, p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .1, .1]),
+                      basePosition=[0, 0, 1])
+c = p.createConstraint(b, -1, -1, -1, p.JOINT_FIXED, [0, 0, 0], [0, 0, 0], [0, 0, 1])
+p.changeConstraint(c, maxForce=10)
+p.changeDynamics(b, -1, lateralFriction=0.7)
+steps(60)
+print(p.getBasePositionAndOrientation(b)[0])
+"""
+"""A weight of 20 N on a constraint that gives 10 N; it touches nothing, so friction is idle."""
+
+
+def proved(folder: Path, text: str, **how: Any) -> Why:
+    script = folder / "script.py"
+    script.write_text(HEAD + text)
+    return why(str(script), out=folder / "out", jobs=2, **how)
+
+
+def found(result: Why, code: str) -> Proved:
+    (only,) = [each for each in result.findings if each.finding.code == code]
+    return only
+
+
+# -- whole ----------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def held(tmp_path_factory: pytest.TempPathFactory) -> Why:
+    return proved(tmp_path_factory.mktemp("held"), HELD, ablate=True)
+
+
+def test_what_takes_a_symptom_away_is_said_to_have_cured_it(held: Why) -> None:
+    weak = found(held, "weak-constraint")
+    (tried,) = weak.tried
+    assert weak.verdict == tried.verdict == "cured"
+    assert tried.intervention.short == "maxForce*10"
+    # 10 N of 19.62 were lacking: it fell, semi-implicitly, for 60 steps: a dt² n (n + 1) / 2.
+    fell_m = (9.81 - 10 / 2) / 240**2 * 60 * 61 / 2
+    assert tried.moved is not None
+    assert tried.moved.value == pytest.approx(fell_m, rel=1e-2)
+    assert held.noise is not None
+    assert held.noise.value < 1e-8
+
+
+def test_a_trial_is_recorded_as_the_engine_was_asked(held: Why) -> None:
+    (tried,) = found(held, "weak-constraint").tried
+    assert tried.recording is not None
+    (call,) = read(tried.recording).seen.calls.of("changeConstraint")
+    assert call.values["maxForce"] == (100.0,)
+    assert (call.file, call.line) == ("script.py", HEAD.count("\n") + 5)
+    explained = analyze(tried.recording).explained
+    assert explained.samples == explained.of
+    assert explained.remainder < 1e-12
+
+
+def test_only_what_changes_no_bit_has_no_effect(held: Why) -> None:
+    idle = {(each.call, each.site) for each in held.no_effect}
+    line = HEAD.count("\n") + 6
+    assert ("without p.changeDynamics(…)", f"script.py:{line}") in idle
+    assert not any("setGravity" in call or "changeConstraint" in call for call, _ in idle)
+    first = held.hangs_on[0]
+    assert first.moved is not None
+    assert first.moved.value >= max(
+        each.moved.value for each in held.hangs_on if each.moved is not None
+    )
+
+
+def test_what_is_asked_with_try_is_tried_and_nothing_else(tmp_path: Path) -> None:
+    result = proved(tmp_path, HELD, tries=["damping", "constraint-force=4"])
+    weak = found(result, "weak-constraint")
+    verdicts = {each.intervention.name: each.verdict for each in weak.tried}
+    assert verdicts == {"damping": "refuted", "constraint-force": "cured"}
+    with pytest.raises(ScenarioError, match="try takes"):
+        proved(tmp_path, HELD, tries=["magic"], force=True)
+    with pytest.raises(ScenarioError, match=r"about takes .*weak-constraint"):
+        proved(tmp_path, HELD, about="arm", force=True)
+
+
+def test_trials_go_with_the_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("script.py").write_text(HEAD + HELD)
+    result = why("script.py", budget_s=1e-9, stdout=2)
+    assert {each.verdict for each in result.findings} == {"untried"}
+    folder = trials_of(result.recording)
+    assert folder.joinpath("why.json").is_file()
+    assert record_script("script.py", stdout=2).recording == result.recording
+    assert not folder.exists()
+
+
+def test_a_script_without_a_step_has_nothing_to_compare(tmp_path: Path) -> None:
+    tmp_path.joinpath("script.py").write_text("import pybullet as p\np.connect(p.DIRECT)\n")
+    with pytest.raises(DropError, match="makes no step"):
+        why(str(tmp_path / "script.py"), out=tmp_path / "out", stdout=2)
+
+
+# -- verdicts -------------------------------------------------------------------------------------
+
+SLIDES = Finding(code="slides", level="asked", message="it slides", body="1_box",
+                 effect=Effect(0.5, "m"))  # fmt: skip
+DEEP = Finding(code="deep-penetration", level="broken", message="it is inside", body="1_box")
+
+
+def far(end_m: float, most_m: float | None = None) -> Apart:
+    """Return runs that end so far apart, of a body that moves a metre."""
+    track = Track(1, 1, "1_box", None, "m", *[np.zeros(3)] * 3, moved=1.0)
+    track.end, track.most, track.same = end_m, most_m or end_m, not (most_m or end_m)
+    curve = np.array([0.0, track.most, end_m])
+    return Apart([track], {"m": (np.array([0.0, 0.5, 1.0]), curve)})
+
+
+def outcome(*findings: Finding, end_m: float = 0.0, **how: Any) -> Outcome:
+    run = Outcome(True, "finished", "", 100, [*findings], far(end_m))
+    return replace(run, **how)
+
+
+def verdict_of(finding: Finding, trial: Outcome, *, nudged: Outcome | None = None) -> str:
+    base = outcome(finding)
+    return judged(finding, trial, base=base, nudge=nudged or outcome(finding, end_m=1e-9)).verdict
+
+
+def test_cured_needs_all_four() -> None:
+    less = replace(SLIDES, effect=Effect(0.09, "m"))
+    assert verdict_of(SLIDES, outcome(end_m=0.5)) == "cured"
+    assert verdict_of(SLIDES, outcome(less, end_m=0.5)) == "cured"
+    assert verdict_of(SLIDES, outcome(DEEP, end_m=0.5)) == "part"
+    assert verdict_of(SLIDES, outcome(end_m=0.5, steps=90)) == "part"
+    assert verdict_of(SLIDES, outcome(end_m=0.5, ended="steps")) == "part"
+    # The finding is gone, and the outcome moves by less than ten times what a nudge moves.
+    nudged = outcome(SLIDES, end_m=0.1)
+    assert verdict_of(SLIDES, outcome(end_m=0.5), nudged=nudged) == "chaotic"
+
+
+def test_what_is_left_refutes() -> None:
+    part, left = (replace(SLIDES, effect=Effect(each, "m")) for each in (0.3, 0.45))
+    assert verdict_of(SLIDES, outcome(part, end_m=0.5)) == "part"
+    assert verdict_of(SLIDES, outcome(left, end_m=0.5)) == "refuted"
+    assert verdict_of(SLIDES, outcome(end_m=0.0)) == "refuted"  # not a bit moves
+    # A finding names the worst joint: another one in its place is no cure.
+    assert verdict_of(SLIDES, outcome(replace(SLIDES, joint="j2"), end_m=0.5)) == "refuted"
+
+
+def test_of_a_code_that_is_a_cause_the_outcome_decides() -> None:
+    damped = replace(SLIDES, code="default-damping", level="note")
+    assert verdict_of(damped, outcome(end_m=0.5)) == "cured"
+    assert verdict_of(damped, outcome(end_m=1e-4)) == "refuted"  # a trifle of the metre it moves
+    assert verdict_of(damped, outcome(end_m=0.0)) == "refuted"
+
+
+def test_what_never_fired_or_fails_is_void_and_what_a_nudge_changes_is_chaotic() -> None:
+    assert verdict_of(SLIDES, outcome(end_m=0.5, fired=False)) == "void"
+    assert verdict_of(SLIDES, outcome(end_m=0.5, ended="failed")) == "void"
+    nudged = outcome(replace(SLIDES, effect=Effect(0.35, "m")), end_m=1e-9)
+    assert verdict_of(SLIDES, outcome(end_m=0.5), nudged=nudged) == "chaotic"
+
+
+def test_an_outcome_moves_at_the_end_or_else_on_the_way() -> None:
+    end = moved(far(0.5), far(1e-3))
+    assert end is not None
+    assert (end.value, end.time_s) == (0.5, 0.0)
+    way = moved(far(0.0, 0.5), far(0.1, 1e-3))
+    assert way is not None
+    assert (way.value, way.time_s) == (0.5, 0.5)
+    assert moved(far(0.0, 0.5), far(0.1, 0.1)) is None
+
+
+# -- what an advice asks for ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("advice", "expected"),
+    [
+        ("give it at least 41 N m: p.setJointMotorControl2(…, force=70)",
+         [("force", 70.0, "force=70")]),
+        ("p.setJointMotorControl2(…, positionGain=0.1, velocityGain=1)",
+         [("gains", 0.1, "positionGain=0.1, velocityGain=1")]),
+        ("turn it off: p.setJointMotorControl2(…, p.VELOCITY_CONTROL, force=0)",
+         [("default-motor-off", None, "p.VELOCITY_CONTROL, force=0")]),
+        ("p.changeDynamics(body, -1, linearDamping=0, angularDamping=0)",
+         [("damping", 0.0, "linearDamping=0, angularDamping=0")]),
+        ("use a timestep in which it goes less than that: p.setTimeStep(0.001)",
+         [("timestep", 5.0, "p.setTimeStep(0.0008333)")]),
+        ("give them less restitution, or no push: p.setPhysicsEngineParameter(contactERP=0)",
+         [("solver", 0.0, "contactERP=0")]),
+        ("ask for a point within reach", []),
+    ],
+)  # fmt: skip
+def test_an_advice_is_tried_with_its_own_numbers(
+    advice: str, expected: list[tuple[str, float | None, str]]
+) -> None:
+    made = proposed(advice, advice, timestep_s=1 / 240, site=None)
+    assert [(e.name, e.value) for e in made] == [(n, v) for n, v, _ in expected]
+    assert all(text in each.call for each, (_, _, text) in zip(made, expected, strict=True))
+
+
+# -- what a run does otherwise --------------------------------------------------------------------
+
+
+@pytest.fixture
+def client() -> Iterator[int]:
+    made = p.connect(p.DIRECT)
+    p.setAdditionalSearchPath(pybullet_data.getDataPath())
+    yield made
+    p.disconnect(made)
+
+
+def intervened(client: int, each: Proposed, body: Body) -> tuple[Any, list[int]]:
+    """Return PyBullet with an intervention on a body, and what has fired."""
+    run = applied(each, Scope([replace(body, client=client)]))
+    assert run is not None
+    fired: list[int] = []
+    interventions = Interventions(run.operations, fired.append)
+    calls = {name: value for name, value in vars(p).items() if callable(value)}
+
+    class Otherwise:
+        def __getattr__(self, name: str) -> Any:
+            return interventions.of(name, calls, p)  # type: ignore[arg-type]
+
+    return Otherwise(), fired
+
+
+ARM = Body(0, "0_arm", "arm", 0, 0, ("base", "link"),
+           (Joint(0, "j", "revolute", -1, (1, 1, 1)),), (-1,), soft=False, shapes=())  # fmt: skip
+
+
+def test_the_script_reads_what_it_has_set(client: int) -> None:
+    other, fired = intervened(client, Proposed("friction", "", 4.0), ARM)
+    body = other.loadURDF("cube_small.urdf", physicsClientId=client)
+    assert fired
+    assert p.getDynamicsInfo(body, -1, client)[1] == 4
+    assert other.getDynamicsInfo(body, -1, client)[1] == 1
+    other.changeDynamics(body, -1, lateralFriction=0.1, physicsClientId=client)
+    assert p.getDynamicsInfo(body, -1, client)[1] == pytest.approx(0.4)
+    assert other.getDynamicsInfo(body, -1, client)[1] == 0.1
+    # What else is changed leaves it alone.
+    other.changeDynamics(body, -1, restitution=0.3, physicsClientId=client)
+    assert p.getDynamicsInfo(body, -1, client)[1] == pytest.approx(0.4)
+    solver, _ = intervened(client, Proposed("solver", "", 500.0), ARM)
+    solver.setPhysicsEngineParameter(numSolverIterations=20, physicsClientId=client)
+    assert p.getPhysicsEngineParameters(client)["numSolverIterations"] == 500
+    assert solver.getPhysicsEngineParameters(client)["numSolverIterations"] == 20
+
+
+def test_a_default_motor_is_turned_off_where_no_call_sets_it(client: int) -> None:
+    other, fired = intervened(client, Proposed("default-motor-off", ""), ARM)
+    p.setGravity(0, 0, -9.81, physicsClientId=client)
+    body = other.loadURDF("pendulum5.urdf", useFixedBase=True, physicsClientId=client)
+    p.resetJointState(body, 0, 0.5, physicsClientId=client)
+    assert fired
+    for _ in range(60):
+        p.stepSimulation(client)
+    assert abs(p.getJointState(body, 0, client)[1]) > 0.1
+
+
+def test_motors_of_several_joints_get_at_least_a_force(client: int) -> None:
+    seen: list[Any] = []
+    run = applied(Proposed("force", "", 70.0), Scope([replace(ARM, client=client)]))
+    assert run is not None
+    interventions = Interventions(run.operations, lambda _: None)
+    calls = {"setJointMotorControlArray": lambda *_, **given: seen.append(given)}
+    call = interventions.of("setJointMotorControlArray", calls, p)  # type: ignore[arg-type]
+    call(0, [0, 1], p.POSITION_CONTROL, forces=[30, 200], physicsClientId=client)
+    assert seen[0]["forces"] == [70, 200]
+    call(0, [0, 1], p.TORQUE_CONTROL, forces=[3, 2], physicsClientId=client)
+    assert seen[1]["forces"] == [3, 2]
