@@ -134,8 +134,9 @@ def test_a_script_without_a_step_has_nothing_to_compare(tmp_path: Path) -> None:
 
 # -- verdicts -------------------------------------------------------------------------------------
 
-SLIDES = Finding(code="slides", level="asked", message="it slides", body="1_box",
-                 effect=Effect(0.5, "m"))  # fmt: skip
+SLIDES = Finding(
+    code="slides", level="asked", message="it slides", body="1_box", effect=Effect(0.5, "m")
+)
 DEEP = Finding(code="deep-penetration", level="broken", message="it is inside", body="1_box")
 
 
@@ -208,21 +209,33 @@ def test_an_outcome_moves_at_the_end_or_else_on_the_way() -> None:
 @pytest.mark.parametrize(
     ("advice", "expected"),
     [
-        ("give it at least 41 N m: p.setJointMotorControl2(…, force=70)",
-         [("force", 70.0, "force=70")]),
-        ("p.setJointMotorControl2(…, positionGain=0.1, velocityGain=1)",
-         [("gains", 0.1, "positionGain=0.1, velocityGain=1")]),
-        ("turn it off: p.setJointMotorControl2(…, p.VELOCITY_CONTROL, force=0)",
-         [("default-motor-off", None, "p.VELOCITY_CONTROL, force=0")]),
-        ("p.changeDynamics(body, -1, linearDamping=0, angularDamping=0)",
-         [("damping", 0.0, "linearDamping=0, angularDamping=0")]),
-        ("use a timestep in which it goes less than that: p.setTimeStep(0.001)",
-         [("timestep", 5.0, "p.setTimeStep(0.0008333)")]),
-        ("give them less restitution, or no push: p.setPhysicsEngineParameter(contactERP=0)",
-         [("solver", 0.0, "contactERP=0")]),
+        (
+            "give it at least 41 N m: p.setJointMotorControl2(…, force=70)",
+            [("force", 70.0, "force=70")],
+        ),
+        (
+            "p.setJointMotorControl2(…, positionGain=0.1, velocityGain=1)",
+            [("gains", 0.1, "positionGain=0.1, velocityGain=1")],
+        ),
+        (
+            "turn it off: p.setJointMotorControl2(…, p.VELOCITY_CONTROL, force=0)",
+            [("default-motor-off", None, "p.VELOCITY_CONTROL, force=0")],
+        ),
+        (
+            "p.changeDynamics(body, -1, linearDamping=0, angularDamping=0)",
+            [("damping", 0.0, "linearDamping=0, angularDamping=0")],
+        ),
+        (
+            "use a timestep in which it goes less than that: p.setTimeStep(0.001)",
+            [("timestep", 5.0, "p.setTimeStep(0.0008333)")],
+        ),
+        (
+            "give them less restitution, or no push: p.setPhysicsEngineParameter(contactERP=0)",
+            [("solver", 0.0, "contactERP=0")],
+        ),
         ("ask for a point within reach", []),
     ],
-)  # fmt: skip
+)
 def test_an_advice_is_tried_with_its_own_numbers(
     advice: str, expected: list[tuple[str, float | None, str]]
 ) -> None:
@@ -257,8 +270,18 @@ def intervened(client: int, each: Proposed, body: Body) -> tuple[Any, list[int]]
     return Otherwise(), fired
 
 
-ARM = Body(0, "0_arm", "arm", 0, 0, ("base", "link"),
-           (Joint(0, "j", "revolute", -1, (1, 1, 1)),), (-1,), soft=False, shapes=())  # fmt: skip
+ARM = Body(
+    0,
+    "0_arm",
+    "arm",
+    0,
+    0,
+    ("base", "link"),
+    (Joint(0, "j", "revolute", -1, (1, 1, 1)),),
+    (-1,),
+    soft=False,
+    shapes=(),
+)
 
 
 def test_the_script_reads_what_it_has_set(client: int) -> None:

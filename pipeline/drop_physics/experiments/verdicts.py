@@ -13,7 +13,6 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.experiments.interventions import Intervention
 from drop_physics.experiments.run_distance import APART, Apart, Distance
 from drop_physics.rules.answer import LEVELS, Finding
 
@@ -35,12 +34,31 @@ CHAOTIC = 0.2
 """A symptom that a nudge changes by more than this share is one of many."""
 
 CAUSES = frozenset(
-    ("asleep", "beyond-urdf", "collides-as-hull", "default-damping", "default-motor",
-     "force-off-centre", "friction-pyramid", "impossible-inertia", "inertia-from-shape",
-     "inertia-without-mass", "joint-damping", "massless", "mimic-ignored", "motor-gain",
-     "no-gravity", "no-inertial", "push-lasted-a-step", "substeps-scale-motors", "target-clamped",
-     "timestep-after-motor", "timestep-changed", "unseeded"),
-)  # fmt: skip
+    (
+        "asleep",
+        "beyond-urdf",
+        "collides-as-hull",
+        "default-damping",
+        "default-motor",
+        "force-off-centre",
+        "friction-pyramid",
+        "impossible-inertia",
+        "inertia-from-shape",
+        "inertia-without-mass",
+        "joint-damping",
+        "massless",
+        "mimic-ignored",
+        "motor-gain",
+        "no-gravity",
+        "no-inertial",
+        "push-lasted-a-step",
+        "substeps-scale-motors",
+        "target-clamped",
+        "timestep-after-motor",
+        "timestep-changed",
+        "unseeded",
+    ),
+)
 """Codes that are a cause, not a symptom: a trial takes the finding away by what it changes, whether
 or not that mattered, so that the outcome alone decides."""
 
@@ -60,7 +78,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Judged:
+class TrialVerdict:
     """What a trial shows of one finding."""
 
     verdict: Verdict
@@ -151,12 +169,12 @@ def judged(
     *,
     base: Outcome,
     nudge: Outcome | None,
-) -> Judged:
+) -> TrialVerdict:
     """Return what a trial shows of a finding of the script's own run."""
     before = None if finding.effect is None else finding.effect.value
     unit = None if finding.effect is None else finding.effect.unit
     if not trial.fired or trial.ended == "failed" != base.ended:
-        return Judged("void", before, before, unit, None, [])
+        return TrialVerdict("void", before, before, unit, None, [])
     other = same_finding(finding, trial.findings)
     after = None if other is None or other.effect is None else other.effect.value
     left = _left(finding, other)
@@ -174,7 +192,7 @@ def judged(
         verdict = "cured"
     else:
         verdict = "part"
-    return Judged(verdict, before, after, unit, None if circular else left, new)
+    return TrialVerdict(verdict, before, after, unit, None if circular else left, new)
 
 
 def _left(finding: Finding, other: Finding | None) -> float:
@@ -194,14 +212,3 @@ def _is_chaotic(finding: Finding, nudged: Sequence[Finding]) -> bool:
 def best(verdicts: Sequence[Verdict]) -> Verdict:
     """Return the best of several verdicts; `untried` if there is none."""
     return min(verdicts, key=VERDICTS.index, default="untried")
-
-
-@dataclass(frozen=True)
-class Trial:
-    """A run with an intervention, and what it shows."""
-
-    intervention: Intervention
-    outcome: Outcome
-    moved: Distance | None
-    """How far the outcome has moved; None where a nudge moves it as much, or nothing moved."""
-    recording: str | None

@@ -36,7 +36,7 @@ class Ended:
 
 
 @dataclass(frozen=True)
-class Runs:
+class RunsUnderWay:
     """Runs of this process; picklable while there is none."""
 
     under_way: set[running.Script] = field(default_factory=set, compare=False)

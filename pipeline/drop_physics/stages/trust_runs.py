@@ -22,7 +22,7 @@ from drop_physics.files.outputs import make_folder
 from drop_physics.files.whole import lock, opened, written_whole
 from drop_physics.messages import Message
 from drop_physics.stages.program import digest_of_script
-from drop_physics.stages.runs import Progress, Runs, run_all
+from drop_physics.stages.runs import Progress, RunsUnderWay, run_all
 from drop_physics.workers import cores
 
 if TYPE_CHECKING:
@@ -148,7 +148,7 @@ class TrustFolder:
     path: Path
     identity: Mapping[str, Any]
     force: bool = False
-    runs: Runs = field(default_factory=Runs, compare=False)
+    runs: RunsUnderWay = field(default_factory=RunsUnderWay, compare=False)
     """What runs now in this process."""
 
     @contextlib.contextmanager

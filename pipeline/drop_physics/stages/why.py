@@ -21,12 +21,12 @@ from drop_physics.recording.layer_file import VERDICTS, forget_trials, trials_of
 from drop_physics.stages.program import SEEDED_CLOCK_S, STOPPED
 from drop_physics.stages.record import record_script
 from drop_physics.stages.runs import Progress, run_all
-from drop_physics.stages.why_trials import Candidate, Made, Proposals, RunTrial, first_tried
+from drop_physics.stages.why_trials import Candidate, Proposals, RunTrial, TrialRun, first_tried
 from drop_physics.workers import cores
 
 if TYPE_CHECKING:
     from drop_physics.experiments.run_distance import Distance
-    from drop_physics.experiments.verdicts import Judged, Outcome, Verdict
+    from drop_physics.experiments.verdicts import Outcome, TrialVerdict, Verdict
     from drop_physics.rules.answer import Finding
     from drop_physics.rules.choice import Choice
 
@@ -39,7 +39,7 @@ class Tried:
     """One trial, as a finding has it, or as what an outcome hangs on."""
 
     intervention: Intervention
-    judged: Judged | None
+    judged: TrialVerdict | None
     """What it shows of the finding; None of a trial that belongs to none, or was not run."""
     verdict: Verdict
     moved: Distance | None
@@ -47,6 +47,7 @@ class Tried:
     same: bool
     """Whether no position differs, to the bit."""
     recording: Path | None
+
 
 
 @dataclass(frozen=True)
@@ -143,10 +144,10 @@ def why(
         If the interpreter cannot be started, or the script makes no step.
     """
     began = time.monotonic()
-    if not budget_s > 0:
-        raise outside("--budget", Message("above {low:g}", low=0), budget_s)
+    if not 0 < budget_s < float("inf"):
+        raise outside("--budget", Message("finite and above {low:g}", low=0), budget_s)
     if jobs is not None and jobs < 1:
-        raise outside("--jobs", Message("at least 1"), jobs)
+        raise outside("--jobs", Message("at least {low}", low=1), jobs)
     placed = None if out is None else Path(out) / f"{Path(target).stem}.rrd"
     if placed is not None:
         placed.parent.mkdir(parents=True, exist_ok=True)
@@ -255,7 +256,7 @@ def _why(
     base: Any,  # noqa: ANN401 - a Recording, whose module loads Rerun
     findings: Sequence[Finding],
     work: RunTrial,
-    done: dict[int, Made],
+    done: dict[int, TrialRun],
     chosen: Sequence[int],
     seconds: float,
 ) -> Why:
@@ -317,8 +318,8 @@ def _is_idle(outcome: Outcome, base: Outcome) -> bool:
 
 def _tried(
     candidate: Candidate,
-    made: Made,
-    shown: Judged | None,
+    made: TrialRun,
+    shown: TrialVerdict | None,
     verdict: Verdict,
     far: Distance | None,
 ) -> Tried:
@@ -326,7 +327,7 @@ def _tried(
     return Tried(candidate.intervention, shown, verdict, far, same, made.recording)
 
 
-def _keep(folder: Path, result: Why, done: dict[int, Made], recording_id: str) -> None:
+def _keep(folder: Path, result: Why, done: dict[int, TrialRun], recording_id: str) -> None:
     """Write what the trials show beside them; recordings that no finding names are deleted."""
     named = {each.recording for proved in result.findings for each in proved.tried}
     for made in done.values():

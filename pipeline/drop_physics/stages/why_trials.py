@@ -26,7 +26,7 @@ from drop_physics.experiments.interventions import KINDS, Intervention
 from drop_physics.experiments.verdicts import Outcome
 from drop_physics.fields import alternatives
 from drop_physics.option_types import number
-from drop_physics.stages.runs import Runs
+from drop_physics.stages.runs import RunsUnderWay
 from drop_physics.stages.variations import NUDGE
 from drop_physics.trace.events import Body, located
 
@@ -42,13 +42,25 @@ LONGEST = 10.0
 """A trial that takes so many times the script's own run, and `LEAST_S`, is stopped."""
 LEAST_S = 20.0
 SETTERS = (
-    "changeDynamics", "setPhysicsEngineParameter", "setTimeStep", "setGravity", "setDefault",
-    "setCollisionFilter", "changeConstraint", "enableJointForceTorqueSensor", "setJointMotor",
-    "setRealTimeSimulation", "apply", "resetBaseVelocity", "setInternalSimFlags",
-)  # fmt: skip
+    "changeDynamics",
+    "setPhysicsEngineParameter",
+    "setTimeStep",
+    "setGravity",
+    "setDefault",
+    "setCollisionFilter",
+    "changeConstraint",
+    "enableJointForceTorqueSensor",
+    "setJointMotor",
+    "setRealTimeSimulation",
+    "apply",
+    "resetBaseVelocity",
+    "setInternalSimFlags",
+)
 """The functions whose calls are left out by `--ablate` begin with these."""
-NEEDED = re.compile(r"^(body\w*|object\w*|link\w*|joint\w*|controlMode|physicsClientId|flags|"
-                    r"userConstraint\w*|\w*Obj|grav[XYZ]|timeStep|mass)$")  # fmt: skip
+NEEDED = re.compile(
+    r"^(body\w*|object\w*|link\w*|joint\w*|controlMode|physicsClientId|flags|"
+    r"userConstraint\w*|\w*Obj|grav[XYZ]|timeStep|mass)$"
+)
 """Arguments that a call cannot do without, or that say what it is about."""
 ARGUMENT = re.compile(r"(?:^|, )(\w+)=")
 
@@ -222,7 +234,7 @@ def _without(function: str, file: str, line: int, argument: str | None) -> Candi
 
 
 @dataclass(frozen=True)
-class Made:
+class TrialRun:
     """What a trial came to; None of all where it was not run, or stopped."""
 
     outcome: Outcome | None
@@ -242,14 +254,14 @@ class RunTrial:
     """The budget ends then, on the monotonic clock [s]."""
     took_s: float
     """By the script's own run."""
-    runs: Runs = field(default_factory=Runs)
+    runs: RunsUnderWay = field(default_factory=RunsUnderWay)
 
     @property
     def nudge(self) -> int:
         """The number of the nudge."""
         return len(self.candidates)
 
-    def __call__(self, number: int) -> Made:
+    def __call__(self, number: int) -> TrialRun:
         """Run a candidate, record it, and compare it with the script's own run."""
         from drop_physics.analysis.story import Story
         from drop_physics.experiments.run_distance import apart
@@ -259,7 +271,7 @@ class RunTrial:
         run = Run([]) if nudges else self.candidates[number].run
         now = time.monotonic()
         if run is None or (now > self.until and not nudges):
-            return Made(None, None)
+            return TrialRun(None, None)
         variation = {"nudge": NUDGE} if nudges else {"finer": run.finer} if run.finer > 1 else None
         program = replace(self.program, variation=variation, interventions=run.operations)
         path, until = self._path(number), now + LEAST_S + LONGEST * self.took_s * run.finer
@@ -278,7 +290,7 @@ class RunTrial:
             )
         if ended.how == "interrupted":
             path.unlink(missing_ok=True)
-            return Made(None, None)
+            return TrialRun(None, None)
         other = read(path)
         with np.errstate(all="ignore"):  # of states that are not finite
             far = apart(self.base.seen, other.seen, finer=run.finer)
@@ -286,7 +298,7 @@ class RunTrial:
         steps = sum(samples - 1 for samples in other.seen.samples.values()) // run.finer
         fired = nudges or run.finer > 1 or bool(ended.intervened)
         error = str((other.ended or {}).get("error") or "")
-        return Made(Outcome(fired, ended.how, error, steps, findings, far), path)
+        return TrialRun(Outcome(fired, ended.how, error, steps, findings, far), path)
 
     def _path(self, number: int) -> Path:
         name = "nudge"

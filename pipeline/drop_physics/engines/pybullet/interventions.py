@@ -77,27 +77,42 @@ ADVISED: dict[tuple[str, str], str] = {
 UNGIVEN: dict[str, float] = {"restitutionVelocityThreshold": 0.0, "maxJointVelocity": 1e5}
 """What is tried where an advice leaves the number to its reader."""
 SAID: tuple[tuple[str, str, str], ...] = (
-    ("VELOCITY_CONTROL, force=0", "default-motor-off",
-     "p.setJointMotorControl2(…, p.VELOCITY_CONTROL, force=0)"),
-    ("POSITION_CONTROL, targetPosition=[0, 0, 0, 1], force=[0, 0, 0]", "default-motor-off",
-     "p.setJointMotorControlMultiDof(…, force=[0, 0, 0])"),
+    (
+        "VELOCITY_CONTROL, force=0",
+        "default-motor-off",
+        "p.setJointMotorControl2(…, p.VELOCITY_CONTROL, force=0)",
+    ),
+    (
+        "POSITION_CONTROL, targetPosition=[0, 0, 0, 1], force=[0, 0, 0]",
+        "default-motor-off",
+        "p.setJointMotorControlMultiDof(…, force=[0, 0, 0])",
+    ),
     ("URDF_USE_INERTIA_FROM_FILE", "inertia-from-file", "flags=p.URDF_USE_INERTIA_FROM_FILE"),
-    ("parentFramePosition and childFramePosition", "constraint-frames",
-     "p.createConstraint(…) where the bodies are"),
+    (
+        "parentFramePosition and childFramePosition",
+        "constraint-frames",
+        "p.createConstraint(…) where the bodies are",
+    ),
     ("call p.setGravity(0, 0, -9.81)", "gravity", "p.setGravity(0, 0, -9.81)"),
     ("give the motors new targets after", "targets-held", "the reset positions as targets"),
     ("p.resetBaseVelocity(", "support-velocity", "p.resetBaseVelocity(…) of the moved body"),
-    ("before each p.stepSimulation() in which it is to act", "push-repeated",
-     "the push before each step"),
+    (
+        "before each p.stepSimulation() in which it is to act",
+        "push-repeated",
+        "the push before each step",
+    ),
     ("give it in p.LINK_FRAME, or", "push-at-centre", "the push at the centre"),
     ("give it in p.WORLD_FRAME, or", "push-at-centre", "the push at the centre"),
     ("load it without URDF_USE_SELF_COLLISION", "collision-off", "without URDF_USE_SELF_COLLISION"),
     ("flags=p.GEOM_FORCE_CONCAVE_TRIMESH", "concave", "flags=p.GEOM_FORCE_CONCAVE_TRIMESH"),
     ("give it more force", "force", f"force*{MORE:g}"),
-    ("call p.setTimeStep before the motors are commanded", "timestep-first",
-     "p.setTimeStep(…) first"),
+    (
+        "call p.setTimeStep before the motors are commanded",
+        "timestep-first",
+        "p.setTimeStep(…) first",
+    ),
     ("call p.setTimeStep once, before the first motor", "timestep-first", "p.setTimeStep(…) first"),
-)  # fmt: skip
+)
 """Words of an advice that are an intervention, and its call."""
 
 
@@ -163,28 +178,58 @@ class Special:
 
 
 SPECIAL: tuple[tuple[re.Pattern[str], str, str, Special], ...] = (
-    (re.compile(r"leave \S+ out of the call"), "without", "without p.changeDynamics(…)",
-     Special(lambda _: _leave([DYNAMICS]), needs_site=True, of_body=True)),
-    (re.compile(r"give ([\w, ]+) in a call of its own"), "without", "without {0}",
-     Special(lambda match: _leave([DYNAMICS], *match[1].split(", ")), needs_site=True)),
-    (re.compile(r"p\.(\w+)\((?:[^()]|\([^()]*\))*\) came in between"), "without",
-     "without p.{0}(…)", Special(lambda match: _leave([match[1]]), needs_site=True)),
-    (re.compile(r"p\.(\w+)\(…, physicsClientId=(\d+)\)"), "right-client",
-     "p.{0}(…, physicsClientId={1})",
-     Special(lambda match: {"do": "also", "functions": [match[1]], "of": int(match[2])})),
-    (re.compile(r"drive it there: p\.setJointMotorControl2"), "without",
-     "p.setJointMotorControl2(…, p.POSITION_CONTROL, …) in its place",
-     Special(lambda _: {"do": "drive", "functions": ["resetJointState", STEP]}, of_body=True)),
-    (re.compile(r"hand on its vertical velocity"), "without", "its vertical velocity handed on",
-     Special(lambda _: {"do": "fall", "functions": ["resetBaseVelocity"]}, of_body=True)),
-    (re.compile(r"p\.multiplyTransforms\(position, orientation, \*p\.getDynamicsInfo"), "lifted",
-     "the centre of mass in place of the frame",
-     Special(lambda _: {"do": "frame", "functions": ["resetBasePositionAndOrientation"]},
-             of_body=True)),
-    (re.compile(r"setPhysicsEngineParameter\(collisionFilterMode=0\)"), "collision-off",
-     "p.setPhysicsEngineParameter(collisionFilterMode=0)",
-     Special(lambda _: _begins(ENGINE, {"collisionFilterMode": 0}))),
-)  # fmt: skip
+    (
+        re.compile(r"leave \S+ out of the call"),
+        "without",
+        "without p.changeDynamics(…)",
+        Special(lambda _: _leave([DYNAMICS]), needs_site=True, of_body=True),
+    ),
+    (
+        re.compile(r"give ([\w, ]+) in a call of its own"),
+        "without",
+        "without {0}",
+        Special(lambda match: _leave([DYNAMICS], *match[1].split(", ")), needs_site=True),
+    ),
+    (
+        re.compile(r"p\.(\w+)\((?:[^()]|\([^()]*\))*\) came in between"),
+        "without",
+        "without p.{0}(…)",
+        Special(lambda match: _leave([match[1]]), needs_site=True),
+    ),
+    (
+        re.compile(r"p\.(\w+)\(…, physicsClientId=(\d+)\)"),
+        "right-client",
+        "p.{0}(…, physicsClientId={1})",
+        Special(lambda match: {"do": "also", "functions": [match[1]], "of": int(match[2])}),
+    ),
+    (
+        re.compile(r"drive it there: p\.setJointMotorControl2"),
+        "without",
+        "p.setJointMotorControl2(…, p.POSITION_CONTROL, …) in its place",
+        Special(lambda _: {"do": "drive", "functions": ["resetJointState", STEP]}, of_body=True),
+    ),
+    (
+        re.compile(r"hand on its vertical velocity"),
+        "without",
+        "its vertical velocity handed on",
+        Special(lambda _: {"do": "fall", "functions": ["resetBaseVelocity"]}, of_body=True),
+    ),
+    (
+        re.compile(r"p\.multiplyTransforms\(position, orientation, \*p\.getDynamicsInfo"),
+        "lifted",
+        "the centre of mass in place of the frame",
+        Special(
+            lambda _: {"do": "frame", "functions": ["resetBasePositionAndOrientation"]},
+            of_body=True,
+        ),
+    ),
+    (
+        re.compile(r"setPhysicsEngineParameter\(collisionFilterMode=0\)"),
+        "collision-off",
+        "p.setPhysicsEngineParameter(collisionFilterMode=0)",
+        Special(lambda _: _begins(ENGINE, {"collisionFilterMode": 0})),
+    ),
+)
 """Advices about one call: their words, the intervention, its call, and what is done."""
 
 
@@ -318,9 +363,14 @@ def _dynamics(
     """Yield properties of links, after their body is made and after a call sets them."""
     for body in bodies:
         each = {
-            "do": "add", "call": DYNAMICS, "values": values, "factors": factors or {},
-            "links": [*links(body)], "link_name": "linkIndex", **_of(body),
-        }  # fmt: skip
+            "do": "add",
+            "call": DYNAMICS,
+            "values": values,
+            "factors": factors or {},
+            "links": [*links(body)],
+            "link_name": "linkIndex",
+            **_of(body),
+        }
         yield {**each, "functions": MAKES}
         yield {**each, "functions": [DYNAMICS], "only_after": True}
 
@@ -337,9 +387,13 @@ def _motors(scope: Scope, values: Values, modes: list[int]) -> Iterator[Operatio
     for body in scope.bodies:
         links = None if scope.joint is None else scope.links(body)
         yield {
-            "do": "motor", "functions": MOTORS, "values": values, "links": links, "modes": modes,
+            "do": "motor",
+            "functions": MOTORS,
+            "values": values,
+            "links": links,
+            "modes": modes,
             **_of(body),
-        }  # fmt: skip
+        }
 
 
 def _force(scope: Scope, value: float | None, _: Values) -> Iterator[Operation]:
@@ -372,8 +426,10 @@ def _motor_off(scope: Scope, _: float | None, __: Values) -> Iterator[Operation]
             if joint.kind == "spherical":
                 off["call"] = "setJointMotorControlMultiDof"
                 off["fixed"] = {
-                    "controlMode": POSITION, "targetPosition": [0, 0, 0, 1], "force": [0, 0, 0],
-                }  # fmt: skip
+                    "controlMode": POSITION,
+                    "targetPosition": [0, 0, 0, 1],
+                    "force": [0, 0, 0],
+                }
             else:
                 off["call"] = "setJointMotorControl2"
                 off["fixed"] = {"controlMode": VELOCITY, "force": 0}
@@ -412,9 +468,12 @@ def _collision(scope: Scope, _: float | None, __: Values) -> Iterator[Operation]
     """Load bodies without self-collision."""
     for body in scope.bodies:
         yield {
-            "do": "set", "functions": ["loadURDF", "loadMJCF"], "flags": {"flags": 0},
-            "clear": SELF_COLLISION, **_of(body),
-        }  # fmt: skip
+            "do": "set",
+            "functions": ["loadURDF", "loadMJCF"],
+            "flags": {"flags": 0},
+            "clear": SELF_COLLISION,
+            **_of(body),
+        }
 
 
 def _concave(_: Scope, __: float | None, ___: Values) -> Iterator[Operation]:
