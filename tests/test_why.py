@@ -26,6 +26,7 @@ from drop_physics.recording.reader import read
 from drop_physics.rules.answer import Effect, Finding
 from drop_physics.stages.record import record_script
 from drop_physics.stages.why import Proved, Why, why
+from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body, Joint
 
 HEAD = """
@@ -84,7 +85,7 @@ def test_what_takes_a_symptom_away_is_said_to_have_cured_it(held: Why) -> None:
 def test_a_trial_is_recorded_as_the_engine_was_asked(held: Why) -> None:
     (tried,) = found(held, "weak-constraint").tried
     assert tried.recording is not None
-    (call,) = read(tried.recording).seen.calls.of("changeConstraint")
+    (call,) = read(tried.recording).seen.calls.of(Act.CHANGE_CONSTRAINT)
     assert call.values["maxForce"] == (100.0,)
     assert (call.file, call.line) == ("script.py", HEAD.count("\n") + 5)
     explained = analyze(tried.recording).explained

@@ -184,19 +184,17 @@ def _hangs(why: Why, *, every: bool) -> Iterator[Section]:
         most = Message("{value} or less", value=readable(rest[0].value, rest[0].unit))
         rows.append((counted(len(rest), "other"), most, ""))
     if why.noise is not None:
-        sure = Message("what stands above is ten times that")
         noise = readable(why.noise.value, why.noise.unit)
-        rows.append((Message("nudge of 1e-9"), noise, sure if moving else ""))
+        rows.append((Message("nudge of 1e-9"), noise, ""))
     if not rows:
         return
     calls, values, parts = ([*each] for each in zip(*rows, strict=True))
     table = DataTable(
         [
-            Column("", calls, shrinks_to=24),
+            Column(Message("the outcome hangs on"), calls, shrinks_to=24),
             Column(Message("it moves by"), values),
             Column("", parts, wraps=True),
-        ],
-        title=Message("the outcome hangs on"),
+        ]
     )
     yield Section([table])
 

@@ -39,7 +39,7 @@ class Tried:
     """One trial, as a finding has it, or as what an outcome hangs on."""
 
     intervention: Intervention
-    judged: TrialVerdict | None
+    shown: TrialVerdict | None
     """What it shows of the finding; None of a trial that belongs to none, or was not run."""
     verdict: Verdict
     moved: Distance | None
@@ -47,7 +47,6 @@ class Tried:
     same: bool
     """Whether no position differs, to the bit."""
     recording: Path | None
-
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,7 @@ from drop_physics.fields import alternatives
 from drop_physics.option_types import number
 from drop_physics.stages.runs import RunsUnderWay
 from drop_physics.stages.variations import NUDGE
+from drop_physics.trace.acts import FILTERS, PUSHES, Act
 from drop_physics.trace.events import Body, located
 
 if TYPE_CHECKING:
@@ -42,21 +43,18 @@ LONGEST = 10.0
 """A trial that takes so many times the script's own run, and `LEAST_S`, is stopped."""
 LEAST_S = 20.0
 SETTERS = (
-    "changeDynamics",
-    "setPhysicsEngineParameter",
-    "setTimeStep",
-    "setGravity",
-    "setDefault",
-    "setCollisionFilter",
-    "changeConstraint",
-    "enableJointForceTorqueSensor",
-    "setJointMotor",
-    "setRealTimeSimulation",
-    "apply",
-    "resetBaseVelocity",
-    "setInternalSimFlags",
+    *PUSHES,
+    *FILTERS,
+    Act.COMMAND,
+    Act.CHANGE_CONSTRAINT,
+    Act.SET_PROPERTY,
+    Act.SET_GRAVITY,
+    Act.SET_TIMESTEP,
+    Act.SET_ENGINE,
+    Act.SET_REAL_TIME,
+    Act.SET_VELOCITY,
 )
-"""The functions whose calls are left out by `--ablate` begin with these."""
+"""The calls that are left out by `--ablate`."""
 NEEDED = re.compile(
     r"^(body\w*|object\w*|link\w*|joint\w*|controlMode|physicsClientId|flags|"
     r"userConstraint\w*|\w*Obj|grav[XYZ]|timeStep|mass)$"
