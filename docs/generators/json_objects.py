@@ -43,6 +43,7 @@ from drop_physics.explain.touches import Touch
 from drop_physics.rules import answer
 from drop_physics.scenario import Scenario
 from drop_physics.stages.check import Check
+from drop_physics.stages.export import Export
 from drop_physics.stages.info import Info
 from drop_physics.stages.render import Rendering
 from drop_physics.stages.simulate import Simulation
@@ -559,6 +560,7 @@ COMMANDS: dict[str, Object] = {
     "why": WHY,
     "info": _object(Info, {"recording", "recording_id", "kind", "complete", "samples", "bodies",
                            "frames", "bytes"}),
+    "export": _object(Export, {"recording", "files"}),
     "view": VIEW,
 }  # fmt: skip
 

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from drop_physics.stages.analyze import analyze as analyze
     from drop_physics.stages.check import Check as Check
     from drop_physics.stages.check import check as check
+    from drop_physics.stages.export import Export as Export
+    from drop_physics.stages.export import export as export
     from drop_physics.stages.info import Info as Info
     from drop_physics.stages.info import info as info
     from drop_physics.stages.record import Recorded as Recorded
@@ -63,6 +65,8 @@ _HOMES = {
     "DropAnalysis": "drop_physics.drop.results",
     "check": "drop_physics.stages.check",
     "Check": "drop_physics.stages.check",
+    "export": "drop_physics.stages.export",
+    "Export": "drop_physics.stages.export",
     "info": "drop_physics.stages.info",
     "Info": "drop_physics.stages.info",
     "record": "drop_physics.stages.record_block",

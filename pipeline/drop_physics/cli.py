@@ -594,6 +594,32 @@ def info(run: given.RunOrNewest = None, *, json: given.Json = False) -> None:
 
 @app.command(
     rich_help_panel=RECORDINGS,
+    short_help="Write states, joints, contacts for other tools.",
+    epilog="Example: drop export recordings/run.rrd --out run.mcap",
+)
+def export(
+    run: given.RunOrNewest = None,
+    *,
+    out: given.Exported = None,
+    force: given.Force = False,
+    json: given.Json = False,
+) -> None:
+    """Write states, joints and contact points of a recording for other tools.
+
+    As tables, or as MCAP for Foxglove and PlotJuggler: joints as /joint_states, poses of centres of
+    mass as transforms on /tf, contact points on /contacts.
+    """
+    from drop_physics.stages.found import recording_of
+
+    recording = recording_of(run, output.note)
+    from drop_physics.report.terminal import show
+    from drop_physics.stages.export import export
+
+    show(export(recording, out, force=force), as_json=json)
+
+
+@app.command(
+    rich_help_panel=RECORDINGS,
     short_help="Open recordings in the Rerun viewer.",
     epilog="Example: drop view recordings/run.rrd",
 )

@@ -95,6 +95,16 @@ Layer = Annotated[
     takes("LAYER.rrd", "The layer to write. [default: RUN.analysis.rrd]", "--out", "-o"),
 ]
 Table = Annotated[Path | None, takes("FILE", "Write every sample to a .parquet or .csv file.")]
+Exported = Annotated[
+    Path | None,
+    takes(
+        "FILE",
+        "The .mcap to write; or .csv or .parquet: NAME.states.csv, NAME.joints.csv and "
+        "NAME.contacts.csv. [default: RUN.csv]",
+        "--out",
+        "-o",
+    ),
+]
 Film = Annotated[
     Path | None,
     takes("FILE", "The .gif, .webp, .apng or .mp4 to write. [default: RUN.gif]", "--out", "-o"),

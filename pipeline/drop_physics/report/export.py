@@ -1,0 +1,29 @@
+"""What was written of a recording for other tools."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from drop_physics.fields import counted
+from drop_physics.messages import Message
+from drop_physics.report.blocks import Facts, File, Report, Section
+
+if TYPE_CHECKING:
+    from drop_physics.stages.export import Export
+
+COLUMN = 12
+"""Characters that titles take."""
+
+
+def report_of(export: Export) -> Report:
+    """Say which files were written, and how much is in each."""
+    files = []
+    for path, count in export.files.items():
+        held = counted(count, "message") if path.endswith(".mcap") else counted(count, "row")
+        files.append(File(Message("written"), path, held))
+    return Report(sections=[Section([Facts(files, COLUMN)])])
+
+
+def json_of(export: Export) -> dict[str, Any]:
+    """Return what `--json` prints."""
+    return {"recording": str(export.recording), "files": export.files}
