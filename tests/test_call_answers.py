@@ -763,6 +763,11 @@ def held(kg: float, force: float, before: str = "", after: str = "", n: int = 12
 def test_a_constraint_that_gives_way(scene: str, limit: str, stronger: str, tmp_path: Path) -> None:
     found = one(scene, tmp_path, "weak-constraint")
     assert limit in found.message
+    weight = re.search(r"the weight is (\S+) N", found.message)
+    assert weight
+    assert float(weight[1]) > float(limit.split()[0])
+    assert found.advice
+    assert ("setTimeStep before" in found.advice) == ("setTimeStep" in scene)
     assert found.site == site(6)
     # Bare PyBullet: it has fallen; with more force it has not.
     falls, holds = (
@@ -863,7 +868,7 @@ c = p.loadURDF("cube_small.urdf", [0.6, 0, 0.025])
 x, o = p.getLinkState(a, 11)[:2]
 y, r = p.getBasePositionAndOrientation(c)
 z, s = p.multiplyTransforms(*p.invertTransform(x, o), y, r)
-p.createConstraint(a, 11, c, -1, p.JOINT_{kind}, [0, 0, 0], {at}, [0, 0, 0])
+p.createConstraint(a, 11, c, -1, p.JOINT_{kind}, [0, 0, 0], {at})
 steps(9)
 """
 TWO = """
@@ -885,15 +890,38 @@ b = p.createMultiBody(1, -1, -1, [0, 0, {z}], linkMasses=[1], linkCollisionShape
     linkVisualShapeIndices=[-1], linkPositions=[[0, 0, 0]], linkOrientations=[[0, 0, 0, 1]],
     linkInertialFramePositions=[[0, 0, -.5]], linkInertialFrameOrientations=[[0, 0, 0, 1]],
     linkParentIndices=[0], linkJointTypes=[p.JOINT_REVOLUTE], linkJointAxis=[[1, 0, 0]])
+for k in (-1, 0):
+    p.changeDynamics(b, k, localInertiaDiagonal=[0.01] * 3)
 p.createConstraint(b, -1, -1, -1, p.JOINT_FIXED, [0, 0, 0], [0, 0, 0], [0, 0, 2])
 steps(9)
+"""
+TURNED = """
+s = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.05] * 3)
+q, r = (p.getQuaternionFromEuler([0, 0, z]) for z in (0.3, 1.3))
+a, b = (p.createMultiBody(1 - {still} * x, s, -1, [0.2 * x, 0, 0], q if x else r) for x in (0, 1))
+at, by = p.multiplyTransforms(*p.invertTransform([0.2, 0, 0], q), [0, 0, 0], r)
+p.createConstraint(a, -1, b, -1, p.JOINT_{kind}, [0] * 3, [0] * 3, at,
+    childFrameOrientation={by})
+steps(9)
+"""
+SPRING = """
+s = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.2] * 3)
+b = p.createMultiBody(1, s, -1, [0, 0, 0])
+c = p.createConstraint(b, -1, -1, -1, p.JOINT_POINT2POINT, [0] * 3, [0] * 3, [1, 0, 0])
+for i in range(240):
+    p.changeConstraint(c, maxForce=4 * abs(p.getBasePositionAndOrientation(b)[0][0] - 1))
+    p.stepSimulation()
 """
 
 
 @pytest.mark.parametrize(
     ("scene", "gap", "met"),
     [
-        (HAND.format(kind="FIXED", at="[0, 0, 0]"), None, HAND.format(kind="FIXED", at="z")),
+        (
+            HAND.format(kind="FIXED", at="[0] * 3, [0] * 3"),
+            None,
+            HAND.format(kind="FIXED", at="z, [0] * 3, s"),
+        ),
         (
             TWO.format(kind="POINT2POINT", at="[0, 0, 0]"),
             0.5,
@@ -920,9 +948,22 @@ def test_points_that_do_not_meet(scene: str, gap: float | None, met: str, tmp_pa
     assert not ask(met, tmp_path, "constraint-apart")
 
 
+@pytest.mark.parametrize("still", some([0, 1], 1))
+def test_frames_that_are_turned(still: int, tmp_path: Path) -> None:
+    """Frames 1 rad apart: bare PyBullet takes a fifth of the angle away in each step."""
+    scene = TURNED.format(kind="FIXED", by="[0, 0, 0, 1]", still=still)
+    found = one(scene, tmp_path, "constraint-apart")
+    assert found.effect is not None
+    assert found.effect.value == pytest.approx(1)
+    assert found.effect.unit == "rad"
+    assert not ask(TURNED.format(kind="FIXED", by="by", still=still), tmp_path, "constraint-apart")
+
+
 @pytest.mark.parametrize(
     "scene",
     [
+        SPRING,  # at its limit, it is not pulled together
+        TURNED.format(kind="POINT2POINT", by="[0, 0, 0, 1]", still=0),  # closes no angle
         TWO.format(kind="PRISMATIC", at="[0, 0, 0]"),  # along the axis nothing is pulled
         # Created anywhere, and moved to where the body is before the first step; or off from there.
         AT_WORLD.format(at="[0, 0, 0.2]", change="p.changeConstraint(c, [0, 0, 1])"),

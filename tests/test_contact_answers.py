@@ -5,6 +5,7 @@ Where a rule speaks, the one thing that it names is changed, and the symptom goe
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -277,6 +278,41 @@ def test_one_restitution_is_none(z: float, r: float, tmp_path: Path) -> None:
 )
 def test_what_was_placed_or_bounces_has_restitution(scene: str, tmp_path: Path) -> None:
     assert not found(scene, tmp_path, "no-restitution")
+
+
+TILTED = (
+    FLOOR
+    + """
+s = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.3, 0.05, 0.05])
+b = p.createMultiBody(1, s, -1, [0, 0, {z}], p.getQuaternionFromEuler([0, 0.3, 0]))
+p.changeDynamics(b, -1, restitution=0.9, linearDamping=0)
+steps(240)
+"""
+)
+
+
+def test_a_corner_that_comes_down_later_is_not_how_fast_it_falls(tmp_path: Path) -> None:
+    z, half_m = 1.0, 0.3 * np.sin(0.3) + 0.05 * np.cos(0.3)
+    (one,) = found(TILTED.format(z=z), tmp_path, "no-restitution")
+    (speed,) = re.findall(r"meets it at (\S+) m/s", one.message)
+    assert float(speed) == pytest.approx((2 * 9.81 * (z - half_m)) ** 0.5, rel=0.02)
+
+
+OTHERS = {
+    "alone": ("", 1),
+    "a ball that bounces": ("b = ball(1, [3, 0, 1])\np.changeDynamics(b, -1, restitution=0.4)", 0),
+}
+
+
+@pytest.mark.parametrize("what", OTHERS)
+def test_a_floor_is_for_other_things(what: str, tmp_path: Path) -> None:
+    """Of a car nobody asks that it bounces, nor of a box where another thing was told to."""
+    others, count = OTHERS[what]
+    car = "p.loadURDF('racecar/racecar.urdf', [-3, 0, 0.2])"
+    box = "box(1, [0, 0, 0.5])"
+    scene = "\n".join((FLOOR, BOX, BOUNCY.format(r=0.5), box, car, others, "steps(120)"))
+    said = found(scene, tmp_path, "no-restitution")
+    assert [each.body for each in said] == ["1_box"] * count
 
 
 AT_A_WALL = (

@@ -84,6 +84,17 @@ def test_a_point_out_of_reach(tmp_path: Path) -> None:
     assert "finds no way there" in found.message
 
 
+def test_no_number_of_iterations_gets_farther_than_the_arm_is_long(tmp_path: Path) -> None:
+    """A file with all joints in a line is 1.1 m long from its first joint, at z = 0.1575 m."""
+    for x, is_out in ((1.15, True), (1.05, False)):
+        scene = reach(KUKA, 6, [x, 0, 0.1575], more=MANY)
+        (found,) = said(scene, tmp_path)
+        assert ("out of reach" in found.message) == is_out
+        assert found.advice is not None
+        assert "maxNumIterations" not in found.advice  # 1000 were given
+    assert "maxNumIterations" in (said(reach(KUKA, 6, [1.05, 0, 0.2]), tmp_path)[0].advice or "")
+
+
 @pytest.mark.parametrize(
     "scene",
     some(

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 from asked import findings
+from conftest import some
 from drop_physics.rules.answer import Finding
 
 DOWN = "p.setGravity(0, 0, -9.81)\n"
@@ -113,3 +115,100 @@ steps(240)
     assert "motor-gain" in found
     assert "unstable" not in found
     assert "velocity-clamped" not in found
+
+
+# -- gains of velocity ----------------------------------------------------------------------------
+
+VELOCITY_GAIN = (
+    DOWN
+    + KUKA
+    + """
+for j in range(7):
+    p.setJointMotorControl2(k, j, p.{mode}_CONTROL, {target}, velocityGain={gain}, force=50)
+steps(240)
+"""
+)
+
+
+@pytest.mark.parametrize(
+    ("mode", "target", "gain"),
+    [
+        ("POSITION", "0.4 * (j == 0), positionGain=0.2", 7),  # 0.1 rad off, and never past it
+        ("VELOCITY", "targetVelocity=0.2 * (j == 0)", 3),
+    ],
+)
+def test_a_velocity_gain_alone_shakes(mode: str, target: str, gain: float, tmp_path: Path) -> None:
+    shakes, cured = (
+        VELOCITY_GAIN.format(mode=mode, target=target, gain=each) for each in (gain, 1)
+    )
+    (found,) = said("motor-gain", shakes, tmp_path)
+    assert "turns around with every step" in found.message
+    assert f"velocityGain={gain}" in found.message
+    assert said("off-target", shakes, tmp_path) == []
+    assert said("motor-gain", cured, tmp_path) == []
+
+
+# -- what a joint carries, and what it grips ------------------------------------------------------
+
+STACK = (
+    DOWN
+    + """
+plate = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.3, 0.3, 0.05])
+lift = p.createMultiBody(0, -1, -1, [0, 0, 0.5], linkMasses=[5], linkCollisionShapeIndices=[plate],
+    linkVisualShapeIndices=[-1], linkPositions=[[0, 0, 0]], linkOrientations=[[0, 0, 0, 1]],
+    linkInertialFramePositions=[[0, 0, 0]], linkInertialFrameOrientations=[[0, 0, 0, 1]],
+    linkParentIndices=[0], linkJointTypes=[p.JOINT_PRISMATIC], linkJointAxis=[[0, 0, 1]])
+for i in range({boxes}):
+    s = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1] * 3)
+    p.createMultiBody(10, s, -1, [0, 0, 0.65 + 0.2 * i])
+p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE))
+p.setJointMotorControl2(lift, 0, p.POSITION_CONTROL, 0.2, force={force})
+steps(480)
+"""
+)
+
+
+@pytest.mark.parametrize(("boxes", "force"), some([(3, 250), (2, 200), (1, 100)], 2))
+def test_a_stack_on_a_weak_lift_is_a_load(boxes: int, force: float, tmp_path: Path) -> None:
+    """Its motor cannot hold what it carries; it grips nothing."""
+    (found,) = said("off-target", STACK.format(boxes=boxes, force=force), tmp_path)
+    assert found.level == "asked"
+    assert f"its limit of {force} N in" in found.message
+    (takes,) = re.findall(r"holding it here takes (\d+) N", found.message)
+    assert float(takes) == pytest.approx((5 + 10 * boxes) * 9.81, rel=0.01)
+    assert found.advice
+    (stronger,) = re.findall(r"force=(\d+)", found.advice)
+    assert said("off-target", STACK.format(boxes=boxes, force=stronger), tmp_path) == []
+
+
+GRASP = (
+    DOWN
+    + PANDA
+    + """
+home = [0, 0.2, 0, -2, 0, 2.2, 0.78]
+def go(fingers, second=0.2):
+    for j, q in [*enumerate(home), (9, fingers), (10, fingers)]:
+        q = second if j == 1 else q
+        p.setJointMotorControl2(k, j, p.POSITION_CONTROL, q, force=2 if j > 8 else 80)
+for j, q in [*enumerate(home), (9, 0.04), (10, 0.04)]:
+    p.resetJointState(k, j, q)
+at = p.getLinkState(k, 11, computeForwardKinematics=True)[4]
+s = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.02] * 3)
+b = p.createMultiBody({kg}, s, -1, at)
+s = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1] * 3)
+p.createMultiBody(0, s, -1, [at[0], at[1], at[2] - 0.1201])
+go(0)
+steps(12)
+go(0.015)
+steps(60)
+go(0.015, 0.05)
+steps({n})
+"""
+)
+
+
+@pytest.mark.parametrize("n", some([60, 240], 1))
+def test_fingers_that_hold_a_box_miss_nothing(n: int, tmp_path: Path) -> None:
+    """Each target is given before the fingers are at rest, and they are at their limit."""
+    found = said("off-target", GRASP.format(kg=0.02, n=n), tmp_path)
+    assert [each for each in found if each.level == "asked"] == []

@@ -7,6 +7,7 @@ supports too, or is pressed from several sides, what a joint must give is not de
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
@@ -65,8 +66,28 @@ class Holding:
         """Return a body's load if only links that the joint moves, and what is fixed, hold it."""
         tree = self._steps.law.tree
         moved = _beyond(tree, tree.first_rate + joint_rate)
-        its = (load for load in self._loads if load.bodies == {body} and load.links <= moved)
+        its = (load for load in self._loads if body in load.bodies and load.links <= moved)
         return next(its, None)
+
+    def weighs(self, joint_rate: int) -> float:
+        """Return what the weight that a joint alone bears takes in this pose.
+
+        That of what touches the links that it moves included; nan where something else bears that
+        too, whether it is at rest or trembles.
+        """
+        tree, row = self._steps.law.tree, np.array([self._row])
+        moved = _beyond(tree, tree.first_rate + joint_rate)
+        loads = [(n, load) for n, load in enumerate(self._loads) if load.links & moved]
+        alone = all(load.links <= moved and n in self._masses for n, load in loads)
+        if not (tree.fixed and alone) or self.constraints[joint_rate] != 0:
+            return math.nan
+        kin = kinematics(tree, _still(self._steps.after.at(row)))
+        pull = self._steps.reported.gravity_m_s2[row]
+        acting = gravity(kin, pull)[0]
+        for number, load in loads:
+            mass, centre = self._masses[number]
+            acting = acting + _pulled(kin, min(load.links), mass * pull, centre[None])
+        return -float(acting[tree.first_rate + joint_rate])
 
     def at(self, positions: Float64) -> Float64:
         """Return what holding other positions of the joints takes, with the loads that are joined.

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.joints import REST_STEPS, Driven, target_of
-from drop_physics.trace.motors import POSITION
+from drop_physics.trace.motors import POSITION, VELOCITY
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -220,8 +220,9 @@ def rings_with(kp: Float64, kd: Float64) -> Flags:
 def flips(driven: Driven) -> Flags:
     """Return where the gains of a motor turn its joint around with every step, (n, joint_rates)."""
     kp, kd = driven.asked.kp, driven.asked.kd
-    rings = rings_with(kp, kd) & (driven.asked.mode == POSITION) & (driven.asked.pd != 1)
-    return np.asarray(rings & ((kp + kd > 2) | (kd > 1)))
+    position = rings_with(kp, kd) & (driven.asked.mode == POSITION) & (kp + kd > 2)
+    velocity = (driven.asked.mode == VELOCITY) | (driven.asked.mode == POSITION)
+    return np.asarray((position | velocity & (kd > 1)) & (driven.asked.pd != 1))
 
 
 def grows_with(kp: Float64, kd: Float64) -> Flags:

@@ -40,9 +40,13 @@ def cause_of(scene: Scene, driven: Driven, held: Holding, stood: Stood) -> Cause
     row, k = int(stood.row[0]), stood.k
     if not driven.at_limit[row, k]:
         return _gains(driven, row, k, float(stood.gap[0]))
-    if abs(float(held.needs[k])) > driven.limit[row, k]:
-        return _too_weak(driven, held, stood)
-    holds = _held(scene, driven, held, row, k, math.copysign(1.0, float(stood.gap[0])))
+    away = math.copysign(1.0, float(stood.gap[0]))
+    here = float(held.needs[k])
+    if math.isnan(here) and not -away * (here := held.weighs(k)) > 0:
+        here = math.nan
+    if abs(here) > driven.limit[row, k]:
+        return _too_weak(driven, held, stood, abs(here))
+    holds = _held(scene, driven, held, row, k, away)
     if holds is None and math.isnan(held.needs[k]):  # others share its load
         return Cause(_weak(driven, stood), Message("give it more force"))
     return holds
@@ -63,9 +67,21 @@ def _weak(driven: Driven, stood: Stood) -> Message:
     return at_limit(limit, int(stood.at_limit[0]), int(stood.steps[0]))
 
 
-def _too_weak(driven: Driven, held: Holding, stood: Stood) -> Cause:
+def holds_off(scene: Scene, held: Holding, joint_rate: int, away: float) -> bool:
+    """Return whether a body that a joint grips or pushes, but does not carry, stops its motor.
+
+    `away` is the sign of the way that the motor cannot go back.
+    """
+    against = [one for one, each in held.contacts.items() if each[joint_rate] * away > 0]
+    return any(
+        scene.body(one).base_moves and held.from_one_side(one, joint_rate) is None
+        for one in against
+    )
+
+
+def _too_weak(driven: Driven, held: Holding, stood: Stood, here: float) -> Cause:
     row, k = int(stood.row[0]), stood.k
-    unit, here = units_of(driven, k)[1], abs(float(held.needs[k]))
+    unit = units_of(driven, k)[1]
     positions = driven.steps.after.joints[row].copy()
     aims, tree = target_of(driven)[row], driven.steps.law.tree
     for link, at in enumerate(tree.coordinates):
@@ -93,14 +109,19 @@ def give_at_least(need: float, unit: str, force: float) -> Message:
     """
     if force > abs(need):
         return Message("call p.setTimeStep before the motors are commanded")
-    wanted = SPARE * abs(need)
-    step = 10.0 ** (math.floor(math.log10(wanted)) - (wanted < 20))
     digit = 10.0 ** min(0, math.floor(math.log10(abs(need))) - 1)  # the last that is written
     return Message(
         "give it at least {need}: p.setJointMotorControl2(…, force={force})",
         need=effort(math.ceil(abs(need) / digit) * digit, unit),
-        force=f"{math.ceil(wanted / step) * step:g}",
+        force=to_spare(need),
     )
+
+
+def to_spare(need: float) -> str:
+    """Return a round force limit that leaves some to spare."""
+    wanted = SPARE * abs(need)
+    step = 10.0 ** (math.floor(math.log10(wanted)) - (wanted < 20))
+    return f"{math.ceil(wanted / step) * step:g}"
 
 
 def _held(
@@ -124,6 +145,8 @@ def _held(
         if load is not None:
             advice = None if load.anchored else Message("give it more force")
             return Cause(why, advice, other=body.label)
+        if abs(float(held.contacts[most][k])) > torque * (1 + CLOSE):
+            return None  # what lies on it is more than its motor can press with
         force = effort(float(held.contacts[most][k]), unit)
         holds = Message("it holds {other} with {force}", other=body.label, force=force)
         return Cause(holds, level="note", other=body.label)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drop_physics.explain.joints import Driven, target_of
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
+from drop_physics.physics.tree import States, Tree
 from drop_physics.rules.answer import Answer, Effect, Finding, Scene, Span
 from drop_physics.rules.arguments import given, number, site_of
 from drop_physics.rules.joint import distance
@@ -18,12 +22,17 @@ from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body
 from drop_physics.trace.motors import POSITION
 
+Float64 = NDArray[np.float64]
+
 OFF_M = 5e-3
 """What is less off is good enough for most hands."""
 JOINTS = 0.2
 """Joints add less than this share of it."""
 AGAIN = 50
 """Answers for one point, each from where the last one led: no more iterations help."""
+
+ENOUGH = 1000
+"""Iterations than which more hardly help."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +52,10 @@ class _Off:
     joint: str
     off_m: float
     step: int
+    reach_m: float
+    """How far from the first joint of its arm the hand gets, at most."""
+    away_m: float
+    """How far from there the point is."""
 
 
 class IkOff(Answer):
@@ -128,7 +141,10 @@ class IkOff(Answer):
             and (known is None or off_m > known.off_m)
         ):
             name = driven.body.joints[sent.link].name
-            self._off[driven.body.number] = _Off(sent, name, off_m, int(steps.steps[row]))
+            first_m, reach_m = _reach(tree, reached, sent.link, steps.law.lower, steps.law.upper)
+            away_m = float(np.linalg.norm(first_m - sent.point_m))
+            step = int(steps.steps[row])
+            self._off[driven.body.number] = _Off(sent, name, off_m, step, reach_m, away_m)
 
     def findings(self) -> Iterator[Finding]:
         """Yield the worst of each robot."""
@@ -140,8 +156,17 @@ class IkOff(Answer):
                 "off": distance(worst.off_m, "m"),
                 "point": point,
                 "times": sent.times,
+                "away": worst.away_m,
+                "reach": worst.reach_m,
             }
-            if sent.times < AGAIN:
+            if worst.away_m > worst.reach_m:
+                message = Message(
+                    "{joint}: the hand rests {off} from the point ({point}) with its joints on "
+                    "their targets: that is out of reach, {away:.3g} m from the first joint of an "
+                    "arm that is {reach:.3g} m long"
+                )
+                advice = Message("ask for a point within reach")
+            elif sent.times < AGAIN:
                 message = Message(
                     "{joint}: the hand rests {off} from the point ({point}) with its joints on "
                     "their targets: p.calculateInverseKinematics gave an answer that is so far off"
@@ -150,6 +175,8 @@ class IkOff(Answer):
                     "p.calculateInverseKinematics(…, maxNumIterations=1000, "
                     "residualThreshold=1e-6), or ask again from where the arm has got to"
                 )
+                if number(sent.call, "maxNumIterations", 0.0) >= ENOUGH:
+                    advice = Message("ask again from where the arm has got to")
             else:
                 message = Message(
                     "{joint}: the hand is {off} from the point ({point}) with its joints on "
@@ -170,3 +197,24 @@ class IkOff(Answer):
                 steps=Span(sent.call.at.step + 1, worst.step, worst.step - sent.call.at.step),
                 site=site_of(sent.call),
             )
+
+
+def _reach(
+    tree: Tree, state: States, hand: int, lower: Float64, upper: Float64
+) -> tuple[Float64, float]:
+    """Return where the first joint of a hand's arm is, and how far from there the hand gets.
+
+    That is the sum of the distances from joint to joint, which only sliding joints change: those
+    get no farther than their limits.
+    """
+    kin, branch = kinematics(tree, state), sorted(tree.branch(hand))
+    moving = next(link for link in branch if tree.rates[link].stop > tree.rates[link].start)
+    arm = [link for link in branch if link >= moving]
+    joints_m = [kin.point_m(link, -tree.centres_m[link])[0] for link in arm]
+    reach_m = sum(float(np.linalg.norm(b - a)) for a, b in pairwise(joints_m))
+    for link in arm:
+        if tree.joints[link] == "prismatic":
+            rate = tree.rates[link].start - tree.first_rate
+            low, high = float(lower[rate]), float(upper[rate])
+            reach_m += abs(low) + abs(high) if low <= high else math.inf
+    return joints_m[0], reach_m

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.joined import FIXED, POINT
 from drop_physics.messages import Message
+from drop_physics.physics.bullet_reports import frame_axes
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.rotations import matrix
 from drop_physics.physics.tree import BASE
 from drop_physics.rules.answer import Answer, Effect, Finding, Scene, Span
 from drop_physics.rules.arguments import given, number, site_of
 from drop_physics.rules.asked_of_bodies import size_m, strained_by
+from drop_physics.rules.held_off import to_spare
+from drop_physics.rules.thresholds import APART, APART_RAD, CLOSES
 from drop_physics.trace.acts import CONSTRAINS, SETS_TIMESTEP, Act
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body
@@ -30,13 +34,28 @@ DEFAULT_TIMESTEP_S = 1 / 240
 TAIL = 10
 """Steps in which something must stay as it is."""
 STILL_M_S = 1e-3
-APART = 0.05
-"""Of a body's size: frames that do not meet."""
 FULL = 1 - 1e-6
 RATIO = 10.0
 """Of masses, beyond which it takes the solver many iterations."""
 STAYS = 0.99
 """Share of a gap that is left, ten steps on, where nothing closes it: what hangs there swings."""
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+
+
+class _Frame(NamedTuple):
+    """What a constraint joins: of a link's centre of mass in its axes, or of the world."""
+
+    point_m: tuple[float, ...]
+    orientation: tuple[float, ...]
+    """Quaternion x, y, z, w."""
+
+
+class _Apart(NamedTuple):
+    """How far the two frames of a constraint are apart."""
+
+    gap_m: float
+    angle_rad: float
+    """0 where the constraint closes no angle."""
 
 
 @dataclass
@@ -44,25 +63,30 @@ class _Joined:
     """A constraint that closes all distance between its two points."""
 
     call: Call
+    fixed: bool
+    """Whether it closes the angle between its frames as well."""
     bodies: tuple[Body | None, Body | None]
     """None is the world."""
     links: tuple[int, int]
-    pivots_m: list[tuple[float, ...]]
-    """Of each link's centre of mass, in its axes; or of the world."""
+    frames: list[_Frame]
     impulse_n_s: float = DEFAULT_N_S
     force_call: Call | None = None
     changed: int = -1
     """Steps before the last call that moved it."""
     since: int = -1
     """Steps before its limit was changed last."""
-    gap_m: float | None = None
-    """At its first step."""
-    first_pivots_m: list[list[tuple[float, ...]]] = field(default_factory=list)
+    first: _Apart | None = None
+    """Before its first step."""
+    closed: _Apart | None = None
+    """The least after one of its first steps."""
+    first_frames: list[list[_Frame]] = field(default_factory=list)
     """As it was created, and as it was at its first step."""
     tail: Float64 = field(default_factory=lambda: np.empty((0, 2, 3)))
     """Where its points were at the last samples."""
     forces: Float64 = field(default_factory=lambda: np.empty((0, 3)))
     last: int = -1
+    weight_n: float = 0.0
+    """Of what is held, along the axis on which it is most; 0 if it does not hang here alone."""
     full: int = 0
     timestep_s: float = DEFAULT_TIMESTEP_S
 
@@ -107,17 +131,28 @@ class Joined(Answer):
     def _create(self, call: Call) -> None:
         key = call.client, int(call.result)
         self._now.pop(key, None)
-        if int(number(call, "jointType", -1.0)) not in (FIXED, POINT):
+        kind = int(number(call, "jointType", -1.0))
+        if kind not in (FIXED, POINT):
             return
         ids = [int(number(call, f"{role}BodyUniqueId", -1.0)) for role in ROLES]
         came = [None if each < 0 else self.scene.piece.calls.body_at(call, each) for each in ids]
         if any(each >= 0 and found is None for each, found in zip(ids, came, strict=True)):
             return
         links = [int(number(call, f"{role}LinkIndex", -1.0)) for role in ROLES]
-        pivots = [given(call, f"{role}FramePosition") or (0.0,) * 3 for role in ROLES]
+        frames = [
+            _Frame(given(call, f"{role}FramePosition") or (0.0,) * 3, _turned(call, f"{role}Frame"))
+            for role in ROLES
+        ]
         parent, child = (None if each is None else each.body for each in came)
-        joined = _Joined(call, (parent, child), (links[0], links[1]), pivots, changed=call.at.step)
-        joined.first_pivots_m = [[*pivots]]
+        joined = _Joined(
+            call,
+            kind == FIXED,
+            (parent, child),
+            (links[0], links[1]),
+            frames,
+            changed=call.at.step,
+            first_frames=[frames],
+        )
         self._now[key] = joined
         self._all.append(joined)
 
@@ -128,67 +163,98 @@ class Joined(Answer):
             if impulse_n_s != joined.impulse_n_s:
                 joined.impulse_n_s, joined.force_call = impulse_n_s, call
                 joined.since, joined.full = call.at.step, 0
+        parent, child = joined.frames
         pivot = given(call, "jointChildPivot")
-        if len(pivot) == 3 and pivot != joined.pivots_m[1]:
-            joined.pivots_m = [joined.pivots_m[0], pivot]
-            joined.changed = call.at.step
+        moved = _Frame(
+            pivot if len(pivot) == 3 else child.point_m,
+            _turned(call, "jointChildFrame", child.orientation),
+        )
+        if moved != child:
+            joined.frames, joined.changed = [parent, moved], call.at.step
             if call.at.step == joined.call.at.step:
-                joined.first_pivots_m.append([*joined.pivots_m])
+                joined.first_frames.append(joined.frames)
 
     def _follow(self, joined: _Joined, steps: Int64, forces: Float64) -> None:
-        if joined.gap_m is None and steps[0] == joined.call.at.step + 1:
-            gaps = []
-            for pivots in joined.first_pivots_m:
-                points = [
-                    self._point(joined, side, steps[:1], pivots[side], after=False)
-                    for side in range(2)
-                ]
-                if points[0] is not None and points[1] is not None:
-                    gaps.append(float(np.linalg.norm(points[0] - points[1])))
-            joined.gap_m = min(gaps, default=0.0)
+        begin = joined.call.at.step + 1
+        if joined.first is None and steps[0] == begin:
+            apart = [
+                self._apart(joined, steps[:1], each, after=False) for each in joined.first_frames
+            ]
+            joined.first = _least(apart)
+        if joined.first is not None and steps[0] < begin + TAIL and joined.changed < begin:
+            soon = steps[: int(np.searchsorted(steps, begin + TAIL))]
+            joined.closed = _least(
+                [joined.closed, self._apart(joined, soon, joined.frames, after=True)]
+            )
         timestep_s = self._timestep_s.get(joined.call.client, DEFAULT_TIMESTEP_S)
         joined.timestep_s, joined.last = timestep_s, int(steps[-1])
         full = np.abs(forces[:, :3]).max(axis=1) >= joined.impulse_n_s / timestep_s * FULL
         joined.full += int((full & (steps > joined.since)).sum())
         tail = steps[-TAIL - 1 :]
-        points = [
-            self._point(joined, side, tail, joined.pivots_m[side], after=True) for side in range(2)
-        ]
-        if points[0] is None or points[1] is None:
+        ends = self._ends(joined, tail, joined.frames, after=True)
+        if ends is None:
             joined.tail = joined.tail[:0]
             return
-        now = np.stack((points[0], points[1]), axis=1)
-        joined.tail = np.concatenate((joined.tail, now))[-TAIL - 1 :]
+        joined.tail = np.concatenate((joined.tail, ends[0]))[-TAIL - 1 :]
         joined.forces = np.concatenate((joined.forces, forces[-TAIL:, :3]))[-TAIL:]
+        joined.weight_n = self._weight_n(joined)
 
-    def _point(
-        self,
-        joined: _Joined,
-        side: int,
-        ends: Int64,
-        pivot_m: tuple[float, ...],
-        *,
-        after: bool,
-    ) -> Float64 | None:
-        """Return where a point is at samples, or at the beginning of the steps to them, (n, 3)."""
+    def _apart(
+        self, joined: _Joined, samples: Int64, frames: list[_Frame], *, after: bool
+    ) -> _Apart | None:
+        """Return how close two frames come at samples, or at the beginning of the steps to them."""
+        ends = self._ends(joined, samples, frames, after=after)
+        if ends is None:
+            return None
+        points_m, axes = ends
+        turned = np.einsum("nji,njk->nik", axes[:, 0], axes[:, 1])
+        cosine = ((np.trace(turned, axis1=1, axis2=2) - 1) / 2).clip(-1, 1)
+        angle_rad = float(np.arccos(cosine).min()) if joined.fixed else 0.0
+        return _Apart(
+            float(np.linalg.norm(points_m[:, 0] - points_m[:, 1], axis=1).min()), angle_rad
+        )
+
+    def _ends(
+        self, joined: _Joined, samples: Int64, frames: list[_Frame], *, after: bool
+    ) -> tuple[Float64, Float64] | None:
+        """Return points and axes of both frames, shape (n, 2, 3) and (n, 2, 3, 3)."""
+        ends = [self._end(joined, side, samples, frames[side], after=after) for side in range(2)]
+        if ends[0] is None or ends[1] is None:
+            return None
+        points_m, axes = zip(*ends, strict=True)
+        return np.stack(points_m, axis=1), np.stack(axes, axis=1)
+
+    def _end(
+        self, joined: _Joined, side: int, samples: Int64, frame: _Frame, *, after: bool
+    ) -> tuple[Float64, Float64] | None:
+        """Return one frame's point and axes, shape (n, 3) and (n, 3, 3); None if not known."""
         body, link = joined.bodies[side], joined.links[side]
+        turn = matrix(frame.orientation)
         if body is None:
-            return np.tile(pivot_m, (len(ends), 1))
-        found: list[Float64] = []
+            return np.tile(frame.point_m, (len(samples), 1)), np.tile(turn, (len(samples), 1, 1))
+        found: list[tuple[Float64, Float64]] = []
         for _, steps in self.scene.stretches(body.number):
-            rows = np.flatnonzero(np.isin(steps.steps, ends))
+            rows = np.flatnonzero(np.isin(steps.steps, samples))
             if len(rows) and link < steps.law.tree.links:
-                states = (steps.after if after else steps.before).at(rows)
-                found.append(kinematics(steps.law.tree, states).point_m(link, pivot_m))
+                kin = kinematics(steps.law.tree, (steps.after if after else steps.before).at(rows))
+                axes = frame_axes(kin, link, frame.orientation)
+                found.append((kin.point_m(link, frame.point_m), axes))
         if body.number not in self.scene.judged and link == BASE:  # it stands where calls put it
             puts = [each for each in self.scene.seen.puts if each.body.number == body.number]
-            bases = [each.base for each in puts if each.at.step < ends[-1]][-1:]
-            found = [
-                np.tile(base[:3] + matrix(base[3:7].tolist()) @ pivot_m, (len(ends), 1))
-                for base in bases
-            ]
-        whole = np.concatenate(found) if found else np.empty((0, 3))
-        return whole if len(whole) == len(ends) else None
+            bases = [each.base for each in puts if each.at.step < samples[-1]][-1:]
+            for base in bases:
+                stands = matrix(base[3:7].tolist())
+                point_m = base[:3] + stands @ frame.point_m
+                found = [
+                    (
+                        np.tile(point_m, (len(samples), 1)),
+                        np.tile(stands @ turn, (len(samples), 1, 1)),
+                    )
+                ]
+        if sum(len(points_m) for points_m, _ in found) != len(samples):
+            return None
+        points_m, all_axes = zip(*found, strict=True)
+        return np.concatenate(points_m), np.concatenate(all_axes)
 
     def findings(self) -> Iterator[Finding]:
         """Yield the constraints that do not meet, and those that give way."""
@@ -199,6 +265,16 @@ class Joined(Answer):
             weak = None if self._leans(each) else _weak(each, self._ratio(each.call.client))
             if weak is not None:
                 yield weak
+
+    def _weight_n(self, joined: _Joined) -> float:
+        moving = [each for each in joined.bodies if each is not None and each.base_moves]
+        if len(moving) != 1 or sum(moving[0] in each.bodies for each in self._now.values()) != 1:
+            return 0.0
+        weights_n = [
+            np.abs(steps.law.tree.masses_kg.sum() * steps.reported.gravity_m_s2[-1]).max()
+            for _, steps in self.scene.stretches(moving[0].number)
+        ]
+        return float(weights_n[-1]) if weights_n else 0.0
 
     def _ratio(self, client: int) -> float:
         """Return what the solver has to bear of points that meet and that no call moved."""
@@ -232,22 +308,52 @@ def _size_m(joined: _Joined) -> float:
     return min(sizes)
 
 
+def _turned(call: Call, frame: str, default: tuple[float, ...] = UPRIGHT) -> tuple[float, ...]:
+    """Return a frame's orientation; PyBullet passes over one that is not four numbers."""
+    orientation = given(call, f"{frame}Orientation")
+    return orientation if len(orientation) == 4 else default
+
+
+def _least(apart: list[_Apart | None]) -> _Apart | None:
+    known = [each for each in apart if each is not None]
+    return _Apart(*map(min, zip(*known, strict=True))) if known else None
+
+
 def _meets(joined: _Joined) -> bool:
-    return joined.gap_m is None or not joined.gap_m > APART * _size_m(joined)
+    return joined.first is None or not joined.first.gap_m > APART * _size_m(joined)
 
 
 def _apart(joined: _Joined) -> Finding | None:
-    if _meets(joined) or joined.gap_m is None:
+    """Return that a constraint pulls together what was apart, if it did: a spring does not."""
+    first, closed = joined.first, joined.closed
+    if first is None or closed is None:
         return None
-    size = _size_m(joined)
-    held, other, name = _names(joined)
-    message = Message(
-        "{body} is joined to {other} at points that are {gap:.3g} m apart, which the constraint "
-        "pulls together",
-        body=held,
-        other=name,
-        gap=joined.gap_m,
-    )
+    size, (held, other, name) = _size_m(joined), _names(joined)
+    values = {"body": held, "other": name, "gap": first.gap_m, "angle": first.angle_rad}
+    if first.gap_m > APART * size and closed.gap_m < CLOSES * first.gap_m:
+        message = Message(
+            "{body} is joined to {other} at points that are {gap:.3g} m apart, which the "
+            "constraint pulls together",
+            **values,
+        )
+        advice = Message(
+            "give p.createConstraint the parentFramePosition and childFramePosition of "
+            "one and the same point"
+        )
+        effect, share = Effect(first.gap_m, "m"), first.gap_m / size
+    elif first.angle_rad > APART_RAD and closed.angle_rad < CLOSES * first.angle_rad:
+        message = Message(
+            "{body} is joined to {other} in frames that are turned by {angle:.2g} rad, which the "
+            "constraint turns back",
+            **values,
+        )
+        advice = Message(
+            "give p.createConstraint the parentFrameOrientation and childFrameOrientation of "
+            "one and the same frame"
+        )
+        effect, share = Effect(first.angle_rad, "rad"), first.angle_rad
+    else:
+        return None
     step = joined.call.at.step + 1
     return Finding(
         code="constraint-apart",
@@ -255,12 +361,9 @@ def _apart(joined: _Joined) -> Finding | None:
         message=message,
         body=held,
         other=other,
-        advice=Message(
-            "give p.createConstraint the parentFramePosition and childFramePosition of "
-            "one and the same point"
-        ),
-        effect=Effect(joined.gap_m, "m"),
-        share=joined.gap_m / size,
+        advice=advice,
+        effect=effect,
+        share=share,
         steps=Span(step, step, 1),
         site=site_of(joined.call),
     )
@@ -287,6 +390,16 @@ def _weak(joined: _Joined, ratio: float) -> Finding | None:
             count=joined.full,
         )
         advice = Message("give it more: p.changeConstraint(…, maxForce=…)")
+        if joined.weight_n > limit_n:
+            why = Message(
+                "{why}, and the weight is {weight:.3g} N", why=why, weight=joined.weight_n
+            )
+            advice = Message(
+                "give it more: p.changeConstraint(…, maxForce={force})",
+                force=to_spare(joined.weight_n),
+            )
+            if joined.force_call and number(joined.force_call, "maxForce") > joined.weight_n:
+                advice = Message("call p.setTimeStep before p.changeConstraint(…, maxForce=…)")
     elif ratio >= RATIO and gap_m > APART * size:
         why = Message(
             "of what constraints join, one is {ratio:.3g} times as heavy as another, and the "

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from drop_physics.explain.targets import grows_with, rings_with
+from drop_physics.explain.targets import flips, grows_with, rings_with
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, and_more
 from drop_physics.rules.joint import distance, effort
 from drop_physics.rules.rule import JointColumns, Match, Said, Worst, joint_rule
-from drop_physics.rules.thresholds import BEYOND_RANGE, CROSSINGS, OTHER_FORCE
+from drop_physics.rules.thresholds import BEYOND_RANGE, COASTS_RAD_S, CROSSINGS, OTHER_FORCE
 
 
 @joint_rule("target-clamped", "asked")
@@ -59,40 +59,65 @@ def motor_gain(joints: JointColumns) -> Match:
     """Off its limit a motor leaves gaps e with e' = (2 - kp - kd) e - (1 - kd) e_before."""
     kp, kd = joints.kp, joints.kd
     before, after = joints.before - joints.target, joints.after - joints.target
+    grows = grows_with(kp, kd)
     # At its limit a motor does not follow its gains, unless they are why it is there.
-    free = ~joints.at_limit | grows_with(kp, kd)
+    free = ~joints.at_limit | grows
     visible = np.maximum(np.abs(before), np.abs(after)) > joints.at_target
     rings = rings_with(kp, kd) & np.isfinite(kp + kd)
     passed = joints.position_motor & rings & free & visible & (before * after < 0)
-    return Match(passed, np.abs(after), {"kp": kp, "kd": kd})
+    # A velocityGain alone turns the rate around, wherever the joint is.
+    rates = np.minimum(np.abs(joints.rate_before), np.abs(joints.rate))
+    turned = (joints.rate_before * joints.rate < 0) & (rates > COASTS_RAD_S)
+    turned &= flips(joints.driven) & joints.motor & np.isfinite(kd)
+    turned &= np.where(joints.position_motor, grows & np.isfinite(kp), kd >= 2)
+    size = np.where(joints.position_motor, np.abs(after), np.abs(joints.rate))
+    numbers = {"kp": kp, "kd": kd, "turned": turned & ~passed, "at_place": joints.position_motor}
+    return Match(passed | turned, size, numbers)
 
 
 @motor_gain.says
 def _(worst: Worst) -> Said:
-    kp, kd = worst.kp, worst.kd
-    left = float(np.abs(np.roots([1, kp + kd - 2, 1 - kd])).max())
+    kp, kd, unit = worst.kp, worst.kd, worst.unit if worst.at_place else f"{worst.unit}/s"
+    half, last = (kp + kd - 2, 1 - kd) if worst.at_place else (kd - 1, 0.0)
+    left = float(np.abs(np.roots([1, half, last])).max())
     each = Message("each step leaves {left:.2g} of the gap on the other side", left=left)
     if left >= 1:
         each = Message("each step makes the gap {left:.3g} times as large", left=left)
-    elif (2 - kp - kd) ** 2 < 4 * (1 - kd):
+    elif half**2 < 4 * last:
         each = Message("a swing keeps {left:.2g} of its size from step to step", left=left)
-    return Said(
-        message=Message(
+    values = {
+        "joint": worst.joint,
+        "off": distance(worst.size, unit),
+        "kp": kp,
+        "kd": kd,
+        "each": each,
+    }
+    if not worst.at_place:
+        template = Message(
+            "{joint} turns around with every step, at up to {off}: gains are shares per step, and "
+            "with velocityGain={kd:.3g} {each}"
+        )
+    elif not worst.turned:
+        template = Message(
             "{joint} shakes about its target, by up to {off}: gains are shares per step, and with "
-            "positionGain={kp:.3g}, velocityGain={kd:.3g} {each}",
-            joint=worst.joint,
-            off=distance(worst.size, worst.unit),
-            kp=kp,
-            kd=kd,
-            each=each,
-        ),
+            "positionGain={kp:.3g}, velocityGain={kd:.3g} {each}"
+        )
+    else:
+        template = Message(
+            "{joint} turns around with every step, {off} off its target: gains are shares per "
+            "step, and with positionGain={kp:.3g}, velocityGain={kd:.3g} {each}"
+        )
+    return Said(
+        message=Message(template, **values),
         cure=Cure(
             "gains",
             worst.joint,
             None,
-            Message("p.setJointMotorControl2(…, positionGain=0.1, velocityGain=1)"),
+            Message("p.setJointMotorControl2(…, positionGain=0.1, velocityGain=1)")
+            if worst.at_place
+            else Message("p.setJointMotorControl2(…, velocityGain=1)"),
         ),
-        effect=Effect(worst.size, worst.unit),
+        effect=Effect(worst.size, unit),
     )
 
 

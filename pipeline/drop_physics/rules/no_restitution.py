@@ -31,7 +31,8 @@ class NoRestitution(Answer):
         super().__init__(scene)
         self._asked = scene.asked.of["restitution"]
         self._met: dict[tuple[int, int], tuple[int, tuple[float, ...]]] = {}
-        """The fastest approach of a pair: its step; approach and rebound [m/s], restitution, the
+        """The first impact of a pair, or that above Bullet's threshold (of a corner that comes down
+        after it the speed is the impact's): its step; approach and rebound [m/s], restitution, the
         gap that was left [m], and that over the timestep [m/s]."""
         self._chosen = False
         """Whether a call sets the threshold: then it is not Bullet's own that counts."""
@@ -48,7 +49,7 @@ class NoRestitution(Answer):
         meets &= (approach > 9.81 * PLACED_S) & (rebound > -SOFTLY * approach)
         for row in np.flatnonzero(meets).tolist():
             both = tuple(pairs.body[row].tolist())
-            if both not in self._met or approach[row] > self._met[both][1][0]:
+            if both not in self._met or self._met[both][1][0] < THRESHOLD_M_S < approach[row]:
                 gap_m, product = float(pairs.gap_m[row]), float(pairs.restitution[row])
                 lost_m_s = gap_m / float(pairs.timestep_s[row])
                 numbers = float(approach[row]), float(rebound[row]), product, gap_m, lost_m_s
@@ -64,6 +65,8 @@ class NoRestitution(Answer):
                 continue  # it may have been another when they met
             if none in self._asked.values and other == 0:
                 continue  # a call asked for just that
+            if not self._is_to_bounce(springy, none):
+                continue
             if {first, second} & self.scene.asked.of["contactStiffness"].values.keys():
                 continue  # what is soft rebounds by a law of its own
             if approach < THRESHOLD_M_S and self._chosen:
@@ -99,6 +102,16 @@ class NoRestitution(Answer):
                 steps=Span(step, step, 1),
                 site=self._asked.site(springy),
             )
+
+    def _is_to_bounce(self, springy: int, none: int) -> bool:
+        """Return whether it is asked of what moves: a floor has restitution for other things."""
+        body = self.scene.body
+        chosen = [
+            number
+            for number, value in self._asked.values.items()
+            if value > 0 and body(number).moving and body(number).client == body(springy).client
+        ]
+        return bool(body(springy).moving) or none in chosen or not (body(none).joints or chosen)
 
 
 def _early(gap_m: float) -> tuple[Message, Message]:

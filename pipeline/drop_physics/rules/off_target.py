@@ -13,8 +13,10 @@ from drop_physics.explain.targets import Stood, Targets, rings_with
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Answer, Effect, Finding, Scene, Span, and_more
 from drop_physics.rules.asked_of_bodies import size_m
-from drop_physics.rules.held_off import Cause, at_limit, cause_of, give_at_least
+from drop_physics.rules.held_off import MOST, Cause, at_limit, cause_of, give_at_least, holds_off
 from drop_physics.rules.joint import OFF, distance, effort, name_of, place, units_of
+
+Flags = NDArray[np.bool_]
 
 SMALL = 0.05
 """A positionGain below that is small: PyBullet's own is 0.1."""
@@ -43,6 +45,8 @@ class Missed:
     """Of the gap in which it came to rest."""
     last: bool = False
     """Whether it stood at the end."""
+    pressed: bool = False
+    """Whether its joint was pressed onto a body that it holds."""
 
 
 @dataclass(eq=False)
@@ -88,11 +92,12 @@ class OffTarget(Answer):
                     if len(rested):
                         worst = stood.only(rested[[int(np.abs(stood.gap[rested]).argmax())]])
                         self._end(joint, driven, self._held(joint, driven, worst))
-                    self._move(joint, driven, stood)
+                    self._move(joint, driven, stood, self._pressed(driven, stood))
 
     def _held(self, joint: _Joint, driven: Driven, stood: Stood) -> Missed:
         """Return a target with the cause of its gap, if it is the worst one at rest."""
         missed, known = self._missed(driven, stood), joint.rested
+        missed = replace(missed, pressed=bool(self._pressed(driven, stood)[0]))
         worse = missed.off >= OFF[missed.unit] and (known is None or missed.off >= known.off)
         if not (stood.resting[0] and worse):
             return missed
@@ -116,14 +121,19 @@ class OffTarget(Answer):
     def _end(self, joint: _Joint, driven: Driven, missed: Missed) -> None:
         """Note a target that ended."""
         if not missed.stood.resting[0]:
-            self._move(joint, driven, missed.stood)
+            self._move(joint, driven, missed.stood, np.array([missed.pressed]))
         elif missed.cause is not None:  # the worst, or it would have none
             joint.rested = missed
 
-    def _move(self, joint: _Joint, driven: Driven, stood: Stood, *, last: bool = False) -> None:
-        """Count targets that were replaced while their joint moved; not one left from before."""
+    def _move(
+        self, joint: _Joint, driven: Driven, stood: Stood, pressed: Flags, *, last: bool = False
+    ) -> None:
+        """Count targets that were replaced while their joint moved; not one left from before.
+
+        Nor those that joints were `pressed` with, shape (m,).
+        """
         least = OFF[units_of(driven, stood.k)[0]]
-        moving = np.flatnonzero(~stood.left & ~stood.resting)
+        moving = np.flatnonzero(~stood.left & ~stood.resting & ~pressed)
         reached, stood = _reached(stood, least)[moving], stood.only(moving)
         joint.moved += len(stood)
         joint.steps += int(stood.steps.sum())
@@ -138,6 +148,21 @@ class OffTarget(Answer):
                 worst = self._missed(driven, stood.only(rows[[int(gaps[rows].argmax())]]))
                 if known is None or worst.off > known.off:
                     setattr(joint, name, replace(worst, last=last))
+
+    def _pressed(self, driven: Driven, stood: Stood) -> Flags:
+        """Return which targets end with the joint pressed onto a body that it holds, shape (m,)."""
+        none, steps, rows, k = np.zeros(len(stood), np.bool_), driven.steps, stood.row, stood.k
+        if not steps.covered:
+            return none
+        rate = steps.law.tree.first_rate + k
+        motor, contacts = (steps.terms[name][rows, rate] for name in ("motors", "contacts"))
+        pressed = driven.at_limit[rows, k] & (-contacts * np.sign(motor) > MOST * np.abs(motor))
+        pressed &= rows >= 0
+        for at in np.flatnonzero(pressed)[:1].tolist():
+            held = self.scene.joints.holding(driven, int(rows[at]))
+            if not holds_off(self.scene, held, k, -float(np.sign(motor[at]))):
+                return none
+        return np.asarray(pressed)
 
     def findings(self) -> Iterator[Finding]:
         """Yield a line per robot; notes of what it holds, and of targets that move."""
@@ -164,8 +189,8 @@ class OffTarget(Answer):
             missed = replace(missed, last=True)
             if missed.stood.resting[0]:
                 self._end(joint, driven, missed)
-            elif joint.moved:
-                self._move(joint, driven, missed.stood, last=True)
+            elif joint.moved or missed.pressed:
+                self._move(joint, driven, missed.stood, np.array([missed.pressed]), last=True)
             elif (cause := _moving(driven, missed, takes)) is not None:
                 yield replace(missed, cause=cause)
         if joint.rested is not None:
@@ -175,7 +200,7 @@ class OffTarget(Answer):
             yield replace(joint.behind, cause=Cause(weak, GIVE_MORE))
 
 
-def _reached(stood: Stood, least: float) -> NDArray[np.bool_]:
+def _reached(stood: Stood, least: float) -> Flags:
     """Return which targets their joint got to before they had changed by more than `least`."""
     changed = np.append(0.0, np.cumsum(np.abs(np.diff(stood.target))))[: len(stood)]
     alike = np.floor(changed / least)

@@ -147,6 +147,7 @@ class JointColumns:
         self.lower, self.upper = (np.broadcast_to(each, shape) for each in (law.lower, law.upper))
         self.target = target_of(driven)
         """Position that is asked for; nan where none is."""
+        self.rate_before = driven.steps.before.velocity[:, driven.steps.law.tree.first_rate :]
         pd = self.asked.pd == 1
         self.motor = (self.asked.force > 0) & ~pd
         """Whether a call set a motor that may push."""

@@ -123,3 +123,24 @@ STALE_M = _of(
     "Least way of a link in one step that its stale pose is off.",
     "link_stale",
 )
+APART = _of(
+    "APART",
+    0.05,
+    "share",
+    "Least distance of the points that a constraint joins, over the smaller body's size.",
+    "apart",
+)
+APART_RAD = _of(
+    "APART_RAD",
+    0.05,
+    "rad",
+    "Least angle between the frames that a constraint joins.",
+    "constraint_turned",
+)
+CLOSES = _of(
+    "CLOSES",
+    0.5,
+    "share",
+    "Largest share of that gap that is left within ten steps: a spring leaves more.",
+    "spring_constraint",
+)

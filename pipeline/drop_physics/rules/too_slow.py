@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from drop_physics.explain.joints import Driven
-from drop_physics.explain.needs import Holding
+from drop_physics.explain.targets import flips
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Effect, Noted, Scene, and_more
-from drop_physics.rules.held_off import at_limit, give_at_least
+from drop_physics.rules.held_off import at_limit, give_at_least, holds_off
 from drop_physics.rules.joint import JointAnswer, effort
 from drop_physics.trace.motors import VELOCITY
 
@@ -38,7 +38,7 @@ class TooSlow(JointAnswer):
         asked, target = driven.asked, driven.asked.target_velocity
         told = (asked.mode == VELOCITY) & (asked.impulse > 0) & (target != 0)
         told &= np.abs(target) < driven.steps.law.velocity_limit
-        weak = told & driven.at_limit
+        weak = told & driven.at_limit & ~flips(driven)  # else that is motor-gain's
         takes, number = np.full_like(target, np.nan), driven.body.number
         for k in np.flatnonzero(told.any(axis=0)).tolist():
             row = int(np.flatnonzero(told[:, k])[-1])
@@ -46,7 +46,7 @@ class TooSlow(JointAnswer):
             self._told[number, k] = self._told[number, k][0] + count, last
             if weak[row, k]:
                 held, way = self.scene.joints.holding(driven, row), float(np.sign(target[row, k]))
-                weak[:, k] &= held.stops[k] * way >= 0 and not self._grips(held, k, way)
+                weak[:, k] &= held.stops[k] * way >= 0 and not holds_off(self.scene, held, k, -way)
                 takes[:, k] = held.needs[k] * way
         when = np.broadcast_to(driven.steps.steps[:, None].astype(np.float64), target.shape)
         rates = np.broadcast_to(np.arange(target.shape[1], dtype=np.float64), target.shape)
@@ -61,14 +61,6 @@ class TooSlow(JointAnswer):
             force=asked.force,
             k=rates,
             number=np.full_like(target, number),
-        )
-
-    def _grips(self, held: Holding, k: int, way: float) -> bool:
-        """Return whether what stops a joint is a body that it holds."""
-        against = [one for one, each in held.contacts.items() if each[k] * way < 0]
-        return any(
-            self.scene.body(one).base_moves and held.from_one_side(one, k) is None
-            for one in against
         )
 
     def says(self, noted: Noted) -> bool:
