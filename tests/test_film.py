@@ -13,7 +13,7 @@ from conftest import Drop, some
 from drop_physics.engines.pybullet.checkerboard import SUN, checkerboard
 from drop_physics.engines.pybullet.engine import p
 from drop_physics.engines.pybullet.visible_world import view_matrix, world_from_camera
-from drop_physics.errors import RecordingError, ScenarioError
+from drop_physics.errors import OutputError, RecordingError, ScenarioError
 from drop_physics.figures.playback import Animation
 from drop_physics.figures.theme import DARK, LIGHT
 from drop_physics.recording.reader import read
@@ -22,7 +22,7 @@ from drop_physics.scenario import STANDARD_CAMERA
 from drop_physics.stages.analyze import analyze
 from drop_physics.stages.film import AXES
 from drop_physics.stages.film_of_drop import FallScene
-from drop_physics.stages.render import render
+from drop_physics.stages.render import film_beside, render
 from drop_physics.stages.run import Run
 from numpy.typing import NDArray
 from PIL import Image, ImageColor
@@ -106,6 +106,29 @@ def test_recorded_poses_are_drawn_where_a_script_took_no_frames(
     heights = [redness(one)[:, 0].mean() for one in shown]
     assert heights[:9] == sorted(heights[:9])  # then it meets the floor
     assert heights[-1] > heights[0] + 50
+
+
+def test_two_runs_are_seen_side_by_side_by_one_camera(record: Record, tmp_path: Path) -> None:
+    """Left the box falls by 0.4 m from 1 m, right from 2 m: both are in view, at their heights."""
+    low, high = record(FALLS), record(FALLS.replace("[0, 0, 1])", "[0, 0, 2])"))
+    film = tmp_path / "both.gif"
+    assert film_beside(low, high, film, titles=("low", "a title " * 20)) == 11
+    first, *_, last = pictures(film)
+    middle = first.shape[1] // 2
+    rows = [
+        [_red_rows(picture[:, side]).mean() for side in (np.s_[:middle], np.s_[middle:])]
+        for picture in (first, last)
+    ]
+    (left, right), (left_last, right_last) = rows
+    assert right < left < left_last  # the higher box is higher up in the picture
+    assert right < right_last
+    with pytest.raises(OutputError, match="exists"):
+        film_beside(low, high, film, titles=("low", "high"))
+
+
+def _red_rows(picture: NDArray[np.uint8]) -> NDArray[np.intp]:
+    red, green, blue = np.moveaxis(picture.astype(int), 2, 0)
+    return np.nonzero((red > 2 * green) & (red > 2 * blue))[0]
 
 
 def test_a_body_is_drawn_as_it_looked_at_the_time(record: Record, tmp_path: Path) -> None:

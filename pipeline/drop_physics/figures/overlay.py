@@ -1,4 +1,4 @@
-"""What is drawn over a picture: the time in a corner, a ruler, names of bodies."""
+"""What is drawn over a picture: the time in a corner, a ruler, names; and pictures side by side."""
 
 from __future__ import annotations
 
@@ -45,6 +45,27 @@ def draw_marks(picture: Image.Image, marks: Sequence[Mark], theme: Theme) -> Non
         left, top, right, bottom = drawn.textbbox(at, mark.text, font=letters, anchor=mark.anchor)
         if min(left, top) >= 0 and right <= picture.width and bottom <= picture.height:
             drawn.text(at, mark.text, font=letters, fill=theme.faint, anchor=mark.anchor)
+
+
+def beside(
+    pictures: Sequence[Image.Image], titles: Sequence[str], time_s: float, theme: Theme
+) -> Image.Image:
+    """Return pictures of one size and moment side by side, each under its title."""
+    wide, high = pictures[0].size
+    letters = letters_of(pictures[0])
+    room, gap = 2 * letters, letters // 2
+    whole = Image.new("RGB", (len(pictures) * (wide + gap) - gap, high + room), theme.page)
+    drawn = _pen(whole)
+    for number, (picture, title) in enumerate(zip(pictures, titles, strict=True)):
+        left = number * (wide + gap)
+        whole.paste(picture, (left, room))
+        text = title
+        while text and drawn.textlength(text, font=font(letters)) > wide - letters:
+            text = text[:-2] + "…" if text != "…" else ""
+        at = (left + letters // 2, room // 2)
+        drawn.text(at, text, font=font(letters), fill=theme.text, anchor="lm")
+    draw_clock(whole, time_s, theme)
+    return whole
 
 
 def letters_of(picture: Image.Image) -> int:

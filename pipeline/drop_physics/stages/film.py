@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from drop_physics.errors import DropError, RecordingError
 from drop_physics.explain.times import Times
 from drop_physics.figures.animation import decoded
-from drop_physics.figures.overlay import draw_clock, draw_marks
+from drop_physics.figures.overlay import beside, draw_clock, draw_marks
 from drop_physics.figures.playback import Animation, Playback, playback
 from drop_physics.figures.theme import DARK, LIGHT, Theme
 from drop_physics.messages import shell_command
@@ -176,14 +176,82 @@ def poses_film(
         parts.append(part)
         poses = np.concatenate([poses, part.at(shown_s)[:, None]], axis=1)
     theme = DARK if dark else LIGHT
+    pictures = _drawn(parts, poses, cameras, theme, hire)
+    moments = zip(pictures, cameras, shown_s.tolist(), strict=True)
+    drawn = (_marked(*moment, scene, theme, clock=clock) for moment in moments)
+    return Film(drawn, shown_s.tolist(), played)
+
+
+def beside_film(
+    held: Recording,
+    other: Recording,
+    titles: tuple[str, str],
+    animation: Animation,
+    most_fps: float,
+    *,
+    most: int = MOST_DRAWN,
+    dark: bool,
+    hire: Callable[[int], Sequence[Worker]],
+) -> Film:
+    """Return a film of two runs of a script side by side, looked at by one camera.
+
+    Parameters
+    ----------
+    held, other
+        The recordings: left and right.
+    titles
+        What is written over each.
+    animation, most_fps, most, dark, hire
+        As of `poses_film`.
+
+    Raises
+    ------
+    RecordingError
+        If a recording has nothing to show.
+    ScenarioError
+        If they cannot be shown at that speed.
+    """
+    both = [parts_of(each.path, each.seen) for each in (held, other)]
+    for parts, each in zip(both, (held, other), strict=True):
+        if not parts:
+            raise RecordingError(
+                "{path} has nothing to show: no body with a shape that drop draws was recorded; "
+                "what was: {command}",
+                path=each.path,
+                command=shell_command("drop", "info", each.path),
+            )
+    ends_s = (_end_s(each.seen, parts) for each, parts in zip((held, other), both, strict=True))
+    times_s = _drawn_at(max(ends_s), 1 / DRAWN_PER_S, most)
+    interval_s = times_s[1] - times_s[0] if len(times_s) > 1 else 1 / DRAWN_PER_S
+    played = playback(animation, len(times_s), interval_s, most_fps=most_fps)
+    shown_s = np.array(times_s)[played.frames]
+    poses = [np.stack([part.at(shown_s) for part in parts], axis=1) for parts in both]
+    together = [*both[0], *both[1]]
+    numbers = np.array([part.number for part in together])
+    targets_m, distance_m = _framed(together, numbers, np.concatenate(poses, axis=1))
+    cameras = [_looking(target_m, distance_m, "standard") for target_m in targets_m]
+    theme = DARK if dark else LIGHT
+    sides = [_drawn(*each, cameras, theme, hire) for each in zip(both, poses, strict=True)]
+    pictures = (
+        beside(pair, titles, time_s, theme)
+        for *pair, time_s in zip(*sides, shown_s.tolist(), strict=True)
+    )
+    return Film(pictures, shown_s.tolist(), played)
+
+
+def _drawn(
+    parts: Sequence[Part],
+    poses: Float64,
+    cameras: Sequence[Camera],
+    theme: Theme,
+    hire: Callable[[int], Sequence[Worker]],
+) -> Iterator[Image.Image]:
+    """Yield pictures of poses, shape (pictures, parts, 7); the workers begin to draw at once."""
     workers = hire(max(1, len(poses) // PER_WORKER))
     for first, worker in enumerate(workers):
         shared = poses[first :: len(workers)], cameras[first :: len(workers)]
         worker.ask(DRAW, [part.models for part in parts], *shared, (*theme.tiles, theme.page))
-    pictures = _answers(workers, len(poses))
-    moments = zip(pictures, cameras, shown_s.tolist(), strict=True)
-    drawn = (_marked(*moment, scene, theme, clock=clock) for moment in moments)
-    return Film(drawn, shown_s.tolist(), played)
+    return _answers(workers, len(poses))
 
 
 def _end_s(seen: Seen, parts: Sequence[Part]) -> float:

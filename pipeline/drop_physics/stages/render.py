@@ -28,7 +28,7 @@ from drop_physics.recording.checks import damaged
 from drop_physics.recording.contents import is_script
 from drop_physics.recording.reader import Recording, read
 from drop_physics.scenario import View
-from drop_physics.stages.film import Film, frames_film, poses_film
+from drop_physics.stages.film import Film, beside_film, frames_film, poses_film
 from drop_physics.stages.telling import plot_of
 from drop_physics.workers import Worker, cores
 
@@ -299,6 +299,55 @@ def film_of(recording: Path) -> bytes:
         )
         write_animation(made.pictures, stream, suffix=".gif", fps=SHORT_FPS)
     return stream.getvalue()
+
+
+def film_beside(
+    recording: Path | str,
+    other: Path | str,
+    out: Path | str,
+    *,
+    titles: tuple[str, str],
+    dark: bool = False,
+    force: bool = False,
+    progress: Progress = lambda *_: None,
+) -> int:
+    """Make a film of two runs of a script side by side; return how many pictures it has.
+
+    Parameters
+    ----------
+    recording, other
+        The recordings of both runs, with what is only for looking.
+    out
+        The `.gif`, `.webp`, `.apng` or `.mp4` file to write.
+    titles
+        What is written over each.
+    dark, force, progress
+        As of `render`.
+
+    Raises
+    ------
+    RecordingError
+        If a recording cannot be read, or has nothing to show.
+    ScenarioError, OutputError, DropError
+        As of `render`.
+    """
+    film = Path(out)
+    check_animation(film, None)
+    check_apart([film], inputs=[Path(recording), Path(other)])
+    check_target(film, force=force)
+    with ExitStack() as running:
+        made = beside_film(
+            read(Path(recording)),
+            read(Path(other)),
+            titles,
+            EVERY_FRAME,
+            MAX_FPS[film.suffix],
+            dark=dark,
+            hire=_hiring(running, None),
+        )
+        pictures = _composed(made, None, None, dark, progress, film)
+        with written_whole(film, force=force) as file:
+            return write_animation(pictures, file, suffix=film.suffix, fps=made.played.fps)
 
 
 def plot_png(analysis: Analysis | FallAnalysis, *, dark: bool = False) -> bytes:
