@@ -22,6 +22,7 @@ from drop_physics.explain.steps import (
     batches_of,
     recorded_steps,
 )
+from drop_physics.explain.times import Times
 from drop_physics.explain.touching import Touching, rows_of
 from drop_physics.physics.base import EXACT_MACHINES, Law
 from drop_physics.physics.bullet_tree import BulletTree
@@ -74,6 +75,7 @@ class Explanation:
         self._settings: dict[int, list[Settings]] = {}
         for settings in seen.settings:
             self._settings.setdefault(settings.client, []).append(settings)
+        self._times = {client: Times(seen, client) for client in self._settings}
         laws: dict[Hashable, BulletTree] = {}
         self._epochs = {
             number: Epochs(record, self._settings[record.body.client], other, laws)
@@ -109,7 +111,7 @@ class Explanation:
             around = Around(
                 record=record,
                 chain=chain,
-                settings=self._settings[record.body.client],
+                times=self._times[record.body.client],
                 pushes=pushes.get(number, []),
                 commands=self._commands,
                 constraints=self._constraints,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,6 +18,7 @@ from drop_physics.explain.commands import Commanded, Commands
 from drop_physics.explain.joined import Acting, Constraints, Poses
 from drop_physics.explain.pushed import pushed
 from drop_physics.explain.segments import FLIGHT
+from drop_physics.explain.times import Times
 from drop_physics.explain.touching import Sides, Touching, rows_of
 from drop_physics.physics.bullet_substeps import HELD, SubstepSum, sum_of_substeps
 from drop_physics.physics.bullet_tree import BulletTree, Reason, Reported, all_reported, sum_of
@@ -26,9 +26,8 @@ from drop_physics.physics.impulses import Forces, Sum, impulses_of
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.moving import moved_on
 from drop_physics.physics.tree import BASE, States
-from drop_physics.trace import events
 from drop_physics.trace.calls import Push
-from drop_physics.trace.events import Body, counted_s, order
+from drop_physics.trace.events import Body, order
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -37,7 +36,6 @@ Flags = NDArray[np.bool_]
 
 EXPLAINED = 1e-9
 """A remainder up to this share of the largest term is rounding."""
-ENGINE = ("fixedTimeStep", *(f"gravityAcceleration{axis}" for axis in "XYZ"))
 NEVER, TRIALS = 1 << 30, 8
 """After how many of a step's pushes a call refreshed the poses of links: not at all, or after less
 than so many; which calls did is not recorded."""
@@ -54,7 +52,7 @@ class Around:
 
     record: Record
     chain: Chain
-    settings: Sequence[events.Settings]
+    times: Times
     """Of its simulation."""
     pushes: Sequence[Push]
     commands: Commands
@@ -139,17 +137,17 @@ class BodySteps(Steps):
     """What calls asked of its joints."""
     changes: Changes
     """How energy and momentum change, by cause."""
-    batch: StepBatch
-    """The batch that they are part of."""
+    whole: Steps
+    """Those of the batch that they are part of."""
     rows: slice
-    """Their rows in the batch."""
+    """Their rows in it."""
     points: slice
-    """The rows of their contact points in the batch."""
+    """The rows of their contact points in it."""
 
     @cached_property
     def point_energy_j(self) -> Float64:
         """What each contact point gave of the body's energy: ½ (u' + u)·P, shape (points,)."""
-        return self.batch.whole.point_energy_j[self.points]
+        return self.whole.point_energy_j[self.points]
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,15 +291,15 @@ def _batch(group: Sequence[RecordedSteps]) -> StepBatch:
         for start, count, first, made in zip(starts, counts, firsts, steps, strict=False)
     ]
     changes = changes_of(law, states, rows, added, parts)
-    batch = StepBatch(whole, [])
-    for each, (_, its), change in zip(group, parts, changes, strict=True):
-        batch.bodies.append(_of_body(batch, each, its, change))
-    return batch
+    bodies = [
+        _of_body(whole, each, its, change)
+        for each, (_, its), change in zip(group, parts, changes, strict=True)
+    ]
+    return StepBatch(whole, bodies)
 
 
-def _of_body(batch: StepBatch, recorded: RecordedSteps, rows: slice, changes: Changes) -> BodySteps:
+def _of_body(whole: Steps, recorded: RecordedSteps, rows: slice, changes: Changes) -> BodySteps:
     """Return the rows of a batch that are the steps of one body."""
-    whole = batch.whole
     points = slice(*np.searchsorted(whole.reported.contacts.step, (rows.start, rows.stop)))
     reported = replace(recorded.reported, pd=whole.reported.pd[rows])
     if len(whole.reported.applied):  # then it is the only one
@@ -325,7 +323,7 @@ def _of_body(batch: StepBatch, recorded: RecordedSteps, rows: slice, changes: Ch
         body=recorded.around.record.body,
         asked=recorded.asked,
         changes=changes,
-        batch=batch,
+        whole=whole,
         rows=rows,
         points=points,
     )
@@ -352,7 +350,7 @@ def _reported(
     PyBullet divides the last substep's impulse of a motor by the whole timestep.
     """
     tree, body = law.tree, around.record.body
-    timestep_s, gravity_m_s2 = _of_engine(around.settings, ends.steps - 1)
+    timestep_s, gravity_m_s2 = around.times.of_steps(ends.steps)
     found, at = rows_of(around.sides.step, ends.steps)
     sides = around.sides.at(found)
     acting = around.constraints.on(body.number, tree, ends.steps, before, timestep_s, around.poses)
@@ -367,19 +365,6 @@ def _reported(
         geared=acting.geared,
     )
     return reported, acting, sides
-
-
-def _of_engine(settings: Sequence[events.Settings], began: Int64) -> tuple[Float64, Float64]:
-    """Return timestep [s] and gravity [m/s²] of each step, shapes (n,) and (n, 3)."""
-    told = [each.at.step for each in settings]
-    first, last = (max(bisect_right(told, step) - 1, 0) for step in (began[0], began[-1]))
-    numbers = [
-        [float(np.ravel(each.values[name])[0]) for name in ENGINE]
-        for each in settings[first : last + 1]
-    ]
-    which = np.maximum(np.searchsorted(told, began, side="right") - 1, 0) - first
-    timestep_s, *gravity = np.array(numbers)[which].T
-    return np.array([*map(counted_s, timestep_s.tolist())]), np.stack(gravity, axis=1)
 
 
 # -- pushes, whose pose is not known --------------------------------------------------------------

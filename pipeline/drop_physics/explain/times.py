@@ -1,4 +1,4 @@
-"""Times of a script's steps: the timesteps before each, added up."""
+"""Timestep, gravity and time of a simulation's steps, as its settings change."""
 
 from __future__ import annotations
 
@@ -10,6 +10,11 @@ from numpy.typing import NDArray
 from drop_physics.trace.events import counted_s
 from drop_physics.trace.history import Seen
 
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+ENGINE = ("fixedTimeStep", *(f"gravityAcceleration{axis}" for axis in "XYZ"))
+
 
 class Times:
     """Times of the steps of one simulation, which may change its timestep."""
@@ -18,14 +23,24 @@ class Times:
         settings = [each for each in seen.settings if each.client == client]
         self._steps = np.array([each.at.step for each in settings], np.int64)
         self._times_s = np.array([each.at.time_s for each in settings], np.float64)
-        self._timesteps_s = np.array(
-            [counted_s(float(np.ravel(each.values["fixedTimeStep"])[0])) for each in settings]
-        )
+        numbers = [[float(np.ravel(each.values[name])[0]) for name in ENGINE] for each in settings]
+        held = np.reshape(numbers, (-1, len(ENGINE)))
+        self._timesteps_s = np.array([*map(counted_s, held[:, 0].tolist())])
+        self._gravity_m_s2 = held[:, 1:]
 
-    def of_all(self, steps: NDArray[np.int64]) -> NDArray[np.float64]:
+    def of_steps(self, ends: Int64) -> tuple[Float64, Float64]:
+        """Return timestep [s] and gravity [m/s²] of the steps to samples, (n,) and (n, 3)."""
+        which = self._latest(ends)
+        return self._timesteps_s[which], self._gravity_m_s2[which]
+
+    def _latest(self, ends: Int64) -> NDArray[np.intp]:
+        """Return which settings the steps to samples began with, shape (n,)."""
+        return np.maximum(0, np.searchsorted(self._steps, ends - 1, side="right") - 1)
+
+    def of_all(self, steps: Int64) -> Float64:
         """Return the times of steps [s]."""
-        which = np.maximum(0, np.searchsorted(self._steps, steps - 1, side="right") - 1)
-        since_s: NDArray[np.float64] = (steps - self._steps[which]) * self._timesteps_s[which]
+        which = self._latest(steps)
+        since_s: Float64 = (steps - self._steps[which]) * self._timesteps_s[which]
         return self._times_s[which] + since_s
 
     def of(self, step: int) -> float:
