@@ -70,7 +70,7 @@ def told(chunk: Chunk, path: Path) -> Iterator[tuple[At, str]]:
     steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path).to_pylist()
     calls = _column(chunk, schema.CALL_TIMELINE, pa.types.is_int64, path).to_pylist()
     times = _column(chunk, schema.TIME_TIMELINE, pa.types.is_duration, path)
-    times_s = (times.cast(pa.int64()).to_numpy() / 1e9).tolist()
+    times_s = (times.view(pa.int64()).to_numpy() / 1e9).tolist()
     texts = _flat(_column(chunk, schema.JSON, _is_list_of(pa.types.is_string), path), 1)
     if texts is None or texts.null_count:
         raise damaged(path, Message("{entity} has gaps", entity=chunk.entity))
@@ -108,7 +108,7 @@ def calls(chunk: Chunk, path: Path) -> Iterator[Calls]:
     steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path).to_numpy()
     first = _column(chunk, schema.CALL_TIMELINE, pa.types.is_int64, path).to_numpy()
     times = _column(chunk, schema.TIME_TIMELINE, pa.types.is_duration, path)
-    times_s = times.cast(pa.int64()).to_numpy() / 1e9
+    times_s = times.view(pa.int64()).to_numpy() / 1e9
     held: dict[str, NDArray[Any]] = {}
     counts: dict[str, NDArray[np.int64]] = {}
     for name, is_right in _OF_CALLS.items():
@@ -248,5 +248,5 @@ def times_s(chunk: Chunk) -> NDArray[np.float64]:
     index = chunk.batch.schema.get_field_index(schema.TIME_TIMELINE)
     if index < 0:
         return np.zeros(chunk.batch.num_rows)
-    times = chunk.batch.column(index).cast(pa.int64()).to_numpy(zero_copy_only=False)
+    times = chunk.batch.column(index).view(pa.int64()).to_numpy(zero_copy_only=False)
     return np.asarray(times / 1e9, np.float64)

@@ -72,7 +72,7 @@ class BaseMotion:
     first_m: Float64 | None = None
     last_m: Float64 | None = None
     in_flight: set[int] = field(default_factory=set)
-    """Samples that steps in flight led to, whether calls had set its velocity or not."""
+    """Samples that steps in flight led to, of a body whose velocity calls set."""
 
     @property
     def moved_m(self) -> float:
@@ -117,7 +117,7 @@ class Inputs:
     touched: dict[tuple[int, int], int] = field(default_factory=dict)
     """Pairs of bodies that pressed on each other, the lower number first: in how many steps."""
     deepest: defaultdict[int, dict[int, float]] = field(default_factory=lambda: defaultdict(dict))
-    """By the number of a body, samples and its deepest overlap then [m]."""
+    """By the number of a body that calls place, samples and its deepest overlap then [m]."""
 
     def see(self) -> None:
         """Take a chunk."""
@@ -134,10 +134,12 @@ class Inputs:
                 for k in np.unique(which[which >= 0]).tolist():
                     joints = np.unique(command.joints[(command.bodies == number) & (which == k)])
                     self.commanded[came[k].body.number] |= dict.fromkeys(joints.tolist())
+        thrown = self._bodies_of(Act.SET_VELOCITY)
         for number, judged in self.scene.judged.items():
             motion = self.motions[number]
             motion.samples += len(judged.steps)
-            motion.in_flight |= set(judged.steps[judged.kind == FLIGHT].tolist())
+            if number in thrown:
+                motion.in_flight |= set(judged.steps[judged.kind == FLIGHT].tolist())
             for steps in judged.stretches:
                 if len(steps):
                     begin, end = steps.before.position_m[0], steps.after.position_m[-1]
@@ -145,16 +147,20 @@ class Inputs:
                     motion.last_m = end.copy()
         self._links()
         self._torques()
-        pairs = self.scene.touches.pairs
+        pairs, placed = self.scene.touches.pairs, self._bodies_of(Act.SET_POSE, Act.SET_JOINT)
         for first, second, rows in pairs.by_pair(pairs.normal_n > 0):
             key = first, second
             self.touched[key] = self.touched.get(key, 0) + len(rows)
-            for number in key:
+            for number in placed.intersection(key):
                 deepest = self.deepest[number]
                 for step, depth in zip(
                     pairs.step[rows].tolist(), pairs.depth_m[rows].tolist(), strict=True
                 ):
                     deepest[step] = max(depth, deepest.get(step, 0.0))
+
+    def _bodies_of(self, *acts: Act) -> set[int]:
+        """Return the numbers of the bodies that calls of some acts have named so far."""
+        return {use.body.number for use in self.of(*acts) if use.body is not None}
 
     def _links(self) -> None:
         """Note how far links whose poses are read go in a step."""

@@ -106,8 +106,12 @@ class Joined(Answer):
         """Take calls, then the points' ways."""
         self._told()
         pairs = self.scene.touches.pairs
-        for step, bodies in zip(pairs.step.tolist(), pairs.body.tolist(), strict=True):
-            self._touched |= dict.fromkeys(bodies, step)
+        sites = self.scene.piece.calls.sites.values()
+        joins = any(site.act is Act.CONSTRAIN for site in sites)
+        for first, second, rows in pairs.by_pair() if joins else ():
+            step = int(pairs.step[rows[-1]])
+            for one in (first, second):
+                self._touched[one] = max(step, self._touched.get(one, step))
         for key, (steps, forces) in self.scene.piece.forces.items():
             joined = self._now.get(key)
             if joined is not None and len(steps):

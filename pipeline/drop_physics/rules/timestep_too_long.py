@@ -34,13 +34,16 @@ class TimestepTooLong(Answer):
             rows = np.flatnonzero(step_s > LONG_S) if body.joints else np.empty(0, np.intp)
             if len(rows):
                 self._long.add(body.number, steps.steps[rows], step_s[rows])
-            if body.joints or steps.law.tree.fixed:
+            if body.joints or steps.law.tree.fixed or not 0 < thick_m < ENDLESS_M:
                 continue
             way_m = np.linalg.norm(steps.after.velocity[:, 3:6], axis=1) * step_s
+            rows = np.flatnonzero((way_m > thick_m) & np.isfinite(way_m))
+            if not len(rows):
+                continue
             touched = pairs.step[(pairs.body == body.number).any(axis=1)]
-            meets = np.isin(steps.steps, touched) | np.isin(steps.steps + 1, touched)
-            rows = np.flatnonzero(meets & (way_m > thick_m) & np.isfinite(way_m))
-            if len(rows) and 0 < thick_m < ENDLESS_M:
+            ends = steps.steps[rows]
+            rows = rows[np.isin(ends, touched) | np.isin(ends + 1, touched)]
+            if len(rows):
                 told = {"step": step_s[rows]}
                 self._far.add(body.number, steps.steps[rows], way_m[rows], told, thick=thick_m)
 
