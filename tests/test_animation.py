@@ -23,9 +23,9 @@ from drop_physics.figures.growing_plot import GrowingPlot
 from drop_physics.figures.playback import Animation, playback
 from drop_physics.recording.frames import frames
 from drop_physics.recording.reader import read
+from drop_physics.stages.panels import plot_of
 from drop_physics.stages.render import render
 from drop_physics.stages.run import Run
-from drop_physics.stages.telling import plot_of
 from PIL import Image
 
 Pixels = np.ndarray

@@ -23,8 +23,8 @@ from drop_physics.figures import style
 from drop_physics.figures.panel_plot import build_figure, render
 from drop_physics.figures.theme import LIGHT
 from drop_physics.messages import LOCALE, VARIABLES, Message, joined, localized, translated, wrapped
+from drop_physics.stages.panels import plot_of
 from drop_physics.stages.run import Run
-from drop_physics.stages.telling import plot_of
 from fontTools.fontBuilder import FontBuilder
 from fontTools.pens.ttGlyphPen import TTGlyphPen
 from matplotlib import font_manager

@@ -18,8 +18,8 @@ from drop_physics.figures import style
 from drop_physics.figures.panel_plot import build_figure, draw_beside, render
 from drop_physics.figures.plot import Curve, Panel, Plot
 from drop_physics.figures.theme import LIGHT
+from drop_physics.stages.panels import plot_of, viewed
 from drop_physics.stages.run import Run
-from drop_physics.stages.telling import plot_of, viewed
 from matplotlib.figure import Figure
 from scenes import analyze, record
 

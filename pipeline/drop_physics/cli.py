@@ -5,6 +5,7 @@ Each command imports what it needs when it runs, so that `drop --help` is quick.
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -108,6 +109,7 @@ def analyze(
     fail_on: given.FailOn = None,
     force: given.Force = False,
     verbose: given.Verbose = False,
+    html: given.Page = None,
     output_format: given.OutputFormat = "text",
     json: given.Json = False,
 ) -> None:
@@ -123,8 +125,12 @@ def analyze(
     from drop_physics.stages.settings import settings
 
     choice = settings().choice(select, ignore, fail_on)
-    from drop_physics.report.terminal import show  # takes a second to load
+    from drop_physics.report.page import check_page, write_page  # takes a second to load
+    from drop_physics.report.terminal import show
     from drop_physics.stages.analyze import analyze
+
+    if html is not None:
+        check_page(html, inputs=[recording], force=force)
 
     with progress() as report:
         analysis = analyze(
@@ -138,6 +144,11 @@ def analyze(
             force=force,
             progress=report,
         )
+    if html is not None:
+        from drop_physics.stages.render import film_of
+
+        film = partial(film_of, recording)
+        write_page(analysis, html, force=force, film=film, verbose=True)
     as_json, text = json or output_format == "json", None
     if output_format in ("github", "sarif"):
         from drop_physics.report.annotations import FORMATS
@@ -246,6 +257,8 @@ def check(
     tolerance: given.Tolerance = None,
     update: Annotated[bool, flag("Make RUN.rrd the golden recording.", "--update")] = False,
     summary: given.Summary = None,
+    html: given.Page = None,
+    force: given.Force = False,
     json: given.Json = False,
 ) -> None:
     """Compare a recording with a golden one; exit with 3 if the physics differs.
@@ -254,6 +267,7 @@ def check(
     """
     from drop_physics.files.outputs import check_apart, check_target
     from drop_physics.report.check import append_summary
+    from drop_physics.report.page import check_page, write_page
     from drop_physics.report.terminal import show
     from drop_physics.stages.check import check
     from drop_physics.stages.settings import settings
@@ -261,10 +275,14 @@ def check(
     if summary is not None:
         check_target(summary, force=True)
         check_apart([summary], inputs=[run, against])
+    if html is not None:
+        check_page(html, inputs=[run, against], force=force)
     allowed_m = settings().tolerance_m if tolerance is None else tolerance
     checked = check(run, against, tolerance_m=allowed_m, update=update)
     if summary is not None:
         append_summary(checked, summary)
+    if html is not None:
+        write_page(checked, html, force=force)
     raise typer.Exit(show(checked, as_json=json))
 
 
@@ -463,6 +481,7 @@ def trust(
     table: given.TrustTable = None,
     plot: given.TrustPlot = None,
     dark: given.Dark = False,
+    html: given.Page = None,
     python: given.Python = None,
     force: given.Force = False,
     json: given.Json = False,
@@ -475,6 +494,7 @@ def trust(
     import sys
 
     from drop_physics.console.progress import sweep_progress
+    from drop_physics.report.page import check_page, write_page
     from drop_physics.report.record import note_ours
     from drop_physics.report.terminal import show
     from drop_physics.stages.trust import trust
@@ -482,6 +502,8 @@ def trust(
 
     target, *arguments = program
     lengths = lengths_of(within)
+    if html is not None:
+        check_page(html, inputs=[Path(target)], force=force)
     note_ours(target, arguments, _options(context, context.info_name))
     with sweep_progress() as report:
         result = trust(
@@ -503,7 +525,9 @@ def trust(
             dark=dark,
             progress=report,
         )
-    outputs = [each for each in (table, plot) if each is not None]
+    if html is not None:
+        write_page(result, html, force=force)
+    outputs = [each for each in (table, plot, html) if each is not None]
     raise typer.Exit(show(result, as_json=json, within=lengths, outputs=outputs))
 
 
@@ -528,6 +552,7 @@ def why(
     duration: given.Duration = None,
     seed: Annotated[int, takes("N", "Seed random and numpy.random with N.", parser=an_integer)] = 0,
     jobs: given.Jobs = None,
+    html: given.Page = None,
     python: given.Python = None,
     force: given.Force = False,
     json: given.Json = False,
@@ -547,10 +572,13 @@ def why(
 
     choice = settings().choice()
     from drop_physics.console.progress import sweep_progress
+    from drop_physics.report.page import check_page, write_page
     from drop_physics.report.record import note_ours
     from drop_physics.report.terminal import show
     from drop_physics.stages.why import why
 
+    if html is not None:
+        check_page(html, inputs=[Path(target)], force=force)
     note_ours(target, arguments, _options(context, context.info_name))
     with sweep_progress() as report:
         result = why(
@@ -573,6 +601,8 @@ def why(
             note=output.note,
             progress=report,
         )
+    if html is not None:
+        write_page(result, html, force=force, every=every)
     raise typer.Exit(show(result, as_json=json, every=every))
 
 

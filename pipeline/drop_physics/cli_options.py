@@ -38,6 +38,10 @@ OutputFormat = Annotated[
         "scanning).",
     ),
 ]
+Page = Annotated[
+    Path | None,
+    takes("FILE", "Also write it as an .html page, complete in one file."),
+]
 Json = Annotated[bool, flag("Print one JSON object, for scripts.", "--json")]
 Force = Annotated[bool, flag("Replace files that exist.", "--force")]
 Verbose = Annotated[

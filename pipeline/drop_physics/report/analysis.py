@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import polars as pl
@@ -10,11 +11,20 @@ import polars as pl
 from drop_physics.drop.results import DropAnalysis
 from drop_physics.fields import counted
 from drop_physics.messages import Message
-from drop_physics.report.blocks import Column, DataTable, FindingList, Report, Section, numbers
+from drop_physics.report.blocks import (
+    Column,
+    DataTable,
+    FindingList,
+    Graphs,
+    Report,
+    Section,
+    numbers,
+)
 from drop_physics.report.bodies import report_of_bodies
 from drop_physics.report.drop import report_of_drop
 from drop_physics.report.words import MISSING, unfinished
 from drop_physics.rules.choice import EVERY, Choice
+from drop_physics.stages.panels import plot_of
 
 if TYPE_CHECKING:
     from drop_physics.analysis.results import Analysis
@@ -38,6 +48,9 @@ def report_of(
         report = report_of_drop(analysis, verbose=verbose)
     else:
         report = report_of_bodies(analysis, verbose=verbose)
+    curves = Section([Graphs(partial(plot_of, analysis))], apart=False)
+    first, *others = report.sections
+    report = replace(report, sections=[first, curves, *others])
     notes: list[str] = []
     if analysis.partial:
         notes.append(unfinished(analysis.recording, _samples(analysis)))

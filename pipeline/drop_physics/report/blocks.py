@@ -8,12 +8,13 @@ the renderer's.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
+    from drop_physics.figures.plot import Plot
     from drop_physics.rules.answer import Finding
 
 Style = Literal["", "bold", "dim", "red", "yellow"]
@@ -121,11 +122,20 @@ class FindingList:
     """How many are shown."""
     left_out: int = 0
     """How many more were found, and left out by choice."""
+    sources: Mapping[str, Path] = field(default_factory=dict)
+    """The files that they cite, where these are found."""
     first: int = 1
     """The number of the first."""
 
 
-Block = Words | Facts | DataTable | FindingList
+@dataclass(frozen=True)
+class Graphs:
+    """Curves over time, which are made when a renderer draws them."""
+
+    plot: Callable[[], Plot]
+
+
+Block = Words | Facts | DataTable | FindingList | Graphs
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,11 @@ def report_of_bodies(analysis: Analysis, *, verbose: bool = False) -> Report:
     ]
     alone = len(analysis.bodies) < len(analysis.by_body)
     most = len(analysis.findings) if verbose else MOST_FINDINGS
-    sections = [Section([FindingList(analysis.findings, most, analysis.left_out)], apart=False)]
+    sections = [
+        Section(
+            [FindingList(analysis.findings, most, analysis.left_out, analysis.sources)], apart=False
+        )
+    ]
     verbose = verbose or alone
     joints = [*_joints(moving, analysis.findings, verbose=verbose)]
     sections += joints

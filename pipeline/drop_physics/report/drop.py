@@ -50,7 +50,7 @@ def report_of_drop(analysis: DropAnalysis, *, verbose: bool = False) -> Report:
         sections += [*flights(analysis.bodies), *contacts(analysis.bodies[:1])]
         sections += [sum_of(body, each) for body in analysis.bodies for each in body.at]
     most = len(analysis.findings) if verbose else MOST_FINDINGS
-    found = FindingList(analysis.findings, most, analysis.left_out)
+    found = FindingList(analysis.findings, most, analysis.left_out, analysis.sources)
     sections.append(Section([found], apart=False))
     return Report(verdict=Words(_dropped(analysis, body), key=body), sections=sections)
 

@@ -7,7 +7,16 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import singledispatch
 
 from drop_physics.messages import translated
-from drop_physics.report.blocks import DataTable, Fact, Facts, File, FindingList, Report, Words
+from drop_physics.report.blocks import (
+    DataTable,
+    Fact,
+    Facts,
+    File,
+    FindingList,
+    Graphs,
+    Report,
+    Words,
+)
 
 Say = Callable[[str], str]
 """Puts a text in the language of the page: `translated`, or `str` for English."""
@@ -66,6 +75,12 @@ def _(table: DataTable, say: Say) -> Iterator[str]:
     for cells in zip(*(each.cells for each in (first, *others)), strict=True):
         yield _row(cells, say)
     yield ""
+
+
+@block_markdown.register
+def _(_: Graphs, say: Say) -> Iterator[str]:  # noqa: ARG001
+    """Yield nothing: curves are beside it, in the viewer or a file of their own."""
+    yield from ()
 
 
 def _row(cells: Sequence[str], say: Say) -> str:

@@ -33,6 +33,7 @@ from drop_physics.report.blocks import (
     Facts,
     File,
     FindingList,
+    Graphs,
     Report,
     Words,
 )
@@ -106,6 +107,12 @@ def _(words: Words) -> Iterator[str]:
         if key and not number:
             text = text.replace(key, f"[bold]{key}[/]", 1)
         yield words.margin + _styled(text, words.style)
+
+
+@block_lines.register
+def _(_: Graphs) -> Iterator[str]:
+    """Yield nothing: a terminal shows no curves."""
+    yield from ()
 
 
 # -- titles, and what is beside them --------------------------------------------------------------

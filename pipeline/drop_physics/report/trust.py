@@ -6,6 +6,7 @@ import contextlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,9 +14,20 @@ from drop_physics.analysis.results import renamed
 from drop_physics.explain.jsonable import jsonable
 from drop_physics.fields import counted
 from drop_physics.messages import Message, joined, translated
-from drop_physics.report.blocks import Block, Column, DataTable, Facts, File, Report, Section, Words
+from drop_physics.report.blocks import (
+    Block,
+    Column,
+    DataTable,
+    Facts,
+    File,
+    Graphs,
+    Report,
+    Section,
+    Words,
+)
 from drop_physics.report.words import MISSING
 from drop_physics.stages.trust_findings import BY_STEP, TERMS, part_of, readable
+from drop_physics.stages.trust_outputs import distances_of
 
 if TYPE_CHECKING:
     from drop_physics.experiments.robustness import Standing
@@ -96,7 +108,8 @@ def report_of(
     """Say what stands; the code is 3 if a variation ends farther apart than `within`."""
     part = _namer(trust)
     rows = [[each.name, *_distances(each, trust, part)] for each in trust.variations]
-    sections = [Section([_table(VARIATIONS, rows, {4: 1})])]
+    curves = Graphs(partial(distances_of, trust))
+    sections = [Section([_table(VARIATIONS, rows, {4: 1}), curves])]
     stands = trust.standing[:MOST_PARTS]
     if stands:
         table = _table(STANDING, [_stands(each, part) for each in stands], {5: 2, 4: 1})

@@ -24,8 +24,8 @@ from drop_physics.recording.reader import Recording, read
 from drop_physics.rules.answer import Finding
 from drop_physics.rules.choice import EVERY, Choice
 from drop_physics.stages.events import events
+from drop_physics.stages.panels import viewed
 from drop_physics.stages.sources import Sources
-from drop_physics.stages.telling import viewed
 from drop_physics.trace.history import Seen, body_named
 
 if TYPE_CHECKING:

@@ -29,7 +29,7 @@ from drop_physics.recording.contents import is_script
 from drop_physics.recording.reader import Recording, read
 from drop_physics.scenario import View
 from drop_physics.stages.film import Film, beside_film, frames_film, poses_film
-from drop_physics.stages.telling import plot_of
+from drop_physics.stages.panels import plot_of
 from drop_physics.workers import Worker, cores
 
 if TYPE_CHECKING:

@@ -61,11 +61,15 @@ def write_outputs(
     if plot is not None:
         from drop_physics.figures import panel_plot  # loads matplotlib
 
-        title = Message("How far variations of {script} are from its own run", script=trust.script)
-        lines = [each.message for each in trust.findings if each.code in ("one-of-many", "grows")]
-        shown = Plot(title, lines, [*_panels(trust)])
         with written_whole(plot, force=force) as file:
-            file.write(panel_plot.render(shown, plot.suffix[1:], dark))
+            file.write(panel_plot.render(distances_of(trust), plot.suffix[1:], dark))
+
+
+def distances_of(trust: Trust) -> Plot:
+    """Return the plot of how far variations are from the script's own run, over time."""
+    title = Message("How far variations of {script} are from its own run", script=trust.script)
+    lines = [each.message for each in trust.findings if each.code in ("one-of-many", "grows")]
+    return Plot(title, lines, [*_panels(trust)])
 
 
 def table_of(trust: Trust) -> pl.DataFrame:

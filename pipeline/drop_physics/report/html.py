@@ -1,0 +1,132 @@
+"""A report as HTML: what a page has below its title. Texts from a recording are escaped."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Mapping
+from functools import singledispatch
+from html import escape
+from pathlib import Path
+
+from drop_physics.messages import harmless, joined, translated
+from drop_physics.report.blocks import (
+    DataTable,
+    Fact,
+    Facts,
+    File,
+    FindingList,
+    Graphs,
+    Report,
+    Words,
+)
+from drop_physics.rules.answer import Finding
+
+CURVES = "<!-- curves -->"
+"""In place of curves; no text of a recording is like it, as those are escaped."""
+AROUND = 2
+"""Lines of a script that are shown before and after that of a finding."""
+
+
+def html_of(report: Report) -> Iterator[str]:
+    """Yield a report's verdict and sections, in the reader's language."""
+    verdict = report.verdict
+    if isinstance(verdict, Fact):
+        yield f"<h1>{_said(report.title)}: {_said(verdict.title)}</h1><p>{_said(verdict.words)}</p>"
+    elif verdict is not None:
+        yield f"<h1>{_said(verdict.text)}</h1>"
+    yield from (f'<p class="note">{_said(each)}</p>' for each in report.notes)
+    for section in report.sections:
+        yield "<section>"
+        for block in section.blocks:
+            yield from block_html(block)
+        yield "</section>"
+
+
+def _said(text: str) -> str:
+    return escape(harmless(translated(text)))
+
+
+@singledispatch
+def block_html(block: object) -> Iterator[str]:
+    """Yield a block."""
+    raise TypeError(block)
+
+
+@block_html.register
+def _(words: Words) -> Iterator[str]:
+    tag = "h2" if words.style == "bold" else "p"
+    yield f'<{tag} class="{words.style}">{_said(words.text)}</{tag}>'
+
+
+@block_html.register
+def _(facts: Facts) -> Iterator[str]:
+    if not facts.rows:
+        return
+    yield '<table class="facts">'
+    for row in facts.rows:
+        words = joined("   ", [str(row.path), row.facts]) if isinstance(row, File) else row.words
+        text = _said(words)
+        if isinstance(row, Fact) and row.is_command:
+            text = f"<code>{text}</code>"
+        yield f"<tr><th>{_said(row.title)}</th><td>{text}</td></tr>"
+    yield "</table>"
+
+
+@block_html.register
+def _(table: DataTable) -> Iterator[str]:
+    first, *others = table.columns
+    columns = [first, *(each for each in others if each.head or any(each.cells))]
+    yield '<div class="wide"><table>'
+    if table.has_heads:
+        heads = [table.title or first.head, *(each.head for each in columns[1:])]
+        cells = zip(heads, columns, strict=True)
+        yield f"<tr>{''.join(_cell('th', text, right=each.right) for text, each in cells)}</tr>"
+    for number in range(len(first.cells)):
+        failed = number < len(table.failed) and table.failed[number]
+        total = table.has_total and number == len(first.cells) - 1
+        name = "failed" if failed else "total" if total else ""
+        row = "".join(_cell("td", each.cells[number], right=each.right) for each in columns)
+        yield f'<tr class="{name}">{row}</tr>'
+    yield "</table></div>"
+
+
+def _cell(tag: str, text: str, *, right: bool) -> str:
+    return f"<{tag}{' class=number' * right}>{_said(text).strip()}</{tag}>"
+
+
+@block_html.register
+def _(found: FindingList) -> Iterator[str]:
+    yield '<ol class="findings">'
+    for finding in found.findings[: found.most]:
+        yield f'<li class="{finding.level}"><p><b>{_said(finding.told)}</b></p>'
+        if finding.advice is not None:
+            yield f'<p class="advice">{_said(finding.advice)}</p>'
+        yield f'<p class="code">{_said(finding.code)}{_site(finding)}</p>'
+        yield from _source(finding, found.sources)
+        yield "</li>"
+    yield "</ol>"
+
+
+def _site(finding: Finding) -> str:
+    return "" if finding.site is None else f" · {_said(finding.site)}"
+
+
+def _source(finding: Finding, sources: Mapping[str, Path]) -> Iterator[str]:
+    """Yield the line that a finding cites, among those around it."""
+    name, _, line = (finding.site or "").rpartition(":")
+    if name not in sources or not line.isdecimal():
+        return
+    with contextlib.suppress(OSError):
+        lines = sources[name].read_text(encoding="utf-8", errors="replace").split("\n")
+        first = max(1, int(line) - AROUND)
+        yield "<pre>"
+        for number, text in enumerate(lines[first - 1 : int(line) + AROUND], first):
+            tag = "mark" if number == int(line) else "span"
+            yield f"<{tag}>{number:>5}  {escape(harmless(text.expandtabs()))}</{tag}>\n"
+        yield "</pre>"
+
+
+@block_html.register
+def _(_: Graphs) -> Iterator[str]:
+    """Yield where a page draws curves, with what it loads for them."""
+    yield CURVES

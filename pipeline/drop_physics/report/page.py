@@ -1,0 +1,154 @@
+"""A report as a page of its own: one file, with its curves and its film, that asks nobody for more.
+
+It is what a user attaches to an issue or to a CI run. Its policy forbids every request.
+"""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+from collections.abc import Iterator, Sequence
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from drop_physics.errors import DropError, check_suffix
+from drop_physics.figures.interactive import Interactive, colour_of, interactive
+from drop_physics.files.outputs import check_apart, check_target
+from drop_physics.files.whole import written_whole
+from drop_physics.messages import Message, harmless, translated
+from drop_physics.report.blocks import Graphs, Report
+from drop_physics.report.html import CURVES, html_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drop_physics.figures.plot import Panel
+    from drop_physics.printable import Printable
+
+POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "img-src data:; font-src data:"
+)
+STYLE = """
+:root { color-scheme: light dark; --text: #1f2328; --faint: #5f6670; --page: #ffffff;
+  --line: #d0d7de; --mark: #fff1c2; --advice: #1a7f37; --broken: #cf222e }
+@media (prefers-color-scheme: dark) { :root { --text: #e6edf3; --faint: #9aa4af; --page: #0d1117;
+  --line: #30363d; --mark: #4d3b00; --advice: #57ab5a; --broken: #ff7b72 } }
+body { font: 16px/1.5 system-ui, sans-serif; color: var(--text); background: var(--page);
+  margin: 2rem auto; padding: 0 1rem; max-width: 60rem }
+h1 { font-size: 1.3rem } h2 { font-size: 1.05rem; margin: 1.5rem 0 .3rem }
+h3 { font-size: 1rem; margin: 1.2rem 0 0 }
+p { margin: .3rem 0 } .dim, .note, .code { color: var(--faint) } .code { font-size: .85rem }
+.yellow { color: #9a6700 } .advice { color: var(--advice) }
+section { margin: 1.2rem 0 }
+.wide { overflow-x: auto }
+table { border-collapse: collapse; font-size: .9rem; font-variant-numeric: tabular-nums }
+th, td { padding: .15rem .8rem .15rem 0; text-align: left; vertical-align: top }
+th { color: var(--faint); font-weight: normal; white-space: nowrap }
+.number { text-align: right } .total td { font-weight: bold } .failed td { color: var(--broken) }
+.legend span { margin-right: 1.2rem; font-size: .85rem; white-space: nowrap }
+.legend i { display: inline-block; width: 1.6rem; margin-right: .4rem; vertical-align: middle;
+  border-top: 2px solid }
+.legend .dashed { border-top-style: dashed } .legend .broad { border-top-width: 4px }
+.legend .wide { border-top-width: 6px }
+.facts th { color: var(--text); font-weight: bold }
+.findings li { margin: 1rem 0 } .findings .broken b { color: var(--broken) }
+pre { border: 1px solid var(--line); border-radius: 6px; padding: .5rem; overflow-x: auto;
+  font-size: .85rem; line-height: 1.2; white-space: pre }
+mark { background: var(--mark); color: inherit }
+img { max-width: 100% }
+@media print { body { margin: 0; max-width: none } .panel, li, table, img { break-inside: avoid } }
+"""
+MOST_PANELS = 8
+LANGUAGE = Message("en")
+"""Of a page, as HTML names it."""
+NOTHING = Interactive("", [], "")
+
+
+def check_page(page: Path, *, inputs: Sequence[Path], force: bool) -> None:
+    """Make sure that a page can be written, before any work is done for it.
+
+    Raises
+    ------
+    ScenarioError
+        If its name does not end in .html.
+    OutputError
+        If it exists and `force` is not given, or is what the same command reads or writes.
+    """
+    check_suffix("--html", page, (".html",))
+    check_apart([page], inputs=inputs)
+    check_target(page, force=force)
+
+
+def write_page(
+    result: Printable,
+    page: Path,
+    *,
+    force: bool,
+    film: Callable[[], bytes] | None = None,
+    **how: object,
+) -> None:
+    """Write a result's report as a page, with its curves; `how` goes to its builder.
+
+    `film` returns a gif, or raises an error where there is nothing to show.
+
+    Raises
+    ------
+    DropError
+        If Bokeh, which draws the curves, is not installed.
+    OutputError
+        If the file cannot be written.
+    """
+    report: Report = result.report(**how)
+    panels = [*_panels(report)][:MOST_PANELS]
+    drawn = interactive(panels) if panels else NOTHING
+    divs = zip(panels, drawn.divs, strict=True)
+    shown = "\n".join([*(_panel(panel, div) for panel, div in divs), *_film(film)])
+    title = report.title or getattr(report.verdict, "text", "drop")
+    text = f"""<!doctype html>
+<html lang="{translated(LANGUAGE)}">
+<head>
+<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="{POLICY}">
+<meta name="viewport" content="width=device-width">
+<title>{_said(title)}</title>
+<style>{STYLE}</style>
+{drawn.head}
+</head>
+<body>
+{"".join(html_of(report)).replace(CURVES, shown, 1)}
+{drawn.script}
+</body>
+</html>
+"""
+    with written_whole(page, force=force) as file:
+        file.write(text.encode("utf-8", "replace"))
+
+
+def _panel(panel: Panel, div: str) -> str:
+    mark = f"{panel.mark}  " if panel.mark else ""
+    names = "".join(
+        f'<span><i class="{curve.look}" style="color: {colour_of(curve)}"></i>'
+        f"{_said(curve.name)}</span>"
+        for curve in {curve.name: curve for curve in panel.curves}.values()
+    )
+    title = f"<h3>{mark}{_said(panel.title)} [{panel.unit}]</h3>"
+    return f'<div class="panel">{title}<p class="legend">{names}</p>{div}</div>'
+
+
+def _film(film: Callable[[], bytes] | None) -> Iterator[str]:
+    if film is not None:
+        with contextlib.suppress(DropError):
+            yield f'<img alt="" src="data:image/gif;base64,{base64.b64encode(film()).decode()}">'
+
+
+def _panels(report: Report) -> Iterator[Panel]:
+    for section in report.sections:
+        for block in section.blocks:
+            if isinstance(block, Graphs):
+                yield from block.plot().panels
+
+
+def _said(text: str) -> str:
+    return escape(harmless(translated(text)))

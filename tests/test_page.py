@@ -1,0 +1,123 @@
+"""`--html`: one file with everything, which a browser opens without asking anybody for more."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command import ROOT, drop_here
+from drop_physics.report.blocks import Column, DataTable, Fact, Facts, Report, Section, Words
+from drop_physics.report.html import html_of
+from PIL import Image
+
+pytestmark = pytest.mark.needs("bokeh")
+BLUE = (0, 114, 178)
+"""Of a curve of what was simulated."""
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the page of the arm whose motor is too weak."""
+    folder = tmp_path_factory.mktemp("page")
+    shutil.copy(ROOT / "docs/examples/arm.py", folder)
+    assert drop_here("record", "arm.py", folder=folder).returncode == 0
+    done = drop_here("analyze", "arm.py", "--html", "arm.html", folder=folder)
+    assert done.returncode == 0, done.stderr
+    return folder / "arm.html"
+
+
+def test_a_page_has_verdict_finding_and_its_line(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert "<h1>arm.py finished: 1 body, 720 steps" in text
+    assert "lbr_iiwa_joint_2 ends 1.3 rad off its target" in text
+    (marked,) = re.findall("<mark>(.*?)</mark>", text)
+    call = "p.setJointMotorControl2(arm, joint, p.POSITION_CONTROL, angle, force=30)"
+    assert marked.split() == ["13", *call.split()]
+    assert text.count('<div class="panel">') == 3
+    assert "data:image/gif;base64," in text
+
+
+def test_a_page_asks_nobody_for_anything(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert len(text) < 5e6
+    assert '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'' in text
+    assert not re.findall(r"<(?:script|img|iframe|link)[^>]+(?:src|href)=[\"'](?!data:)", text)
+
+
+def test_a_page_replaces_nothing_unasked(page: Path) -> None:
+    before = page.read_bytes()
+    done = drop_here("analyze", "--html", "arm.html", folder=page.parent)
+    assert done.returncode == 1
+    assert "--force" in done.stderr
+    assert page.read_bytes() == before
+    done = drop_here("analyze", "--html", "arm.pdf", folder=page.parent)
+    assert "--html must end in .html, got 'arm.pdf'" in done.stderr
+
+
+def test_a_check_has_a_page_too(page: Path) -> None:
+    recording = "recordings/arm.rrd"
+    command = ("check", recording, "--against", recording, "--html", "check.html")
+    assert drop_here(*command, folder=page.parent).returncode == 0
+    text = (page.parent / "check.html").read_text()
+    assert "<h1>drop check: same</h1>" in text
+    assert "<script" not in text  # nothing to draw
+
+
+def test_names_of_a_recording_are_text() -> None:
+    hostile = "<script>alert(1)</script>\x1b[2J"
+    blocks = [
+        Words(hostile),
+        Facts([Fact(hostile, hostile, is_command=True)], 8),
+        DataTable([Column(hostile, [hostile])], title=hostile),
+    ]
+    text = "".join(html_of(Report(verdict=Words(hostile), sections=[Section(blocks)])))
+    assert "<script" not in text
+    assert "\x1b" not in text
+    assert text.count("&lt;script&gt;") == 6
+
+
+def test_without_bokeh_it_says_what_to_install(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "bokeh.embed", None)
+    done = drop_here("analyze", "--html", "other.html", folder=page.parent)
+    assert done.returncode == 1
+    assert "try: pip install bokeh" in done.stderr
+    assert not (page.parent / "other.html").exists()
+
+
+@pytest.fixture
+def chromium() -> str:
+    path = shutil.which("chromium")
+    if path is None:
+        pytest.skip("no Chromium; try: apt-get install chromium")
+    return path
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("scheme", "background"), [("1", (255, 255, 255)), ("0", (13, 17, 23))])
+def test_a_browser_draws_it_light_and_dark(
+    chromium: str, page: Path, tmp_path: Path, scheme: str, background: tuple[int, int, int]
+) -> None:
+    shot = tmp_path / "page.png"
+    done = subprocess.run(
+        [
+            *(chromium, "--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr"),
+            *("--virtual-time-budget=8000", "--window-size=1000,2000"),
+            f"--blink-settings=preferredColorScheme={scheme}",
+            f"--user-data-dir={tmp_path / 'profile'}",
+            *(f"--screenshot={shot}", page.as_uri()),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    said = [line for line in done.stderr.splitlines() if "CONSOLE" in line and "[bokeh" not in line]
+    assert said == []  # what the page's policy refuses, and errors of scripts
+    pixels = np.asarray(Image.open(shot).convert("RGB")).astype(int)
+    assert tuple(pixels[1990, 5]) == background
+    blue = (np.abs(pixels - BLUE).max(axis=2) < 8).sum()
+    assert blue > 500  # the curve of joint 2, over most of the page's width
