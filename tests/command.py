@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import functools
 import gc
 import math
 import os
@@ -22,11 +23,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from unittest.mock import patch
 
+import typer.main
 from drop_physics import workers
 from drop_physics.console.running import main
 from drop_physics.sweeping.engines import dismiss
 
 ROOT = Path(__file__).parents[1]
+# A process makes the command from its functions once, which takes a tenth of `drop analyze`.
+typer.main.get_command = functools.cache(typer.main.get_command)
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 HANGS_S = 600
 """What takes so long hangs, whatever else the machine has to do: nothing here takes a minute."""

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import gc
 import os
+import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from importlib.util import find_spec
+from importlib.metadata import packages_distributions
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import drop_physics
@@ -19,6 +21,8 @@ import pytest
 from command import HANGS_S, drop_alone, drop_here
 from drop_physics import DropAnalysis, Scenario, simulate
 from drop_physics.drop.story import drop_analysis_of
+from drop_physics.engines.mujoco import explained
+from drop_physics.engines.pybullet import script
 from drop_physics.recording.reader import Recording, read
 from drop_physics.recording.viewer import binary
 from drop_physics.rules.answer import Finding
@@ -26,7 +30,10 @@ from drop_physics.stages.run import Run, run
 from drop_physics.trace.states import CONTACT, STATE
 from drop_physics.trace.tables import rows_in
 from dropped import Sampled
+from forked import popen
 from hypothesis import HealthCheck, settings
+from skipping import pytest_runtest_makereport as pytest_runtest_makereport
+from skipping import pytest_runtest_setup as pytest_runtest_setup
 
 os.environ["DROP_LANG"] = "en"  # in which the tests expect what is printed, wherever they run
 # The same examples every time: a test that fails is a change, and no bad luck.
@@ -54,31 +61,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_collection_finish() -> None:
     """Let the garbage collector pass over what is imported and collected: it stays."""
     gc.freeze()
-
-
-def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Skip a test that needs what only `[dev]` brings, where that is not installed."""
-    for mark in item.iter_markers("needs"):
-        (module,) = mark.args
-        if find_spec(module) is None:
-            pytest.skip(f"{module} is not installed; try: pip install '.[dev]'")
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(
-    item: pytest.Item,
-) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Let a test that skips fail in CI, whatever its reason: what it needs is there.
-
-    But CI runs `pytest` with `[test]` first, and then, with `[dev]`, `pytest -m "needs or long"`.
-    """
-    report = yield
-    first = "needs" not in item.config.option.markexpr
-    later = item.get_closest_marker("needs") is not None and first
-    if report.skipped and os.environ.get("CI") and not later:
-        report.outcome = "failed"
-        report.longrepr = f"in CI nothing is skipped: {report.longrepr}"
-    return report
 
 
 def some(values: Iterable[Any], first: int) -> list[Any]:
@@ -161,6 +143,20 @@ def descendants_of(pid: int | str) -> list[str]:
 
 
 @pytest.fixture
+def forked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let scripts start in a moment, in tests that are not about how they start."""
+    monkeypatch.setattr(script, "subprocess", SimpleNamespace(Popen=popen))
+
+
+@pytest.fixture
+def mujoco_forked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let MuJoCo's scripts, and what explains them, start in a moment."""
+    start = SimpleNamespace(Popen=partial(popen, also="mujoco"), PIPE=subprocess.PIPE)
+    for module in (script, explained):
+        monkeypatch.setattr(module, "subprocess", start)
+
+
+@pytest.fixture
 def drop(tmp_path: Path) -> Drop:
     """Return the command line, run in this process."""
     return partial(drop_here, folder=tmp_path)
@@ -183,6 +179,16 @@ sys.meta_path.insert(0, Listen)
 """
 """A `sitecustomize` that writes down each module that any Python process looks for."""
 
+LOOKED_FOR = {
+    "__main__",
+    "_drop_watching",
+    "cython",
+    "drop_physics",
+    "sitecustomize",
+    "usercustomize",
+}
+"""What no environment has and commands look for; more is found as they run."""
+
 Planted = Callable[..., subprocess.CompletedProcess[str]]
 
 
@@ -190,50 +196,55 @@ Planted = Callable[..., subprocess.CompletedProcess[str]]
 def planted(tmp_path: Path) -> Iterator[Planted]:
     """Return the installed command, typed in a folder full of modules; none of them may be run.
 
-    They have the names of all that the same command looks for in an empty folder, whether it finds
-    them or not.
+    They have the names of all that Python and its environment have, and of all else that the
+    command looks for, whether it finds that or not: it is run again until there is nothing more.
     """
-    empty, folder, listening = tmp_path / "empty", tmp_path / "here", tmp_path / "listening"
+    folder, listening = tmp_path / "here", tmp_path / "listening"
     program, ran, heard = tmp_path / "bin/drop", tmp_path / "ran", tmp_path / "heard"
-    for each in (empty, folder, listening, program.parent):
+    for each in (folder, listening, program.parent, folder / "drop_physics"):
         each.mkdir()
     heard.touch()
     (listening / "sitecustomize.py").write_text(LISTENING.format(heard=str(heard)))
     program.write_text(
         "from drop_physics.console.running import main\nmain()\n"
     )  # as pip writes it
+    set_up: set[str] = set()
+
+    def set_traps(names: set[str]) -> None:
+        for trap in [
+            *(folder / f"{name}.py" for name in names),
+            folder / "drop_physics/__init__.py",
+        ]:
+            trap.write_text(f"open({str(ran)!r}, 'a').write({str(trap)!r} + '\\n')")
+        set_up.update(names)
 
     def call(*arguments: object, ends: int = 0) -> subprocess.CompletedProcess[str]:
-        def run_in(place: Path, *path: Path) -> subprocess.CompletedProcess[str]:
-            return subprocess.run(
+        missing = {*sys.stdlib_module_names, *packages_distributions(), *LOOKED_FOR}
+        while missing:
+            set_traps(missing)
+            before = {*folder.iterdir()}
+            done = subprocess.run(
                 [sys.executable, program, *map(str, arguments)],
                 capture_output=True,
                 text=True,
-                cwd=place,
+                cwd=folder,
                 timeout=HANGS_S,
                 check=False,
                 env={
                     **os.environ,
-                    "PYTHONPATH": os.pathsep.join(map(str, path)),
+                    "PYTHONPATH": os.pathsep.join(map(str, (listening, PACKAGE.parent))),
                     "DISPLAY": "",
                     "WAYLAND_DISPLAY": "",
                 },
             )
-
-        alone = run_in(empty, listening, PACKAGE.parent)
-        assert alone.returncode == ends, alone.stderr
-        names = {name.partition(".")[0] for name in heard.read_text().split("\n")} | {
-            "usercustomize"
-        }
-        names -= {""}
-        assert {"drop_physics", "json", "numpy", "sitecustomize"} <= names
-        (folder / "drop_physics").mkdir()
-        for trap in (
-            *(folder / f"{name}.py" for name in names),
-            folder / "drop_physics/__init__.py",
-        ):
-            trap.write_text(f"open({str(ran)!r}, 'a').write({str(trap)!r} + '\\n')")
-        return run_in(folder, PACKAGE.parent)
+            assert done.returncode == ends, done.stderr
+            names = {name.partition(".")[0] for name in heard.read_text().split("\n")}
+            assert {"drop_physics", "json", "numpy", "sitecustomize"} <= names
+            missing = names - set_up - {""}
+            LOOKED_FOR.update(missing)
+            for made in {*folder.iterdir()} - before if missing else ():
+                shutil.rmtree(made) if made.is_dir() else made.unlink()
+        return done
 
     yield call
     assert not ran.exists(), ran.read_text()

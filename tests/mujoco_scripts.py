@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import forked
 import numpy as np
 from drop_physics.engines.mujoco.explain.reasons import REASONS
 from drop_physics.engines.mujoco.explained import ExplainedPiece, explained
@@ -127,13 +128,14 @@ class Run:
         return list(explained(self.spool, sys.executable))
 
 
-def bare(folder: Path, text: str) -> subprocess.CompletedProcess[str]:
-    """Run a script in a folder, unwatched."""
+def bare(folder: Path, text: str, *, alone: bool = False) -> subprocess.CompletedProcess[str]:
+    """Run a script in a folder, unwatched; alone, in an interpreter that nobody has forked."""
     folder.mkdir(exist_ok=True)
     folder.joinpath("script.py").write_text(text)
-    return subprocess.run(
-        [sys.executable, "script.py"], cwd=folder, capture_output=True, text=True, check=False
-    )
+    command = [sys.executable, "script.py"]
+    if not alone:
+        return forked.run(command, folder, also="mujoco")
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
 
 
 def watched(folder: Path, text: str, **how: Any) -> Run:

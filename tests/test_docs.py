@@ -63,7 +63,7 @@ def test_with(): pass
 def test_in_ci_nothing_is_skipped(
     tmp_path: Path, ci: str, options: list[str], failed: set[str], passed: set[str]
 ) -> None:
-    (tmp_path / "conftest.py").write_bytes((ROOT / "tests" / "conftest.py").read_bytes())
+    (tmp_path / "conftest.py").write_bytes((ROOT / "tests" / "skipping.py").read_bytes())
     (tmp_path / "test_it.py").write_text(SKIPPING)
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-rA", "-p", "no:cacheprovider", *options, tmp_path],

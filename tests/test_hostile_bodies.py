@@ -454,7 +454,7 @@ def mutated(data: bytes, chance: random.Random) -> bytes:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", range(24))
+@pytest.mark.parametrize("seed", range(12))
 def test_mutations_of_pybullets_own_files_are_loaded_or_refused(tmp_path: Path, seed: int) -> None:
     """If this process dies, a bad body has passed."""
     chance = random.Random(seed)

@@ -17,6 +17,8 @@ from drop_physics.engines.mujoco.explain.reasons import EXPLAINED, OTHER, REPLAY
 from drop_physics.engines.mujoco.frames import STALE, STEPS, UNPOSED
 from mujoco_scripts import Run, bare, statuses, watched
 
+pytestmark = pytest.mark.usefixtures("mujoco_forked")
+
 SCENE = """
 import json, mujoco, numpy as np
 XML = '''<mujoco><worldbody><geom type="plane" size="5 5 1"/>
@@ -423,7 +425,7 @@ for call in (
 mujoco.mj_step(m, d, nstep=3, steps=3)
 """
     )
-    alone, run = bare(tmp_path / "bare", text), watched(tmp_path / "watched", text)
+    alone, run = bare(tmp_path / "bare", text, alone=True), watched(tmp_path / "watched", text)
     assert run.printed.count("Traceback") == 11
     assert alone.returncode == 1
     plain = re.compile(r"object at 0x\w+|mj_step\(\)")

@@ -1,4 +1,4 @@
-"""A dozen of the scripts in PyBullet's wheel: recorded twice, and run with their engine unread.
+"""Eight of the scripts in PyBullet's wheel: recorded twice, and run with their engine unread.
 
 `public_scripts` does the same with all of them, and with those that are found elsewhere.
 """
@@ -17,8 +17,7 @@ from witness import interpreter
 pytestmark = pytest.mark.long
 
 EXAMPLES = (
-    "biped2d_pybullet", "collisionFilter", "constraint", "createVisualShapeArray",
-    "deformable_anchor", "mimicJointConstraint", "motorMaxVelocity", "sceneAabb", "sleeptest",
+    "biped2d_pybullet", "constraint", "deformable_anchor", "mimicJointConstraint", "sleeptest",
     "snake", "soccerball", "video_sync_mp4",
 )  # fmt: skip
 

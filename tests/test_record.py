@@ -659,7 +659,7 @@ show(p)
     ],
 )
 def test_a_loop_without_an_end_is_ended(bench: Bench, loop: str) -> None:
-    recorded, _ = bench.record(bench.script(scripts.WINDOW + loop), duration_s=1.0)
+    recorded, _ = bench.record(bench.script(scripts.WINDOW + loop), duration_s=0.1)
     assert recorded.ended == "duration"
     assert closing(bench.out)["ended"] == ["duration"]
 

@@ -19,6 +19,8 @@ from conftest import Drop
 from drop_physics import record_script
 from drop_physics.errors import ScenarioError
 
+pytestmark = pytest.mark.usefixtures("forked")
+
 FALLS = """import pybullet as p
 p.connect(p.DIRECT)
 p.createMultiBody({mass}, p.createCollisionShape(p.GEOM_SPHERE, radius=0.1))
@@ -390,7 +392,7 @@ def test_help_says_what_it_is_for_and_groups_the_commands(drop: Drop) -> None:
     assert own < box < recordings
     groups = {"own": said[own:box], "box": said[box:recordings], "recordings": said[recordings:]}
     commands = {
-        "own": {"SCRIPT.py", "record", "trust"},
+        "own": {"SCRIPT.py", "record", "trust", "why"},
         "box": {"run", "simulate", "sweep"},
         "recordings": {"analyze", "check", "info", "render", "view"},
     }

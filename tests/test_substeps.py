@@ -110,7 +110,7 @@ def test_what_nothing_touches_follows_to_rounding(name: str, substeps: int) -> N
     assert np.abs(changed - given).max() <= 1e-12 * max(1.0, np.abs(given).max())
 
 
-@pytest.mark.parametrize("file", some({file: file for file in (*ROBOTS, *MORE)}, 6))
+@pytest.mark.parametrize("file", some({file: file for file in (*ROBOTS, *MORE[1::2])}, 6))
 def test_any_robot_follows_to_rounding_off_its_stops(file: str) -> None:
     with engine():
         p.setPhysicsEngineParameter(numSubSteps=4)

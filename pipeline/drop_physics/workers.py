@@ -20,7 +20,6 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from importlib.abc import MetaPathFinder
 from pathlib import Path
 from typing import IO, Any, Self
 
@@ -104,8 +103,8 @@ def silence() -> None:
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 
-class WithoutPandas(MetaPathFinder):
-    """Says of pandas that it is not installed."""
+class WithoutPandas:
+    """Says of pandas that it is not installed, as a finder (`sys.meta_path`)."""
 
     def find_spec(self, fullname: str, *_: object) -> None:
         """Raise what an import raises of a module that is missing; find nothing else."""
@@ -119,7 +118,7 @@ def leave_out_pandas() -> None:
     That takes as long as all of ours, and nothing here needs it. What a script imports is its own:
     it runs in another process.
     """
-    sys.meta_path.insert(0, WithoutPandas())
+    sys.meta_path.insert(0, WithoutPandas())  # type: ignore[arg-type]
 
 
 def our_environment() -> dict[str, str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import _imp
-import importlib.abc
 import importlib.machinery
 import importlib.util
 import os
@@ -141,8 +140,12 @@ def _mujoco_package() -> str:
     return name
 
 
-class _OnImport(importlib.abc.MetaPathFinder):
-    """Calls a function with a module when the script imports it: every time, or once."""
+class _OnImport:
+    """Calls a function with a module when the script imports it: every time, or once.
+
+    Python asks it as a finder (`sys.meta_path`); `importlib.abc` has a class for those, and takes
+    as long to import as all of ours.
+    """
 
     def __init__(self, name: str, then: Callable[[ModuleType], None], *, once: bool) -> None:
         self._name, self._then, self._once = name, then, once
@@ -152,7 +155,7 @@ class _OnImport(importlib.abc.MetaPathFinder):
         """Stop waiting."""
         self._over = True
         if self in sys.meta_path:
-            sys.meta_path.remove(self)
+            sys.meta_path.remove(self)  # type: ignore[arg-type]
 
     def find_spec(
         self, fullname: str, _path: Sequence[str] | None, _target: ModuleType | None = None

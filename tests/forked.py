@@ -1,0 +1,233 @@
+"""Start Python programs in a fiftieth of the time, where a test is not about how they start.
+
+The first one starts a process that has imported what scripts and we import, and forks for each
+program: what runs there is the same code. A program whose environment counts when Python starts
+(seeds of hashes, other leftovers in memory), or that has another interpreter, is really started.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import functools
+import json
+import os
+import runpy
+import select
+import signal
+import socket
+import struct
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import Any, BinaryIO
+
+STARTS = ("MALLOC_PERTURB_", "PYTHONHASHSEED", "PYTHONPATH", "LD_PRELOAD")
+"""Variables that count when Python starts."""
+PERTURB = "85"
+"""What `Script` sets the first of them to."""
+STATUS = struct.Struct("i")
+IMPORTED = (
+    *("argparse", "logging", "pathlib", "tempfile", "traceback", "numpy", "pybullet"),
+    *("pybullet_data", "drop_physics.engines.pybullet.watch.start"),
+    "drop_physics.engines.pybullet.watch.ending",
+)
+
+
+class Forked:
+    """What `subprocess.Popen` is to `Script`: a program that runs, and ends."""
+
+    def __init__(
+        self,
+        command: Sequence[str],
+        *,
+        stdout: int | None = None,
+        stderr: int | None = None,
+        pass_fds: Sequence[int] = (),
+        env: Mapping[str, str] | None = None,
+        also: str = "",
+    ) -> None:
+        self.args, self.returncode, self.stdout = command, None, None
+        reading, writing = os.pipe()
+        self._status = reading
+        numbers = {0: 0, 1: 1 if stdout is None else stdout, 2: 2 if stderr is None else stderr}
+        if stdout == subprocess.PIPE:
+            from_it, numbers[1] = os.pipe()
+            self.stdout: BinaryIO | None = os.fdopen(from_it, "rb")
+        numbers |= {number: number for number in pass_fds}
+        request = {
+            "arguments": [*command[1:]],
+            "env": {**(os.environ if env is None else env)},
+            "folder": str(Path.cwd()),
+            "numbers": [*numbers],
+        }
+        _ask(_server(also), request, [writing, *numbers.values()])
+        os.close(writing)
+        if stdout == subprocess.PIPE:
+            os.close(numbers[1])
+        self.pid = self._read()
+
+    def _read(self) -> int:
+        (number,) = STATUS.unpack(os.read(self._status, STATUS.size))
+        return int(number)
+
+    def __enter__(self) -> Forked:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.stdout is not None:
+            self.stdout.close()
+        self.wait()
+
+    def poll(self) -> int | None:
+        """Return its exit code, or None while it runs."""
+        if self.returncode is None and select.select([self._status], [], [], 0)[0]:
+            self.wait()
+        return self.returncode
+
+    def wait(self) -> int:
+        """Wait for its end, and return its exit code."""
+        if self.returncode is None:
+            self.returncode = self._read()
+            os.close(self._status)
+        return self.returncode
+
+    def send_signal(self, number: int) -> None:
+        """Send it a signal."""
+        if self.poll() is None:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        """End it."""
+        self.send_signal(signal.SIGKILL)
+
+
+def popen(command: Sequence[str], *, also: str = "", **how: Any) -> Any:
+    """Start a program, forked where that comes to the same; `also` is imported, too."""
+    same = command[0] == sys.executable and not command[1].startswith("-")
+    then, env = _started_with(), {"MALLOC_PERTURB_": PERTURB, **how["env"]}
+    if not same or any(env.get(name) != then.get(name) for name in STARTS):
+        return subprocess.Popen(command, **how)
+    return Forked(command, also=also, **how)
+
+
+def run(
+    command: Sequence[str], folder: Path, *, also: str = ""
+) -> subprocess.CompletedProcess[str]:
+    """Run a program in a folder, and return what it printed."""
+    with contextlib.chdir(folder), TemporaryFile() as out, TemporaryFile() as err:
+        code = Forked(command, stdout=out.fileno(), stderr=err.fileno(), also=also).wait()
+        for file in (out, err):
+            file.seek(0)
+        return subprocess.CompletedProcess(command, code, out.read().decode(), err.read().decode())
+
+
+def _started_with() -> dict[str, str]:
+    """Return the variables that are set when Python starts, of the process that forks."""
+    kept = {name: os.environ[name] for name in STARTS if name in os.environ}
+    return kept | {"MALLOC_PERTURB_": PERTURB}
+
+
+def _ask(asking: socket.socket, request: dict[str, Any], files: list[int]) -> None:
+    text = json.dumps(request).encode()
+    socket.send_fds(asking, [STATUS.pack(len(text))], files)
+    asking.sendall(text)
+
+
+@functools.cache
+def _server(also: str) -> socket.socket:
+    asking, serving = socket.socketpair()
+    process = subprocess.Popen(
+        [sys.executable, __file__, str(serving.fileno()), *[also] * bool(also)],
+        pass_fds=[serving.fileno()],
+        stderr=subprocess.DEVNULL,  # PyBullet greets
+        stdout=subprocess.DEVNULL,
+        env={**os.environ, **_started_with()},
+    )
+    serving.close()
+
+    def end() -> None:
+        asking.close()
+        process.wait()
+
+    atexit.register(end)
+    return asking
+
+
+# -- in the process that forks --------------------------------------------------------------------
+
+
+def _serve(serving: socket.socket) -> Callable[[], None]:
+    """Fork for each request; in the child return what runs the program."""
+    woken, wakes = os.pipe()
+    for end in (woken, wakes):
+        os.set_blocking(end, False)
+    signal.set_wakeup_fd(wakes)
+    signal.signal(signal.SIGCHLD, lambda *_: None)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    running: dict[int, int] = {}
+    while True:
+        ready, _, _ = select.select([serving, woken], [], [])
+        if woken in ready:
+            os.read(woken, 1 << 10)
+            _reap(running)
+            continue
+        head, files, _, _ = socket.recv_fds(serving, STATUS.size, 64)
+        if not head:
+            raise SystemExit
+        text = b""
+        while len(text) < STATUS.unpack(head)[0]:
+            text += serving.recv(STATUS.unpack(head)[0] - len(text))
+        pid = os.fork()
+        if not pid:
+            signal.set_wakeup_fd(-1)
+            for number in (signal.SIGCHLD, signal.SIGINT):
+                signal.signal(number, signal.SIG_DFL)
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+            for number in (woken, wakes, serving.detach(), *running.values()):
+                os.close(number)
+            return functools.partial(_become, json.loads(text), files)
+        running[pid] = files[0]
+        os.write(files[0], STATUS.pack(pid))
+        for number in files[1:]:
+            os.close(number)
+
+
+def _reap(running: dict[int, int]) -> None:
+    for pid in [*running]:
+        done, status = os.waitpid(pid, os.WNOHANG)
+        if done:
+            told = running.pop(pid)
+            with contextlib.suppress(OSError):  # nobody asks any more
+                os.write(told, STATUS.pack(os.waitstatus_to_exitcode(status)))
+            os.close(told)
+
+
+def _become(request: dict[str, Any], files: list[int]) -> None:
+    """Be the program: its files, arguments, variables, folder; then run it."""
+    told, *theirs = files
+    os.close(told)
+    numbers = request["numbers"]
+    above = [os.dup2(each, 200 + at) for at, each in enumerate(theirs)]  # out of each other's way
+    for each in theirs:
+        os.close(each)
+    for each, number in zip(above, numbers, strict=True):
+        os.dup2(each, number)
+        os.close(each)
+    os.chdir(request["folder"])
+    os.environ.clear()
+    os.environ.update(request["env"])
+    sys.argv = request["arguments"]
+    sys.path[0] = sys.argv[0]
+    runpy.run_path(sys.argv[0], run_name="__main__")
+
+
+if __name__ == "__main__":
+    for name in (*IMPORTED, *sys.argv[2:]):
+        __import__(name)
+    for name in [name for name in sys.modules if name.partition(".")[0] == "drop_physics"]:
+        del sys.modules[name]  # what runs loads them under a name of its own, or not at all
+    _serve(socket.socket(fileno=int(sys.argv[1])))()
