@@ -37,6 +37,7 @@ from drop_physics.drop.statistics import Summary
 from drop_physics.engine_report import EngineReport
 from drop_physics.experiments import robustness, run_distance
 from drop_physics.experiments.verdicts import Verdict
+from drop_physics.explain.actuators import ActuatorRow
 from drop_physics.explain.decomposition import VectorTerms
 from drop_physics.explain.joints import JointRow
 from drop_physics.explain.touches import Touch
@@ -45,6 +46,7 @@ from drop_physics.scenario import Scenario
 from drop_physics.stages.check import Check
 from drop_physics.stages.export import Export
 from drop_physics.stages.info import Info
+from drop_physics.stages.record import Replay
 from drop_physics.stages.render import Rendering
 from drop_physics.stages.simulate import Simulation
 from drop_physics.stages.sweep_engines import EngineRun
@@ -84,7 +86,7 @@ CONTRACT: dict[type, set[str]] = {
     VectorTerms: {"timestep", "damping", "interaction", "rounding"},
     script.BodyAnalysis: {
         "name", "label", "id", "soft", "links", "mass_kg", "segments", "flights", "contacts",
-        "unexplained", "energy", "momentum", "joints", "touches",
+        "unexplained", "energy", "momentum", "joints", "actuators", "touches",
     },
     script.BodyContact: {
         "first_step", "last_step", "start_s", "end_s", "impulse_n_s", "energy_j", "by",
@@ -109,6 +111,8 @@ CONTRACT: dict[type, set[str]] = {
     answer.Span: {"first", "last", "count"},
     answer.Cure: {"name", "target", "value", "call"},
     JointRow: {field.name for field in fields(JointRow)},
+    ActuatorRow: {field.name for field in fields(ActuatorRow)},
+    Replay: {field.name for field in fields(Replay)},
     Touch: {"with", *(field.name for field in fields(Touch) if field.name != "other")},
 }  # fmt: skip
 """Stable keys by type; `COMMANDS` has those of a whole command."""
@@ -338,13 +342,14 @@ RECORD = Object(
      "ended": Literal["finished", "steps", "duration", "idle", "disk", "interrupted", "failed"],
      "error": str | None, "samples": int,
      "bodies": int, "frames": int, "bytes": int, "wall_s": float,
-     "first_difference": int | None},
+     "replay": Replay, "first_difference": int | None},
     {"recording": "The file.", "recording_id": "Its id.", "script": "The script, or the module.",
      "ended": "How it ended; `steps` and `duration` mean that it was stopped there, `idle` that it "
      "waited 60 s without a step, `disk` that no room was left.",
      "samples": "States of all its simulations.", "bodies": "Bodies that ever existed.",
      "frames": "Images that it took.", "bytes": "The file's size.",
      "wall_s": "How long it took [s].", "error": "The error that the script failed with.",
+     "replay": "What became of the steps of MuJoCo; not of PyBullet.",
      "first_difference": "With `--twice`: the first step whose state differs; null if none "
      "does."},
     frozenset({"recording", "recording_id", "script", "ended", "samples", "bodies", "frames",

@@ -110,6 +110,7 @@ CLOSING = {
     "told_sha256": "digest of the rows of JSON",
     "series_sha256": "digests of joints and of constraints' forces, in the order of their entities",
     "calls_sha256": "digests of the calls of each simulation",
+    "impulses_sha256": "digests of what acted in the steps of each simulation",
     "closing_sha256": "digest of this property",
 }
 HAPPENED = {
@@ -127,6 +128,10 @@ HAPPENED = {
     schema.SITES: "a place in the script that calls the engine: function, file, line, the form of "
     "its arguments with `{}` for each number",
     schema.RAISED: "what a call raised",
+    schema.CAUSES: "something gives impulses to a body: its kind, its name, and on which degrees "
+    "of freedom of the body's generalised velocity it acts (spin and velocity of the base, then "
+    "the joints' rates); of MuJoCo",
+    schema.PAIRS: "two links touch: their coefficient of friction; of MuJoCo",
     schema.SOLVER: "a simulation ended: how often its solver used all its iterations while the "
     "last one still changed a velocity by over 0.01 m/s or rad/s; of every eighth step, where up "
     "to 64 bodies move",
@@ -140,6 +145,12 @@ SAMPLED = {
     f"{schema.JOINTS}/BODY/{schema.LIMIT}": "likewise the largest effort of each motor; beside it "
     "`mode` (0 velocity, 1 torque, 2 position, 3 PD), `kp` and `kd`",
     f"{schema.CONSTRAINTS}/CLIENT_ID": "the forces of a constraint [N] or [N m], a row per step",
+    f"{schema.CONTROLS}/CLIENT": "what actuators were given in the steps that led to a sample, a "
+    "row where that changes; of MuJoCo",
+    f"{schema.IMPULSES}/CLIENT": "what acted in the step that led to a sample, of MuJoCo: lists of "
+    f"`cause` (numbers of `{schema.CAUSES}`) and of their `impulse`s [N s or N m s] one after the "
+    "other; `status`: 0 where these are the step's sum, else why not; the `remainder` that they "
+    "leave, over the largest",
     schema.CALLS: "a row per step with calls: lists of `site`, of all `numbers` one after the "
     "other, of `result`, and how many calls came `after` the first",
     f"{schema.LOG}": "the first calls of each site as text",

@@ -395,9 +395,10 @@ def record(
     keep_sleeping: given.KeepSleeping = False,
     force: given.Force = False,
     keep: given.Keep = False,
+    no_explain: given.NoExplain = False,
     json: given.Json = False,
 ) -> None:
-    """Run a PyBullet script, and record everything that happens.
+    """Run a script that uses PyBullet or MuJoCo, and record everything that happens.
 
     It runs until it ends, or until Ctrl-C, which keeps everything up to there. Options of drop
     come before the script; everything after it is passed to the script. Standard output is left to
@@ -424,6 +425,7 @@ def record(
         keep_sleeping=keep_sleeping,
         force=force,
         keep=keep,
+        explain=not no_explain,
     )
     raise typer.Exit(show_record(recorded, as_json=json))
 

@@ -185,6 +185,10 @@ Twice = Annotated[bool, flag("Run it again, and report the first step that diffe
 KeepSleeping = Annotated[
     bool, flag("Let its sleeps take time; else its clock is virtual.", "--keep-sleeping")
 ]
+NoExplain = Annotated[
+    bool,
+    flag("Do not replay MuJoCo's steps: they are recorded, not explained.", "--no-explain"),
+]
 Variations = Annotated[
     list[str] | None,
     takes(

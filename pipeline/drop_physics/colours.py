@@ -58,6 +58,15 @@ CAUSES = {
     "clamp": "#aa3377",
     "integrator": "#8a8f98",
     "remainder": "#ee6677",
+    "spring": "#117733",
+    "fluid": "#88ccee",
+    "friction loss": "#882255",
+    "gravity compensation": "#44aa99",
+    "tendon": "#999933",
+    "adhesion": "#ddcc77",
+    "passive callback": "#661100",
+    "joint force range": "#aa3377",
+    "solver": "#bbbbbb",
 }
 """What changes a body's energy, in the colours of their samples."""
 JOINTS = ("#d55e00", "#56b4e9", "#009e73", "#cc79a7", "#e69f00", "#8f5fd0")

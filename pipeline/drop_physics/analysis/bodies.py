@@ -25,8 +25,12 @@ from drop_physics.explain.steps import Steps
 from drop_physics.physics.vectors import triple
 from drop_physics.rules.answer import Scene
 from drop_physics.trace.events import Body, order
+from drop_physics.trace.history import PYBULLET
 
 Float64 = NDArray[np.float64]
+
+KEPT = ("set", "integrator", "remainder")
+"""Causes that are listed even where they changed nothing."""
 
 
 class BodyStory:
@@ -49,6 +53,7 @@ class BodyStory:
     ) -> None:
         self._scene, self._body = scene, body
         self._times = scene.times[body.client]
+        self._is_replayed = scene.seen.engine != PYBULLET
         self._flights = Flights(self._times, self._nearest(at_s))
         self._phases = Phases(self._times, scene.seen.bodies)
         self._sums_at = self._nearest(sums_at_s)
@@ -61,7 +66,8 @@ class BodyStory:
 
     def add(self, judged: Judged, chain: Chain, *, detailed: bool) -> SampleRows:
         """Take a piece; return a row for each of its samples."""
-        errors_m = self._flights.add(judged)
+        # A flight's theory is the law of an engine that reports no sum of its own.
+        errors_m = {} if self._is_replayed else self._flights.add(judged)
         self._phases.add(judged)
         for steps in judged.stretches:
             self._sums += [
@@ -96,9 +102,12 @@ class BodyStory:
             flights=self._flights.all(),
             contacts=self._phases.all(),
             unexplained=_unexplained(totals),
-            energy=_energy(totals),
-            momentum=_momentum(totals) if body.base_moves else None,
+            energy=_energy(totals, all_causes=not self._is_replayed),
+            momentum=_momentum(totals, all_causes=not self._is_replayed)
+            if body.base_moves
+            else None,
             joints=scene.joints.rows(body.number),
+            actuators=scene.actuators.rows(body),
             touches=scene.touches.rows(body.number),
             at=self._sums,
         )
@@ -169,14 +178,23 @@ def _unexplained(totals: Totals | None) -> list[Unexplained]:
     ]
 
 
-def _energy(totals: Totals | None) -> Energy | None:
+def _energy(totals: Totals | None, *, all_causes: bool) -> Energy | None:
     if totals is None or not totals.covered:
         return None
-    return Energy(totals.start_j, totals.end_j, dict(totals.energy_j))
+    causes = {
+        name: value
+        for name, value in totals.energy_j.items()
+        if value or all_causes or name in KEPT
+    }
+    return Energy(totals.start_j, totals.end_j, causes)
 
 
-def _momentum(totals: Totals | None) -> Momentum | None:
+def _momentum(totals: Totals | None, *, all_causes: bool) -> Momentum | None:
     if totals is None or not totals.covered:
         return None
-    causes = {name: triple(each) for name, each in totals.momentum_kg_m_s.items()}
+    causes = {
+        name: triple(each)
+        for name, each in totals.momentum_kg_m_s.items()
+        if each.any() or all_causes or name in KEPT
+    }
     return Momentum(triple(totals.start_kg_m_s), triple(totals.end_kg_m_s), causes)

@@ -10,6 +10,7 @@ from typing import Any, Literal, Self
 import polars as pl
 
 from drop_physics.engine_report import EngineReport
+from drop_physics.explain.actuators import ActuatorRow
 from drop_physics.explain.curves import CurveTable
 from drop_physics.explain.decomposition import VectorTerms
 from drop_physics.explain.joints import JointRow
@@ -190,6 +191,8 @@ class BodyAnalysis:
     """None for a body without samples, without a sum, or whose base cannot move."""
     joints: Sequence[JointRow]
     """Its degrees of freedom."""
+    actuators: Sequence[ActuatorRow]
+    """What drives it by a law of its own, where the engine has such."""
     touches: Sequence[Touch]
     """The bodies that it touched."""
     at: list[StepSum]

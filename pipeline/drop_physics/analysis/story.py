@@ -15,13 +15,14 @@ from drop_physics.explain import recording
 from drop_physics.explain.curves import CurveTable
 from drop_physics.explain.joints import JointTable
 from drop_physics.explain.recording import Explanation
+from drop_physics.explain.replayed import Replayed
 from drop_physics.explain.rows import MOST_ROWS, SHOWN_PER_S, SampleRows, table_of
 from drop_physics.explain.times import Times
 from drop_physics.explain.touches import TouchTable
 from drop_physics.physics.base import Law
 from drop_physics.rules.answer import Answer, Finding, Scene
-from drop_physics.rules.every import ANSWERS, ranked
-from drop_physics.trace.history import Piece, Seen
+from drop_physics.rules.every import ANSWERS, OF_ANY_ENGINE, ranked
+from drop_physics.trace.history import PYBULLET, Piece, Seen
 
 
 class Story:
@@ -40,7 +41,7 @@ class Story:
     whole
         Whether the table has all rows of a long recording too, and columns for joints and terms.
     answers
-        The questions to answer.
+        The questions to answer; None for all that the engine's recordings have an answer to.
     other
         The law of one body in flight, where another engine than PyBullet steps it.
     reports
@@ -57,13 +58,16 @@ class Story:
         at_s: Sequence[float] = (),
         sums_at_s: Sequence[float] = (),
         whole: bool = False,
-        answers: Sequence[type[Answer]] = ANSWERS,
+        answers: Sequence[type[Answer]] | None = None,
         other: Law | None = None,
         reports: Callable[[Finding], bool] = lambda _: True,
         also: Callable[[Piece], None] | None = None,
     ) -> None:
         clients = {each.client for each in seen.settings}
-        self.explanation = Explanation(seen, other)
+        of_bullet = seen.engine == PYBULLET
+        self.explanation: Explanation | Replayed = (
+            Explanation(seen, other) if of_bullet else Replayed(seen)
+        )
         self.scene = Scene(
             seen=seen,
             origin=origin,
@@ -72,6 +76,8 @@ class Story:
             touches=TouchTable(seen),
         )
         self.curves = CurveTable(seen, self.scene.times)
+        if answers is None:
+            answers = ANSWERS if of_bullet else OF_ANY_ENGINE
         self._answers = [question(self.scene) for question in answers]
         self._seen, self._origin = seen, origin
         self._whole, self._also, self._reports = whole, also, reports
@@ -155,8 +161,9 @@ def _together(parts: Sequence[Explained]) -> Explained:
 
 
 def _engine(seen: Seen) -> dict[str, Any]:
-    last = {settings.client: settings.values for settings in seen.settings}
+    last = {settings.client: settings for settings in seen.settings}
     return {
-        str(client): {name: np.asarray(value).tolist() for name, value in values.items()}
-        for client, values in sorted(last.items())
+        str(client): {name: np.asarray(value).tolist() for name, value in each.values.items()}
+        | ({"engine": each.engine} if each.engine else {})
+        for client, each in sorted(last.items())
     }

@@ -288,6 +288,8 @@ def law_of(body: Body, reported: Mapping[str, Float64], calls: Sequence[Given]) 
         fixed=bool(reported["mass_kg"][0] == 0),
         masses_kg=np.asarray(reported["mass_kg"], np.float64),
         inertias_kg_m2=np.asarray(reported["inertia_kg_m2"], np.float64),
+        armature=_armature(reported),
+        coupled=reported.get("coupled"),
     )
     damping = [joint.damping for joint in body.joints]
     limits = [joint.limits for joint in body.joints]
@@ -316,6 +318,12 @@ def law_of(body: Body, reported: Mapping[str, Float64], calls: Sequence[Given]) 
         angular_damping=whole["angularDamping"],
         velocity_limit=whole["maxJointVelocity"],
     )
+
+
+def _armature(reported: Mapping[str, Float64]) -> Float64 | None:
+    """Return what an engine adds to the inertia of joints; None if it adds nothing."""
+    found = reported.get("armature")
+    return None if found is None or not found.any() else found
 
 
 def _may_sleep(body: Body, calls: Sequence[Given]) -> bool:

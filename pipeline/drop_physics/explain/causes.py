@@ -24,6 +24,18 @@ CAUSES = (
 """Of changes of momentum. Those of energy are the same without gravity, which only moves energy
 between potential and kinetic."""
 
+OF_REPLAYS = (
+    *("spring", "fluid", "friction loss", "gravity compensation", "tendon", "adhesion"),
+    *("passive callback", "joint force range", "solver"),
+)
+"""Further causes, of engines that say what acted in a step."""
+
+
+def family(cause: str) -> str:
+    """Return what a cause is one of: `motors` of an actuator, `tendon` of a tendon, else itself."""
+    kind, _, name = cause.partition(" ")
+    return {"actuator": "motors", "tendon": "tendon"}.get(kind, cause) if name else cause
+
 
 @dataclass
 class Left:
@@ -124,9 +136,10 @@ class Totals:
         self.changed_j += changes.changed_j - changes.set_j
         self.moved_kg_m_s = self.moved_kg_m_s + (changes.moved_kg_m_s - changes.set_kg_m_s)
         for name, each in changes.energy_j.items():
-            self.energy_j[name] += float(each.sum())
+            self.energy_j[name] = self.energy_j.get(name, 0.0) + float(each.sum())
         for name, impulses in changes.momentum_kg_m_s.items():
-            self.momentum_kg_m_s[name] = self.momentum_kg_m_s[name] + impulses.sum(axis=0)
+            before = self.momentum_kg_m_s.get(name, np.zeros(3))
+            self.momentum_kg_m_s[name] = before + impulses.sum(axis=0)
         self._last = _End.last(steps)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -312,7 +312,9 @@ def _points(explained: Explained) -> Points:
         distance_m=np.ascontiguousarray(table["distance_m"]),
         normal_n=np.ascontiguousarray(table["normal_force_n"]),
         tangential_n=np.asarray(friction) * flip[:, None],
-        friction=lateral,
+        friction=lateral
+        if explained.frictions is None
+        else _known(explained.frictions, bodies, links),
         restitution=bouncing,
         began_m_s=sides.began_m_s,
         ended_m_s=sides.ended_m_s,
@@ -396,6 +398,19 @@ class _Sides:
         self.timestep_s[point] = steps.reported.timestep_s[row]
         self.explained[point, side] = explained[row]
         self.moves[point, side] = True
+
+
+def _known(
+    frictions: Mapping[tuple[int, int, int, int], float], bodies: Int64, links: Int64
+) -> Float64:
+    """Return the coefficient of friction of each contact point, shape (k,); nan if unknown."""
+    pairs = np.column_stack((bodies[:, 0], links[:, 0], bodies[:, 1], links[:, 1]))
+    keys, which = np.unique(pairs, axis=0, return_inverse=True)
+    known = [
+        frictions.get((a, i, b, j), frictions.get((b, j, a, i), np.nan))
+        for a, i, b, j in keys.tolist()
+    ]
+    return np.array(known, np.float64)[which.ravel()]
 
 
 def _along(vectors: Float64, axes: Float64) -> Float64:

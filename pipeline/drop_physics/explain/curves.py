@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.explain.causes import CAUSES
+from drop_physics.explain.causes import CAUSES, OF_REPLAYS, family
 from drop_physics.explain.contact_points import Pairs
 from drop_physics.explain.joints import Driven, JointTable, target_of
 from drop_physics.explain.judged import Judged
@@ -25,7 +25,7 @@ POINTS = 2000
 """Of a curve at most: more than a screen has pixels."""
 NUMBERS = 1 << 20
 """Points of the same kind of curve of all bodies together."""
-FORCES = CAUSES[1:]
+FORCES = (*CAUSES[1:], *OF_REPLAYS)
 """What changes energy."""
 
 
@@ -118,9 +118,9 @@ class CurveTable:
         for steps in judged.stretches:
             changes = steps.changes
             start_j = self._start_j.setdefault(number, changes.begin_j)
-            given = np.stack(
-                [changes.energy_j.get(name, np.zeros(len(steps))) for name in FORCES], axis=1
-            )
+            given = np.zeros((len(steps), len(FORCES)))
+            for cause, each in changes.energy_j.items():
+                given[:, FORCES.index(family(cause))] += each
             given = np.cumsum(given, axis=0) + self._given.get(number, 0.0)
             self._given[number] = given[-1]
             columns = {name: given[:, k] for k, name in enumerate(FORCES)}

@@ -31,13 +31,19 @@ SEGMENTS: tuple[Segment, ...] = get_args(Segment)
 ALONE = {segments.FLIGHT: FLIGHT, segments.CONTACT: CONTACT, segments.PUSHED: PUSHED}
 """What the law of a body alone calls a step, and what it is here."""
 
-Why = Reason | Literal["timestep", "not finite", "before the recording", "remainder"]
+Unsolved = Literal[
+    "nothing moves", "integrator", "version", "flex", "plugin", "plastic", "sleep", "delay",
+    "auto-reset", "stale", "unknown", "not replayed",
+]  # fmt: skip
+"""Why a step that its engine takes again has no sum (`trace.events.REPLAYS`)."""
+Why = Reason | Literal["timestep", "not finite", "before the recording", "remainder"] | Unsolved
 WHYS: tuple[Why, ...] = (
     *get_args(Reason),
     "timestep",
     "not finite",
     "before the recording",
     "remainder",
+    *get_args(Unsolved),
 )
 """Why a sample is unexplained: what the law says, from settings, before what was only seen."""
 
@@ -123,11 +129,11 @@ def _kinds(steps: Steps) -> Int8:
         applied = steps.reported.applied
         acts = applied.force_n.any(axis=1) | applied.torque_n_m.any(axis=1)
         kinds[applied.step[acts]] = PUSHED
-    kinds[_same(steps)] = STILL
+    kinds[stands(steps)] = STILL
     return kinds
 
 
-def _same(steps: Steps) -> Flags:
+def stands(steps: Steps) -> Flags:
     """Return where nothing moved: the same state, to the bit, without velocity."""
     before, after = steps.before, steps.after
     moved = before.velocity.any(axis=1) | after.velocity.any(axis=1)
@@ -139,7 +145,7 @@ def _same(steps: Steps) -> Flags:
 def _whys(steps: Steps, *, before: bool, soft_there: bool) -> Int8:
     """Return why each step is unexplained; -1 where it is explained."""
     why = np.full(len(steps), -1, np.int8)
-    same, reasons = _same(steps), steps.epoch.reasons
+    same, reasons = stands(steps), steps.epoch.reasons
     outright = next((each for each in reasons if each in WITHOUT_SUM), None)
     off = ~steps.closes
     if not steps.law.tree.size:  # it cannot move, but for the velocity that a call gave it

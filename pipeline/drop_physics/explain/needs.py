@@ -29,6 +29,8 @@ Flags = NDArray[np.bool_]
 Place = tuple[int, int]
 """Number of a body, and its link."""
 
+PASSIVE = "spring", "gravity compensation", "tendon "
+"""Beginnings of the names of causes that act by themselves."""
 ACTS = 1e-9
 """A force below this share of the largest is none."""
 
@@ -58,6 +60,8 @@ class Holding:
     stops: Float64
     _steps: Steps
     _row: int
+    _passive: bool
+    """Whether springs or the like hold it, which give something else in another pose."""
     _loads: tuple[Load, ...]
     _masses: Mapping[int, tuple[float, Float64]]
     """Of each load's bodies together, by the load's place in the tuple: mass, centre of mass."""
@@ -113,7 +117,7 @@ class Holding:
                 centre = held.point_m[(held.step == self._row) & (held.link == link)].mean(axis=0)
             local = (centre - here.position_m(link)[0]) @ here.matrix(link)[0]
             acting = acting + _pulled(kin, link, mass * pull, kin.point_m(link, local))
-        acting = np.where(unknown, np.nan, acting)
+        acting = np.where(unknown | self._passive, np.nan, acting)
         return np.asarray(-acting[tree.first_rate :])
 
 
@@ -148,13 +152,14 @@ def holding(
     kin = kinematics(tree, _still(steps.after.at(np.array([row]))))
     acting = gravity(kin, steps.reported.gravity_m_s2[row : row + 1])[0]
     known = np.full(tree.size, bool(tree.fixed or not fixed))
-    constraints = stops = np.zeros(tree.size)
+    constraints = stops = passive = np.zeros(tree.size)
     timestep_s = float(steps.reported.timestep_s[row])
     if steps.covered and steps.closes[row] and timestep_s > 0:
         applied, constraints, stops = (
             steps.terms[name][row] / timestep_s for name in ("applied", "constraints", "stops")
         )
-        acting = acting + applied + constraints
+        passive = _passive(steps, row) / timestep_s
+        acting = acting + applied + constraints + passive
         known &= resting | (applied == 0)
     elif steps.covered or loads or fixed or len(contacts):
         known[:] = False
@@ -172,9 +177,16 @@ def holding(
         stops=stops[joint],
         _steps=steps,
         _row=row,
+        _passive=bool(passive.any()),
         _loads=tuple(loads),
         _masses=_masses(explained, loads, sample),
     )
+
+
+def _passive(steps: Steps, row: int) -> Float64:
+    """Return the impulses of what acts by itself in a pose: springs, compensation of gravity."""
+    found = [term[row] for name, term in steps.terms.items() if name.startswith(PASSIVE)]
+    return np.sum(found, axis=0) if found else np.zeros(steps.law.tree.size)
 
 
 def _alone(

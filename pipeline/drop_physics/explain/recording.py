@@ -59,6 +59,9 @@ class Explained:
     """What was told of each body that is not soft, by its number."""
     batches: Sequence[tuple[StepBatch, StepVerdicts]]
     """The same steps as the bodies', those of equal bodies together."""
+    frictions: Mapping[tuple[int, int, int, int], float] | None = None
+    """Coefficients of friction by two bodies and links, where the engine has one for each pair;
+    None where it is the product of both."""
 
 
 class Explanation:

@@ -38,6 +38,12 @@ def mass_matrix(kin: Kinematics) -> Float64:
             _fill_row(kin, out, link, row, centre, momentum, angular)
     if not tree.fixed:
         _fill_base(kin, out, *composites[0])
+    if tree.armature is not None:
+        widths = [tree.first_rate, *(rates.stop - rates.start for rates in tree.rates)]
+        each = np.arange(tree.size)
+        out[each, each] += np.repeat(tree.armature, widths)[:, None]
+    for inertia, *moved in () if tree.coupled is None else tree.coupled:
+        out += inertia * np.outer(moved, moved)[:, :, None]
     return np.ascontiguousarray(np.moveaxis(out, -1, 0))
 
 

@@ -27,6 +27,8 @@ Flags = NDArray[np.bool_]
 
 MOVED = "bias"
 """The term that becomes the integrator's share once the pose has moved."""
+SOLVED = "integrator"
+"""The term by which an engine's integrator differs from the forces that it begins with."""
 PULLED = "gravity"
 """The term whose energy is potential energy."""
 
@@ -158,7 +160,7 @@ class Sum:
         worked["remainder"] = _rowwise(mean, self.remainder)
         after, turned = self.velocity[1:], self._turned()
         integrator = 0.5 * _rowwise(after, turned) + self.lifted_j
-        for name in (MOVED, PULLED):
+        for name in (MOVED, PULLED, SOLVED):
             integrator = integrator + worked.pop(name, 0.0)
         return worked | {"integrator": integrator}
 
@@ -175,6 +177,7 @@ class Sum:
         changes = {name: term[:, 3:6] for name, term in self.terms.items()}
         changes["remainder"] = self.remainder[:, 3:6]
         moved = changes.pop(MOVED, np.zeros((len(self.remainder), 3)))
+        moved = moved + changes.pop(SOLVED, 0.0)
         return changes | {"integrator": moved + self._turned()[:, 3:6]}
 
     def momentum_change_kg_m_s(self) -> Float64:

@@ -18,7 +18,7 @@ from drop_physics.recording import schema
 from drop_physics.recording.checks import damaged, twice, wrong_count
 from drop_physics.recording.rrd import Chunk
 from drop_physics.recording.schema import Table
-from drop_physics.trace.events import At, Calls
+from drop_physics.trace.events import At, Calls, Impulses
 from drop_physics.trace.states import Rows
 
 Properties = dict[str, Any]
@@ -131,6 +131,45 @@ def calls(chunk: Chunk, path: Path) -> Iterator[Calls]:
         held["result"],
     )
 
+
+def impulses(chunk: Chunk, path: Path) -> Impulses:
+    """Return what acted in the steps of a chunk.
+
+    Raises
+    ------
+    RecordingError
+        If it holds anything else.
+    """
+    steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path).to_numpy()
+    held: dict[str, NDArray[Any]] = {}
+    counts: dict[str, NDArray[np.int64]] = {}
+    for name, is_right in _OF_IMPULSES.items():
+        lists = _column(chunk, name, _is_list_of(is_right), path)
+        flat = _between(lists)
+        if flat.null_count:
+            raise damaged(path, Message("{entity} has gaps", entity=chunk.entity))
+        held[name], counts[name] = flat.to_numpy().copy(), np.diff(lists.offsets.to_numpy())
+    if not ((counts["status"] == 1) & (counts["remainder"] == 1)).all():
+        raise damaged(path, wrong_count(chunk.entity, 1, "status"))
+    return Impulses(
+        int(chunk.entity.rpartition("/")[2]),
+        steps,
+        times_s(chunk),
+        held["status"],
+        held["remainder"],
+        counts["cause"].astype(np.int64),
+        counts["impulse"].astype(np.int64),
+        held["cause"],
+        held["impulse"],
+    )
+
+
+_OF_IMPULSES = {
+    "status": pa.types.is_int64,
+    "remainder": pa.types.is_float64,
+    "cause": pa.types.is_int64,
+    "impulse": pa.types.is_float64,
+}
 
 _OF_CALLS = {
     "client": pa.types.is_int64,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.recording import schema
-from drop_physics.trace.events import Calls, Site, widths_of
+from drop_physics.trace.events import Calls, Impulses, Site, widths_of
 
 
 class RowsDigest:
@@ -60,8 +60,12 @@ class CallsDigest:
     def update(self, seen: Calls, widths: NDArray[np.int64]) -> None:
         """Add calls, each with its count of numbers."""
         heads = np.column_stack((seen.steps, seen.calls, seen.sites, widths))
-        self._heads.update(np.hstack((heads.view(np.float64), seen.results[:, None])))
-        self._numbers.update(seen.numbers)
+        self.add(np.hstack((heads.view(np.float64), seen.results[:, None])), seen.numbers)
+
+    def add(self, heads: NDArray[np.float64], numbers: NDArray[np.float64]) -> None:
+        """Add rows of numbers, and what they hold."""
+        self._heads.update(heads)
+        self._numbers.update(numbers)
 
     def hexdigest(self) -> str:
         """Return the digest of all calls so far."""
@@ -79,6 +83,7 @@ class Digests:
         """Of joints and constraints, by entity."""
         self._calls: dict[int, CallsDigest] = {}
         """By client."""
+        self._impulses: dict[int, CallsDigest] = {}
 
     def add_series(self, entity: str, steps: NDArray[np.int64], values: NDArray[Any]) -> None:
         """Add rows of series."""
@@ -88,6 +93,18 @@ class Digests:
     def add_calls(self, seen: Calls, sites: Mapping[int, Site]) -> None:
         """Add calls of one simulation."""
         self._calls.setdefault(seen.client, CallsDigest()).update(seen, widths_of(seen, sites))
+
+    def add_impulses(self, seen: Impulses) -> None:
+        """Add what acted in steps of one simulation."""
+        heads = np.column_stack((seen.steps, seen.status, seen.counts, seen.widths))
+        digest = self._impulses.setdefault(seen.client, CallsDigest())
+        digest.add(np.hstack((heads.view(np.float64), seen.remainder[:, None])), seen.values)
+        digest.add(seen.causes.view(np.float64), np.empty(0))
+
+    @property
+    def impulses(self) -> list[str] | None:
+        """The digests of what acted, in the order of the clients; None without any."""
+        return [each.hexdigest() for _, each in sorted(self._impulses.items())] or None
 
     @property
     def series(self) -> list[str] | None:

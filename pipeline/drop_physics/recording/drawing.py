@@ -25,6 +25,7 @@ from drop_physics.trace.events import (
     Body,
     Calls,
     Collision,
+    ContactRows,
     Dynamics,
     Image,
     Put,
@@ -279,6 +280,15 @@ class Drawing:
                 )
             yield pictures.contact_points(schema.CONTACT_POINTS, at, places_m, arrows_m, counts)
             self._touching = True
+
+    def on_touching(self, seen: ContactRows) -> Iterator[Chunk]:
+        """Yield contact points of samples that were drawn before."""
+        if len(seen.steps):
+            empty: dict[int, Float64] = {}
+            samples = Samples(
+                seen.client, seen.steps, seen.times_s, 0, empty, {}, seen.contacts, {}
+            )
+            yield from self._points(samples)
 
     def _arrows(self, client: int) -> tuple[float, float]:
         """Return the longest arrow [m], and meters per newton."""

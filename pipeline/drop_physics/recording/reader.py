@@ -36,7 +36,16 @@ from drop_physics.recording.sampled import RecordedSamples, is_series
 from drop_physics.recording.told import Told
 from drop_physics.recording.versions import lacking
 from drop_physics.scenario import Camera, Scenario
-from drop_physics.trace.events import Appearance, At, Joint, Raised, Solver, order
+from drop_physics.trace.events import (
+    Appearance,
+    At,
+    Cause,
+    Joint,
+    PairFriction,
+    Raised,
+    Solver,
+    order,
+)
 from drop_physics.trace.history import Seen
 from drop_physics.trace.readings import Reading
 from drop_physics.trace.states import in_step_order
@@ -206,6 +215,10 @@ def contents(path: Path) -> Contents:
         elif entity == schema.CALLS:
             for calls in columns.calls(chunk, path):
                 sampled.add(chunk, calls.steps)
+        elif entity.startswith(f"{schema.IMPULSES}/"):
+            acted = columns.impulses(chunk, path)
+            sampled.add(chunk, acted.steps)
+            made.add_impulses(acted)
         elif is_series(entity):
             if (read := columns.series(chunk, path)) is not None:
                 sampled.add(chunk, read[0])
@@ -236,6 +249,7 @@ def digests(held: Contents) -> dict[str, Any]:
         "told": _told_digest(held.texts),
         "series": _listed(held.made.series),
         "calls": _calls_digests(held),
+        "impulses": _listed(held.made.impulses),
         "inputs": inputs_digest({name: held for name, held in inputs.items() if held is not None}),
     }
 
@@ -263,6 +277,11 @@ def _seen(told: Told, sampled: RecordedSamples, closing: Properties) -> Seen:
         real_time=bool(closing.get("made_with_real_time", False)),
         unseeded=tuple(listed(closing.get("made_with_unseeded"))),
         machine=str(closing.get("made_with_machine", "")),
+        causes={each.number: each for each in saying.events(told, schema.CAUSES, Cause)},
+        frictions={
+            (each.body_a, each.link_a, each.body_b, each.link_b): each.friction
+            for each in saying.events(told, schema.PAIRS, PairFriction)
+        },
     )
 
 

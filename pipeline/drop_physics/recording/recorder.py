@@ -32,9 +32,12 @@ from drop_physics.trace.events import (
     Appearance,
     Body,
     Calls,
+    ContactRows,
+    Controls,
     Ending,
     Event,
     Image,
+    Impulses,
     Raised,
     Samples,
     Site,
@@ -176,6 +179,7 @@ class Recorder:
             or None,
             "series_sha256": self._made.series,
             "calls_sha256": self._made.calls,
+            "impulses_sha256": self._made.impulses,
             "told_sha256": self._told_rows.hexdigest(),
             "inputs_sha256": inputs_digest(self.inputs),
             **{f"made_with_{name}": value for name, value in ending.made_with.items()},
@@ -190,6 +194,15 @@ class Recorder:
                 yield from self._on_calls(event)
             case Image():
                 yield from self._on_image(event)
+            case Impulses():
+                self._made.add_impulses(event)
+                yield writer.impulses_chunk(event)
+            case Controls():
+                yield from self._on_controls(event)
+            case ContactRows():
+                yield from self._on_contacts(event.contacts, event.steps, event.times_s)
+                if self.drawn:
+                    yield from self.drawing.on_touching(event)
             case _:
                 yield from self._tell(event)
 
@@ -232,11 +245,7 @@ class Recorder:
         at = Times(seen.steps, seen.times_s)
         yield from self._rows.flush()  # wherever the file ends, its bodies are known
         # Before the states: wherever the file ends, each sample in it has its contacts.
-        self._made.tables[schema.CONTACTS.entity].update(seen.contacts)
-        if len(seen.contacts):
-            steps = np.unique(seen.contacts["step"])
-            touched = Times(steps, seen.times_s[np.searchsorted(seen.steps, steps)])
-            yield writer.rows_chunk(schema.CONTACTS, seen.contacts, touched)
+        yield from self._on_contacts(seen.contacts, seen.steps, seen.times_s)
         for number, joints in seen.joints.items():
             for name in schema.OF_JOINTS:
                 entity = f"{schema.JOINTS}/{self.bodies[number].label}/{name}"
@@ -250,6 +259,23 @@ class Recorder:
         self._commands.on_samples(seen)
         if self.drawn:
             yield from self.drawing.on_samples(seen)
+
+    def _on_contacts(
+        self, rows: Rows, steps: NDArray[np.int64], times_s: NDArray[np.float64]
+    ) -> Iterator[Chunk]:
+        """Yield the contact points of some samples."""
+        self._made.tables[schema.CONTACTS.entity].update(rows)
+        if len(rows):
+            touching = np.unique(rows["step"])
+            at = Times(touching, times_s[np.searchsorted(steps, touching)])
+            yield writer.rows_chunk(schema.CONTACTS, rows, at)
+
+    def _on_controls(self, seen: Controls) -> Iterator[Chunk]:
+        """Yield what actuators were given, where it changes."""
+        entity = f"{schema.CONTROLS}/{seen.client}"
+        if entity not in self._entities:
+            yield writer.series_chunk(entity, seen.names, stepped=True)
+        yield from self._on_series(entity, Times(seen.steps, seen.times_s), seen.values)
 
     def _on_series(self, entity: str, at: Times, values: NDArray[np.float64]) -> Iterator[Chunk]:
         """Yield one number per row and joint."""

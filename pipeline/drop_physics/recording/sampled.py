@@ -13,7 +13,7 @@ from drop_physics.recording import columns, rrd, schema
 from drop_physics.recording.checks import damaged
 from drop_physics.recording.first_look import unreadable
 from drop_physics.recording.rrd import Chunk
-from drop_physics.trace.events import Appearance, Raised, Site
+from drop_physics.trace.events import Appearance, Impulses, Raised, Site
 from drop_physics.trace.history import Piece
 from drop_physics.trace.log import Log
 from drop_physics.trace.states import Joints, Rows, between, in_step_order
@@ -27,9 +27,9 @@ HELD_BYTES = 1 << 24
 
 
 def is_series(entity: str) -> bool:
-    """Return whether an entity has a row per step: of a body's joints, or a constraint's forces."""
+    """Return whether an entity has a row per step: of joints, constraints, or actuators."""
     kind, _, what = entity.partition("/")
-    return kind == schema.CONSTRAINTS or (
+    return kind in (schema.CONSTRAINTS, schema.CONTROLS) or (
         kind == schema.JOINTS and what.rpartition("/")[2] in schema.OF_JOINTS
     )
 
@@ -149,7 +149,38 @@ class RecordedSamples:
             if entity.startswith(f"{schema.CONSTRAINTS}/"):
                 client, _, constraint = entity.rpartition("/")[2].partition("_")
                 forces[int(client), int(constraint)] = self.series(entity, first, end)
-        return Piece(first, end, bases, joints, forces, contacts, self.calls(first, end))
+        return Piece(
+            first,
+            end,
+            bases,
+            joints,
+            forces,
+            contacts,
+            self.calls(first, end),
+            impulses=self._impulses(first, end),
+            controls=self._controls(first, end),
+        )
+
+    def _impulses(self, first: int, end: int) -> dict[int, list[Impulses]]:
+        """Return what acted in some steps, by client."""
+        found = {}
+        for entity in self.entities:
+            if entity.startswith(f"{schema.IMPULSES}/"):
+                read = [
+                    columns.impulses(each, self.path) for each in self.chunks(entity, first, end)
+                ]
+                found[int(entity.rpartition("/")[2])] = [each.between(first, end) for each in read]
+        return found
+
+    def _controls(self, first: int, end: int) -> dict[int, tuple[Int64, Float64]]:
+        """Return what actuators were given, by client: from the last row before on."""
+        found = {}
+        for entity, held in self.entities.items():
+            if entity.startswith(f"{schema.CONTROLS}/"):
+                before = [step for step in held.first if step < first]
+                begin = max(before, default=first)
+                found[int(entity.rpartition("/")[2])] = self.series(entity, begin, end)
+        return found
 
     def table(self, entity: str, first: int, end: int) -> Rows:
         """Return the rows of states or contacts, in step order."""

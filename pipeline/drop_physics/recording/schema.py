@@ -83,9 +83,18 @@ forces of motors, with modes and gains."""
 CONSTRAINTS = "constraints"
 """Below it each constraint's forces, by the engine's id: a row per step."""
 
+CONTROLS = "controls"
+"""Below it, by simulation, what its actuators were given: a row per step where that changes."""
+IMPULSES = "impulses"
+"""Below it, by simulation, what acted in each step, where the engine has computed it again."""
+CAUSES = "causes"
+"""A row per cause of these: what it is, and which degrees of freedom of which body it acts on."""
+PAIRS = "pairs"
+"""A row per two links that touch: their coefficient of friction."""
+
 JSON = "json"
 """The column of their rows."""
-TOLD = (BODIES, SURFACES, SET, DYNAMICS, SETTINGS, SOLVER, READINGS, SITES, RAISED)
+TOLD = (BODIES, SURFACES, SET, DYNAMICS, SETTINGS, SOLVER, READINGS, SITES, RAISED, CAUSES, PAIRS)
 """Entities with rows of JSON, covered by one digest."""
 
 HAPPENED = (STATES.entity, CONTACTS.entity, f"{JOINTS}/", SET, CALLS, "camera/")

@@ -21,7 +21,9 @@ from drop_physics.trace.events import (
     Appearance,
     At,
     Body,
+    Cause,
     Dynamics,
+    PairFriction,
     Put,
     Raised,
     Settings,
@@ -37,7 +39,19 @@ Values = dict[str, Any]
 Row = tuple[At, Values]
 Told = Mapping[str, list[Row]]
 """By entity, its rows in the order of steps and calls."""
-Event = Appearance | Surface | Dynamics | Settings | Site | Raised | Solver | Reading | Put
+Event = (
+    Appearance
+    | Surface
+    | Dynamics
+    | Settings
+    | Site
+    | Raised
+    | Solver
+    | Reading
+    | Put
+    | Cause
+    | PairFriction
+)
 
 
 def row_of(event: Event) -> tuple[str, At, Values]:
@@ -67,12 +81,25 @@ def row_of(event: Event) -> tuple[str, At, Values]:
             held = {each.name: getattr(event, each.name) for each in fields(event)}
             del held["at"]
             return schema.SOLVER, at, held
+        case Cause() | PairFriction():
+            return (
+                schema.CAUSES if isinstance(event, Cause) else schema.PAIRS,
+                event.at,
+                _bare(event),
+            )
         case Reading():  # at no time of its own, as a site
             return schema.READINGS, At(0, 0.0, event.number), asdict(event)
         case Put(at, body):
             joints = {name: getattr(event.joints, name)[0].tolist() for name in schema.OF_JOINTS}
             base = {"body": body.number, "base": event.base.tolist(), "counts": event.counts}
             return schema.SET, at, base | joints
+
+
+def _bare(event: Cause | PairFriction) -> Values:
+    """Return an event's values but for its moment."""
+    held = asdict(event)
+    del held["at"]
+    return held
 
 
 def packed(values: Values) -> str:

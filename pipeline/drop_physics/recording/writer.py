@@ -30,7 +30,7 @@ from drop_physics.files.outputs import output_errors
 from drop_physics.recording import schema
 from drop_physics.recording.sealing import seal, unfinished
 from drop_physics.scenario import Camera
-from drop_physics.trace.events import At, Calls
+from drop_physics.trace.events import At, Calls, Impulses
 from drop_physics.trace.states import Rows
 
 Float64 = NDArray[np.float64]
@@ -321,6 +321,29 @@ def calls_chunk(seen: Calls, widths: Steps) -> Chunk:
         )
     )
     return Chunk.from_columns(schema.CALLS, times(at), columns)
+
+
+def impulses_chunk(seen: Impulses) -> Chunk:
+    """Return what acted in steps: a row per step, its causes and their impulses."""
+    ends = np.cumsum([0, *seen.counts.tolist()])
+    widths = np.cumsum([0, *seen.widths.tolist()])
+    one = np.arange(len(seen.steps) + 1)
+    columns = [
+        _list_column("status", seen.status, one),
+        _list_column("remainder", seen.remainder, one),
+        rr.ComponentColumn(
+            "cause",
+            _Arrow(pa.array(np.ascontiguousarray(seen.causes))),
+            offsets=ends.astype(np.int32),
+        ),
+        rr.ComponentColumn(
+            "impulse",
+            _Arrow(pa.array(np.ascontiguousarray(seen.values))),
+            offsets=widths.astype(np.int32),
+        ),
+    ]
+    entity = f"{schema.IMPULSES}/{seen.client}"
+    return Chunk.from_columns(entity, times(Times(seen.steps, seen.times_s)), columns)
 
 
 def texts_chunk(entity: str, at: Times, texts: Sequence[str]) -> Chunk:

@@ -20,7 +20,7 @@ from drop_physics.report.blocks import (
     Words,
 )
 from drop_physics.report.flights import contacts, falls, flights, momentum
-from drop_physics.report.words import CAUSES, MISSING, SEGMENTS, kinds_of_samples
+from drop_physics.report.words import MISSING, SEGMENTS, cause_in_words, kinds_of_samples
 from drop_physics.trace.events import ENDED
 
 if TYPE_CHECKING:
@@ -259,7 +259,7 @@ def _facts(body: BodyAnalysis, *, verbose: bool) -> Message:
     changes: str = f"{body.energy.start_j + 0.0:.4g} → {body.energy.end_j + 0.0:.4g} J"
     causes = sorted(body.energy.by_cause_j.items(), key=lambda cause: -abs(cause[1]))
     named = [
-        Message("{joules} {cause}", joules=f"{value:+.3g}", cause=CAUSES[name])
+        Message("{joules} {cause}", joules=f"{value:+.3g}", cause=cause_in_words(name))
         for name, value in causes[: 2 * verbose]
         if abs(value) > 1e-9
     ]
@@ -293,7 +293,7 @@ def _sum(terms: Mapping[str, float]) -> Message:
     return joined(
         ", ",
         [
-            Message("{term} {distance}", term=CAUSES.get(name, name), distance=f"{value:+.3e}")
+            Message("{term} {distance}", term=cause_in_words(name), distance=f"{value:+.3e}")
             for name, value in terms.items()
             if value
         ]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from drop_physics.fields import counted
 from drop_physics.messages import Message
 from drop_physics.report.blocks import Block, Column, DataTable, Section, Words, numbers
-from drop_physics.report.words import CAUSES, CONTACTS, TERMS, millimetres
+from drop_physics.report.words import CONTACTS, TERMS, cause_in_words, millimetres
 
 if TYPE_CHECKING:
     from drop_physics.analysis.results import BodyAnalysis, BodyFlight, Vector
@@ -148,7 +148,7 @@ def momentum(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
         rows = {
             Message("at the start"): body.momentum.start_kg_m_s,
             **{
-                CAUSES[name]: each
+                cause_in_words(name): each
                 for name, each in body.momentum.by_cause_kg_m_s.items()
                 if any(each)
             },

@@ -16,7 +16,7 @@ from drop_physics.report.words import SCRIPT
 from drop_physics.trace.events import ENDED
 
 if TYPE_CHECKING:
-    from drop_physics.stages.record import Recorded
+    from drop_physics.stages.record import Recorded, Replay
 
 RECORDED, NEXT = Message("recorded"), Message("next")
 
@@ -74,6 +74,7 @@ def show_record(recorded: Recorded, *, as_json: bool, analyzed: bool = False) ->
 def json_of(recorded: Recorded) -> dict[str, Any]:
     """Return what `--json` prints."""
     left_out = {"failure", "twice"} | (set() if recorded.twice else {"first_difference"})
+    left_out |= {"replay"} if recorded.replay is None else set()
     values = vars(recorded) | {"error": recorded.error or None}
     return {name: value for name, value in jsonable(values).items() if name not in left_out}
 
@@ -89,8 +90,27 @@ def report_of(recorded: Recorded) -> Report:
         wall_s=recorded.wall_s,
     )
     ended = Fact(SCRIPT, ENDED[recorded.ended], "dim")
-    files = Facts([ended, File(RECORDED, recorded.recording, facts)], _column())
+    again = [] if recorded.replay is None else [Fact("", _replayed(recorded.replay))]
+    files = Facts([ended, File(RECORDED, recorded.recording, facts), *again], _column())
     return Report(sections=[Section([files])])
+
+
+def _replayed(replay: Replay) -> Message:
+    """Say what became of the steps of MuJoCo."""
+    if replay.replayed and replay.explained == replay.replayed:
+        return Message(
+            "{replayed:,} of {steps:,} steps replayed to the bit, "
+            "the sum closes to {remainder:.0e}",
+            replayed=replay.replayed,
+            steps=replay.steps,
+            remainder=replay.remainder,
+        )
+    return Message(
+        "{replayed:,} of {steps:,} steps replayed to the bit, {explained:,} explained",
+        replayed=replay.replayed,
+        steps=replay.steps,
+        explained=replay.explained,
+    )
 
 
 def _column() -> int:

@@ -10,6 +10,7 @@ from typing import Any, Literal, TypeVar, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.explain.actuators import ActuatorTable
 from drop_physics.explain.joints import Driven, JointTable
 from drop_physics.explain.judged import Judged
 from drop_physics.explain.recording import Explained
@@ -140,6 +141,7 @@ class Scene:
     """By client."""
     joints: JointTable
     touches: TouchTable
+    actuators: ActuatorTable = field(default_factory=ActuatorTable)
     asked: AskedOfBodies = field(init=False)
     placing: Placing = field(init=False)
     inputs: Inputs = field(init=False)
@@ -156,6 +158,7 @@ class Scene:
         self.piece, self.judged = explained.piece, explained.bodies
         self.joints.add(explained)
         self.touches.add(explained)
+        self.actuators.add(explained)
         self.asked.see(self.piece)
         self.placing.see(self.piece)
         self.inputs.see()

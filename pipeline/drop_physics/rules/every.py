@@ -111,6 +111,10 @@ ANSWERS: tuple[type[Answer], ...] = (
 )
 
 
+OF_ANY_ENGINE: tuple[type[Answer], ...] = (ScriptFailed, Unseeded, NotFinite)
+"""Those that hold whatever the engine, and know no word of its own."""
+
+
 BESIDE_NOTHING = frozenset(("default-damping",))
 """What is true of nearly every run, and an answer only where nothing was asked in vain."""
 

@@ -11,7 +11,7 @@ from drop_physics import colours
 from drop_physics.analysis.results import Analysis
 from drop_physics.analysis.story import Story
 from drop_physics.drop.story import drop_analysis_of
-from drop_physics.errors import DropError, ScenarioError, check_suffix
+from drop_physics.errors import ScenarioError, check_suffix
 from drop_physics.explain.times import Times
 from drop_physics.files.outputs import check_apart, check_target, refused
 from drop_physics.files.table import check_table, write_table
@@ -149,8 +149,6 @@ def analysis_of(
         reported = [*filter(reports, of_drop.findings)]
         return replace(of_drop, findings=reported, left_out=len(of_drop.findings) - len(reported))
     _check_times(at_s, seen)
-    if seen.engine != "PyBullet":
-        raise DropError("{engine}: its steps are recorded, not analyzed yet", engine=seen.engine)
     return Story(
         seen,
         read_back.origin_and_end,

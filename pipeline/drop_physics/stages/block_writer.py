@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import socket
+import sys
 import time
 import uuid
 from dataclasses import asdict
@@ -37,6 +38,7 @@ def write(
     }
     recorder = Recorder({schema.ORIGIN_PROPERTY: origin}, drawn=drawn)
     listener = BlockListener(reading, memory, process=process)
+    listener.explains_with = sys.executable
     try:
         ended = written(
             listener,

@@ -52,6 +52,20 @@ CANNOT_LOAD = "pybullet.error: Cannot load"
 
 
 @dataclass(frozen=True)
+class Replay:
+    """What became of steps that were taken again, in the script's interpreter."""
+
+    steps: int
+    """All of them."""
+    replayed: int
+    """Those that led to the recorded state, to the last bit."""
+    explained: int
+    """Those of them whose named impulses close the sum."""
+    remainder: float
+    """What these leave of it at most, over the largest impulse."""
+
+
+@dataclass(frozen=True)
 class Recorded(Printable, reported_by="drop_physics.report.record"):
     """What was recorded of a script."""
 
@@ -78,6 +92,8 @@ class Recorded(Printable, reported_by="drop_physics.report.record"):
     """Whether it was run a second time and compared."""
     first_difference: int | None
     """The first step whose state differed in the second run; None if none did."""
+    replay: Replay | None = None
+    """What became of the steps of MuJoCo that were taken again; None of others."""
 
 
 def record_script(
@@ -94,6 +110,7 @@ def record_script(
     keep_sleeping: bool = False,
     force: bool = False,
     keep: bool = False,
+    explain: bool = True,
     stdout: int = 1,
     note: Callable[[str], None] = lambda _: None,
     progress: Callable[[float, int], None] | None = None,
@@ -126,6 +143,9 @@ def record_script(
         Whether an existing recording may be replaced, whatever it is of.
     keep
         Whether an earlier recording of the script stays, if this one is given no name.
+    explain
+        Whether steps of MuJoCo are replayed in the script's interpreter, and what acted in them is
+        recorded; without, they cannot be explained.
     stdout
         File descriptor of its standard output.
     note
@@ -150,7 +170,16 @@ def record_script(
     # A script may compute with the time of day: a second run must see the same.
     begins_s = time.time() if seed is None else SEEDED_CLOCK_S
     program = Program(
-        target, arguments, interpreter, is_module, steps, duration_s, keep_sleeping, seed, begins_s
+        target,
+        arguments,
+        interpreter,
+        is_module,
+        steps,
+        duration_s,
+        keep_sleeping,
+        seed,
+        begins_s,
+        explain=explain,
     )
     recording_id = uuid.uuid4().hex
     placed = target_of(target, out, is_module=is_module, keep=keep, force=force)
@@ -185,8 +214,20 @@ def record_script(
         compared, again = _again(program, last, recorder, note, progress or _silent)
     recorded = recorded_of(recorder, ended, path, recording_id=recording_id, name=target)
     return replace(
-        recorded, wall_s=time.perf_counter() - began, twice=compared, first_difference=again
+        recorded,
+        replay=_replay(process) if explain else None,
+        wall_s=time.perf_counter() - began,
+        twice=compared,
+        first_difference=again,
     )
+
+
+def _replay(process: running.Script) -> Replay | None:
+    """Return what became of the steps of MuJoCo."""
+    mujoco = process.decoder.mujoco
+    if not mujoco.steps or not mujoco.samples:
+        return None
+    return Replay(mujoco.steps, mujoco.replayed, mujoco.explains, mujoco.remainder)
 
 
 def _origin(program: Program, digest: str | None) -> dict[str, Any]:
@@ -365,7 +406,7 @@ def _again(
 
     other, null = Recorder({}), os.open(os.devnull, os.O_WRONLY)
     try:
-        again = replace(program, steps=most, perturb=running.OTHER_PERTURB)
+        again = replace(program, steps=most, perturb=running.OTHER_PERTURB, explain=False)
         with (
             running.Script(again, stdout=null, stderr=null, tell=tell) as process,
             _interrupts(process.interrupt),

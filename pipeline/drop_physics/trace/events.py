@@ -428,6 +428,114 @@ class Samples:
     """By the engine's id, the forces of each [N] or [N m], shape (n, k)."""
 
 
+@dataclass(frozen=True)
+class Cause:
+    """What gives impulses to a body, as its engine has named it."""
+
+    at: At
+    number: int
+    """In the recording."""
+    client: int
+    body: int
+    """The number of the body that it acts on."""
+    kind: str
+    """`gravity`, `bias`, `spring`, `actuator`, `contact` …"""
+    name: str
+    """Name of the actuator, tendon, joint or equality; label of the other body in a contact."""
+    places: tuple[int, ...]
+    """The degrees of freedom that it acts on, in the body's generalised velocity."""
+
+
+@dataclass(frozen=True)
+class PairFriction:
+    """The coefficient of friction of two links that touch."""
+
+    at: At
+    client: int
+    body_a: int
+    link_a: int
+    body_b: int
+    link_b: int
+    friction: float
+    """nan where several points of them have different ones."""
+
+
+@dataclass(frozen=True, eq=False)
+class Impulses:
+    """What acted in n consecutive steps of a simulation, as its engine has computed it again."""
+
+    client: int
+    steps: Int64
+    """The samples that they led to, shape (n,)."""
+    times_s: Float64
+    """Shape (n,)."""
+    status: Int64
+    """Indices into REPLAYS, shape (n,)."""
+    remainder: Float64
+    """What its causes leave of each step, over the largest impulse, as its engine has the mass
+    matrix, shape (n,)."""
+    counts: Int64
+    """How many causes acted in each, shape (n,)."""
+    widths: Int64
+    """How many numbers these have, shape (n,)."""
+    causes: Int64
+    """Their numbers, step by step."""
+    values: Float64
+    """Their impulses [N s or N m s], one cause after the other, each on its places."""
+
+    def between(self, first: int, end: int) -> Impulses:
+        """Return the steps that led to samples from `first` to before `end`."""
+        kept = (self.steps >= first) & (self.steps < end)
+        if kept.all():
+            return self
+        return Impulses(
+            self.client,
+            self.steps[kept],
+            self.times_s[kept],
+            self.status[kept],
+            self.remainder[kept],
+            self.counts[kept],
+            self.widths[kept],
+            self.causes[np.repeat(kept, self.counts)],
+            self.values[np.repeat(kept, self.widths)],
+        )
+
+
+REPLAYS = (
+    *("explained", "remainder", "nothing moves", "integrator", "version", "flex", "plugin"),
+    *("plastic", "sleep", "delay", "auto-reset", "stale", "unknown", "not replayed"),
+)
+"""What became of a step that was taken again: its causes close its sum, or why they do not; the
+last: it led elsewhere."""
+
+
+@dataclass(frozen=True, eq=False)
+class Controls:
+    """What actuators were given in n consecutive steps of a simulation."""
+
+    client: int
+    steps: Int64
+    """The samples that they led to, shape (n,)."""
+    times_s: Float64
+    """Shape (n,)."""
+    names: tuple[str, ...]
+    values: Float64
+    """Shape (n, actuators)."""
+
+
+@dataclass(frozen=True, eq=False)
+class ContactRows:
+    """Contact points of steps whose samples were told before."""
+
+    client: int
+    steps: Int64
+    """The samples of which these are all points, shape (n,)."""
+    times_s: Float64
+    """Shape (n,)."""
+    contacts: Rows
+    """Of dtype `CONTACT`."""
+
+
 Event = (
     Appearance
     | Surface
@@ -441,6 +549,11 @@ Event = (
     | Put
     | Image
     | Samples
+    | Cause
+    | PairFriction
+    | Impulses
+    | Controls
+    | ContactRows
 )
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import PurePath
 from typing import Protocol
@@ -12,7 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.errors import ScenarioError
-from drop_physics.trace.events import Appearance, Body, Dynamics, Put, Settings, Solver, Surface
+from drop_physics.trace.events import (
+    Appearance,
+    Body,
+    Cause,
+    Dynamics,
+    Impulses,
+    Put,
+    Settings,
+    Solver,
+    Surface,
+)
 from drop_physics.trace.log import Log
 from drop_physics.trace.poses import inertial_frames, links_of, rows_of, tree_of
 from drop_physics.trace.readings import Reading
@@ -23,6 +33,8 @@ Int64 = NDArray[np.int64]
 
 PIECE = 1 << 13
 """Steps in a piece."""
+PYBULLET = "PyBullet"
+"""The engine of a recording that names none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +54,11 @@ class Piece:
     contacts: Rows
     """Of dtype `CONTACT`: one row per contact point, in step order."""
     calls: Log
+    impulses: Mapping[int, Sequence[Impulses]] = field(default_factory=dict)
+    """What acted in the steps, by client, where the engine has computed it again."""
+    controls: Mapping[int, tuple[Int64, Float64]] = field(default_factory=dict)
+    """By client, what actuators were given: from which steps on, and what; from the last row
+    before the piece on."""
 
 
 class Sampled(Protocol):
@@ -84,11 +101,15 @@ class Seen:
     """Where it drew unseeded random numbers."""
     machine: str
     """Kind of processor; empty if unknown."""
+    causes: Mapping[int, Cause] = field(default_factory=dict)
+    """What gives impulses, by its number in the recording."""
+    frictions: Mapping[tuple[int, int, int, int], float] = field(default_factory=dict)
+    """Coefficients of friction by two bodies and links, where the engine has one for each pair."""
 
     @property
     def engine(self) -> str:
         """Name and version of the engine; of PyBullet its name."""
-        return next((each.engine for each in self.settings if each.engine), "PyBullet")
+        return next((each.engine for each in self.settings if each.engine), PYBULLET)
 
     def pieces(self, steps: int = PIECE) -> Iterator[Piece]:
         """Yield what was sampled, so many steps at a time."""

@@ -50,6 +50,8 @@ UNPAINTED = (0.5, 0.5, 0.5, 1.0)
 NOWHERE, UPRIGHT = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])
 TRANSMISSIONS = {0: "joint", 1: "joint", 2: "slider-crank", 3: "tendon", 4: "site", 5: "body"}
 """What an actuator acts on (`mjtTrn`)."""
+WRAPS_JOINT, WRAPS_SITE = 1, 3
+"""What a tendon goes over (`mjtWrap`)."""
 NAMED = {"joint": "jnt", "tendon": "tendon", "site": "site", "body": "body"}
 
 
@@ -361,6 +363,7 @@ def reported_of(arrays: Arrays, made: DescribedBody) -> dict[str, Float64]:
             friction[row] = max(arrays["geom_friction"][geoms, 0])
     if made.free >= 0:
         armature[0] = arrays["dof_armature"][arrays["jnt_dofadr"][made.free]]
+    coupled = [*_tendons_with_inertia(arrays, made)]
     return {
         "mass_kg": masses,
         "inertia_kg_m2": inertias,
@@ -368,7 +371,24 @@ def reported_of(arrays: Arrays, made: DescribedBody) -> dict[str, Float64]:
         "inertial_orientation": orientations,
         "lateral_friction": friction,
         "armature": armature,
+        **({"coupled": np.array(coupled)} if coupled else {}),
     }
+
+
+def _tendons_with_inertia(arrays: Arrays, made: DescribedBody) -> Iterator[list[float]]:
+    """Yield inertia, and motion by each rate, of tendons over a body's own joints alone."""
+    first = 6 * (made.free >= 0)
+    places = {dof: first + k for k, dof in enumerate(made.rates.tolist())}
+    for tendon in np.flatnonzero(arrays.get("tendon_armature", np.zeros(0))).tolist():
+        moved = [0.0] * (first + len(places))
+        begin = int(arrays["tendon_adr"][tendon])
+        wraps = range(begin, begin + int(arrays["tendon_num"][tendon]))
+        if all(arrays["wrap_type"][wrap] == WRAPS_JOINT for wrap in wraps):
+            dofs = [int(arrays["jnt_dofadr"][arrays["wrap_objid"][wrap]]) for wrap in wraps]
+            if {*dofs} <= places.keys():
+                for dof, wrap in zip(dofs, wraps, strict=True):
+                    moved[places[dof]] += float(arrays["wrap_prm"][wrap])
+                yield [float(arrays["tendon_armature"][tendon]), *moved]
 
 
 # -- states ---------------------------------------------------------------------------------------
@@ -580,8 +600,8 @@ def _joints_of_tendon(arrays: Arrays, tendon: int) -> set[int]:
     found: set[int] = set()
     for wrap in range(first, first + int(arrays["tendon_num"][tendon])):
         kind, number = int(arrays["wrap_type"][wrap]), int(arrays["wrap_objid"][wrap])
-        if kind == 1:  # `mjWRAP_JOINT`
+        if kind == WRAPS_JOINT:
             found.add(number)
-        elif kind == 3:  # `mjWRAP_SITE`
+        elif kind == WRAPS_SITE:
             found |= _joints_above(arrays, int(arrays["site_bodyid"][number]))
     return found

@@ -6,6 +6,7 @@ samples, and what was set between two steps, by which line.
 
 from __future__ import annotations
 
+import itertools
 import re
 import shutil
 import tempfile
@@ -27,6 +28,9 @@ from drop_physics.engines.mujoco.described import (
     standing_base,
     xyzw,
 )
+from drop_physics.engines.mujoco.explain.reasons import EXPLAINED, OTHER
+from drop_physics.engines.mujoco.explained import explained
+from drop_physics.engines.mujoco.impulses import ExplainedSteps
 from drop_physics.engines.mujoco.received import Edited, Received, ScriptLine, StepPiece, Written
 from drop_physics.fields import all_of, counted
 from drop_physics.messages import Message
@@ -34,6 +38,7 @@ from drop_physics.trace.events import (
     Appearance,
     At,
     Calls,
+    Controls,
     Dynamics,
     Event,
     Put,
@@ -85,6 +90,8 @@ class MujocoSimulation:
     began: bool = False
     start: dict[str, NDArray[Any]] | None = None
     """The state before its first step."""
+    last: dict[str, NDArray[Any]] = field(default_factory=dict)
+    """The state that the last step of a piece led to."""
     since_step: int = 0
     since_s: float = 0.0
     timestep_s: float = 0.0
@@ -92,10 +99,32 @@ class MujocoSimulation:
     """The last step of which there is a sample."""
     edited: int = 0
     """How many edits of its model it knows."""
+    written: dict[int, Float64] = field(default_factory=dict)
+    """`qpos` as it was written before steps of the piece."""
+    given: dict[int, Float64] = field(default_factory=dict)
+    """What actuators were given before steps of the piece, where that changed."""
+    turns: BinaryIO | None = None
+    """A file of the orientations of its free bodies before each step."""
+    ctrl: Float64 | None = None
+    """What its actuators were given in the last step."""
+    since: list[tuple[int, float, float]] = field(default_factory=list)
+    """Where its timestep changed: step, and time and timestep from there on."""
+
+    @property
+    def free(self) -> dict[int, int]:
+        """The free bodies, by number: where each is in the file."""
+        numbers = [made.body.number for made in self.described.bodies if made.free >= 0]
+        return {number: place for place, number in enumerate(numbers)}
 
     def times_s(self, steps: Int64) -> Float64:
         """Return the times of some steps, the sums of the timesteps before [s]."""
         return self.since_s + (steps - self.since_step).astype(np.float64) * self.timestep_s
+
+    def times_then_s(self, steps: Int64) -> Float64:
+        """Return the times of samples of which the timestep may have changed since [s]."""
+        begin, since_s, timestep_s = map(np.array, zip(*self.since, strict=True))
+        which = np.maximum(np.searchsorted(begin, steps - 1, side="right") - 1, 0)
+        return np.asarray(since_s[which] + (steps - begin[which]) * timestep_s[which])
 
     def time_s(self, step: int) -> float:
         """Return the time of a step [s]."""
@@ -112,7 +141,7 @@ class MujocoSimulation:
                 if old is not None and len(old) == len(new):
                     differs = np.flatnonzero(old.view(np.uint64) != new.view(np.uint64))
             else:
-                size = int(indices.max(initial=-1)) + 1
+                size = 1 + int(indices.max()) if len(indices) else 0
                 new = np.zeros(size) if old is None else old.copy()
                 if len(new) < size:
                     new = np.concatenate((new, np.zeros(size - len(new))))
@@ -151,12 +180,16 @@ class MujocoDecoder:
         self._calls = 0
         self.first_body = self.first_site = self.first_client = 0
         """Numbers from which on bodies, sites and simulations are counted."""
-        self.samples = 0
+        self.samples = self.replayed = self.explains = 0
+        """Samples; steps that were replayed to the bit, and of these, those whose sum closes."""
+        self.remainder = 0.0
+        """What the sum of a step leaves, over its largest term, at most."""
 
     def close(self) -> None:
         """Remove what was kept."""
-        if self._spool is not None:
-            self._spool.close()
+        for file in (self._spool, *(each.turns for each in self._simulations.values())):
+            if file is not None:
+                file.close()
         if self._folder is not None:
             shutil.rmtree(self._folder, ignore_errors=True)
 
@@ -189,6 +222,35 @@ class MujocoDecoder:
         if self._received is not None:
             for piece in self._received.rest():
                 yield from self._on_piece(piece)
+
+    def explained(self, python: str) -> Iterator[Event]:
+        """Replay and explain all steps in the script's interpreter; yield what that says.
+
+        Raises
+        ------
+        DropError
+            If it ends before it is through.
+        """
+        if self._received is None or self._spool is None or not self.steps:
+            return
+        assert self._folder is not None
+        self._spool.flush()
+        numbers = itertools.count()
+        of_simulation: dict[tuple[int, int], ExplainedSteps] = {}
+        for piece in explained(self._folder / "spool", python):
+            key = piece.world, piece.model
+            its = self._simulations[key]
+            if key not in of_simulation:
+                of_simulation[key] = ExplainedSteps(
+                    its.client, its.described, its.first, _turns(its), its.free
+                )
+            n = len(piece.status)
+            steps = piece.first - its.first + 1 + np.arange(n, dtype=np.int64)
+            self.replayed += int((piece.status != OTHER).sum())
+            self.explains += int((piece.status == EXPLAINED).sum())
+            closes = piece.remainder[piece.status[piece.steps - piece.first] == EXPLAINED]
+            self.remainder = max(self.remainder, float(closes.max(initial=0.0)))
+            yield from of_simulation[key].events(piece, its.times_then_s(steps), numbers)
 
     def notes(self) -> Iterator[Message]:
         """Yield what is worth knowing about the recording."""
@@ -287,12 +349,15 @@ class MujocoDecoder:
         if rows.steps:
             yield self._gathered(its, rows)
         yield from puts
+        self._keep_turns(its, piece, first, end)
+        yield from self._controls(its, first)
         yield self._sampled(its, piece, first, end)
 
     def _beginning(self, its: MujocoSimulation) -> Iterator[Event]:
         """Yield what a simulation is, as it is before its first step."""
         its.began, its.timestep_s = True, _timestep(its)
         at = At(0, 0.0, self._calls)
+        its.since.append((0, 0.0, its.timestep_s))
         yield self._settings(its, at)
         for made in its.described.bodies:
             yield Appearance(at, made.body, there=True, came=True)
@@ -321,6 +386,7 @@ class MujocoDecoder:
         if any(edit.name.startswith("opt.") for edit in edits):
             its.since_s, its.since_step = its.time_s(step), step
             its.timestep_s = _timestep(its)
+            its.since.append((step, its.since_s, its.timestep_s))
             yield self._settings(its, at)
         if not any(SHAPES_BODIES.match(edit.name) for edit in edits):
             return
@@ -336,6 +402,43 @@ class MujocoDecoder:
                 yield Dynamics(at, new.body, now)
 
     # -- states -----------------------------------------------------------------------------------
+
+    def _keep_turns(self, its: MujocoSimulation, piece: StepPiece, first: int, end: int) -> None:
+        """Keep how free bodies are turned before each step, for what is explained later."""
+        assert self._folder is not None
+        free = [made for made in its.described.bodies if made.free >= 0]
+        if not free:
+            return
+        if its.turns is None:
+            its.turns = (self._folder / f"turns-{its.client}").open("wb")
+        nq = int(its.arrays["nq"].item())
+        before = np.empty((end - first, nq))
+        rows = np.arange(first, end) - piece.first - 1
+        before[rows >= 0] = piece.parts["qpos"][rows[rows >= 0]]
+        if rows[0] < 0:
+            start = its.held if its.start is None else its.start
+            before[0] = _of_size((start if its.first == first else its.last).get("qpos"), nq)
+        for step, qpos in its.written.items():
+            if max(first, its.first + 1) <= step < end:
+                before[step - first] = qpos
+        at = np.array([int(its.arrays["jnt_qposadr"][made.free]) for made in free])
+        turn = xyzw(before[:, at[:, None] + np.arange(3, 7)])
+        turn = turn / np.linalg.norm(turn, axis=-1, keepdims=True)
+        its.turns.write(np.ascontiguousarray(turn).tobytes())
+        its.written = {step: qpos for step, qpos in its.written.items() if step >= end}
+
+    def _controls(self, its: MujocoSimulation, first: int) -> Iterator[Controls]:
+        """Yield what actuators were given, where that changed."""
+        names = tuple(its.described.names["actuator"])
+        given, its.given = its.given, {}
+        if first == its.first and names:
+            given = {first: np.zeros(len(names)), **given}
+        if not given or not names or any(len(each) != len(names) for each in given.values()):
+            return
+        steps = np.array(sorted(given), np.int64)
+        values = np.array([given[step] for step in steps.tolist()])
+        steps = steps - its.first + 1
+        yield Controls(its.client, steps, its.times_s(steps), names, values)
 
     def _sampled(self, its: MujocoSimulation, piece: StepPiece, first: int, end: int) -> Samples:
         """Return the samples that the steps from `first` to before `end` led to."""
@@ -360,9 +463,10 @@ class MujocoDecoder:
                 joints[number] = Joints(
                     steps, times_s, position, velocity, np.zeros((len(steps), 0))
                 )
-        for name, rows in piece.parts.items():
-            its.held[name] = rows[which][-1].copy()
-        its.held_at = end
+        its.last = {name: rows[which][-1].copy() for name, rows in piece.parts.items()}
+        if its.held_at < end:
+            its.held |= its.last
+            its.held_at = end
         its.ends = int(steps[-1])
         self.samples += len(steps)
         return Samples(
@@ -409,6 +513,10 @@ class MujocoDecoder:
                 its.held[name] = held[row].copy()
         its.held_at = written.step
         changed = its.take(written)
+        if "qpos" in changed:
+            its.written[written.step] = its.held["qpos"].copy()
+        if "ctrl" in changed:
+            its.given[written.step] = its.held["ctrl"].copy()
         if written.cause in SILENT:
             return
         if written.cause == "first":
@@ -547,6 +655,14 @@ def _of_size(held: NDArray[Any] | None, size: int) -> Float64:
 
 def _timestep(its: MujocoSimulation) -> float:
     return float(its.arrays["opt.timestep"].item())
+
+
+def _turns(its: MujocoSimulation) -> Float64:
+    """Return how free bodies are turned before each step, shape (n, bodies, 4)."""
+    if its.turns is None:
+        return np.empty((0, 0, 4))
+    its.turns.flush()
+    return np.memmap(its.turns.name, np.float64, "r").reshape(-1, len(its.free), 4)
 
 
 def _place(line: ScriptLine) -> str:

@@ -66,6 +66,8 @@ class Program:
     begins_s: float | None = None
     """What its clock shows at first [s], if it is virtual."""
     perturb: str = PERTURB
+    explain: bool = False
+    """Whether steps of MuJoCo are replayed and explained in the same interpreter, afterwards."""
     variation: Mapping[str, Any] | None = None
     """The arguments of a `watching.varied.Variation`, or None."""
     interventions: Sequence[Mapping[str, Any]] = ()
@@ -90,6 +92,8 @@ class Listener(ABC):
 
     target = ""
     """The script; empty of a block."""
+    explains_with: str | None = None
+    """The interpreter in which steps of MuJoCo are replayed and explained; None leaves it out."""
 
     def __init__(self, reading: int, block: int) -> None:
         self.decoder = Decoder()
@@ -124,6 +128,8 @@ class Listener(ABC):
             yield from self.decoder.feed(self._left_behind())
         self.decoder.counters = self._counters()
         yield from self.decoder.rest()
+        if self.explains_with is not None:
+            yield from self.decoder.explained(self.explains_with)
 
     @abstractmethod
     def _is_over(self) -> bool:
@@ -229,6 +235,7 @@ class Script(Listener):
         super().__init__(reading, self._block.fileno())
         self.decoder = Decoder((program.variation or {}).get("finer", 1))
         self.target = program.target
+        self.explains_with = program.python if program.explain else None
         self._interrupted_at: float | None = None
         self._interrupts = 0
         self._why = "interrupted"

@@ -21,6 +21,7 @@ from drop_physics.engines.pybullet.gathered import Known, World
 from drop_physics.engines.pybullet.reads import Reads
 from drop_physics.engines.pybullet.surfaces import surfaces_of
 from drop_physics.engines.pybullet.watch import pipe
+from drop_physics.errors import DropError
 from drop_physics.fields import counted
 from drop_physics.messages import Message
 from drop_physics.trace.events import (
@@ -156,6 +157,13 @@ class Decoder:
                     self._caller.add_result(*pipe.NUMBER.unpack(payload))
             else:
                 yield from self._on_image(payload)
+
+    def explained(self, python: str) -> Iterator[Event]:
+        """Yield what the steps of MuJoCo are, replayed and explained in an interpreter."""
+        try:
+            yield from self.mujoco.explained(python)
+        except DropError as error:  # the recording is whole without it
+            self.faults.append(Message("its steps are not explained: {why}", why=str(error)))
 
     def rest(self) -> Iterator[Event]:
         """Yield what is gathered and not yet yielded; the stream is over."""

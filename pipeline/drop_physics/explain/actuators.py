@@ -1,0 +1,129 @@
+"""The actuators of a recording: what each was given, what it gave, and where it was at a limit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from drop_physics.explain.driving import given_to
+from drop_physics.explain.recording import Explained
+from drop_physics.explain.steps import BodySteps
+from drop_physics.physics.vectors import Float64
+from drop_physics.trace.events import Actuator, Body
+from drop_physics.trace.history import Piece
+
+AT_LIMIT = 1 - 1e-6
+"""Share of its range at which an actuator's force is at its limit."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActuatorRow:
+    """An actuator at the last sample."""
+
+    name: str
+    """As in the model."""
+    kind: str
+    """`motor`, `position`, `velocity`, `muscle` or `general`."""
+    acts_on: str
+    """`joint`, `tendon`, `site`, `slider-crank` or `body`."""
+    target: str
+    """Name of that."""
+    given: float | None
+    """What the script gave it in the last step."""
+    ctrl_range: tuple[float, float] | None
+    """What it is given is clamped to this; null if it is not."""
+    beyond_range_steps: int
+    """In how many steps it was given something beyond that."""
+    force: float | None
+    """What it gave in the last step [N] or [N m], before its gear; null where that is not known."""
+    force_range: tuple[float, float] | None
+    """What its force is clamped to; null if it is not."""
+    at_force_limit_steps: int
+    """In how many steps its force was at a limit."""
+    energy_j: float
+    """What it gave to the body."""
+
+
+@dataclass
+class _Sums:
+    """An actuator so far."""
+
+    given: float = np.nan
+    force: float = np.nan
+    beyond: int = 0
+    at_limit: int = 0
+    energy_j: float = 0.0
+
+
+class ActuatorTable:
+    """Grows piece by piece."""
+
+    def __init__(self) -> None:
+        self._sums: dict[tuple[int, int], _Sums] = {}
+        """By the numbers of a body and of an actuator."""
+
+    def add(self, explained: Explained) -> None:
+        """Take a piece."""
+        for judged in explained.bodies.values():
+            for steps in judged.stretches if judged.body.actuators else ():
+                for actuator in judged.body.actuators:
+                    if len(steps):
+                        self._add(actuator, steps, explained.piece)
+
+    def rows(self, body: Body) -> Sequence[ActuatorRow]:
+        """Return the actuators of a body."""
+        return [self._row(body, actuator) for actuator in body.actuators]
+
+    def _add(self, actuator: Actuator, steps: BodySteps, piece: Piece) -> None:
+        sums = self._sums.setdefault((steps.body.number, actuator.number), _Sums())
+        given = given_to(actuator, steps.body, piece, steps.steps)
+        sums.given = float(given[-1])
+        if actuator.ctrl_range is not None:
+            low, high = actuator.ctrl_range
+            sums.beyond += int(((given < low) | (given > high)).sum())
+        name = f"actuator {actuator.name}"
+        sums.energy_j += float(steps.changes.energy_j.get(name, np.zeros(1)).sum())
+        force = _force(actuator, steps, name)
+        if force is not None:
+            sums.force = float(force[-1])
+            if actuator.force_range is not None:
+                low, high = actuator.force_range
+                held = (force <= low * AT_LIMIT) if low < 0 else (force <= low)
+                sums.at_limit += int((held | (force >= high * AT_LIMIT)).sum())
+
+    def _row(self, body: Body, actuator: Actuator) -> ActuatorRow:
+        sums = self._sums.get((body.number, actuator.number), _Sums())
+        return ActuatorRow(
+            name=actuator.name,
+            kind=actuator.kind,
+            acts_on=actuator.acts_on,
+            target=actuator.target,
+            given=sums.given if np.isfinite(sums.given) else None,
+            ctrl_range=actuator.ctrl_range,
+            beyond_range_steps=sums.beyond,
+            force=sums.force if np.isfinite(sums.force) else None,
+            force_range=actuator.force_range,
+            at_force_limit_steps=sums.at_limit,
+            energy_j=sums.energy_j,
+        )
+
+
+def _force(actuator: Actuator, steps: BodySteps, name: str) -> Float64 | None:
+    """Return the force of an actuator of one joint in steps, shape (n,); None of others."""
+    place = next(
+        (
+            at.start
+            for joint, at in zip(steps.body.joints, steps.body.rates, strict=True)
+            if joint.name == actuator.target and joint.widths[1] == 1
+        ),
+        None,
+    )
+    if actuator.acts_on != "joint" or place is None or not actuator.gear or not steps.covered:
+        return None
+    term = steps.terms.get(name)
+    if term is None:
+        return np.zeros(len(steps))
+    impulse = term[:, steps.law.tree.first_rate + place]
+    return np.asarray(impulse / steps.reported.timestep_s / actuator.gear)

@@ -1,0 +1,72 @@
+"""What actuators were given, as what is asked of the joints that they drive."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.explain.commands import NAMES, Commanded
+from drop_physics.trace.events import Actuator, Body
+from drop_physics.trace.history import Piece
+from drop_physics.trace.motors import POSITION, VELOCITY
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+LOUDER = {"motor": 0, "general": 0, "muscle": 0, "velocity": 1, "position": 2}
+"""Of several actuators on a joint, the one that says how it is driven."""
+
+
+def given_to(actuator: Actuator, body: Body, piece: Piece, ends: Int64) -> Float64:
+    """Return what an actuator was given in the steps to samples, shape (n,); nan if unknown."""
+    steps, values = piece.controls.get(body.client, (np.empty(0, np.int64), np.empty((0, 0))))
+    given = np.full(len(ends), np.nan)
+    if actuator.number >= values.shape[1]:
+        return given
+    which = np.searchsorted(steps, ends, side="right") - 1
+    given[which >= 0] = values[which[which >= 0], actuator.number]
+    return given
+
+
+def taken(actuator: Actuator, given: Float64) -> Float64:
+    """Return what an actuator takes of what it is given: within its range."""
+    return given if actuator.ctrl_range is None else np.clip(given, *actuator.ctrl_range)
+
+
+def limit_of(actuator: Actuator) -> float:
+    """Return the largest force that an actuator gives to a joint [N] or [N m]."""
+    if actuator.force_range is None:
+        return np.inf
+    return max(abs(each) for each in actuator.force_range) * abs(actuator.gear)
+
+
+def asked_of(body: Body, piece: Piece, ends: Int64, timestep_s: Float64) -> Commanded:
+    """Return what actuators ask of a body's joints in the steps to samples.
+
+    A joint without one is one whose motor is off.
+    """
+    n, rates = len(ends), sum(joint.widths[1] for joint in body.joints)
+    columns = {name: np.full((n, rates), np.nan) for name in NAMES}
+    columns["mode"][:], columns["impulse"][:] = VELOCITY, 0.0
+    place = {
+        joint.name: at.start
+        for joint, at in zip(body.joints, body.rates, strict=True)
+        if joint.widths[1] == 1
+    }
+    for actuator in sorted(body.actuators, key=lambda each: LOUDER[each.kind]):
+        k = place.get(actuator.target) if actuator.acts_on == "joint" else None
+        if k is None:
+            continue
+        given = taken(actuator, given_to(actuator, body, piece, ends))
+        columns["impulse"][:, k] = limit_of(actuator) * timestep_s
+        columns["torque_since"][:, k] = np.nan
+        if actuator.kind == "position" and actuator.gear:
+            columns["mode"][:, k] = POSITION
+            columns["target"][:, k] = given / actuator.gear
+            columns["kp"][:, k], columns["kd"][:, k] = actuator.kp, actuator.kv
+        elif actuator.kind == "velocity" and actuator.gear:
+            columns["mode"][:, k] = VELOCITY
+            columns["target_velocity"][:, k] = given / actuator.gear
+        else:
+            columns["torque_since"][:, k] = 0.0
+    return Commanded(**columns)

@@ -1,0 +1,324 @@
+"""A recording whose engine has computed each step again: what acted is recorded, not derived.
+
+Each step is judged all the same: with the mass matrix from our own kinematics the recorded impulses
+must close its sum. `Replayed` takes the place of `recording.Explanation`, and yields the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.explain.bodies import Epochs, Record, records_of
+from drop_physics.explain.causes import Totals
+from drop_physics.explain.chain import Chain, Stretch, chain_of, stretches_of
+from drop_physics.explain.changes import Changes, Transitions, changes_of
+from drop_physics.explain.commands import Commanded
+from drop_physics.explain.driving import asked_of
+from drop_physics.explain.joined import Constraints
+from drop_physics.explain.judged import (
+    CONSTRAINED,
+    CONTACT,
+    DRIVEN,
+    FLIGHT,
+    PUSHED,
+    SET,
+    STILL,
+    WHYS,
+    StepVerdicts,
+    judged,
+    stands,
+)
+from drop_physics.explain.recording import LEAST_STEPS, MOST_STEPS, NUMBERS, Explained
+from drop_physics.explain.steps import EXPLAINED, BodySteps, StepBatch, Steps
+from drop_physics.explain.times import Times
+from drop_physics.explain.touching import Touching, rows_of
+from drop_physics.physics.bullet_tree import BulletTree, Reported
+from drop_physics.physics.dynamics import lifted_j, mass_matrix
+from drop_physics.physics.impulses import MOVED, PULLED, Sum, change_of
+from drop_physics.physics.kinematics import kinematics
+from drop_physics.physics.rotations import products, rotate, rotate_inverse
+from drop_physics.physics.tree import States
+from drop_physics.trace.events import REPLAYS, Body, Cause, Impulses, Settings
+from drop_physics.trace.history import Piece, Seen
+from drop_physics.trace.states import by_body
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Int8 = NDArray[np.int8]
+
+ACTUATOR = "actuator"
+NAMED = (ACTUATOR, "tendon")
+"""The kinds of causes that are told apart by name."""
+ALWAYS = (PULLED, MOVED, "damping", "applied", "contacts", "constraints", "stops")
+"""Causes that others ask for, whether they act or not."""
+NEVER = REPLAYS.index("not replayed")
+SEGMENT_OF = (
+    (DRIVEN, f"{ACTUATOR} "),
+    (CONTACT, "contacts"),
+    (CONSTRAINED, "constraints"),
+    (CONSTRAINED, "tendon "),
+    (PUSHED, "applied"),
+)
+"""What a step is where a cause whose name begins so acts; the last that does counts."""
+
+
+def cause_name(cause: Cause) -> str:
+    """Return what a term is called that a cause is part of."""
+    return f"{cause.kind} {cause.name}" if cause.kind in NAMED else cause.kind
+
+
+class Replayed:
+    """Explains a recording; `totals` grow as its pieces are taken."""
+
+    def __init__(self, seen: Seen) -> None:
+        self._seen = seen
+        self._records = records_of(seen)
+        self._settings: dict[int, list[Settings]] = {}
+        for settings in seen.settings:
+            self._settings.setdefault(settings.client, []).append(settings)
+        self._times = {client: Times(seen, client) for client in self._settings}
+        laws: dict[Hashable, BulletTree] = {}
+        self._epochs = {
+            number: Epochs(record, self._settings[record.body.client], None, laws)
+            for number, record in self._records.items()
+        }
+        self._causes: dict[int, list[Cause]] = {}
+        for cause in seen.causes.values():
+            self._causes.setdefault(cause.body, []).append(cause)
+        self._lasts: dict[int, Chain] = {}
+        self.totals: dict[int, Totals] = {}
+        """By the number of a body."""
+
+    def pieces(self, steps: int = 0) -> Iterator[Explained]:
+        """Yield the pieces of the recording, each once; of so many steps, if that is not 0."""
+        freedoms = sum(
+            6 * each.body.base_moves + sum(joint.widths[1] for joint in each.body.joints)
+            for each in self._records.values()
+        )
+        steps = steps or min(MOST_STEPS, max(LEAST_STEPS, NUMBERS // max(freedoms, 1)))
+        yield from map(self._explained, self._seen.pieces(steps))
+
+    def _explained(self, piece: Piece) -> Explained:
+        bases = by_body(piece.bases)
+        touching = Touching(piece.contacts, self._records)
+        acted = {
+            client: _Acted(parts, self._seen.causes)
+            for client, parts in piece.impulses.items()
+            if any(len(each.steps) for each in parts)
+        }
+        bodies, chains = {}, {}
+        batches: list[tuple[StepBatch, StepVerdicts]] = []
+        for number, record in self._records.items():
+            last = self._lasts.get(number)
+            chain = chain_of(record, bases.get(number), piece.joints.get(number), last)
+            if chain is None:
+                continue
+            first = 0 if last is None else len(last)
+            its: list[tuple[BodySteps, StepVerdicts]] = []
+            for stretch in stretches_of(chain, first, self._epochs[number]):
+                batch, verdict = self._steps(
+                    stretch, record, piece, touching, acted.get(record.body.client)
+                )
+                batches.append((batch, verdict))
+                its.append((batch.bodies[0], verdict))
+            sampled = chain.steps[first:][chain.sampled[first:]]
+            bodies[number] = judged(record.body, sampled, its)
+            self.totals.setdefault(number, Totals(record.body)).add(bodies[number])
+            chains[number] = chain
+            self._lasts[number] = chain.at(np.arange(len(chain))[-2:])  # a copy
+        return Explained(
+            piece,
+            bodies,
+            chains,
+            Constraints(),
+            self._records,
+            batches,
+            frictions=self._seen.frictions,
+        )
+
+    def _steps(
+        self,
+        stretch: Stretch,
+        record: Record,
+        piece: Piece,
+        touching: Touching,
+        acted: _Acted | None,
+    ) -> tuple[StepBatch, StepVerdicts]:
+        """Return the steps of a body under constant settings, and what each is."""
+        chain, law, body = stretch.chain, stretch.epoch.law, record.body
+        tree, real = law.tree, chain.stepped[1:].copy()
+        where = np.flatnonzero(real)
+        states = chain.states(tree)
+        before, after = states.at(where), states.at(where + 1)
+        ends, n, size = chain.steps[where + 1], len(where), tree.size
+        timestep_s, gravity_m_s2 = self._times[body.client].of_steps(ends)
+        rows = Transitions(real, gravity_m_s2)
+        status = np.full(n, NEVER) if acted is None else acted.status_of(ends)
+        terms = {} if acted is None else acted.terms_of(body, ends, size)
+        added = None
+        if terms and size:
+            turned = _frame_turn(record, before, after) if not tree.fixed else None
+            added = _sum(law, states, rows, terms, turned)
+        asked = asked_of(body, piece, ends, timestep_s)
+        found, at = rows_of(touching.of(body.number).step, ends)
+        sides = touching.of(body.number).at(found)
+        joints = slice(tree.first_rate, None)
+        motors = np.zeros((n, tree.joint_rates))
+        for name, term in terms.items():
+            if name.startswith(ACTUATOR):
+                motors += term[:, joints] / timestep_s[:, None]
+        nothing = np.zeros((n, tree.joint_rates))
+        reported = Reported(
+            timestep_s=timestep_s,
+            gravity_m_s2=gravity_m_s2,
+            motors=motors,
+            commanded=nothing,
+            pd=nothing,
+            contacts=touching.forces(sides, at),
+        )
+        unexplained = np.zeros(n) if added is None else added.unexplained[real]
+        whole = Steps(
+            epoch=stretch.epoch,
+            law=law,
+            steps=ends,
+            before=before,
+            after=after,
+            put=~chain.sampled[where],
+            reported=reported,
+            sides=sides,
+            terms={} if added is None else {name: each[real] for name, each in added.terms.items()},
+            remainder=np.zeros((n, size)) if added is None else added.remainder[real],
+            largest=np.zeros(n) if added is None else added.largest[real],
+            unexplained=unexplained,
+            closes=np.asarray((unexplained <= EXPLAINED) & (status == 0)),
+            unknown=np.zeros(n, np.bool_),
+            alone=None,
+        )
+        (changes,) = changes_of(law, states, rows, added, [(slice(0, len(real)), slice(0, n))])
+        batch = StepBatch(whole, [_of_body(whole, body, asked, changes)])
+        return batch, _verdicts(whole, status)
+
+
+def _of_body(whole: Steps, body: Body, asked: Commanded, changes: Changes) -> BodySteps:
+    """Return the steps of a batch of one body as those of the body."""
+    held = {name: getattr(whole, name) for name in Steps.__dataclass_fields__}
+    return BodySteps(
+        **held,
+        body=body,
+        asked=asked,
+        changes=changes,
+        whole=whole,
+        rows=slice(0, len(whole)),
+        points=slice(0, len(whole.reported.contacts)),
+    )
+
+
+class _Acted:
+    """What acted in the steps of a piece of one simulation."""
+
+    def __init__(self, parts: Sequence[Impulses], causes: Mapping[int, Cause]) -> None:
+        self._causes = causes
+        self.steps, self._status, counts, self._numbers, self._values = (
+            np.concatenate([getattr(each, name) for each in parts])
+            for name in ("steps", "status", "counts", "causes", "values")
+        )
+        rows = np.repeat(np.arange(len(self.steps)), counts)
+        width = np.array(
+            [len(causes[number].places) for number in range(max(causes, default=-1) + 1)]
+        )
+        wide = width[self._numbers] if len(self._numbers) else np.empty(0, np.int64)
+        begin = np.cumsum(wide) - wide
+        order = np.argsort(self._numbers, kind="stable")
+        bounds = np.flatnonzero(np.diff(self._numbers[order], prepend=-1, append=-2))
+        self._of: dict[int, list[tuple[Cause, Int64, Int64]]] = {}
+        """By body, each cause with the rows of its steps and where its values begin."""
+        for a, b in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
+            its = order[a:b]
+            cause = causes[int(self._numbers[its[0]])]
+            self._of.setdefault(cause.body, []).append((cause, rows[its], begin[its]))
+
+    def status_of(self, ends: Int64) -> Int64:
+        """Return what became of the steps to some samples, as indices into REPLAYS."""
+        found, at = rows_of(ends, self.steps)
+        status = np.full(len(ends), NEVER)
+        status[found] = self._status[at]
+        return status
+
+    def terms_of(self, body: Body, ends: Int64, size: int) -> dict[str, Float64]:
+        """Return the impulses on a body by cause in the steps to some samples, (n, size) each."""
+        terms = {name: np.zeros((len(ends), size)) for name in ALWAYS}
+        for cause, rows, begin in self._of.get(body.number, ()):
+            found, at = rows_of(self.steps[rows], ends)
+            if not len(found):
+                continue
+            held = terms.setdefault(cause_name(cause), np.zeros((len(ends), size)))
+            index = begin[found][:, None] + np.arange(len(cause.places))
+            held[at[:, None], np.array(cause.places)] += self._values[index]
+        return terms
+
+
+def _sum(
+    law: BulletTree,
+    states: States,
+    rows: Transitions,
+    terms: Mapping[str, Float64],
+    turned: Float64 | None,
+) -> Sum:
+    """Return transitions as sums; one that is no step has no terms."""
+    kin = kinematics(law.tree, states)
+    matrices, where = mass_matrix(kin), rows.where
+    spread = {}
+    for name, term in terms.items():
+        spread[name] = np.zeros((len(rows.real), law.tree.size))
+        spread[name][where] = term
+    if turned is not None:
+        spread[MOVED][where] -= (matrices[where] @ turned[:, :, None])[:, :, 0]
+    left = change_of(matrices, states.velocity) - sum(spread.values())
+    lifted = lifted_j(kin, rows.gravity_then)
+    return Sum(matrices, states.velocity, spread, left, lifted, np.zeros(len(rows.real)))
+
+
+def _frame_turn(record: Record, before: States, after: States) -> Float64:
+    """Return what the turning axes of a free base add to u' - u, shape (n, size).
+
+    The engine has its spin in its own axes, and the velocity of its frame's origin, at -a from the
+    centre of mass: with Q from its axes to the world's, r = Q a, and the same behind the step as
+    Q', r', its u' - u is ours and
+
+        spin      (Q Q'ᵀ - 1) ω'
+        velocity  (Q Q'ᵀ ω') × r - ω' × r'
+    """
+    reported = record.dynamics[-1].reported
+    centre, axes = reported["inertial_position_m"][:1], reported["inertial_orientation"][:1]
+    n = len(before.position_m)
+    arm = np.tile(rotate_inverse(axes, centre), (n, 1))
+    spin = after.velocity[:, :3]
+    back = products(before.orientation, after.orientation * [-1.0, -1.0, -1.0, 1.0])
+    turned = rotate(back, spin)
+    out = np.zeros_like(before.velocity)
+    out[:, :3] = turned - spin
+    r, r_after = rotate(before.orientation, arm), rotate(after.orientation, arm)
+    out[:, 3:6] = np.cross(turned, r) - np.cross(spin, r_after)
+    return out
+
+
+def _verdicts(steps: Steps, status: Int64) -> StepVerdicts:
+    """Return what steps are: replayed, explained, and closed by our own kinematics."""
+    n = len(steps)
+    why = np.full(n, -1, np.int8)
+    if steps.law.tree.size:
+        known = np.array([WHYS.index(each) if each != "explained" else -1 for each in REPLAYS])
+        why[:] = known[status]
+        why[(status == 0) & ~(steps.unexplained <= EXPLAINED)] = WHYS.index("remainder")
+        why[(why >= 0) & stands(steps) & (status != NEVER)] = -1
+    kinds = np.full(n, FLIGHT if steps.law.tree.size else SET, np.int8)
+    for kind, beginning in SEGMENT_OF:
+        for name, term in steps.terms.items():
+            if name.startswith(beginning):
+                kinds[term.any(axis=1)] = kind
+    kinds[stands(steps)] = STILL
+    left = np.where(status == 0, steps.unexplained, 0.0)
+    return StepVerdicts(kinds, why, left)

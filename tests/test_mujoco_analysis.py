@@ -1,0 +1,172 @@
+"""What `drop analyze` says of a recorded MuJoCo script.
+
+Verification: every step is a sum with the mass matrix of our own kinematics, of a machine that has
+something of every kind; energy and momentum by cause add up to the change; what was not replayed is
+never explained, and says why.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drop_physics.analysis.results import Analysis, BodyAnalysis
+from drop_physics.recording.reader import read
+from drop_physics.stages.analyze import analyze
+from drop_physics.stages.record import Recorded, record_script
+from mujoco_scripts import MACHINE
+from test_mujoco_explain import DRIVEN, INTEGRATORS, STEPS
+
+CLOSES = 1e-11
+"""What rounding may leave of a body's sum, in shares of its largest term."""
+
+
+@dataclass(frozen=True)
+class Told:
+    """A recording and its analysis."""
+
+    recorded: Recorded
+    analysis: Analysis
+
+    def body(self, name: str) -> BodyAnalysis:
+        """Return a body by its name."""
+        (found,) = (body for body in self.analysis.bodies if body.name == name)
+        return found
+
+
+def told(folder: Path, text: str, *, explain: bool = True, at_s: tuple[float, ...] = ()) -> Told:
+    """Record a script, and analyze it."""
+    script = folder / "script.py"
+    script.write_text(text)
+    with (folder / "printed.txt").open("wb") as printed:
+        recorded = record_script(
+            str(script), out=folder / "run.rrd", stdout=printed.fileno(), explain=explain
+        )
+    return Told(recorded, analyze(recorded.recording, at_s=at_s))
+
+
+@pytest.fixture(scope="module", params=INTEGRATORS)
+def machine(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Told:
+    integrator = f"m.opt.integrator = mujoco.mjtIntegrator.mjINT_{request.param}"
+    text = f"{DRIVEN}m = mujoco.MjModel.from_xml_string('''{MACHINE}''')\n{integrator}\n"
+    return told(tmp_path_factory.mktemp("machine"), f"{text}driven(m, {STEPS})\n", at_s=(0.09,))
+
+
+def test_every_step_is_a_sum_by_our_own_kinematics(machine: Told) -> None:
+    replay = machine.recorded.replay
+    assert replay is not None
+    assert (replay.steps, replay.replayed, replay.explained) == (STEPS, STEPS, STEPS)
+    assert replay.remainder < 1e-12
+    for body in machine.analysis.bodies:
+        assert body.unexplained == [], body.name
+    assert machine.analysis.explained.remainder < CLOSES
+
+
+def test_energy_and_momentum_by_cause_add_up(machine: Told) -> None:
+    seen = 0
+    for body in machine.analysis.bodies:
+        if body.energy is not None:
+            changed = body.energy.end_j - body.energy.start_j
+            causes = [*body.energy.by_cause_j.values()]
+            scale = max(map(abs, causes))
+            np.testing.assert_allclose(sum(causes), changed, atol=1e-11 * scale)
+            assert abs(body.energy.by_cause_j["remainder"]) < CLOSES * scale
+            seen += 1
+        if body.momentum is not None:
+            moved = np.subtract(body.momentum.end_kg_m_s, body.momentum.start_kg_m_s)
+            parts = np.sum([*body.momentum.by_cause_kg_m_s.values()], axis=0)
+            np.testing.assert_allclose(parts, moved, atol=1e-10)
+    assert seen == 6
+
+
+def test_causes_have_their_names(machine: Told) -> None:
+    cart, lifted = machine.body("cart").energy, machine.body("lifted").energy
+    assert cart is not None
+    assert lifted is not None
+    assert {"actuator push", "actuator bend", "spring", "friction loss"} <= {*cart.by_cause_j}
+    assert {"gravity compensation", "tendon sum", "tendon rope"} <= {*lifted.by_cause_j}
+    (each,) = machine.body("cart").at
+    assert each.terms is not None
+    assert each.remainder is not None
+    total = np.sum([*each.terms.values(), each.remainder], axis=0)
+    assert np.isfinite(total).all()
+    joints = {row.name: row for row in machine.body("cart").joints}
+    assert joints["elbow"].control == "position"
+    assert joints["tilt"].control == "velocity"
+    assert joints["x"].control == "torque"
+
+
+def test_actuators_say_what_they_were_given(machine: Told) -> None:
+    rows = {row.name: row for row in machine.body("cart").actuators}
+    assert rows["bend"].kind == "position"
+    assert rows["bend"].force_range == (-4.0, 4.0)
+    assert rows["bend"].at_force_limit_steps > 0
+    assert rows["bend"].force is not None
+    assert abs(rows["bend"].force) <= 4.0 * (1 + 1e-9)
+    assert rows["push"].beyond_range_steps == 0, "2 is within -5 to 5"
+    assert rows["push"].given is not None
+    assert rows["roll"].force is None, "it drives a ball"
+
+
+WAITS = """
+import mujoco, numpy as np
+m = mujoco.MjModel.from_xml_string('''<mujoco><worldbody><geom type="plane" size="5 5 1"/>
+<body pos="0 0 1"><joint name="j" axis="0 1 0"/><geom type="capsule" size="0.05"
+fromto="0 0 0 0.3 0 0"/></body></worldbody></mujoco>''')
+d = mujoco.MjData(m)
+"""
+OTHERS = {
+    "stale": (WAITS + "mujoco.mj_step(m, d, 20)\nd.qpos[0] = 1\nmujoco.mj_step2(m, d)\n", 1),
+    "auto-reset": (
+        WAITS + "mujoco.mj_step(m, d, 20)\nd.qvel[0] = float('nan')\nmujoco.mj_step(m, d)\n",
+        1,
+    ),
+}
+
+
+@pytest.mark.parametrize("reason", OTHERS)
+def test_what_has_no_sum_says_why(tmp_path: Path, reason: str) -> None:
+    text, count = OTHERS[reason]
+    found = told(tmp_path, text)
+    (moving,) = (body for body in found.analysis.bodies if body.joints)
+    assert [(each.reason, each.samples) for each in moving.unexplained] == [(reason, count)]
+    assert moving.unexplained[0].first_step == 21
+
+
+def test_without_a_replay_nothing_is_explained(tmp_path: Path) -> None:
+    found = told(tmp_path, WAITS + "mujoco.mj_step(m, d, 20)\n", explain=False)
+    (moving,) = (body for body in found.analysis.bodies if body.joints)
+    assert [(each.reason, each.samples) for each in moving.unexplained] == [("not replayed", 20)]
+    assert moving.energy is None
+    assert found.analysis.findings == []
+
+
+PUSHES = """
+import mujoco, numpy as np
+m = mujoco.MjModel.from_xml_string('''<mujoco><worldbody>
+<geom name="floor" type="plane" size="5 5 1" friction="0.5"/>
+<body name="box" pos="0 0 0.1"><freejoint/><geom type="box" size="0.1 0.1 0.1" mass="2"
+friction="0.4"/></body></worldbody></mujoco>''')
+d = mujoco.MjData(m)
+mujoco.mj_step(m, d, 100)
+d.xfrc_applied[1, 0] = 20
+mujoco.mj_step(m, d, 100)
+"""
+
+
+def test_a_push_and_friction_are_seen(tmp_path: Path) -> None:
+    """Of 20 N, friction takes half of 19.6: what slides gets the rest."""
+    found = told(tmp_path, PUSHES)
+    box = found.body("box")
+    assert box.momentum is not None
+    np.testing.assert_allclose(box.momentum.by_cause_kg_m_s["applied"][0], 20 * 0.2, rtol=1e-9)
+    (touch,) = box.touches
+    assert touch.other == "0_world"
+    assert touch.friction == 0.5, "MuJoCo takes the larger of both"
+    assert touch.used is not None
+    np.testing.assert_allclose(touch.used, 1.0, atol=0.02)
+    assert found.analysis.findings == []
+    held = read(found.recorded.recording)
+    assert held.seen.frictions == {(1, -1, 0, -1): 0.5}
