@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.actuators import ActuatorTable
+from drop_physics.explain.bodies import Record
 from drop_physics.explain.joints import Driven, JointTable
-from drop_physics.explain.judged import Judged
+from drop_physics.explain.judged import Judged, StepVerdicts
 from drop_physics.explain.recording import Explained
-from drop_physics.explain.steps import BodySteps
+from drop_physics.explain.steps import BodySteps, StepBatch, Steps
 from drop_physics.explain.times import Times
 from drop_physics.explain.touches import TouchTable
 from drop_physics.fields import counted
@@ -22,12 +24,14 @@ from drop_physics.messages import Message, joined
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.asked_of_bodies import AskedOfBodies
 from drop_physics.rules.inputs import Inputs
-from drop_physics.rules.placing import Placing
+from drop_physics.rules.placing import STEPS, Placing
 from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import BODY_NAMES, Call
 from drop_physics.trace.events import Body
 from drop_physics.trace.history import Piece, Seen
 
+Int64 = NDArray[np.int64]
+Rows = NDArray[np.intp]
 Level = Literal["broken", "asked", "model", "repeat", "note"]
 LEVELS: tuple[Level, ...] = get_args(Level)
 """Not physics any more; asked for one thing and got another; true to the engine, perhaps not to
@@ -147,7 +151,15 @@ class Scene:
     inputs: Inputs = field(init=False)
     piece: Piece = field(init=False)
     """The latest, and what its bodies did in it, by their numbers."""
+    batches: Sequence[tuple[StepBatch, StepVerdicts]] = field(init=False)
+    """The same, the steps of equal bodies together."""
+    records: Mapping[int, Record] = field(init=False)
+    """What was told of each body that is not soft, by its number."""
     judged: Mapping[int, Judged] = field(init=False)
+    ends: dict[int, int] = field(init=False, default_factory=dict)
+    """The last sample of each body, by its number."""
+    _places: list[Int64] | None = field(init=False, default=None)
+    """Bodies and steps of the rows of each batch, as numbers that rise."""
 
     def __post_init__(self) -> None:
         self.asked, self.placing = AskedOfBodies(self.seen.appearances), Placing(self.seen)
@@ -156,6 +168,8 @@ class Scene:
     def see(self, explained: Explained) -> None:
         """Take a piece, before any answer does."""
         self.piece, self.judged = explained.piece, explained.bodies
+        self.batches, self.records, self._places = explained.batches, explained.records, None
+        self.ends |= {number: int(each.steps[-1]) for number, each in self.judged.items()}
         self.joints.add(explained)
         self.touches.add(explained)
         self.actuators.add(explained)
@@ -165,7 +179,7 @@ class Scene:
 
     def forget(self) -> None:
         """Free the latest piece."""
-        del self.piece, self.judged
+        del self.piece, self.judged, self.batches, self._places
         self.joints.forget()
         self.touches.forget()
 
@@ -193,6 +207,41 @@ class Scene:
             for steps in self.judged[number].stretches if number in self.judged else ():
                 if len(steps):
                     yield self.judged[number], steps
+
+    def touching(self, bodies: Int64, steps: Int64) -> NDArray[np.bool_]:
+        """Return whether each body has a contact point in its step of the latest piece."""
+        pairs = self.touches.pairs
+        return np.isin(bodies * STEPS + steps, pairs.body * STEPS + pairs.step[:, None])
+
+    def steps_at(self, bodies: Int64, steps: Int64) -> Iterator[tuple[Steps, Rows, Rows]]:
+        """Yield steps of the latest piece: which of some bodies and steps they are, and where.
+
+        `bodies` and `steps` have the shape (n,).
+        """
+        if self._places is None:
+            self._places = [
+                np.concatenate([each.body.number * STEPS + each.steps for each in batch.bodies])
+                for batch, _ in self.batches
+            ]
+        keys = bodies * STEPS + steps
+        for (batch, _), places in zip(self.batches, self._places, strict=True):
+            at = np.minimum(np.searchsorted(places, keys), len(places) - 1)
+            its = np.flatnonzero(places[at] == keys) if len(places) else at[:0]
+            if len(its):
+                yield batch.whole, its, at[its]
+
+    @cached_property
+    def moving(self) -> list[int]:
+        """Numbers of the bodies of which a part can move."""
+        return [number for number, body in self.seen.bodies.items() if body.moving]
+
+    def clients_with(self, setting: str, value: float) -> set[int]:
+        """Return the clients in which a setting ever had a value."""
+        return {
+            each.client
+            for each in self.seen.settings
+            if setting in each.values and float(np.ravel(each.values[setting])[0]) == value
+        }
 
     def body(self, number: int) -> Body:
         """Return a body by its number."""

@@ -2,90 +2,63 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.explain.joints import target_of
-from drop_physics.explain.steps import Steps
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Answer, Effect, Finding, Notes, Scene, so_many
-from drop_physics.rules.joint import OFF, units_of
-
-UNBALANCED = 0.1
-"""Of the largest term, what is left of the sum: more than the solver leaves of one at rest."""
-
-
-class Asleep(Answer):
-    """A body whose state stays the same to the bit, though something was to move it."""
-
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self._asleep: Notes[int] = Notes()
-
-    def see(self) -> None:
-        """Note steps in which a body that may sleep does not answer."""
-        for judged, steps in self.scene.stretches():
-            if "asleep" in steps.epoch.reasons and steps.terms:
-                unbalanced = steps.unexplained > UNBALANCED
-                rows = np.flatnonzero(_still(steps) & (unbalanced | self._off_target(steps)))
-                if len(rows):
-                    left = np.abs(steps.remainder)
-                    force = left.max(axis=1)[rows] / steps.reported.timestep_s[rows]
-                    row = int(rows[force.argmax()])
-                    axis = left[row].argmax()
-                    term = max(steps.terms, key=lambda name: abs(steps.terms[name][row, axis]))
-                    self._asleep.add(
-                        judged.body.number,
-                        steps.steps[rows],
-                        force,
-                        term=term if unbalanced[row] else "motors",
-                    )
-
-    def _off_target(self, steps: Steps) -> NDArray[np.bool_]:
-        """Return in which steps motors have something to do, and force to do it."""
-        off = np.zeros(len(steps), np.bool_)
-        for driven in self.scene.driven():
-            if driven.steps is steps:
-                least = [OFF[units_of(driven, k)[0]] for k in range(driven.after.shape[1])]
-                far = np.abs(driven.after - target_of(driven)) > least
-                off |= (far & ~driven.at_limit & (driven.limit > 0) & (driven.asked.kp > 0)).any(
-                    axis=1
-                )
-        return off
-
-    def findings(self) -> Iterator[Finding]:
-        """Yield the bodies that slept through something."""
-        for number_, each in self._asleep.items():
-            body = self.scene.body(number_).label
-            message = Message(
-                "{body} sleeps from step {first:,} on: it does not move in {steps} in which "
-                "the sum of what acts on it is not zero, most of all {term}",
-                body=body,
-                first=each.first,
-                steps=so_many(each.count),
-                term=each.at["term"],
-            )
-            yield Finding(
-                code="asleep",
-                level="asked",
-                message=message,
-                body=body,
-                share=1.0,
-                advice=Message(
-                    "wake it and keep it awake: p.changeDynamics(body, -1, "
-                    "activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING)"
-                ),
-                effect=Effect(each.most, "N or N m"),
-                steps=each.span,
-            )
+from drop_physics.rules.answer import Effect
+from drop_physics.rules.rule import Match, Said, Worst, body_rule
+from drop_physics.rules.tables import BodyColumns, JointColumns
+from drop_physics.rules.thresholds import UNBALANCED
 
 
-def _still(steps: Steps) -> NDArray[np.bool_]:
+@body_rule("asleep", "asked")
+def asleep(bodies: BodyColumns) -> Match | None:
+    """A body's state stays the same to the bit, though something was to move it."""
+    if "asleep" not in bodies.epoch.reasons or not bodies.terms:
+        return None
+    unbalanced = bodies.unexplained > UNBALANCED
+    left = np.abs(bodies.remainder)
+    rows = np.arange(len(left)), left.argmax(axis=1)
+    terms = np.array([*bodies.terms], object)
+    largest = np.argmax([np.abs(each[rows]) for each in bodies.terms.values()], axis=0)
+    return Match(
+        _still(bodies) & (unbalanced | _off_target(bodies)),
+        left[rows] / bodies.reported.timestep_s,
+        {"term": np.where(unbalanced, terms[largest], "motors")},
+    )
+
+
+@asleep.says
+def _(worst: Worst) -> Said:
+    return Said(
+        message=Message(
+            "{body} sleeps from step {first:,} on: it does not move in {steps} in which "
+            "the sum of what acts on it is not zero, most of all {term}"
+        ),
+        advice=Message(
+            "wake it and keep it awake: p.changeDynamics(body, -1, "
+            "activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING)"
+        ),
+        effect=Effect(worst.size, "N or N m"),
+        share=1.0,
+    )
+
+
+def _off_target(bodies: BodyColumns) -> NDArray[np.bool_]:
+    """Return in which steps motors have something to do, and force to do it."""
+    off = np.zeros(len(bodies.step), np.bool_)
+    for joints in map(JointColumns, bodies.scene.driven()):
+        if joints.steps.whole is bodies.of:
+            far = np.abs(joints.after - joints.target) > joints.at_target
+            free = ~joints.at_limit & (joints.limit > 0) & (joints.kp > 0)
+            off[joints.steps.rows] |= (far & free).any(axis=1)
+    return off
+
+
+def _still(bodies: BodyColumns) -> NDArray[np.bool_]:
     """Return which steps leave the state to the bit; not those that a call set anew."""
-    moves = steps.put | steps.after.velocity.any(axis=1)
+    moves = bodies.put | bodies.after.velocity.any(axis=1)
     for name in ("position_m", "orientation", "joints", "velocity"):
-        before, after = getattr(steps.before, name), getattr(steps.after, name)
-        moves |= (before != after).any(axis=1)
-    return ~moves
+        moves |= (getattr(bodies.before, name) != getattr(bodies.after, name)).any(axis=1)
+    return np.asarray(~moves)

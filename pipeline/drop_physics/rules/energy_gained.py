@@ -6,135 +6,86 @@ impact (`btMultiBodyConstraintSolver::setupMultiBodyContactConstraint`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.changes import energy_of
-from drop_physics.explain.contact_points import Pairs
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Answer, Effect, Finding, Scene, Span
-from drop_physics.rules.runs import Runs, consecutive
+from drop_physics.rules.answer import Effect, Scene
+from drop_physics.rules.rule import Match, Said, Worst, pair_rule
+from drop_physics.rules.runs import Runs
+from drop_physics.rules.tables import PairColumns
+from drop_physics.rules.thresholds import GAINED
 
-GAINED = 0.01
-"""Share of the energy that they brought."""
-FREE = 6
-"""Degrees of freedom of one rigid body."""
-PUSHED = Message("the push out of the overlap comes on top")
-LESS_PUSH = Message(
-    "give them less restitution, or no push: p.setPhysicsEngineParameter(contactERP=0)"
-)
-STEPPED = Message("it turns the speed around that gravity gives them in that step, too")
-SHORTER = Message("give them less restitution, or use a shorter timestep: p.setTimeStep(…)")
+Float64 = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Episode:
-    """Consecutive steps of contact."""
-
-    first: int
-    last: int
-    brought_j: float
-    """Kinetic energy of both as it began; nan where it is not known."""
-    given_j: float
-    approach_m_s: float
-    parting_m_s: float
-    """Along the normal, as it began and as it ended."""
-    restitution: float
-
-    def then(self, more: Episode) -> Episode:
-        """Return both as one; what is not sure of a part is not of the whole."""
-        return replace(
-            self,
-            last=more.last,
-            brought_j=self.brought_j + 0.0 * more.brought_j,
-            given_j=self.given_j + more.given_j,
-            parting_m_s=more.parting_m_s,
-            restitution=max(self.restitution, more.restitution),
-        )
-
-    @property
-    def gains(self) -> bool:
-        """Whether they part faster than they came; without restitution what did it is not sure."""
-        faster = self.parting_m_s > self.approach_m_s > 0
-        return self.restitution > 0 and faster and self.given_j > GAINED * self.brought_j > 0
-
-
-class EnergyGained(Answer):
+@pair_rule("energy-gained", "broken", consecutive=True, argument="restitution")
+def energy_gained(pair: PairColumns) -> Match:
     """Bodies leave a contact with more energy than they brought; no call moves them, no joints."""
-
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self._runs: Runs[Episode] = Runs(lambda _, each: each.given_j if each.gains else 0.0)
-        self._without_push = {
-            each.client
-            for each in scene.seen.settings
-            if float(np.ravel(each.values.get("set_contactERP", 1.0))[0]) == 0
-        }
-
-    def see(self) -> None:
-        """Take a piece."""
-        pairs = self.scene.touches.pairs
-        for both, rows in consecutive(pairs, pairs.normal_n > 0):
-            self._runs.add(both, self._episode(pairs, rows))
-
-    def _episode(self, pairs: Pairs, rows: NDArray[np.intp]) -> Episode:
-        step = int(pairs.step[rows[0]])
-        moved = self.scene.placing.moved(pairs.body[rows], pairs.step[rows, None]).any()
-        sure = pairs.explained[rows].all() and not moved
-        brought = sum(_kinetic_j(self.scene, each, step) for each in pairs.body[rows[0]].tolist())
-        return Episode(
-            step,
-            int(pairs.step[rows[-1]]),
-            brought if sure else np.nan,
-            float(pairs.energy_j[rows].sum()),
-            float(pairs.approach_m_s[rows[0]]),
-            float(pairs.parting_m_s[rows[-1]]),
-            float(pairs.restitution[rows].max()),
-        )
-
-    def findings(self) -> Iterator[Finding]:
-        """Yield each pair that gained energy."""
-        for *both, episode in self._runs.most():
-            movers = [number for number in both if self.scene.body(number).moving]
-            if any(len(self.scene.touches.rows(number)) > 1 for number in movers):
-                continue  # a third body may have given it
-            number = movers[0]
-            other = next(each for each in both if each != number)
-            pushed = self.scene.body(number).client not in self._without_push
-            message = Message(
-                "contact of {body} with {other} adds {gained:.3g} J to {brought:.3g} J of motion: "
-                "they come together at {approach:.4g} m/s and part at {parting:.4g} m/s; their "
-                "restitution is {restitution:.3g}, and {why}",
-                body=self.scene.body(number).label,
-                other=self.scene.body(other).label,
-                gained=episode.given_j,
-                brought=episode.brought_j,
-                approach=episode.approach_m_s,
-                parting=episode.parting_m_s,
-                restitution=episode.restitution,
-                why=PUSHED if pushed else STEPPED,
-            )
-            yield Finding(
-                code="energy-gained",
-                level="broken",
-                message=message,
-                advice=LESS_PUSH if pushed else SHORTER,
-                body=self.scene.body(number).label,
-                other=self.scene.body(other).label,
-                effect=Effect(episode.given_j, "J"),
-                share=episode.given_j / episode.brought_j,
-                steps=Span(episode.first, episode.last, episode.last - episode.first + 1),
-                site=self.scene.asked.of["restitution"].site(number, other),
-            )
+    rows = np.flatnonzero((pair.normal_n > 0) & (pair.body != pair.other))
+    bodies, steps = pair.pairs.body[rows], pair.step[rows]
+    moved = pair.scene.placing.moved(bodies, steps[:, None]).any(axis=1)
+    restitution = pair.restitution[rows]
+    return Match(
+        rows,
+        np.zeros(len(rows)),
+        sums={"gained": pair.energy_j[rows].sum(axis=1)},
+        most={"unsure": moved | ~pair.explained[rows].all(axis=1), "restitution": restitution},
+        firsts={"brought": _kinetic_j(pair, rows), "approach": pair.approach_m_s[rows]},
+        lasts={"parting": pair.parting_m_s[rows]},
+        keys=pair.keys[rows],
+    )
 
 
-def _kinetic_j(scene: Scene, number: int, step: int) -> float:
-    """Return the kinetic energy of a body as a step began: 0 if it stands, nan with joints."""
-    for _, steps in scene.stretches(number):
-        at = np.flatnonzero(steps.steps == step)
-        if len(at) and steps.law.tree.size == FREE:
-            return float(energy_of(steps.law, steps.before.at(at), np.zeros((1, 3)))[0][0])
-    return np.nan if number in scene.judged else 0.0
+@energy_gained.counts
+def _(runs: Runs, _: Scene) -> Float64:
+    # Without restitution what did it is not sure.
+    faster = (runs.restitution > 0) & (runs.parting > runs.approach) & (runs.approach > 0)
+    gains = faster & ~runs.unsure & (runs.gained > GAINED * runs.brought) & (runs.brought > 0)
+    return np.where(gains, runs.gained, 0.0)
+
+
+@energy_gained.says
+def _(worst: Worst) -> Said | None:
+    scene = worst.scene
+    for each in (worst.subject, worst.partner):
+        if each.moving and len(scene.touches.rows(each.number)) > 1:
+            return None  # a third body may have given it
+    why, advice = (
+        Message("the push out of the overlap comes on top"),
+        Message(
+            "give them less restitution, or no push: p.setPhysicsEngineParameter(contactERP=0)"
+        ),
+    )
+    if worst.subject.client in scene.clients_with("set_contactERP", 0):
+        why = Message("it turns the speed around that gravity gives them in that step, too")
+        advice = Message("give them less restitution, or use a shorter timestep: p.setTimeStep(…)")
+    return Said(
+        message=Message(
+            "contact of {body} with {other} adds {gained:.3g} J to {brought:.3g} J of motion: "
+            "they come together at {approach:.4g} m/s and part at {parting:.4g} m/s; their "
+            "restitution is {restitution:.3g}, and {why}"
+        ),
+        values={"why": why},
+        advice=advice,
+        effect=Effect(worst.gained, "J"),
+        share=worst.gained / worst.brought,
+    )
+
+
+def _kinetic_j(pair: PairColumns, rows: NDArray[np.intp]) -> Float64:
+    """Return the kinetic energy of both bodies as steps began, where they did not touch before.
+
+    0 of what stands, nan of bodies with joints; shape (rows,).
+    """
+    energy_j, bodies = np.zeros(len(rows)), pair.pairs.body[rows]
+    begins = np.flatnonzero(pair.before(rows) < 0)
+    for side in (0, 1):
+        number, step = bodies[begins, side], pair.step[rows[begins]]
+        of_side = np.where(np.isin(number, [*pair.scene.judged]), np.nan, 0.0)
+        for steps, its, at in pair.scene.steps_at(number, step):
+            if steps.law.tree.size == 6:
+                of_side[its] = energy_of(steps.law, steps.before.at(at), np.zeros((len(at), 3)))[0]
+        energy_j[begins] += of_side
+    return energy_j

@@ -7,24 +7,27 @@ from dataclasses import replace
 
 from drop_physics.messages import Message
 from drop_physics.rules import (  # noqa: F401 - their rules are registered
+    asleep,
+    deep_penetration,
+    default_damping,
+    dragged_by_nothing,
+    energy_gained,
+    friction_pyramid,
     motors,
     not_taken,
     overwritten,
     reading,
+    slides,
+    starts_in_contact,
     taken_elsewhere,
+    timestep_too_long,
+    tunnelled,
 )
 from drop_physics.rules.answer import Answer, Finding
-from drop_physics.rules.asleep import Asleep
 from drop_physics.rules.beyond_urdf import BeyondUrdf
 from drop_physics.rules.collides_as_hull import CollidesAsHull
-from drop_physics.rules.creeps import Creeps
-from drop_physics.rules.deep_penetration import DeepPenetration
-from drop_physics.rules.default_damping import DefaultDamping
 from drop_physics.rules.default_motor import DefaultMotor
-from drop_physics.rules.dragged_by_nothing import DraggedByNothing
-from drop_physics.rules.energy_gained import EnergyGained
 from drop_physics.rules.force_off_centre import ForceOffCentre
-from drop_physics.rules.friction_pyramid import FrictionPyramid
 from drop_physics.rules.ik_off import IkOff
 from drop_physics.rules.impossible_inertia import ImpossibleInertia
 from drop_physics.rules.inertia_from_shape import InertiaFromShape
@@ -46,22 +49,18 @@ from drop_physics.rules.rates_left import RatesLeft
 from drop_physics.rules.real_time import RealTime
 from drop_physics.rules.reset_leaves import ResetLeaves
 from drop_physics.rules.restore_differs import RestoreDiffers
-from drop_physics.rules.rule import JointRules
+from drop_physics.rules.rule import TableRules
 from drop_physics.rules.script_failed import ScriptFailed
-from drop_physics.rules.slides import Slides
-from drop_physics.rules.starts_in_contact import StartsInContact
 from drop_physics.rules.teleported import Teleported
 from drop_physics.rules.timestep_changed import TimestepChanged
-from drop_physics.rules.timestep_too_long import TimestepTooLong
 from drop_physics.rules.too_slow import TooSlow
-from drop_physics.rules.tunnelled import Tunnelled
 from drop_physics.rules.unseeded import Unseeded
 from drop_physics.rules.unstable import Unstable
 from drop_physics.rules.wheel_slip import WheelSlip
 
 ANSWERS: tuple[type[Answer], ...] = (
     # joints
-    JointRules,
+    TableRules,
     OffTarget,
     TooSlow,
     DefaultMotor,
@@ -73,16 +72,8 @@ ANSWERS: tuple[type[Answer], ...] = (
     IkOff,
     WheelSlip,
     # contacts
-    StartsInContact,
-    Slides,
-    Creeps,
     NoRestitution,
-    DeepPenetration,
-    EnergyGained,
-    FrictionPyramid,
-    DraggedByNothing,
     CollidesAsHull,
-    Tunnelled,
     # calls and files
     InputRules,
     ScriptFailed,
@@ -99,12 +90,9 @@ ANSWERS: tuple[type[Answer], ...] = (
     InertiaWithoutMass,
     Joined,
     Massless,
-    TimestepTooLong,
-    DefaultDamping,
     Teleported,
     RestoreDiffers,
     # the whole
-    Asleep,
     MomentumDrift,
     NotFinite,
     Unstable,

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from drop_physics.explain.judged import FLIGHT
 from drop_physics.physics.kinematics import kinematics, motion
+from drop_physics.rules.arguments import number as number_of
 from drop_physics.trace.acts import FILTERS, Act
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body, Dynamics
@@ -116,6 +117,10 @@ class Inputs:
     """Bodies and joints that TORQUE_CONTROL drives, and whose motors gave nothing."""
     touched: dict[tuple[int, int], int] = field(default_factory=dict)
     """Pairs of bodies that pressed on each other, the lower number first: in how many steps."""
+    switched_off: dict[tuple[int, frozenset[int]], Call] = field(default_factory=dict)
+    """By client and the engine's ids, pairs of bodies that a call lets pass each other."""
+    filtered: set[int] = field(default_factory=set)
+    """Clients in which calls let other bodies pass each other."""
     deepest: defaultdict[int, dict[int, float]] = field(default_factory=lambda: defaultdict(dict))
     """By the number of a body that calls place, samples and its deepest overlap then [m]."""
 
@@ -126,6 +131,7 @@ class Inputs:
         for call in calls.of(*FOLLOWED):
             self._use(call)
             self._drive(call, bases)
+            self._switch(call)
         self.requests += requests(calls, self.scene.seen.dynamics, self.scene.seen.settings)
         for command in calls.commands():
             ids = np.unique(command.bodies).tolist()
@@ -213,6 +219,15 @@ class Inputs:
             drive.call = call
             drive.targets_m.append(target)
             drive.places_m.append(here[0].copy())
+
+    def _switch(self, call: Call) -> None:
+        """Note which bodies a call lets pass each other."""
+        off = number_of(call, "enableCollision", 1.0) == 0
+        if call.act is Act.FILTER_PAIR and off:
+            ids = frozenset(int(number_of(call, f"bodyUniqueId{each}", -1.0)) for each in "AB")
+            self.switched_off[call.client, ids] = call
+        elif call.act in FILTERS:
+            self.filtered.add(call.client)
 
     def _use(self, call: Call) -> None:
         if call.act is Act.LOAD and np.isfinite(call.result):

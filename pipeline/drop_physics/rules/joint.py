@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from drop_physics.explain.joints import Driven
 from drop_physics.rules.answer import Answer, Finding, Level, Noted, Notes, Scene
-from drop_physics.trace.events import Body
+from drop_physics.trace.events import Body, Joint
 
 Float64 = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -99,8 +99,12 @@ def link_of(body: Body, k: int) -> int:
 
 def units_of(driven: Driven, k: int) -> tuple[str, str]:
     """Return the units of a joint's position and effort."""
-    prismatic = driven.body.joints[link_of(driven.body, k)].kind == "prismatic"
-    return ("m", "N") if prismatic else ("rad", "N m")
+    return units(driven.body.joints[link_of(driven.body, k)])
+
+
+def units(joint: Joint) -> tuple[str, str]:
+    """Return the units of a joint's position and effort."""
+    return ("m", "N") if joint.kind == "prismatic" else ("rad", "N m")
 
 
 def distance(value: float, unit: str) -> str:

@@ -8,7 +8,8 @@ from drop_physics.explain.targets import flips, grows_with, rings_with
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, and_more
 from drop_physics.rules.joint import distance, effort
-from drop_physics.rules.rule import JointColumns, Match, Said, Worst, joint_rule
+from drop_physics.rules.rule import Match, Said, Worst, joint_rule
+from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import BEYOND_RANGE, COASTS_RAD_S, CROSSINGS, OTHER_FORCE
 
 

@@ -11,7 +11,8 @@ from drop_physics.rules.answer import Cure
 from drop_physics.rules.input_rule import InputSubject, input_rule
 from drop_physics.rules.inputs import Inputs, Use
 from drop_physics.rules.joint import effort
-from drop_physics.rules.rule import JointColumns, Match, Said, Worst, joint_rule
+from drop_physics.rules.rule import Match, Said, Worst, joint_rule
+from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import COASTS_RAD_S, COASTS_STEPS, SCALE
 from drop_physics.trace.acts import Act
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,7 +33,19 @@ class Placing:
         self._sites: dict[tuple[int, int], list[tuple[int, str]]] = {}
         self._restored: set[int] = set()
         """Keys of bodies and steps that begin with a restored state: no call chose where."""
-        self._bodies = seen.bodies
+        self._bodies, self._puts = seen.bodies, seen.puts
+
+    @cached_property
+    def animated(self) -> dict[int, tuple[Int64, NDArray[np.float64]]]:
+        """Where calls put bodies that they put often, by number: steps, and bases then."""
+        puts: dict[int, dict[int, NDArray[np.float64]]] = {}
+        for each in self._puts:  # of several for a step, the last counts
+            puts.setdefault(each.body.number, {})[each.at.step + 1] = each.base
+        return {
+            number: (np.array([*told], np.int64), np.array([*told.values()]))
+            for number, told in puts.items()
+            if len(told) > NEAR
+        }
 
     def see(self, piece: Piece) -> None:
         """Take a piece."""

@@ -6,47 +6,117 @@
     @target_clamped.says
     def _(worst: Worst) -> Said: ...                      # a sentence, and the cure
 
-Chunks, the worst row, how often, in which steps, which joints of which body and which line of the
-script belong to the mechanism here. It serves joints; `pairs`, `bodies`, `inputs` and `run` hang
-their tables on it in the same way.
+Chunks, runs of consecutive steps, the worst row, how often, in which steps, which joints of which
+body and which line of the script belong to the mechanism here. Tables are of joints, of pairs of
+bodies that touch, and of bodies (`tables`); rules of what calls set are `input_rule`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
+from string import Formatter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.explain.joints import Driven, target_of
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Answer, Cure, Effect, Finding, Level, Noted, Notes, Scene
-from drop_physics.rules.joint import link_of, units_of
-from drop_physics.rules.thresholds import AT_TARGET_M, AT_TARGET_RAD
-from drop_physics.trace.events import Joint
-from drop_physics.trace.motors import POSITION
+from drop_physics.rules.answer import (
+    Answer,
+    Cure,
+    Effect,
+    Finding,
+    Level,
+    Scene,
+    Span,
+    and_more,
+    so_many,
+)
+from drop_physics.rules.asked_of_bodies import size_m
+from drop_physics.rules.joint import link_of, units
+from drop_physics.rules.runs import Kind, Runs
+from drop_physics.rules.tables import TABLES, RuleTable, TableName, tables
+from drop_physics.trace.events import Body
 
 Float64 = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+Int64 = NDArray[np.int64]
+Numbers = Mapping[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """Where a rule holds in a table; all arrays have the shape of the table's columns."""
+    """Where a rule holds in a table; all arrays have the shape of the table's columns.
 
-    where: Flags
+    They may also have that of `where`, if that is the numbers of rows.
+    """
+
+    where: NDArray[Any]
     size: Float64
     """How much it is: of the largest the numbers are kept."""
-    numbers: Mapping[str, Float64] = field(default_factory=dict)
+    numbers: Numbers = field(default_factory=dict)
+    sums: Numbers = field(default_factory=dict)
+    """Numbers that are added up; `until_` and the name are those until the largest."""
+    most: Numbers = field(default_factory=dict)
+    """Numbers of which the greatest is kept."""
+    firsts: Numbers = field(default_factory=dict)
+    """Numbers that are kept of the first row."""
+    lasts: Numbers = field(default_factory=dict)
+    """Numbers that are kept of the last row."""
+    keys: Int64 | None = None
+    """What each row is about, where that is not the table's: shape (rows, k)."""
+
+    counts: Int64 | None = None
+    """In how many steps of each row it holds; in each, if it is None."""
+    holds: NDArray[np.bool_] | None = None
+    """In which of the rows it holds, where that is known late; in all, if it is None."""
+
+    def runs(self, table: RuleTable) -> Runs:
+        """Return the rows in which it holds, one by one."""
+        where = self.where
+        chosen = where.dtype == np.bool_
+        places = np.nonzero(where) if chosen else (where,)
+
+        def rows(values: NDArray[Any]) -> NDArray[Any]:
+            values = np.asarray(values)
+            if values.shape[: where.ndim] != where.shape:
+                values = np.broadcast_to(values, where.shape)
+            return values[places] if chosen else values
+
+        steps = table.step[places[0]]
+        counts = np.ones_like(steps) if self.counts is None else rows(self.counts)
+        columns: dict[str, tuple[Kind, NDArray[Any]]] = {
+            "first": ("first", steps),
+            "last": ("last", steps),
+            "count": ("sum", counts),
+            "size": ("at", rows(self.size)),
+        }
+        kinds: dict[Kind, Numbers] = {
+            "at": {**table.noted, **self.numbers},
+            "sum": self.sums,
+            "until": {f"until_{name}": each for name, each in self.sums.items()},
+            "most": self.most,
+            "first": self.firsts,
+            "last": self.lasts,
+        }
+        for kind, told in kinds.items():
+            columns |= {name: (kind, rows(each)) for name, each in told.items()}
+        keys = table.keys[places[0]] if self.keys is None else rows(self.keys)
+        found = Runs(np.column_stack([keys, *places[1:]]), columns)
+        return found if self.holds is None else found.at(self.holds)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Said:
-    """What a rule says of the worst that it found."""
+    """What a rule says of the worst that it found.
+
+    What a text without values names is taken from `values`, or from the `Worst`.
+    """
 
     message: Message
+    values: Mapping[str, object] = field(default_factory=dict)
+    """What texts name besides."""
     cure: Cure | None = None
     """What would change it; its call is the advice."""
     advice: Message | None = None
@@ -58,22 +128,67 @@ class Said:
     other: str | None = None
     level: Level | None = None
     """The level where it is not the rule's."""
+    code: str | None = None
+    """The code where it is not the rule's."""
+    site: str | None = None
+    """File and line, where the rule names no argument whose call is the cause."""
 
 
 class Worst:
     """The worst of a subject: its numbers, and who it is, as attributes.
 
-    `size`, `count`, `first` and `last` step; of joints `joint`, `link`, `unit`, `effort`, and how
-    many `joints` of the body it holds for.
+    `size`, `count`, `first` and `last` step, and what the rule noted; labels of the `body` and of
+    the `other`, and both as they are, `subject` and `partner`; of joints `joint`, `link`, `unit`,
+    `effort`, and how many `joints` of the body it holds for.
     """
 
-    def __init__(self, noted: Noted, **about: object) -> None:
-        self.size, self.count = noted.most, noted.count
-        self.first, self.last = noted.first, noted.last
-        self.__dict__ |= noted.at | about
+    size: float
+    count: int
+    first: int
+    last: int
+
+    def __init__(self, scene: Scene, noted: Runs, **about: object) -> None:
+        self.scene = scene
+        self.__dict__ |= {name: each[:1].tolist()[0] for name, (_, each) in noted.columns.items()}
+        self.subject: Body = scene.body(int(noted.keys[0, 0]))
+        self.body = self.subject.label
+        self.__dict__ |= about
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - whatever the rule noted
         raise AttributeError(f"the rule noted no {name}")
+
+    @property
+    def span(self) -> Span:
+        """Its steps, as a finding says them."""
+        return Span(self.first, self.last, self.count)
+
+    @property
+    def body_size_m(self) -> float:
+        """The size of its body."""
+        return size_m(self.subject)
+
+    @property
+    def steps(self) -> str:
+        """How many steps, as text."""
+        return so_many(self.count)
+
+    def time_s(self, step: int) -> float:
+        """Return the time of a step in its simulation."""
+        return self.scene.times[self.subject.client].of(step)
+
+
+def filled(text: str, values: Mapping[str, object], worst: object) -> str:
+    """Return a text with what it names, of some values and of the worst."""
+    if not isinstance(text, Message) or text.values:
+        return text
+    names = {name for _, name, _, _ in Formatter().parse(text.template) if name}
+    held = {name: values[name] if name in values else getattr(worst, name) for name in names}
+    return Message(text.template, **held)
+
+
+def every_run(runs: Runs, _: Scene) -> Float64:
+    """Return the sizes of runs, all of which count."""
+    return runs.size
 
 
 @dataclass(eq=False)
@@ -82,11 +197,20 @@ class Rule:
 
     code: str
     level: Level
-    matches: Callable[[Any], Match]
-    least_count: int = 1
+    table: TableName
+    matches: Callable[[Any], Match | None]
+    least_count: float = 1
     """Least number of steps in which it holds."""
+    consecutive: bool = False
+    """Whether runs of consecutive steps are told apart, and the worst of each key counts."""
+    subject: int | None = None
+    """How many of a key's columns tell subjects apart, of each of which the worst is said; all, if
+    it is None."""
     reason: str | None = None
     """Which of the code's causes it is."""
+    argument: str | None = None
+    """The argument of `changeDynamics` whose call is the cause."""
+    sizes: Callable[[Runs, Scene], Float64] = every_run
     words: Callable[[Worst], Said | None] = lambda _: None
 
     @property
@@ -99,128 +223,130 @@ class Rule:
         self.words = words
         return words
 
-    def finding(self, worst: Worst, noted: Noted, **about: Any) -> Finding | None:  # noqa: ANN401
+    def counts(self, sizes: Callable[[Runs, Scene], Float64]) -> Callable[[Runs, Scene], Float64]:
+        """Take how much each run is, shape (runs,); 0 if it is not said."""
+        self.sizes = sizes
+        return sizes
+
+    def finding(self, worst: Worst, site: str | None) -> Finding | None:
         """Return what is found of a subject; None if nothing is said of it."""
         said = self.words(worst)
         if said is None:
             return None
+        cure = said.cure
+        advice = said.advice if cure is None else cure.call
+        advice = None if advice is None else filled(advice, said.values, worst)
         return Finding(
-            code=self.code,
+            code=said.code or self.code,
             level=said.level or self.level,
             reason=said.reason or self.reason,
-            message=said.message,
-            advice=said.advice if said.cure is None else said.cure.call,
-            cure=said.cure,
+            message=filled(said.message, said.values, worst),
+            advice=advice,
+            cure=None if cure is None or advice is None else replace(cure, call=advice),
             effect=said.effect,
             share=worst.size if said.share is None else said.share,
-            steps=noted.span,
-            other=said.other,
-            **about,
+            steps=worst.span,
+            body=worst.body,
+            joint=vars(worst).get("joint"),
+            other=said.other or vars(worst).get("other"),
+            site=said.site or site,
         )
 
 
-JOINT_RULES: list[Rule] = []
+RULES: list[Rule] = []
+"""All rules of tables, in the order in which their modules are read."""
 
 
-def joint_rule(
-    code: str, level: Level, *, least_count: float = 1, reason: str | None = None
-) -> Callable[[Callable[[JointColumns], Match]], Rule]:
-    """Make a function from joints to a match a rule: of each robot its worst joint is told."""
+RuleMaker = Callable[[Callable[[Any], Match | None]], Rule]
 
-    def made(matches: Callable[[JointColumns], Match]) -> Rule:
-        rule = Rule(code, level, matches, int(least_count), reason)
-        JOINT_RULES.append(rule)
-        return rule
+
+def _maker(table: TableName, code: str, level: Level, **options: Any) -> RuleMaker:  # noqa: ANN401
+    def made(matches: Callable[[Any], Match | None]) -> Rule:
+        RULES.append(Rule(code, level, table, matches, **options))
+        return RULES[-1]
 
     return made
 
 
-class JointColumns:
-    """The joints of a body in n of its steps: columns of shape (n, joint_rates).
-
-    What `Driven` and what calls asked for hold, by name, and some that rules share.
-    """
-
-    def __init__(self, driven: Driven) -> None:
-        self.driven, self.asked = driven, driven.asked
-        law, shape = driven.steps.law, driven.asked.target.shape
-        self.lower, self.upper = (np.broadcast_to(each, shape) for each in (law.lower, law.upper))
-        self.target = target_of(driven)
-        """Position that is asked for; nan where none is."""
-        self.rate_before = driven.steps.before.velocity[:, driven.steps.law.tree.first_rate :]
-        pd = self.asked.pd == 1
-        self.motor = (self.asked.force > 0) & ~pd
-        """Whether a call set a motor that may push."""
-        self.position_motor = (self.asked.mode == POSITION) & (self.asked.impulse > 0) & ~pd
-        units = [units_of(driven, k)[0] for k in range(shape[1])]
-        self.at_target = np.array([AT_TARGET_M if unit == "m" else AT_TARGET_RAD for unit in units])
-        """Gap below which each joint is at its target, shape (joint_rates,)."""
-
-    def of_joints(self, number: Callable[[Joint], float]) -> Float64:
-        """Return a number of each joint as a column, the same in all steps."""
-        body = self.driven.body
-        values = np.empty(self.asked.target.shape[1])
-        for joint, place in zip(body.joints, body.rates, strict=True):
-            values[place] = number(joint)
-        return np.broadcast_to(values, self.asked.target.shape)
-
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - a column of either
-        return getattr(self.driven if hasattr(self.driven, name) else self.asked, name)
+joint_rule = partial(_maker, "joints")
+"""Makes a function from joints to a match a rule: of each robot its worst joint is told."""
+pair_rule = partial(_maker, "pairs")
+"""The same of pairs of bodies that touch: what is told is about the one with the higher number."""
+side_rule = partial(_maker, "sides")
+"""The same, asked of both bodies of each pair."""
+body_rule = partial(_maker, "bodies")
+"""The same of bodies: a table has the steps of all equal bodies, one body after the other."""
 
 
-class JointRules(Answer):
-    """Looks for all rules of joints in the joints of each body."""
+class TableRules(Answer):
+    """Looks for all rules of tables, each in its own."""
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        self._noted: dict[tuple[int, int], Notes[int]] = {}
-        """What is noted of the joints, by the place of a rule and the number of a body."""
+        self._open: list[Runs | None] = [None] * len(RULES)
+        """Of each rule what may go on, and of each key the worst of what has ended."""
+        self._ended: list[Runs | None] = [None] * len(RULES)
 
     @np.errstate(all="ignore")  # what is not asked for is nan
     def see(self) -> None:
         """Take a piece."""
-        for driven in self.scene.driven():
-            joints = JointColumns(driven)
-            for place, rule in enumerate(JOINT_RULES):
-                match = rule.matches(joints)
-                if match.where.any():
-                    self._note(place, driven, match)
+        found: list[list[Runs]] = [[] if each is None else [each] for each in self._open]
+        for name in TABLES:
+            for table in tables(name, self.scene):
+                for place, rule in enumerate(RULES):
+                    match = rule.matches(table) if rule.table == name else None
+                    if match is not None and len(runs := match.runs(table)):
+                        found[place].append(runs)
+        for place, parts in enumerate(found):
+            if parts:
+                consecutive = RULES[place].consecutive
+                runs = Runs.listed(parts).joined(consecutive=consecutive)
+                self._end(place, runs.at(~runs.ends))
+                self._open[place] = runs.at(runs.ends)
 
-    def _note(self, place: int, driven: Driven, match: Match) -> None:
-        notes = self._noted.setdefault((place, driven.body.number), Notes())
-        numbers = {"site": driven.asked.site, **match.numbers}
-        for k in np.flatnonzero(match.where.any(axis=0)).tolist():
-            rows, link = np.flatnonzero(match.where[:, k]), link_of(driven.body, k)
-            told = {
-                name: np.broadcast_to(each, match.where.shape)[rows, k]
-                for name, each in numbers.items()
-            }
-            unit, effort = units_of(driven, k)
-            joint = driven.body.joints[link].name
-            notes.add(
-                k,
-                driven.steps.steps[rows],
-                match.size[rows, k],
-                told,
-                joint=joint,
-                link=link,
-                unit=unit,
-                effort=effort,
-            )
+    def _end(self, place: int, ended: Runs) -> None:
+        """Keep the worst of each key."""
+        before = self._ended[place]
+        runs = ended if before is None else Runs.listed([before, ended])
+        if len(runs):
+            self._ended[place] = runs.greatest(self._sizes(place, runs))
 
+    def _sizes(self, place: int, runs: Runs) -> Float64:
+        rule = RULES[place]
+        return np.where(runs.count < rule.least_count, 0.0, rule.sizes(runs, self.scene))
+
+    @np.errstate(all="ignore")
     def findings(self) -> Iterator[Finding]:
-        """Yield what each rule says of the worst joint of each body."""
-        for place, rule in enumerate(JOINT_RULES):
-            for (which, number), notes in self._noted.items():
-                found = [each for each in notes.values() if each.count >= rule.least_count]
-                if which != place or not found:
-                    continue
-                noted = max(found, key=lambda each: (each.most, each.count))
-                body = self.scene.body(number)
-                worst = Worst(noted, joints=len(found), body=body)
-                site = self.scene.site(noted.at["site"])
-                finding = rule.finding(
-                    worst, noted, body=body.label, joint=noted.at["joint"], site=site
-                )
+        """Yield what each rule says: of each robot its worst joint, of all else each."""
+        for place, rule in enumerate(RULES):
+            if (last := self._open[place]) is not None:
+                self._end(place, last)
+            runs = self._ended[place]
+            if runs is None:
+                continue
+            runs = runs.at(self._sizes(place, runs) > 0)
+            subjects = runs.keys[:, : 1 if rule.table == "joints" else rule.subject]
+            for subject in np.unique(subjects, axis=0):
+                mine = runs.at((subjects == subject).all(axis=1))
+                sizes = self._sizes(place, mine)
+                worst = mine.at(np.lexsort((-mine.count, -sizes))[:1])
+                finding = self._finding(rule, worst, len(np.unique(mine.keys[:, :2], axis=0)))
                 if finding is not None:
                     yield finding
+
+    def _finding(self, rule: Rule, worst: Runs, among: int) -> Finding | None:
+        keys, about, site = worst.keys[0].tolist(), dict[str, Any](), None
+        subject = keys[: rule.subject]
+        body = self.scene.body(keys[0])
+        if rule.table == "joints":
+            link = link_of(body, keys[1])
+            unit, effort = units(body.joints[link])
+            about = {"joint": body.joints[link].name, "link": link, "unit": unit, "effort": effort}
+            about |= {"joints": among, "more": and_more(among)}
+            site = self.scene.site(worst.site[0])
+        elif len(subject) > 1:
+            partner = self.scene.body(keys[1])
+            about = {"partner": partner, "other": partner.label}
+        if rule.argument is not None:
+            site = self.scene.asked.of[rule.argument].site(*keys[:2])
+        return rule.finding(Worst(self.scene, worst, **about), site)

@@ -1,71 +1,93 @@
-"""Consecutive steps of pairs of bodies that touch, put together over pieces."""
+"""Rows of a rule's table, put together over pieces: all of one key, or its consecutive steps."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import Generic, Protocol, Self, TypeVar
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.explain.contact_points import Pairs
+Int64 = NDArray[np.int64]
+Kind = Literal["at", "first", "last", "sum", "until", "most"]
+"""What of a column is kept of several rows: the value of the largest row, of the first, of the
+last; the sum of all, that until the largest row; the greatest."""
 
-Both = tuple[int, int]
-"""Numbers of two bodies."""
 
+class Runs:
+    """Each row stands for some steps of its key; columns are attributes, by their names.
 
-class Run(Protocol):
-    """What is known of some consecutive steps of a pair."""
+    Parameters
+    ----------
+    keys
+        What each is about: numbers of bodies, of joints …, shape (n, k).
+    columns
+        By name, what is kept of it and its values, shape (n, …). Each has the `first` and the
+        `last` step, the `count` of steps, and the largest `size` in these.
+    """
+
+    def __init__(self, keys: Int64, columns: Mapping[str, tuple[Kind, NDArray[Any]]]) -> None:
+        self.keys, self.columns = keys, columns
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.keys)
+
+    def __getattr__(self, name: str) -> NDArray[Any]:
+        """Return a column."""
+        try:
+            return self.columns[name][1]
+        except KeyError:
+            raise AttributeError(f"the rule noted no {name}") from None
 
     @property
-    def first(self) -> int:
-        """The first of them."""
+    def ends(self) -> NDArray[np.bool_]:
+        """Whether each row is the last of its key, of rows that are in order and not none."""
+        return np.append((np.diff(self.keys, axis=0) != 0).any(axis=1), True)
 
-    @property
-    def last(self) -> int:
-        """The last of them."""
+    def at(self, rows: NDArray[Any]) -> Runs:
+        """Return some of the rows."""
+        columns = {name: (kind, each[rows]) for name, (kind, each) in self.columns.items()}
+        return Runs(self.keys[rows], columns)
 
-    def then(self, more: Self) -> Self:
-        """Return both as one; `more` follows."""
+    @staticmethod
+    def listed(parts: Sequence[Runs]) -> Runs:
+        """Return the rows of several, one after the other."""
+        columns = {
+            name: (kind, np.concatenate([each.columns[name][1] for each in parts]))
+            for name, (kind, _) in parts[0].columns.items()
+        }
+        return Runs(np.concatenate([each.keys for each in parts]), columns)
 
+    def joined(self, *, consecutive: bool) -> Runs:
+        """Return one row for all of a key, or for each run of its consecutive steps, in order."""
+        them = self.at(np.lexsort((self.first, *self.keys.T[::-1])))
+        new = np.append(True, them.ends[:-1])
+        if consecutive:
+            new[1:] |= them.first[1:] != them.last[:-1] + 1
+        starts, row = np.flatnonzero(new), np.cumsum(new) - 1
+        size = np.where(np.isnan(them.size), np.inf, them.size)
+        largest = np.flatnonzero(size == np.maximum.reduceat(size, starts)[row])
+        at = largest[np.unique(row[largest], return_index=True)[1]]
+        after = np.arange(len(them)) - at[row]
+        rows = {"at": at, "first": starts, "last": np.append(starts[1:], len(row)) - 1}
 
-R = TypeVar("R", bound=Run)
+        def kept(name: str, kind: Kind, values: NDArray[Any]) -> NDArray[Any]:
+            if kind in rows:
+                return np.asarray(values[rows[kind]])
+            if kind == "until":  # what came before the largest row, and led to that within it
+                values = values.copy()
+                values[after < 0] = them.columns[name.removeprefix("until_")][1][after < 0]
+                values[after > 0] = 0.0
+            reduce = np.maximum if kind == "most" else np.add
+            return np.asarray(reduce.reduceat(values, starts))
 
+        columns = {
+            name: (kind, kept(name, kind, each)) for name, (kind, each) in them.columns.items()
+        }
+        return Runs(them.keys[starts], columns)
 
-class Runs(Generic[R]):
-    """Of each pair the run that is most: `size` tells how much it is, 0 if it is none."""
-
-    def __init__(self, size: Callable[[Both, R], float]) -> None:
-        self._size = size
-        self._open: dict[Both, R] = {}
-        self._found: dict[Both, tuple[float, R]] = {}
-
-    def add(self, both: Both, run: R) -> None:
-        """Take a run, which may go on where the last one of the pair ended."""
-        last = self._open.get(both)
-        if last is not None and last.last + 1 == run.first:
-            run = last.then(run)
-        else:
-            self._close(both)
-        self._open[both] = run
-
-    def _close(self, both: Both) -> None:
-        run = self._open.pop(both, None)
-        size = 0.0 if run is None else self._size(both, run)
-        if run is not None and size > self._found.get(both, (0.0,))[0]:
-            self._found[both] = size, run
-
-    def most(self) -> Iterator[tuple[int, int, R]]:
-        """Yield both bodies and their run, after the last piece."""
-        for both in [*self._open]:
-            self._close(both)
-        for (first, second), (_, run) in self._found.items():
-            yield first, second, run
-
-
-def consecutive(pairs: Pairs, which: NDArray[np.bool_]) -> Iterator[tuple[Both, NDArray[np.intp]]]:
-    """Yield the rows of each pair of two bodies in consecutive steps, of those that are marked."""
-    for first, second, rows in pairs.by_pair(which):
-        for part in np.split(rows, np.flatnonzero(np.diff(pairs.step[rows]) != 1) + 1):
-            if first != second:
-                yield (first, second), part
+    def greatest(self, sizes: NDArray[np.float64]) -> Runs:
+        """Return of each key the row with the greatest of some sizes."""
+        them = self.at(np.lexsort((-self.count, -sizes, *self.keys.T[::-1])))
+        return them.at(np.append(True, them.ends[:-1]))

@@ -1,259 +1,203 @@
-"""`slides`: what rests on something, or is held by it, slips."""
+"""`slides`, `creeps`: what rests on something, or is held by it, slips fast, or slowly."""
 
 from __future__ import annotations
-
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.explain.contact_points import Pairs
-from drop_physics.explain.judged import Judged
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Answer, Effect, Finding, Level, Scene, Span
+from drop_physics.rules.answer import Effect, Scene
 from drop_physics.rules.asked_of_bodies import size_m
+from drop_physics.rules.rule import Match, Said, Worst, side_rule
 from drop_physics.rules.runs import Runs
+from drop_physics.rules.tables import PairColumns
+from drop_physics.rules.thresholds import (
+    CREEPS_M_S,
+    CREEPS_STEADY,
+    CREEPS_STEPS,
+    CREEPS_STRAIGHT,
+    CREEPS_USED,
+    FROM_REST,
+    GRIPPED,
+    LANDS_M_S,
+    NO_FORCE,
+    SLIDES,
+    SLIPS_M,
+    SLIPS_M_S,
+    SLIPS_SHARE,
+    SLIPS_STEPS,
+    TREMBLES_M_S,
+)
 
 Float64 = NDArray[np.float64]
 Rows = NDArray[np.intp]
-SLIPS_M_S = 1e-3
-"""Slower is creep."""
-FROM_REST = 0.1
-"""It began at rest if its slip began at less than this share of its greatest."""
-LEAST_M, LEAST_SHARE = 1e-3, 0.01
-"""Of a slip, and of its share of the body's size."""
-NONE = 0.01
-"""A force below this share of the normal force is none."""
-LEAST_STEPS = 10
-"""Shorter, it was hit."""
-LANDS_M_S = 0.02
-"""Along the normal; then it does not rest there."""
-GRIPPED = 0.1
-"""Share of the normal forces that is left of them as a sum, where they press from both sides."""
-SLIDING = 0.8
-"""What slips less at the contact than its centre moves rolls or tumbles."""
-SUMS = ("slid", "moved", "time", "normal", "available", "used", "against", "turning", "held")
-"""Of slip [m], way of the centre [m], time [s]; normal, available, used impulse [N s], and that
-against the slip which moving with the support takes; in a grip the moment about the contact of
-that, and what friction can give of it [N m s]."""
 
 
-@dataclass
-class Slip:
-    """Consecutive steps in which a body slips on another, and nothing else pushes it.
+@side_rule("slides", "asked", consecutive=True, argument="lateralFriction", least_count=SLIPS_STEPS)
+def slides(pair: PairColumns) -> Match:
+    """Gravity and the support's acceleration, no push, ask more of friction than it can give."""
+    return _slips(pair, pair.slip_m_s > SLIPS_M_S)
 
-    Sums over them; those of forces in a grip without the steps in which it closes.
+
+@slides.counts
+def _(runs: Runs, scene: Scene) -> Float64:
+    beyond = (runs.until_against > runs.until_available) & (runs.slid >= SLIDES * runs.moved)
+    slips = beyond | ((runs.turning > runs.held) & (runs.held > 0))
+    rested = runs.began <= FROM_REST * runs.size
+    touches = runs.normal > NO_FORCE * np.linalg.norm(runs.needed, axis=1)
+    sizes_m = np.array([size_m(scene.body(number)) for number in runs.keys[:, 0].tolist()])
+    far = runs.slid > np.maximum(SLIPS_M, SLIPS_SHARE * sizes_m)
+    return np.where(far & rested & slips & touches, runs.slid, 0.0)
+
+
+@slides.says
+def _(worst: Worst) -> Said:
+    seconds, pressed = worst.until_time, worst.until_normal
+    if worst.until_against <= worst.until_available:
+        message = Message(
+            "{body} turns in the grip of {on}, {slid:.3g} m at the contact: friction there "
+            "gives at most {held:.3g} N m about it, and its weight beside it takes "
+            "{turning:.3g} N m"
+        )
+        advice = Message("grip it at its centre of mass, or with more force or friction")
+    else:
+        message = Message(
+            "{body} slides {slid:.3g} m on {on}: friction there gives at most "
+            "{available:.3g} N (coefficient {given:.3g}), staying takes {needed:.3g} N "
+            "({wanted:.3g})"
+        )
+        advice = Message(
+            "raise the product of both bodies' coefficients well above {wanted:.3g} with "
+            "p.changeDynamics(…, lateralFriction=…), or press them together with more force"
+        )
+    return Said(
+        message=message,
+        values={
+            "on": worst.other,
+            "held": worst.held / worst.time,
+            "turning": worst.turning / worst.time,
+            "available": worst.until_available / seconds,
+            "given": worst.until_available / pressed,
+            "needed": worst.until_against / seconds,
+            "wanted": worst.until_against / pressed,
+        },
+        advice=advice,
+        effect=Effect(worst.slid, "m"),
+        share=worst.slid / worst.body_size_m,
+    )
+
+
+@side_rule(
+    "creeps", "model", consecutive=True, argument="lateralFriction", least_count=CREEPS_STEPS
+)
+def creeps(pair: PairColumns) -> Match:
+    """The solver ends before contacts are at rest: once it changes little, or has no iterations."""
+    return _slips(pair, (pair.slip_m_s > TREMBLES_M_S) & (pair.slip_m_s < CREEPS_M_S))
+
+
+@creeps.counts
+def _(runs: Runs, _: Scene) -> Float64:
+    needed, went = (np.linalg.norm(each, axis=1) for each in (runs.needed, runs.way))
+    holds = (went > SLIPS_M) & (runs.size * runs.time < CREEPS_STEADY * went)
+    holds &= np.minimum(runs.slid, went) > CREEPS_STRAIGHT * np.maximum(runs.slid, runs.moved)
+    holds &= np.maximum(needed, np.abs(runs.used)) < CREEPS_USED * runs.available
+    return np.where(holds, runs.slid, 0.0)
+
+
+@creeps.says
+def _(worst: Worst) -> Said:
+    went, seconds = float(np.linalg.norm(worst.way)), worst.time
+    return Said(
+        message=Message(
+            "{body} creeps {moved:.3g} mm on {on} in {time:.3g} s: friction there could give "
+            "{available:.3g} N and staying takes {needed:.3g} N, but the solver ends before the "
+            "contact is at rest"
+        ),
+        values={
+            "moved": went * 1e3,
+            "on": worst.other,
+            "available": worst.available / seconds,
+            "needed": float(np.linalg.norm(worst.needed)) / seconds,
+        },
+        advice=Message(
+            "call p.setPhysicsEngineParameter(solverResidualThreshold=0, numSolverIterations=500)"
+        ),
+        effect=Effect(went, "m"),
+        share=went / worst.body_size_m,
+    )
+
+
+def _slips(pair: PairColumns, slips: NDArray[np.bool_]) -> Match:
+    """Return the steps in which single bodies slip on others, and nothing else pushes them.
+
+    Sums: of slip [m] and way of the centre [m], time [s]; normal, available, used impulse [N s],
+    and that against the slip which moving with the support takes; in a grip the moment about the
+    contact of that, and what friction can give of it [N m s]. Those of forces in a grip leave out
+    the steps in which it closes.
     """
-
-    first: int
-    last: int
-    began_m_s: float
-    """How fast it slipped as the first of them began."""
-    most_m_s: float
-    sums: Float64
-    """SUMS, then the impulse that moving with the support takes [N s], and the way, as vectors."""
-    rise: Float64
-    """The same until it slips fastest: then it is caught, or falls on."""
-
-    def then(self, more: Slip) -> Slip:
-        """Return both as one."""
-        rise = self.sums + more.rise if more.most_m_s > self.most_m_s else self.rise
-        most_m_s = max(self.most_m_s, more.most_m_s)
-        return Slip(self.first, more.last, self.began_m_s, most_m_s, self.sums + more.sums, rise)
-
-    @property
-    def of(self) -> dict[str, float]:
-        """The sums by their names, with the sizes of the vectors: `needed` and `went`."""
-        needed, went = np.linalg.norm(self.sums[len(SUMS) :].reshape(2, 3), axis=1).tolist()
-        sums = dict(zip(SUMS, self.sums.tolist(), strict=False))
-        return {**sums, "needed": needed, "went": went}
-
-    @property
-    def at_first(self) -> dict[str, float]:
-        """The sums until it slips fastest by their names."""
-        return dict(zip(SUMS, self.rise.tolist(), strict=False))
-
-
-class Slides(Answer):
-    """Needed is what gravity and the support's acceleration ask of friction, not a push."""
-
-    code = "slides"
-    level: Level = "asked"
-    speeds_m_s = SLIPS_M_S, np.inf
-    """Of the slips that it looks at."""
-    least_share = LEAST_SHARE
-
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self._runs: Runs[Slip] = Runs(self._size)
-
-    def see(self) -> None:
-        """Take a piece."""
-        pairs = self.scene.touches.pairs
-        low_m_s, high_m_s = self.speeds_m_s
-        slips = (pairs.slip_m_s > low_m_s) & (pairs.slip_m_s < high_m_s) & (pairs.normal_n > 0)
-        for *both, rows in pairs.by_pair(slips):
-            for side, number in enumerate(both):
-                judged = self.scene.judged.get(number)
-                if judged is None or both[0] == both[1]:
-                    continue
-                if all(steps.law.tree.size == 6 for steps in judged.stretches):
-                    for run in _runs(self.scene, rows, side, judged):
-                        self._runs.add((number, both[1 - side]), run)
-
-    def _size(self, both: tuple[int, int], run: Slip) -> float:
-        """Return how far a body slips that friction could not stop."""
-        least_m = max(LEAST_M, self.least_share * size_m(self.scene.body(both[0])))
-        return run.of["slid"] if self.says(run, least_m) else 0.0
-
-    def says(self, run: Slip, least_m: float) -> bool:
-        """Whether friction was not enough for what was at rest."""
-        of = run.of
-        first = run.at_first
-        slides = first["against"] > first["available"] and of["slid"] >= SLIDING * of["moved"]
-        return bool(
-            of["slid"] > least_m
-            and run.began_m_s <= FROM_REST * run.most_m_s
-            and (slides or of["turning"] > of["held"] > 0)
-            and run.last - run.first + 1 >= LEAST_STEPS
-            and of["normal"] > NONE * of["needed"]  # else it hardly touches it
-        )
-
-    def findings(self) -> Iterator[Finding]:
-        """Yield each body that slides, with what it slides on."""
-        for body, other, run in self._runs.most():
-            labels = {"body": self.scene.body(body).label, "on": self.scene.body(other).label}
-            message, advice, effect_m = self.words(run, labels)
-            yield Finding(
-                code=self.code,
-                level=self.level,
-                message=message,
-                advice=advice,
-                body=self.scene.body(body).label,
-                other=self.scene.body(other).label,
-                effect=Effect(effect_m, "m"),
-                share=effect_m / size_m(self.scene.body(body)),
-                steps=Span(run.first, run.last, run.last - run.first + 1),
-                site=self.scene.asked.of["lateralFriction"].site(body, other),
-            )
-
-    def words(self, run: Slip, labels: Mapping[str, object]) -> tuple[Message, Message, float]:
-        """Return what is said of a body that slips on another, the cure, and how far it went."""
-        of, first, seconds = run.of, run.at_first, run.of["time"]
-        values: dict[str, object] = {
-            **labels,
-            "slid": of["slid"],
-            "available": first["available"] / first["time"],
-            "given": first["available"] / first["normal"],
-            "needed": first["against"] / first["time"],
-            "wanted": first["against"] / first["normal"],
-            "held": of["held"] / seconds,
-            "turning": of["turning"] / seconds,
-        }
-        if first["against"] <= first["available"]:
-            return (
-                Message(
-                    "{body} turns in the grip of {on}, {slid:.3g} m at the contact: friction there "
-                    "gives at most {held:.3g} N m about it, and its weight beside it takes "
-                    "{turning:.3g} N m",
-                    **values,
-                ),
-                Message("grip it at its centre of mass, or with more force or friction"),
-                of["slid"],
-            )
-        return (
-            Message(
-                "{body} slides {slid:.3g} m on {on}: friction there gives at most "
-                "{available:.3g} N (coefficient {given:.3g}), staying takes {needed:.3g} N "
-                "({wanted:.3g})",
-                **values,
-            ),
-            Message(
-                "raise the product of both bodies' coefficients well above {wanted:.3g} with "
-                "p.changeDynamics(…, lateralFriction=…), or press them together with more force",
-                **values,
-            ),
-            of["slid"],
-        )
-
-
-def _runs(scene: Scene, rows: Rows, side: int, judged: Judged) -> Iterator[Slip]:
-    """Yield runs of consecutive steps of a pair."""
-    pairs = scene.touches.pairs
-    set_ = scene.placing.moved(pairs.body[rows, 1 - side], pairs.step[rows])
-    needed, others, pushed, pressed, way, turning = _forces(pairs, rows, side, judged, set_)
-    normal = pairs.normal_n[rows]
+    rows = np.flatnonzero(slips & (pair.normal_n > 0) & (pair.body != pair.other))
+    asked, others, pushed, way, arm = _acting(pair, rows)
+    line, normal = pair.line[rows], pair.normal_n[rows]
+    along = _dot(asked, line)
+    needed, way = asked - along[:, None] * line, way - _dot(way, line)[:, None] * line
     # What is held from both sides hangs back, whoever else carries it; elsewhere that is a push.
-    gripped = np.linalg.norm(pairs.pressed_n[rows], axis=1) < GRIPPED * normal
-    alone = (pushed <= NONE * normal) & (gripped | (others <= NONE * normal))
-    alone &= pairs.one_line[rows] & pairs.explained[rows, side]
-    rows, needed, way, gripped = rows[alone], needed[alone], way[alone], gripped[alone]
-    if not len(rows):
-        return
-    step, dt, slip = pairs.step[rows], pairs.timestep_s[rows], pairs.slip_m_s[rows]
+    gripped = np.linalg.norm(pair.pressed_n[rows], axis=1) < GRIPPED * normal
+    alone = (pushed <= NO_FORCE * normal) & (gripped | (others <= NO_FORCE * normal))
+    alone &= pair.one_line[rows] & pair.own("explained")[rows]
     # What lies on one side presses with what it needs, on average: step by step it chatters.
-    normal = np.where(gripped, pairs.normal_n[rows], pressed[alone])
-    available = pairs.available_n[rows] / pairs.normal_n[rows] * normal
-    steady = ~gripped | (np.abs(pairs.approach_m_s[rows]) < LANDS_M_S)
-    size = np.linalg.norm(needed, axis=1)
-    towards = np.divide(needed, size[:, None], out=np.zeros_like(needed), where=size[:, None] > 0)
-    used = np.einsum("ni,ni->n", pairs.tangential_n[rows], towards) * (-1.0 if side else 1.0)
-    turned = turning[alone] * gripped[:, None]
+    pressed = np.where(gripped, normal, np.abs(along))
+    steady = ~gripped | (np.abs(pair.approach_m_s[rows]) < LANDS_M_S)
     moved = np.linalg.norm(way, axis=1)
-    against = -np.einsum("ni,ni->n", needed, way) / moved.clip(1e-300)
-    forces = np.column_stack([np.ones(len(rows)), normal, available, used, against, turned, needed])
-    ways = slip, moved
-    numbers = np.column_stack([*ways, forces * steady[:, None], way]) * dt[:, None]
-    starts = np.flatnonzero(np.diff(step, prepend=step[0] - 2) != 1)
-    began, ends = pairs.began_slip_m_s[rows], np.append(starts[1:], len(rows))
-    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
-        fastest = start + int(np.argmax(slip[start:end]))
-        yield Slip(
-            int(step[start]),
-            int(step[end - 1]),
-            float(began[start]),
-            float(slip[fastest]),
-            numbers[start:end].sum(axis=0),
-            numbers[start : fastest + 1].sum(axis=0),
-        )
+    needs = np.linalg.norm(needed, axis=1).clip(1e-300)
+    turning = gripped * np.abs(_dot(np.cross(arm, asked), line))
+    dt = pair.timestep_s[rows]
+    forces = {
+        "time": np.ones(len(rows)),
+        "normal": pressed,
+        "available": pair.available_n[rows] / normal * pressed,
+        "used": pair.sign * _dot(pair.tangential_n[rows], needed) / needs,
+        "against": -_dot(needed, way) / moved.clip(1e-300),
+        "turning": turning,
+        "held": gripped * pair.own("held_n_m")[rows],
+    }
+    sums = {name: each * steady * dt for name, each in forces.items()}
+    sums |= {"slid": pair.slip_m_s[rows] * dt, "moved": moved * dt, "way": way * dt[:, None]}
+    sums["needed"] = needed * (steady * dt)[:, None]
+    firsts = {"began": pair.began_slip_m_s[rows]}
+    return Match(rows, pair.slip_m_s[rows], sums=sums, firsts=firsts, holds=alone)
 
 
-def _forces(
-    pairs: Pairs, rows: Rows, side: int, judged: Judged, set_: NDArray[np.bool_]
-) -> tuple[Float64, Float64, Float64, Float64, Float64, Float64]:
-    """Return what of a body's weight and inertia friction has to carry, shape (n, 3) [N].
+def _acting(pair: PairColumns, rows: Rows) -> tuple[Float64, ...]:
+    """Return what a body's weight, and moving with its support, ask of the contact, (n, 3) [N].
 
-    Then what other bodies do to it, what pushes and constraints do, what of its weight and inertia
-    presses it on [N], shape (n,) each, how its centre moves along the contact [m/s], shape (n, 3),
-    and the moment about the contact of the first, and what friction can give of that [N m], shape
-    (n, 2). NaN where the sum says nothing. `set_`: for which steps calls set the support.
+    Then what other bodies do to it, and pushes and constraints, shape (n,) [N]; how its centre
+    moves past the support [m/s], and where it is from the contact [m], shape (n, 3). NaN where the
+    sum says nothing.
     """
-    needed, moved = np.full((2, len(rows), 3), np.nan)
-    other, pushed, pressed = np.full((3, len(rows)), np.nan)
-    began, ended = pairs.began_m_s[rows, 1 - side], pairs.carried_m_s[rows, 1 - side]
+    asked, way, arm = np.full((3, len(rows), 3), np.nan)
+    others, pushed = np.full((2, len(rows)), np.nan)
+    began, ended, goes = (
+        pair.others(f"{name}_m_s")[rows] for name in ("began", "carried", "ended")
+    )
+    step, dt = pair.step[rows], pair.timestep_s[rows, None]
     support = ended - began
     # Between steps calls may give it another velocity.
-    given = np.flatnonzero(set_[1:] & (np.diff(pairs.step[rows]) == 1)) + 1
-    support[given] += began[given] - ended[given - 1]
-    goes, centre = pairs.ended_m_s[rows, 1 - side], pairs.centre_m[rows, side]
-    sign, line, dt = (-1.0 if side else 1.0), pairs.line[rows], pairs.timestep_s[rows, None]
-    turning = np.full((len(rows), 2), np.nan)
-    turning[:, 1] = pairs.held_n_m[rows, side]
-    for steps in judged.stretches:
-        its = np.flatnonzero(np.isin(pairs.step[rows], steps.steps))
-        if not len(its) or not steps.terms:
+    last = pair.before(rows)
+    now = np.flatnonzero((last >= 0) & pair.scene.placing.moved(pair.other[rows], step))
+    support[now] += began[now] - ended[last[now]]
+    for steps, its, at in pair.of_bodies(rows):
+        if steps.law.tree.size != 6 or not steps.terms:
             continue
-        at = np.searchsorted(steps.steps, pairs.step[rows][its])
-        mass_kg = float(steps.law.tree.masses_kg[0])
-        asked = mass_kg * (support[its] / dt[its] - steps.reported.gravity_m_s2[at])
-        along = np.einsum("ni,ni->n", asked, line[its])
-        needed[its], pressed[its] = asked - along[:, None] * line[its], np.abs(along)
-        others = steps.terms["contacts"][at, 3:6] / dt[its] - sign * pairs.force_n[rows][its]
-        more = (steps.terms["constraints"] + steps.terms["applied"])[at, 3:6] / dt[its]
-        other[its], pushed[its] = (np.linalg.norm(each, axis=1) for each in (others, more))
-        way = steps.after.velocity[at, 3:6] - goes[its]
-        moved[its] = way - np.einsum("ni,ni->n", way, line[its])[:, None] * line[its]
-        moment = np.cross(steps.before.position_m[at] - centre[its], asked)
-        turning[its, 0] = np.abs(np.einsum("ni,ni->n", moment, line[its]))
-    return needed, other, pushed, pressed, moved, turning
+        terms = {name: each[at, 3:6] / dt[its] for name, each in steps.terms.items()}
+        weight = support[its] / dt[its] - steps.reported.gravity_m_s2[at]
+        asked[its] = steps.law.tree.masses_kg[0] * weight
+        touched = terms["contacts"] - pair.sign * pair.force_n[rows[its]]
+        others[its] = np.linalg.norm(touched, axis=1)
+        pushed[its] = np.linalg.norm(terms["constraints"] + terms["applied"], axis=1)
+        way[its] = steps.after.velocity[at, 3:6] - goes[its]
+        arm[its] = steps.before.position_m[at] - pair.own("centre_m")[rows[its]]
+    return asked, others, pushed, way, arm
+
+
+def _dot(a: Float64, b: Float64) -> Float64:
+    return np.asarray(np.einsum("ni,ni->n", a, b))

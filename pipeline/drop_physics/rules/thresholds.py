@@ -144,3 +144,151 @@ CLOSES = _of(
     "Largest share of that gap that is left within ten steps: a spring leaves more.",
     "spring_constraint",
 )
+SLIPS_M_S = _of("SLIPS_M_S", 1e-3, "m/s", "Least speed of a slip; a slower one is creep.", "slope")
+FROM_REST = _of(
+    "FROM_REST",
+    0.1,
+    "share",
+    "Largest share of its greatest speed at which a slip of what rested begins.",
+    "puck, pushed_box",
+)
+SLIPS_M = _of("SLIPS_M", 1e-3, "m", "Least way of a slip.", "what is to stay is asked by the mm")
+SLIPS_SHARE = _of(
+    "SLIPS_SHARE", 0.01, "share", "Least way of a slide over its body's size.", "slope"
+)
+SLIPS_STEPS = _of(
+    "SLIPS_STEPS", 10, "1", "Least number of steps of a slide; what is hit slips less.", "crate"
+)
+NO_FORCE = _of(
+    "NO_FORCE", 0.01, "share", "A force below this share of the normal force is none.", "pushbox"
+)
+LANDS_M_S = _of(
+    "LANDS_M_S",
+    0.02,
+    "m/s",
+    "Least speed along the normal at which a grip closes.",
+    "grip",
+)
+GRIPPED = _of(
+    "GRIPPED",
+    0.1,
+    "share",
+    "Share of the normal forces that is left of their sum where they press from both sides.",
+    "bar, panda_hold",
+)
+SLIDES = _of(
+    "SLIDES",
+    0.8,
+    "share",
+    "Least slip over the way of the centre; what slips less rolls or tumbles.",
+    "a rolling ball",
+)
+TREMBLES_M_S = _of("TREMBLES_M_S", 1e-7, "m/s", "A slower slip is rounding.", "a box at rest")
+CREEPS_M_S = _of("CREEPS_M_S", 0.02, "m/s", "A faster slip is no creep.", "panda_hold")
+CREEPS_USED = _of(
+    "CREEPS_USED",
+    0.9,
+    "share",
+    "Largest share of the friction available that what creeps needs.",
+    "panda_hold",
+)
+CREEPS_STEPS = _of(
+    "CREEPS_STEPS", 101, "1", "Least number of steps of a creep; before, it comes to rest.", "stack"
+)
+CREEPS_STEADY = _of(
+    "CREEPS_STEADY",
+    10,
+    "1",
+    "A creep is slower than so many times its mean; what is faster settles.",
+    "stack",
+)
+CREEPS_STRAIGHT = _of(
+    "CREEPS_STRAIGHT",
+    0.5,
+    "share",
+    "Least share of the ways that is left as their sum; what trembles gets nowhere.",
+    "turntable",
+)
+GAINED = _of(
+    "GAINED", 0.01, "share", "Least gain of a contact over the energy that it was brought.", "lift"
+)
+DEEP_IMPACT = _of(
+    "DEEP_IMPACT",
+    0.2,
+    "share",
+    "Least overlap of an impact over the thinner body's shortest edge.",
+    "deep",
+)
+DEEP_LASTING = _of(
+    "DEEP_LASTING", 0.1, "share", "Least overlap that lasts, likewise.", "round2_dragging"
+)
+OVER_HALF = _of(
+    "OVER_HALF", 0.5, "share", "Least overlap, likewise, that is no physics any more.", "deep2"
+)
+IMPACT_STEPS = _of("IMPACT_STEPS", 4, "1", "Number of steps in which an impact is over.", "deep")
+JUMPED = _of(
+    "JUMPED",
+    2.0,
+    "1",
+    "An overlap of more than so many times what the approach gives in a step was placed.",
+    "round2_more",
+)
+GROWS_STEPS = _of(
+    "GROWS_STEPS", 10, "1", "Least number of steps in which something is pressed in.", "lift"
+)
+PRESSES = _of(
+    "PRESSES",
+    0.5,
+    "share",
+    "Least share of the contacts' impulses that what presses takes of them.",
+    "round2_dragging",
+)
+RATIO = _of(
+    "RATIO",
+    10.0,
+    "1",
+    "Ratio of masses beyond which the solver takes many iterations.",
+    "deep_slop",
+)
+MOST_RATIO = _of(
+    "MOST_RATIO", 2e3, "1", "Ratio of masses beyond which it takes more than 500.", "tiny_and_heavy"
+)
+PYRAMID_M_S = _of("PYRAMID_M_S", 0.01, "m/s", "Least speed of what slides.", "pyramid")
+PYRAMID = _of("PYRAMID", 1.1, "1", "Friction beyond so many times μN is no cone's.", "pyramid")
+PYRAMID_STEPS = _of(
+    "PYRAMID_STEPS", 10, "1", "Least number of steps with such friction.", "pyramid"
+)
+LONG_S = _of(
+    "LONG_S",
+    1 / 30,
+    "s",
+    "Longest timestep of a robot; a position motor closes a tenth of its gap in it.",
+    "a body falls 11 mm in it",
+)
+ENDLESS_M = _of("ENDLESS_M", 1e20, "m", "The box of a plane is thicker.", "plane.urdf")
+DAMPED = _of(
+    "DAMPED", 0.01, "share", "Least share of a flight's energy that damping takes.", "damping_urdf"
+)
+UNBALANCED = _of(
+    "UNBALANCED",
+    0.1,
+    "share",
+    "Least share of the largest term that is left of the sum on a body that sleeps.",
+    "asleep",
+)
+PUSHED_APART_M_S = _of(
+    "PUSHED_APART_M_S", 1e-2, "m/s", "What parts slower is not pushed apart.", "placed"
+)
+STANDARD_M_S2 = _of(
+    "STANDARD_M_S2", 9.81, "m/s²", "Gravity that tells how high what parts is thrown.", "hollow"
+)
+STAYS = _of(
+    "STAYS",
+    0.5,
+    "share",
+    "Largest share of its support's way that what stays behind goes.",
+    "teleport_platform",
+)
+AHEAD = _of(
+    "AHEAD", 0.05, "share", "Least lead of a support over the body's size.", "teleport_platform"
+)

@@ -2,82 +2,69 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
+from drop_physics.explain.steps import BodySteps
 from drop_physics.fields import fraction
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Answer, Effect, Finding, Noted, Notes, Scene
+from drop_physics.rules.answer import Effect
+from drop_physics.rules.rule import Match, Said, Worst, body_rule
+from drop_physics.rules.tables import BodyColumns
+from drop_physics.rules.thresholds import ENDLESS_M, LONG_S
 
-LONG_S = 1 / 30
-"""A position motor's default closes a tenth of its gap in it, and a body falls 11 mm."""
-ENDLESS_M = 1e20
-"""A plane has a larger box."""
+ADVICE = Message("p.setTimeStep(…), smaller, before the motors")
 
 
-class TimestepTooLong(Answer):
-    """Steps in which a body moves further than it is thick, or a robot's motors overshoot."""
+@body_rule("timestep-too-long", "model")
+def far(bodies: BodyColumns) -> Match | None:
+    """Before or after a contact, a body moves further in a step than it is thick."""
+    if bodies.law.tree.size != 6:
+        return None
+    step_s = bodies.reported.timestep_s / bodies.substeps
+    way_m = np.linalg.norm(bodies.after.velocity[:, 3:6], axis=1) * step_s
+    thick_m = bodies.of_each(_thick_m)
+    meets = [bodies.scene.touching(bodies.body, bodies.step + later) for later in (0, 1)]
+    far = (thick_m > 0) & (thick_m < ENDLESS_M) & (way_m > thick_m) & np.isfinite(way_m)
+    return Match(far & np.any(meets, axis=0), way_m, {"step": step_s, "thick": thick_m})
 
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self._far: Notes[int] = Notes()
-        self._long: Notes[int] = Notes()
 
-    def see(self) -> None:
-        """Compare the way of each step that leads into a contact with the size of the body."""
-        pairs = self.scene.touches.pairs
-        for judged, steps in self.scene.stretches():
-            body, box = judged.body, np.array(judged.body.bounds_m[:6])
-            thick_m = float((box[3:] - box[:3]).min()) if len(box) == 6 else 0.0
-            step_s = steps.reported.timestep_s / steps.epoch.substeps
-            rows = np.flatnonzero(step_s > LONG_S) if body.joints else np.empty(0, np.intp)
-            if len(rows):
-                self._long.add(body.number, steps.steps[rows], step_s[rows])
-            if body.joints or steps.law.tree.fixed or not 0 < thick_m < ENDLESS_M:
-                continue
-            way_m = np.linalg.norm(steps.after.velocity[:, 3:6], axis=1) * step_s
-            rows = np.flatnonzero((way_m > thick_m) & np.isfinite(way_m))
-            if not len(rows):
-                continue
-            touched = pairs.step[(pairs.body == body.number).any(axis=1)]
-            ends = steps.steps[rows]
-            rows = rows[np.isin(ends, touched) | np.isin(ends + 1, touched)]
-            if len(rows):
-                told = {"step": step_s[rows]}
-                self._far.add(body.number, steps.steps[rows], way_m[rows], told, thick=thick_m)
+@far.says
+def _(worst: Worst) -> Said:
+    return Said(
+        message=Message(
+            "{body} moves {way:.3g} m in a step of {step_s} s, and is {thick:.3g} m thick: it "
+            "can pass through others, or overlap them before contact acts"
+        ),
+        values={"way": worst.size, "step_s": fraction(worst.step)},
+        advice=ADVICE,
+        effect=Effect(worst.size, "m"),
+        share=worst.size / worst.thick,
+    )
 
-    def findings(self) -> Iterator[Finding]:
-        """Yield the worst step of each body."""
-        for number, each in self._far.items():
-            message = Message(
-                "{body} moves {way:.3g} m in a step of {step_s} s, and is {thick:.3g} m thick: it "
-                "can pass through others, or overlap them before contact acts",
-                body=self.scene.body(number).label,
-                way=each.most,
-                step_s=fraction(each.at["step"]),
-                thick=each.at["thick"],
-            )
-            yield self._finding(number, each, message, "m", each.most / each.at["thick"])
-        for number, each in self._long.items():
-            message = Message(
-                "{body} is simulated in steps of {step_s} s: position motors close a share of "
-                "their gap per step, and contacts act only at its end",
-                body=self.scene.body(number).label,
-                step_s=fraction(each.most),
-            )
-            yield self._finding(number, each, message, "s", each.most / LONG_S)
 
-    def _finding(
-        self, number: int, each: Noted, message: Message, unit: str, share: float
-    ) -> Finding:
-        return Finding(
-            code="timestep-too-long",
-            level="model",
-            message=message,
-            share=share,
-            advice=Message("p.setTimeStep(…), smaller, before the motors"),
-            steps=each.span,
-            body=self.scene.body(number).label,
-            effect=Effect(each.most, unit),
-        )
+@body_rule("timestep-too-long", "model")
+def long(bodies: BodyColumns) -> Match:
+    """A robot's steps are so long that motors and contacts act late."""
+    step_s = bodies.reported.timestep_s / bodies.substeps
+    jointed = bodies.of_each(lambda each: len(each.body.joints) > 0)
+    return Match((step_s > LONG_S) & jointed, step_s)
+
+
+@long.says
+def _(worst: Worst) -> Said:
+    return Said(
+        message=Message(
+            "{body} is simulated in steps of {step_s} s: position motors close a share of "
+            "their gap per step, and contacts act only at its end"
+        ),
+        values={"step_s": fraction(worst.size)},
+        advice=ADVICE,
+        effect=Effect(worst.size, "s"),
+        share=worst.size / LONG_S,
+    )
+
+
+def _thick_m(steps: BodySteps) -> float:
+    """Return the shortest edge of a single body's box; 0 of one with joints."""
+    box = np.array(steps.body.bounds_m[:6])
+    return 0.0 if steps.body.joints or len(box) < 6 else float((box[3:] - box[:3]).min())

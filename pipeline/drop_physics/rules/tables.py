@@ -1,0 +1,160 @@
+"""The tables of a piece that rules read: joints, pairs of bodies that touch, bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Literal, Protocol, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.explain.joints import Driven, target_of
+from drop_physics.explain.judged import SET, UNEXPLAINED, StepVerdicts
+from drop_physics.explain.steps import BodySteps, StepBatch, Steps
+from drop_physics.rules.answer import Scene
+from drop_physics.rules.joint import units_of
+from drop_physics.rules.thresholds import AT_TARGET_M, AT_TARGET_RAD
+from drop_physics.trace.events import Joint
+from drop_physics.trace.motors import POSITION
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Rows = NDArray[np.intp]
+
+TableName = Literal["joints", "pairs", "sides", "bodies"]
+TABLES: tuple[TableName, ...] = get_args(TableName)
+
+
+class RuleTable(Protocol):
+    """Columns of n rows, most of them by their names."""
+
+    @property
+    def keys(self) -> Int64:
+        """What each row is about: numbers of bodies, shape (n, k)."""
+
+    @property
+    def step(self) -> Int64:
+        """The sample that each row's step led to, shape (n,)."""
+
+    @property
+    def noted(self) -> Mapping[str, Float64]:
+        """Numbers that every rule notes of the worst."""
+
+
+def tables(name: TableName, scene: Scene) -> Iterator[RuleTable]:
+    """Yield the tables of a kind of the latest piece."""
+    touching = len(scene.touches.pairs.starts) > 0
+    if name == "joints":
+        yield from map(JointColumns, scene.driven())
+    elif name == "bodies":
+        yield from (BodyColumns(scene, *each) for each in scene.batches if len(each[0].whole))
+    elif name == "sides" and touching:
+        yield from (PairColumns(scene, side) for side in (0, 1))
+    elif touching:
+        pair = PairColumns(scene, 1)
+        # Of two, one that can move is told of.
+        still = ~np.isin(pair.body, scene.moving)
+        pair.keys[still] = pair.keys[still, ::-1]
+        yield pair
+
+
+class JointColumns:
+    """The joints of a body in n of its steps: columns of shape (n, joint_rates).
+
+    What `Driven` and what calls asked for hold, by name, and some that rules share.
+    """
+
+    def __init__(self, driven: Driven) -> None:
+        self.driven, self.asked = driven, driven.asked
+        law, shape = driven.steps.law, driven.asked.target.shape
+        self.step, self.noted = driven.steps.steps, {"site": self.asked.site}
+        self.keys = np.full((shape[0], 1), driven.body.number)
+        self.lower, self.upper = (np.broadcast_to(each, shape) for each in (law.lower, law.upper))
+        self.target = target_of(driven)
+        """Position that is asked for; nan where none is."""
+        self.rate_before = driven.steps.before.velocity[:, driven.steps.law.tree.first_rate :]
+        pd = self.asked.pd == 1
+        self.motor = (self.asked.force > 0) & ~pd
+        """Whether a call set a motor that may push."""
+        self.position_motor = (self.asked.mode == POSITION) & (self.asked.impulse > 0) & ~pd
+        units = [units_of(driven, k)[0] for k in range(shape[1])]
+        self.at_target = np.array([AT_TARGET_M if unit == "m" else AT_TARGET_RAD for unit in units])
+        """Gap below which each joint is at its target, shape (joint_rates,)."""
+
+    def of_joints(self, number: Callable[[Joint], float]) -> Float64:
+        """Return a number of each joint as a column, the same in all steps."""
+        body = self.driven.body
+        values = np.empty(self.asked.target.shape[1])
+        for joint, place in zip(body.joints, body.rates, strict=True):
+            values[place] = number(joint)
+        return np.broadcast_to(values, self.asked.target.shape)
+
+    def term(self, name: str) -> Float64:
+        """Return the impulses of a cause on the joints; 0 where it has none."""
+        steps = self.driven.steps
+        found = steps.terms.get(name, np.zeros((len(steps), steps.law.tree.size)))
+        return found[:, steps.law.tree.first_rate :]
+
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - a column of either
+        return getattr(self.driven if hasattr(self.driven, name) else self.asked, name)
+
+
+class PairColumns:
+    """Steps of pairs of bodies that touch, seen from the body on one side: what `Pairs` has."""
+
+    def __init__(self, scene: Scene, side: int) -> None:
+        self.scene, self.side, self.pairs = scene, side, scene.touches.pairs
+        self.noted: dict[str, Float64] = {}
+        self.sign = -1.0 if side else 1.0
+        """Of what acts on its body, where a column is of side 0."""
+        self.keys = self.pairs.body[:, [side, 1 - side]]
+        self.body, self.other = self.pairs.body[:, side], self.pairs.body[:, 1 - side]
+
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - a column of `Pairs`
+        return getattr(self.pairs, name)
+
+    def own(self, name: str) -> Any:  # noqa: ANN401 - a column of `Pairs`
+        """Return a column that both sides have, of its body."""
+        return getattr(self.pairs, name)[:, self.side]
+
+    def others(self, name: str) -> Any:  # noqa: ANN401 - a column of `Pairs`
+        """Return a column that both sides have, of the other body."""
+        return getattr(self.pairs, name)[:, 1 - self.side]
+
+    def before(self, rows: Rows) -> Rows:
+        """Return which of some rows is the same pair's one step before each; -1 if none is."""
+        step, keys = self.step[rows], self.pairs.body[rows]
+        order = np.lexsort((step, *keys.T))
+        follows = (np.diff(keys[order], axis=0) == 0).all(axis=1) & (np.diff(step[order]) == 1)
+        found = np.full(len(rows), -1)
+        found[order[1:][follows]] = order[:-1][follows]
+        return found
+
+    def of_bodies(self, rows: Rows) -> Iterator[tuple[Steps, Rows, Rows]]:
+        """Yield steps of the bodies of some rows: which of these rows, and the steps' rows."""
+        return self.scene.steps_at(self.body[rows], self.step[rows])
+
+
+class BodyColumns:
+    """Steps of equal bodies, one body after the other: what `Steps` has, and whose they are."""
+
+    def __init__(self, scene: Scene, batch: StepBatch, verdict: StepVerdicts) -> None:
+        self.scene, self.batch, self.of, self.verdict = scene, batch, batch.whole, verdict
+        self.step = batch.whole.steps
+        self.noted: dict[str, Float64] = {}
+        self.body = self.of_each(lambda each: each.body.number)
+        self.keys = self.body[:, None]
+
+    def of_each(self, value: Callable[[BodySteps], Any]) -> NDArray[Any]:
+        """Return a value of each body as a column, the same in all its steps."""
+        bodies = self.batch.bodies
+        return np.repeat([value(each) for each in bodies], [len(each) for each in bodies], axis=0)
+
+    @property
+    def segment(self) -> NDArray[np.int8]:
+        """What each sample is: indices into `SEGMENTS`."""
+        held = np.where(self.of.put, SET, self.verdict.kind)
+        return np.where(self.verdict.why >= 0, UNEXPLAINED, held)
+
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - a column of `Steps`
+        return getattr(self.of, name)
