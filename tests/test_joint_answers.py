@@ -81,9 +81,9 @@ def test_the_words_of_a_weak_motor(tmp_path: Path) -> None:
     (found,) = said("off-target", FLOOR + ARM + "go(0.8, 480, 30)\n", tmp_path)
     assert found.message == (
         "lbr_iiwa_joint_2 ends 0.54 rad off its target of 0.80 rad: its motor is at its limit of "
-        "30 N m in 480 of 480 steps; the target takes 41 N m, here it takes 46"
+        "30 N m in 480 of 480 steps; holding the target takes 41 N m (46 N m where it is now)"
     )
-    assert found.advice == "give it at least 47 N m: p.setJointMotorControl2(…, force=60)"
+    assert found.advice == "allow at least 47 N m: p.setJointMotorControl2(…, force=60)"
     assert found.joint == "lbr_iiwa_joint_2"
     assert found.site == site(7)
     assert found.steps is not None
@@ -185,7 +185,7 @@ def test_a_velocity_motor_that_is_too_weak(tmp_path: Path) -> None:
     (found,) = said("off-target", scene.format(force=60), tmp_path)
     assert "its target is 0.1: its motor is at its limit of 60 N in 240 of 240" in found.message
     assert found.message.endswith("; holding it here takes 78 N")
-    assert found.advice == "give it at least 79 N: p.setJointMotorControl2(…, force=200)"
+    assert found.advice == "allow at least 79 N: p.setJointMotorControl2(…, force=200)"
     names = run(scene.format(force=200))
     assert names["p"].getJointState(0, 0)[1] == pytest.approx(0.1)
     names["p"].disconnect()

@@ -1150,10 +1150,10 @@ def test_options_of_ours_behind_the_script_are_its_own_and_named(bench: Bench, n
     said = done.stderr.splitlines()[0]
     named = name.split()[-1]
     assert said == (
-        f"drop: what stands after {named} is its own, --duration and --steps included; options of "
-        "drop stand before it"
+        f"drop: what comes after {named} goes to the script, --duration and --steps too; put "
+        "drop's options before the script"
     )
-    assert "options of drop" not in bench.drop("record", *name.split(), "-x", "out").stderr
+    assert "drop's options" not in bench.drop("record", *name.split(), "-x", "out").stderr
 
 
 @pytest.mark.parametrize(

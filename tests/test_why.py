@@ -211,7 +211,7 @@ def test_an_outcome_moves_at_the_end_or_else_on_the_way() -> None:
     ("advice", "expected"),
     [
         (
-            "give it at least 41 N m: p.setJointMotorControl2(…, force=70)",
+            "allow at least 41 N m: p.setJointMotorControl2(…, force=70)",
             [("force", 70.0, "force=70")],
         ),
         (

@@ -65,13 +65,13 @@ def report_of_bodies(analysis: Analysis, *, verbose: bool = False) -> Report:
         if any(body.flights or body.contacts for body in moving):
             more = Message("flights, contacts and all else: --verbose, --body NAME, --at T, --json")
             sections.append(Section([Words(more, "dim")]))
-    return Report(verdict=_headline(analysis), sections=sections)
+    return Report(verdict=_headline(analysis, verbose=verbose), sections=sections)
 
 
 # -- the verdict ----------------------------------------------------------------------------------
 
 
-def _headline(analysis: Analysis) -> Words:
+def _headline(analysis: Analysis, *, verbose: bool) -> Words:
     """Say what this is, how it ended, and how much of it is explained."""
     origin, there = analysis.origin or {}, len(analysis.by_body)
     ended = ENDED.get(str(origin["ended"]), Message("never finished"))
@@ -84,19 +84,21 @@ def _headline(analysis: Analysis) -> Words:
         ended=ended,
         bodies=bodies,
         steps=counted(max(0, analysis.samples - 1), "step"),
-        explained=_explained(analysis),
+        explained=_explained(analysis, verbose=verbose),
     )
     return Words(words, key=str(origin["script"]), indent="  ")
 
 
-def _explained(analysis: Analysis) -> Message:
+def _explained(analysis: Analysis, *, verbose: bool) -> Message:
     explained = analysis.explained
     if not explained.of:
         return Message("nothing moved")
     if explained.samples == explained.of and not explained.remainder:
         return Message("all explained to the bit")
-    if explained.samples == explained.of:
+    if explained.samples == explained.of and verbose:
         return Message("all explained to {remainder:.0e}", remainder=explained.remainder)
+    if explained.samples == explained.of:
+        return Message("all explained")
     return Message(
         "{share:.4g} % explained; from {time:.4g} s on not all: {why}",
         share=math.floor(1e4 * explained.samples / explained.of) / 100,
@@ -140,8 +142,8 @@ def _joints(
             continue
         blocks: list[Block] = [_joint_table(body.label, shown)]
         if len(rows) > len(shown):
-            joints = counted(len(rows) - len(shown), "joint")
-            blocks.append(Words(Message("and {joints}: --verbose", joints=joints), "dim"))
+            joints = counted(len(rows) - len(shown), "more joint")
+            blocks.append(Words(Message("{joints}: --verbose", joints=joints), "dim"))
         yield Section(blocks)
     if len(robots) > MOST_ROBOTS and not verbose:
         more = Message(

@@ -43,7 +43,7 @@ def report_of_drop(analysis: DropAnalysis, *, verbose: bool = False) -> Report:
         facts.append(_titled(Message("Covered"), _covered(analysis.coverage)))
     sections = [
         Section([Words(centre)], apart=False),
-        *(_moment(moment, analysis.scenario) for moment in analysis.at),
+        *(_moment(moment, analysis.scenario, verbose=verbose) for moment in analysis.at),
         Section([Facts(facts, _TITLE)]),
     ]
     if verbose:
@@ -97,7 +97,7 @@ def _titled(title: str, words: str) -> Fact:
     return Fact(title, words, "bold")
 
 
-def _moment(moment: Moment, scenario: dict[str, Any]) -> Section:
+def _moment(moment: Moment, scenario: dict[str, Any], *, verbose: bool) -> Section:
     heights = Message(
         "simulated {simulated} m, free fall {free_fall} m, difference {difference} m",
         simulated=decimals(moment.simulated_m, 4),
@@ -122,9 +122,11 @@ def _moment(moment: Moment, scenario: dict[str, Any]) -> Section:
     if scenario["engine"] == "physx":
         reasons["rounding"] = Message("single precision")
     values_m = [getattr(terms, name, moment.error_m) for name in reasons]
+    # What is below the digits shown is of interest to who asks for all.
+    lengths = (f"{millimetres(m) if verbose else decimals(m * 1e3, 4, '+')} mm" for m in values_m)
     columns = [
         Column("", [TERMS[name] for name in reasons], least=12),
-        Column("", [f"{millimetres(m)} mm" for m in values_m], right=True, least=13, gap=1),
+        Column("", [*lengths], right=True, least=13, gap=1),
         Column("", [*reasons.values()], gap=3, style="dim", wraps=True),
     ]
     return Section([title, DataTable(columns, has_heads=False, has_total=True, margin="  ")])

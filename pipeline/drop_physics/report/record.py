@@ -31,19 +31,20 @@ def note_ours(
     names = dict.fromkeys(argument.partition("=")[0] for argument in arguments)
     both = [name for name in names if name.startswith("-") and name in ours]
     if both:
-        where = Message("options of drop stand before it")
-        if verb is not None:
-            where = Message(
-                "options of drop stand before it, in: {command}", command=f"drop {verb}"
-            )
-        note(
-            Message(
-                "what stands after {target} is its own, {names} included; {where}",
-                target=target,
-                names=all_of(both),
-                where=where,
-            )
+        values = {"names": all_of(both), "target": target}
+        words = Message(
+            "what comes after {target} goes to the script, {names} too; put drop's options before "
+            "the script",
+            **values,
         )
+        if verb is not None:
+            words = Message(
+                "what comes after {target} goes to the script, {names} too; drop's options come "
+                "before the script, in: {command}",
+                command=f"drop {verb}",
+                **values,
+            )
+        note(words)
 
 
 def show_record(recorded: Recorded, *, as_json: bool, analyzed: bool = False) -> int:

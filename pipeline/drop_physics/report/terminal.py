@@ -282,7 +282,7 @@ def _(found: FindingList) -> Iterator[str]:
         yield from _finding(number, each)
     hidden = len(found.findings) - found.most
     if hidden > 0:
-        more = Message("and {findings}: --verbose", findings=counted(hidden, "finding"))
+        more = Message("{findings}: --verbose", findings=counted(hidden, "more finding"))
         yield f"[dim]{' ' * NUMBER}{escape(translated(more))}[/]"
     if found.left_out:
         words = Message(

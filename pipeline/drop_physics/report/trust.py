@@ -58,10 +58,10 @@ VARIATIONS = (
 STANDING = (
     "",
     Message("moves"),
-    Message("its end stands to"),
-    Message("but for"),
+    Message("its end is good to"),
+    Message("limited by"),
     Message("at worst"),
-    Message("but for"),
+    Message("limited by"),
 )
 CONVERGENCE = ("converges", "does-not-converge", "no-order")
 

@@ -94,10 +94,10 @@ def _too_weak(driven: Driven, held: Holding, stood: Stood, here: float) -> Cause
     why = Message("{weak}; holding it here takes {here}", weak=weak, here=effort(here, unit))
     if not math.isnan(there):
         why = Message(
-            "{weak}; the target takes {there}, here it takes {here}",
+            "{weak}; holding the target takes {there} ({here} where it is now)",
             weak=weak,
             there=effort(there, unit),
-            here=effort(here, unit).removesuffix(f" {unit}"),
+            here=effort(here, unit),
         )
     return Cause(why, give_at_least(need, unit, float(driven.asked.force[row, k])))
 
@@ -111,7 +111,7 @@ def give_at_least(need: float, unit: str, force: float) -> Message:
         return Message("call p.setTimeStep before the motors are commanded")
     digit = 10.0 ** min(0, math.floor(math.log10(abs(need))) - 1)  # the last that is written
     return Message(
-        "give it at least {need}: p.setJointMotorControl2(…, force={force})",
+        "allow at least {need}: p.setJointMotorControl2(…, force={force})",
         need=effort(math.ceil(abs(need) / digit) * digit, unit),
         force=to_spare(need),
     )

@@ -139,7 +139,6 @@ class OtherInertia:
         if not count:
             return None
         joint, body = self.joints[row], self.body
-        axis = Message("{body} about {axis}", body=body.label, axis=AXES[self.rows[row] % 3])
         cause = Message("PyBullet computes it from the collision shape")
         if not body.collisions:
             cause = Message("PyBullet computes it from the collision shape, and there is none")
@@ -147,14 +146,21 @@ class OtherInertia:
         if self.changed is not None:
             cause = Message("p.changeDynamics(mass=…) computes it anew from the collision shape")
             advice = Message("give p.changeDynamics localInertiaDiagonal together with the mass")
+        values = {"more": and_more(count), "ratio": self.ratios[row], "cause": cause}
         message = Message(
-            "{name}{more} would have {ratio:.2f} times the inertia with the file's <inertia>: "
-            "{cause}",
-            name=joint or axis,
-            more=and_more(count),
-            ratio=self.ratios[row],
-            cause=cause,
+            "with the file's <inertia>, the moment of inertia of {body} about {axis}{more} would "
+            "be {ratio:.2f} times what PyBullet uses: {cause}",
+            body=body.label,
+            axis=AXES[self.rows[row] % 3],
+            **values,
         )
+        if joint is not None:
+            message = Message(
+                "with the file's <inertia>, {joint}{more} would move {ratio:.2f} times the inertia "
+                "that PyBullet uses: {cause}",
+                joint=joint,
+                **values,
+            )
         return Finding(
             code="inertia-from-shape",
             level="model",

@@ -91,8 +91,8 @@ class MimicIgnored(Answer):
                 code="mimic-ignored",
                 level="asked" if any(each.sent for each in missed) else "note",
                 message=Message(
-                    "{joint} is {gap} from where its file wants it to follow {of}: PyBullet "
-                    "ignores <mimic> (joints that do not follow: {count})",
+                    "{joint} is {gap} away from where its <mimic> tag puts it: PyBullet ignores "
+                    "the tag, and {of} moves alone (joints that do not follow: {count})",
                     joint=mimic.joint,
                     gap=distance(gap, worst.unit),
                     of=mimic.of,

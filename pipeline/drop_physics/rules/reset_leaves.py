@@ -97,7 +97,7 @@ class ResetLeaves(Answer):
                 code="reset-leaves",
                 level="asked" if worst.back else "note",
                 message=Message(
-                    "{joint} is put to {position} and driven off by {off}: its motor keeps the "
+                    "{joint} is reset to {position}, then driven {off} away: its motor keeps the "
                     "target of {target} that it had before (joints of this robot: {count})",
                     joint=worst.joint,
                     position=place(worst.position, worst.unit),

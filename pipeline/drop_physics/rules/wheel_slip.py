@@ -155,14 +155,14 @@ class WheelSlip(Answer):
         turns = across > SIDEWAYS * abs(slipped)
         if turns:
             message = Message(
-                "{joint} rolls at {rolls:.3g} m/s over {ground} and goes at {goes:.3g} m/s: the "
-                "robot's turn drags it sideways, too, with friction at its limit (coefficient "
+                "{joint} spins at {rolls:.3g} m/s (rim) on {ground} but travels at {goes:.3g} m/s: "
+                "the robot's turn drags it sideways, too, with friction at its limit (coefficient "
                 "{friction:.3g}, the product of both)",
                 **values,
             )
         else:
             message = Message(
-                "{joint} rolls at {rolls:.3g} m/s over {ground} and goes at {goes:.3g} m/s: "
+                "{joint} spins at {rolls:.3g} m/s (rim) on {ground} but travels at {goes:.3g} m/s: "
                 "friction is at its limit (coefficient {friction:.3g}, the product of both)",
                 **values,
             )
