@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 from drop_physics.trace.history import Piece, Seen
-from drop_physics.trace.states import BASE_STATE, CONTACT, between
-from drop_physics.trace.tables import rows_in
+from drop_physics.trace.states import BASE_STATE, CONTACT, Rows, between
+from drop_physics.trace.tables import columns_of
 
 
 @dataclass(frozen=True)
@@ -60,3 +60,12 @@ def otherwise(seen: Seen, **parts: Any) -> Seen:
     sampled = seen.sampled
     whole = sampled.piece(sampled.first, sampled.last + 1)
     return replace(seen, sampled=Held(replace(whole, **parts)))
+
+
+def rows_in(table: pl.DataFrame, kind: np.dtype[np.void]) -> Rows:
+    """Return a table of states or contact points as rows of their dtype."""
+    rows = np.empty(len(table), kind)
+    for name in kind.names or ():
+        values = table.select(columns_of(name)).to_numpy()
+        rows[name] = values.reshape(rows[name].shape)
+    return rows

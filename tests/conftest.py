@@ -18,6 +18,7 @@ from typing import Any
 import drop_physics
 import polars as pl
 import pytest
+from altered import rows_in
 from command import HANGS_S, drop_alone, drop_here
 from drop_physics import DropAnalysis, Scenario, simulate
 from drop_physics.drop.story import drop_analysis_of
@@ -28,7 +29,6 @@ from drop_physics.recording.viewer import binary
 from drop_physics.rules.answer import Finding
 from drop_physics.stages.run import Run, run
 from drop_physics.trace.states import CONTACT, STATE
-from drop_physics.trace.tables import rows_in
 from dropped import Sampled
 from forked import popen
 from hypothesis import HealthCheck, settings

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import polars as pl
 import pytest
 from conftest import Recorder, judge, some
 from drop_physics.drop.analysis import fall_analysis_of
@@ -17,6 +16,7 @@ from drop_physics.explain.decomposition import decompose
 from drop_physics.physics.base import Motion
 from drop_physics.recording.reader import Recording
 from drop_physics.stages.events import events
+from drop_physics.trace.states import between, in_step_order
 from iterated import law_of, thrown_as
 from numpy.typing import NDArray
 
@@ -503,8 +503,8 @@ def test_a_body_rests_only_after_a_tenth_of_a_second(recorded: Recorder) -> None
     for samples in range(150, 242):
         scenario = replace(recording.scenario, duration_s=(samples - 1) / 240)
         states, contacts = (
-            table.filter(pl.col("step") < samples)
-            for table in (recording.states, recording.contacts)
+            between(rows, 0, samples)
+            for rows in (in_step_order(recording.seen.states), recording.seen.contacts)
         )
         rest = fall_analysis_of(scenario, recording.engine, states, contacts).rest
         if rest is not None:

@@ -14,6 +14,7 @@ import numpy as np
 import polars as pl
 import pyarrow as pa
 import pytest
+from altered import rows_in
 from conftest import Drop, Recorder, judge, said
 from drop_physics import Scenario, colours, simulate
 from drop_physics.compare.comparison import Comparison
@@ -28,7 +29,7 @@ from drop_physics.recording.reader import Recording, read, recording_id
 from drop_physics.stages.check import check
 from drop_physics.stages.recorded import made_with
 from drop_physics.stages.view import view
-from drop_physics.trace.states import Batch
+from drop_physics.trace.states import STATE, Batch
 from drop_physics.trace.tables import table_of
 from dropped import departs
 from engine import shape, urdf_of
@@ -78,7 +79,7 @@ def drawn(engine: str, seed: int) -> Scenario:
 
 def dropped(scenario: Scenario) -> tuple[Case, Samples]:
     with other_world.OtherWorld(scenario) as world:
-        states, contacts = map(table_of, Batch.joined(world.samples(1000))[:2])
+        states, contacts, _ = Batch.joined(world.samples(1000))
         case, (samples,) = case_of(scenario, made_with(world), states, contacts)
         return case, samples
 
@@ -184,12 +185,14 @@ def test_an_altered_sample_is_noticed(engine: str) -> None:
     assert departs(case, [samples]) is None
     scenario = case.scenario
     with other_world.OtherWorld(scenario) as world:
-        states, contacts = map(table_of, Batch.joined(world.samples(1000))[:2])
+        states, contacts, _ = Batch.joined(world.samples(1000))
+        states = table_of(states)
         report = made_with(world)
     off = 1e-3 if engine == "physx" else 1e-7
     for column in ("x_m", "vz_m_s", "wy_rad_s", "qx"):
         moved = pl.when(pl.col("step") == 30).then(pl.col(column) + off).otherwise(column)
-        altered = case_of(scenario, report, states.with_columns(moved.alias(column)), contacts)
+        altered = rows_in(states.with_columns(moved.alias(column)), STATE)
+        altered = case_of(scenario, report, altered, contacts)
         assert departs(*altered) == 30, column
 
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from altered import rows_in
 from conftest import Drop, Recorder, judge
 from drop_physics.drop.results import DropAnalysis
 from drop_physics.drop.story import drop_analysis_of
 from drop_physics.recording.reader import Recording
 from drop_physics.trace.states import BODY, CONTACT, STATE
-from drop_physics.trace.tables import rows_in
 from dropped import Sampled
 from engine import ROUNDS_ONCE, shape, urdf_of
 

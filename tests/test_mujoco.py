@@ -9,6 +9,7 @@ import mujoco_drop
 import numpy as np
 import polars as pl
 import pytest
+from altered import rows_in
 from conftest import Drop, Recorder, judge, some
 from drop_physics import Scenario, simulate
 from drop_physics.drop.case import case_of
@@ -25,8 +26,8 @@ from drop_physics.recording.reader import Recording, read
 from drop_physics.scenario import INTEGRATORS
 from drop_physics.stages.check import check
 from drop_physics.stages.recorded import made_with
+from drop_physics.trace.states import STATE as ROWS
 from drop_physics.trace.states import Batch
-from drop_physics.trace.tables import table_of
 from dropped import departs
 
 STATE = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "vx_m_s", "vy_m_s", "vz_m_s"]
@@ -62,7 +63,7 @@ def test_every_step_in_the_air_follows_the_law(integrator: str) -> None:
         body = BLOCK if seed % 5 == 0 else {}
         scenario = Scenario(**drawn(seed), **body, integrator=integrator)  # type: ignore[arg-type]
         with other_world.OtherWorld(scenario) as world:
-            states, contacts = map(table_of, Batch.joined(world.samples(100))[:2])
+            states, contacts, _ = Batch.joined(world.samples(100))
             case, (samples,) = case_of(scenario, made_with(world), states, contacts)
         assert departs(case, [samples]) is None, seed
         if seed % 2 or seed % 3 == 0 or integrator == "rk4":
@@ -113,14 +114,15 @@ def test_a_law_that_is_another_one_is_noticed(recorded: Recorder) -> None:
     """The other integrators' law, and a number that is off by a few units of its last place."""
     recording = recorded(engine="mujoco", **BLOCK, height_m=6.0, spin_rad_s=(3.0, 5.0, -2.0))
     assert judge(recording).explained.why is None
-    states = recording.states
+    states, contacts = recording.states, recording.seen.contacts
     for column in (*STATE, *SPIN):
         off = 1e-9 if column in SPIN else 1e-12
         moved = pl.when(pl.col("step") == 100).then(pl.col(column) + off).otherwise(column)
         altered = states.with_columns(moved.alias(column))
-        case = case_of(recording.scenario, recording.engine, altered, recording.contacts)
+        case = case_of(recording.scenario, recording.engine, rows_in(altered, ROWS), contacts)
         assert departs(*case) == 100, column
-    _, (samples,) = case_of(recording.scenario, recording.engine, states, recording.contacts)
+    case = recording.scenario, recording.engine, rows_in(states, ROWS), contacts
+    _, (samples,) = case_of(*case)
     for integrator in ("rk4", "implicit"):
         other = Scenario(**{**vars_of(recording.scenario), "integrator": integrator})
         found = segments_of(samples, law_for(other, recording.engine), samples.touches)
@@ -407,10 +409,10 @@ def test_nothing_is_promised_that_the_law_does_not_give(recorded: Recorder) -> N
     golden = recorded()
     run = recorded(engine="mujoco")
     states = run.states.with_columns(pl.col("z_m") + 1e-6 * pl.col("step"))
-    flights = (
-        flight_of(*case_of(run.scenario, run.engine, states, run.contacts)),
-        flight_of(*case_of(golden.scenario, golden.engine, golden.states, golden.contacts)),
-    )
+    flights = [
+        flight_of(*case_of(each.scenario, each.engine, rows_in(moved, ROWS), each.seen.contacts))
+        for each, moved in ((run, states), (golden, golden.states))
+    ]
     assert "agree" not in apart(*flights, parts_at=1)
 
 

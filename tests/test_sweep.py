@@ -27,7 +27,6 @@ import pytest
 from command import HANGS_S, wait_for
 from conftest import Drop, descendants_of
 from drop_physics import Scenario, analyze
-from drop_physics.drop.samples import base_of
 from drop_physics.drop.statistics import Moments
 from drop_physics.engines.pybullet.engine import p
 from drop_physics.engines.pybullet.lasting_world import LastingWorld
@@ -43,7 +42,7 @@ from drop_physics.stages.sweep_shard import RunShard, ShardDone
 from drop_physics.sweeping import engines
 from drop_physics.sweeping.folder import TERMS
 from drop_physics.sweeping.plan import plan_of
-from drop_physics.trace.states import Batch
+from drop_physics.trace.states import Batch, base_of
 from drop_physics.workers import Worker
 from shards import always_dies, double, first_is_quick, nap
 
@@ -197,7 +196,7 @@ def test_a_row_has_the_numbers_of_drop_analyze(tmp_path: Path) -> None:
             if terms is None
             else [terms.timestep, terms.damping, terms.interaction, terms.rounding]
         ), kind
-        assert row["end_m"] == base_of(read(path).states)["z_m"][-1]
+        assert row["end_m"] == base_of(read(path).seen.states)["position_m"][-1, 2]
 
 
 def test_a_row_can_be_replayed_alone_to_the_last_bit(tmp_path: Path, drop: Drop) -> None:

@@ -23,6 +23,7 @@ from drop_physics.errors import ScenarioError
 from drop_physics.explain.decomposition import TERMS, Decomposition, decompose
 from drop_physics.explain.rows import MOST_ROWS, SHOWN_PER_S
 from drop_physics.scenario import Scenario
+from drop_physics.trace.states import Rows
 
 Float64 = NDArray[np.float64]
 
@@ -145,12 +146,12 @@ def fall_of(
 def fall_analysis_of(
     scenario: Scenario,
     engine: EngineReport,
-    states: pl.DataFrame,
-    contacts: pl.DataFrame,
+    states: Rows,
+    contacts: Rows,
     *,
     at_s: Sequence[float] = (),
 ) -> FallAnalysis:
-    """Return the analysis of a fall from the tables of its recording: see `case_of`, `Falling`."""
+    """Return the analysis of a fall from states and contact points: see `case_of`, `Falling`."""
     return fall_of(*case_of(scenario, engine, states, contacts), at_s=at_s).analysis
 
 

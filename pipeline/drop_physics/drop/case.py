@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.drop.samples import Samples, samples_in, samples_of
@@ -20,8 +19,7 @@ from drop_physics.physics.rotations import same_way
 from drop_physics.physics.theory import TheoreticalFall
 from drop_physics.scenario import ENGINES, EXACT_INTEGRATORS, Scenario
 from drop_physics.trace.history import PIECE, Piece, Seen, joined
-from drop_physics.trace.states import BODY
-from drop_physics.trace.tables import table_of
+from drop_physics.trace.states import BODY, Rows, between
 
 Float64 = NDArray[np.float64]
 
@@ -184,19 +182,14 @@ class Case:
 
 
 def case_of(
-    scenario: Scenario, engine: EngineReport, states: pl.DataFrame, contacts: pl.DataFrame
+    scenario: Scenario, engine: EngineReport, states: Rows, contacts: Rows
 ) -> tuple[Case, Iterable[Samples]]:
-    """Return the case that tables hold, and its samples in order.
-
-    The tables have one row per sample and part, and one per contact point.
-    """
+    """Return the case of states and contact points, in step order, and its samples in order."""
 
     def sample(step: int) -> Samples:
-        its = pl.col("step") == step
-        return samples_of(states.filter(its), contacts.filter(its))
+        return samples_of(*(between(rows, step, step + 1) for rows in (states, contacts)))
 
-    last: int = states["step"].max()  # type: ignore[assignment]
-    return Case(scenario, engine, last + 1, sample), samples_in(states, contacts)
+    return Case(scenario, engine, int(states["step"][-1]) + 1, sample), samples_in(states, contacts)
 
 
 def case_seen(
@@ -227,4 +220,4 @@ def _sampled(seen: Seen) -> int:
 
 def samples_seen(seen: Seen, piece: Piece) -> Samples:
     """Return the samples of a piece of a recording."""
-    return samples_of(table_of(joined(seen.parts_of(piece))), table_of(piece.contacts))
+    return samples_of(joined(seen.parts_of(piece)), piece.contacts)

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.explain.touching import Touches, touches_of
 from drop_physics.physics.base import Motion
-from drop_physics.trace.states import BASE, BODY, CONTACT, FLOOR
-from drop_physics.trace.tables import rows_in
+from drop_physics.trace.states import BASE, BODY, FLOOR, MOTION, Rows, between
 
 Float64 = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -36,7 +34,7 @@ class Samples(Motion):
     """Whether any of them pushed, shape (samples,)."""
     links: tuple[Motion, ...]
     """The other links of a body with joints, where recorded."""
-    contacts: pl.DataFrame
+    contacts: Rows
     """The contact points of these samples."""
 
     @property
@@ -70,24 +68,23 @@ class Samples(Motion):
     @cached_property
     def touches(self) -> Touches:
         """The contact points of the body, or its base, with the rows of their samples."""
-        touches = touches_of(rows_in(self.contacts, CONTACT), BODY)
-        return touches.since(self.first, slice(None))
+        return touches_of(self.contacts, BODY).since(self.first, slice(None))
 
 
-def samples_of(states: pl.DataFrame, contacts: pl.DataFrame) -> Samples:
+def samples_of(states: Rows, contacts: Rows) -> Samples:
     """Return consecutive samples as arrays: the body's motion, and how it touches the floor.
 
     Parameters
     ----------
     states
-        One row per sample and part.
+        Of dtype `STATE`: one row per sample and part, those of a part in step order.
     contacts
-        One row per contact point.
+        Of dtype `CONTACT`, in step order.
     """
-    body = states.filter(pl.col("body") == BODY)
-    base = motion_of(base_of(states))
-    links = sorted(set(body["link"].unique()) - {BASE})
-    first = int(states["step"].min() or 0)  # type: ignore[arg-type]
+    body = states[states["body"] == BODY]
+    base = _motion_of(body, BASE)
+    links = sorted({*np.unique(body["link"]).tolist()} - {BASE})
+    first = int(states["step"].min()) if len(states) else 0
     points, distance_m, pushed = _contact(contacts, first, samples=len(base))
     return Samples(
         position_m=base.position_m,
@@ -98,51 +95,33 @@ def samples_of(states: pl.DataFrame, contacts: pl.DataFrame) -> Samples:
         contact_points=points,
         contact_distance_m=distance_m,
         pushed=pushed,
-        links=tuple(motion_of(body.filter(pl.col("link") == link)) for link in links),
+        links=tuple(_motion_of(body, link) for link in links),
         contacts=contacts,
     )
 
 
-def samples_in(states: pl.DataFrame, contacts: pl.DataFrame) -> Iterator[Samples]:
-    """Yield the samples of a drop's tables, some at a time."""
-    last: int = states["step"].max()  # type: ignore[assignment]
-    for first in range(0, last + 1, BLOCK):
-        its = pl.col("step").is_between(first, first + BLOCK, closed="left")
-        yield samples_of(states.filter(its), contacts.filter(its))
+def samples_in(states: Rows, contacts: Rows) -> Iterator[Samples]:
+    """Yield the samples of a drop, some at a time; states and contacts are in step order."""
+    for first in range(0, int(states["step"][-1]) + 1, BLOCK):
+        yield samples_of(*(between(rows, first, first + BLOCK) for rows in (states, contacts)))
 
 
-def base_of(states: pl.DataFrame) -> pl.DataFrame:
-    """Return the rows of the body's base, one per sample."""
-    return states.filter((pl.col("body") == BODY) & (pl.col("link") == BASE))
-
-
-def _contact(
-    contacts: pl.DataFrame, first: int, samples: int
-) -> tuple[NDArray[np.int16], Float64, Flags]:
+def _contact(contacts: Rows, first: int, samples: int) -> tuple[NDArray[np.int16], Float64, Flags]:
     """Return the number of points on the floor, their smallest distance [m], whether one pushed."""
-    needed = contacts.select("step", "body_a", "body_b", "distance_m", "normal_force_n")
-    pair = [BODY, FLOOR]
-    touching = needed.filter(
-        pl.col("body_a").is_in(pair),
-        pl.col("body_b").is_in(pair),
-        pl.col("body_a") != pl.col("body_b"),
-    )
+    a, b = contacts["body_a"], contacts["body_b"]
+    touching = contacts[np.isin(a, (BODY, FLOOR)) & np.isin(b, (BODY, FLOOR)) & (a != b)]
     points, distance_m = np.zeros(samples, np.int16), np.full(samples, np.nan)
     pushed = np.zeros(samples, np.bool_)
-    rows = touching["step"].to_numpy() - first
+    rows = touching["step"] - first
     steps, begins, count = np.unique(rows, return_index=True, return_counts=True)
     if len(steps):
         points[steps] = count
-        distance_m[steps] = np.minimum.reduceat(touching["distance_m"].to_numpy(), begins)
-        pushed[rows[touching["normal_force_n"].to_numpy() > 0]] = True
+        distance_m[steps] = np.minimum.reduceat(touching["distance_m"], begins)
+        pushed[rows[touching["normal_force_n"] > 0]] = True
     return points, distance_m, pushed
 
 
-_POSITION, _ORIENTATION = ("x_m", "y_m", "z_m"), ("qx", "qy", "qz", "qw")
-_VELOCITY, _SPIN = ("vx_m_s", "vy_m_s", "vz_m_s"), ("wx_rad_s", "wy_rad_s", "wz_rad_s")
-
-
-def motion_of(states: pl.DataFrame) -> Motion:
+def _motion_of(body: Rows, link: int) -> Motion:
     """Return the states of one part as arrays, a row per sample."""
-    numbers = states.select(_POSITION + _ORIENTATION + _VELOCITY + _SPIN).to_numpy()
-    return Motion(*(np.ascontiguousarray(part) for part in np.split(numbers, (3, 7, 10), axis=1)))
+    states = body[body["link"] == link]
+    return Motion(*(np.ascontiguousarray(states[name]) for name in MOTION))

@@ -25,7 +25,6 @@ from drop_physics.scenario import Engine, Scenario
 from drop_physics.stages.recorded import BATCH, made_with
 from drop_physics.sweeping.plan import Plan
 from drop_physics.trace.states import Batch
-from drop_physics.trace.tables import table_of
 
 Float64 = NDArray[np.float64]
 
@@ -115,8 +114,7 @@ def _order(plan: Plan, fall: EngineTrajectory, falls: list[EngineTrajectory]) ->
 def _dropped(worlds: Worlds, run: int, scenario: Scenario) -> EngineTrajectory:
     world = worlds.world_of(scenario)
     fall = Batch.joined(world.samples(BATCH))
-    states, contacts = table_of(fall.states), table_of(fall.contacts)
-    analysis = fall_analysis_of(scenario, made_with(world), states, contacts)
+    analysis = fall_analysis_of(scenario, made_with(world), fall.states, fall.contacts)
     impact, rest = analysis.impact, analysis.rest
     of_engine = EngineRun(
         run=run,

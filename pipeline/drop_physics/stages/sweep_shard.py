@@ -195,11 +195,10 @@ class RunShard:
     def _analyzed(self, world: LastingWorld | OtherWorld, fall: Batch) -> Moment:
         from drop_physics.drop.analysis import fall_analysis_of
         from drop_physics.stages.recorded import made_with
-        from drop_physics.trace.tables import table_of
 
         engine = made_with(world)
-        states, contacts = table_of(fall.states), table_of(fall.contacts)
-        return fall_analysis_of(world.scenario, engine, states, contacts, at_s=[self.at_s]).at[0]
+        drop = world.scenario, engine, fall.states, fall.contacts
+        return fall_analysis_of(*drop, at_s=[self.at_s]).at[0]
 
 
 def _in_the_air(scenario: Scenario, engine: EngineReport, fall: Batch, step: int) -> Moment | None:

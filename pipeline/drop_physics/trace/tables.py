@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import polars as pl
 
 from drop_physics.trace.states import CONTACT_COLUMNS, STATE_COLUMNS, Rows, numbers_of
@@ -23,12 +22,3 @@ def table_of(rows: Rows) -> pl.DataFrame:
         for number, column in enumerate(columns_of(name)):
             columns[column] = values[:, number].copy()
     return pl.DataFrame(columns)
-
-
-def rows_in(table: pl.DataFrame, kind: np.dtype[np.void]) -> Rows:
-    """Return a table of states or contact points as rows of their dtype."""
-    rows = np.empty(len(table), kind)
-    for name in kind.names or ():
-        values = table.select(columns_of(name)).to_numpy()
-        rows[name] = values.reshape(rows[name].shape)
-    return rows
