@@ -152,7 +152,7 @@ NUMERIC = {
 GIVEN = {
     "simulate": ["--out", "a.rrd"], "analyze": ["a.rrd"], "render": ["a.rrd"], "run": [],
     "check": ["a.rrd", "--against", "b.rrd"], "sweep": ["--out", "s"],
-    "record": ["script.py"], "trust": ["script.py"],
+    "record": ["script.py"], "trust": ["script.py"], "why": ["script.py"],
 }  # fmt: skip
 ONES = {"X,Y,Z": "0,0,{}", "R,P,Y|X,Y,Z,W": "0,{},0", "WIDTHxHEIGHT": "{}x480"}
 

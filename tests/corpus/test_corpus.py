@@ -10,8 +10,8 @@ import pytest
 import score
 from score import Truth, Verdict, fallen, findings_of, judged, read_scores, write_scores
 
-KNOWN = score.truths()
-TENTH, WHOLE = score.FOLDER / "tenth.json", score.FOLDER / "whole.json"
+CORPORA = [score.FOLDER, score.FOLDER / "mujoco"]
+KNOWN = {corpus: score.truths(corpus) for corpus in CORPORA}
 WEAK = Truth(
     "It sinks.",
     "At its limit of 10 N.",
@@ -32,28 +32,30 @@ def said(code: str, message: str = "", **more: Any) -> dict[str, Any]:
 FULL = said("weak-constraint", "its maxForce of 10 N", effect={"value": 19.9}, joint="hinge")
 
 
-def test_the_tenth_is_answered_no_worse() -> None:
-    before = read_scores(TENTH)
-    now = {name: judged(KNOWN[name], findings_of(name)) for name in before}
-    assert fallen(before, now, KNOWN) == []
+@pytest.mark.parametrize("corpus", CORPORA, ids=lambda corpus: corpus.name)
+def test_the_tenth_is_answered_no_worse(corpus: Path) -> None:
+    before, known = read_scores(corpus / "tenth.json"), KNOWN[corpus]
+    now = {name: judged(known[name], findings_of(name, corpus)) for name in before}
+    assert fallen(before, now, known) == []
 
 
 @pytest.mark.long
-def test_the_whole_is_answered_no_worse() -> None:
-    said = score.all_findings(KNOWN)
-    now = {name: judged(KNOWN[name], findings) for name, findings in said.items()}
-    assert fallen(read_scores(WHOLE), now, KNOWN) == []
+@pytest.mark.parametrize("corpus", CORPORA, ids=lambda corpus: corpus.name)
+def test_the_whole_is_answered_no_worse(corpus: Path) -> None:
+    known = KNOWN[corpus]
+    said = score.all_findings(known, corpus)
+    now = {name: judged(known[name], findings) for name, findings in said.items()}
+    assert fallen(read_scores(corpus / "whole.json"), now, known) == []
 
 
-def test_each_script_has_a_truth_and_a_score() -> None:
-    scripts = {path.stem for path in (score.FOLDER / "scripts").glob("*.py")}
-    assert scripts == KNOWN.keys() == read_scores(WHOLE).keys()
-    assert len(read_scores(TENTH)) in range(len(KNOWN) // 10, len(KNOWN) // 10 + 3)
-    assert all("FIX" in _code(name) for name, truth in KNOWN.items() if truth.fix)
-
-
-def _code(name: str) -> str:
-    return (score.FOLDER / "scripts" / f"{name}.py").read_text(encoding="utf-8").upper()
+@pytest.mark.parametrize("corpus", CORPORA, ids=lambda corpus: corpus.name)
+def test_each_script_has_a_truth_and_a_score(corpus: Path) -> None:
+    known, code = KNOWN[corpus], {path.stem: path for path in (corpus / "scripts").glob("*.py")}
+    assert code.keys() == known.keys() == read_scores(corpus / "whole.json").keys()
+    tenth = len(known) // 10
+    assert len(read_scores(corpus / "tenth.json")) in range(tenth, tenth + 3)
+    fixed = [code[name] for name, truth in known.items() if truth.fix]
+    assert all("FIX" in path.read_text(encoding="utf-8").upper() for path in fixed)
 
 
 @pytest.mark.parametrize(
@@ -119,7 +121,9 @@ def test_scores_are_written_where_they_rise_and_only_there(
     write_scores(files["tenth"], {"a": missed})
     found = {"a": [said("weak")], "b": []}
     monkeypatch.setattr(score, "FOLDER", tmp_path)
-    monkeypatch.setattr(score, "all_findings", lambda names: {name: found[name] for name in names})
+    monkeypatch.setattr(
+        score, "all_findings", lambda names, _: {name: found[name] for name in names}
+    )
     monkeypatch.setattr(sys, "argv", ["score.py"])
     score.main()
     risen = {which: path.read_text() for which, path in files.items()}
