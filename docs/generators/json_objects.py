@@ -36,6 +36,7 @@ from drop_physics.drop.results import (
 from drop_physics.drop.statistics import Summary
 from drop_physics.engine_report import EngineReport
 from drop_physics.experiments import robustness, run_distance
+from drop_physics.experiments.shares import Shares
 from drop_physics.experiments.verdicts import Verdict
 from drop_physics.explain.actuators import ActuatorRow
 from drop_physics.explain.decomposition import VectorTerms
@@ -108,6 +109,7 @@ CONTRACT: dict[type, set[str]] = {
         "code", "level", "message", "advice", "body", "bodies", "joint", "with", "effect", "share",
         "steps", "site",
     },
+    Shares: {field.name for field in fields(Shares)},
     answer.Span: {"first", "last", "count"},
     answer.Cure: {"name", "target", "value", "call"},
     JointRow: {field.name for field in fields(JointRow)},
@@ -503,6 +505,7 @@ WHY = Object(
                 frozenset({*TRIAL_KEYS, "moved"}),
             )
         ],
+        "shares": (_object(Shares),),
         "no_effect": [
             Object(
                 {"call": str, "site": str},
@@ -520,11 +523,13 @@ WHY = Object(
         "noise": "How far a nudge of 1e-9 moves the outcome at the end; null where there was none.",
         "findings": "As of `drop analyze`, and what trials show of each.",
         "hangs_on": "Trials by how far they move the outcome; no cause is meant.",
+        "shares": "One number of the outcome as a sum over its causes: what deciding trials switch "
+        "off, alone and together; null where there are not two.",
         "no_effect": "With `--ablate`: calls and arguments whose absence changes nothing, to the "
         "bit.",
     },
     frozenset({"script", "recording", "ended", "runs", "seconds", "noise", "findings", "hangs_on",
-               "no_effect"}),
+               "no_effect", "shares"}),
 )  # fmt: skip
 VIEW = Object(
     {

@@ -218,6 +218,14 @@ Tries = Annotated[
 Ablate = Annotated[
     bool, flag("Leave each call of a setter out in turn, and each optional argument.", "--ablate")
 ]
+Again = Annotated[
+    bool,
+    flag(
+        "Run a script again that opens sockets, starts programs, or writes files elsewhere than in "
+        "the working directory.",
+        "--again",
+    ),
+]
 Budget = Annotated[float, takes("SECONDS", "Begin no trial after this time [s].", parser=a_number)]
 Every = Annotated[
     bool, flag("Show all that was tried, and all that the outcome hangs on.", "--all")

@@ -74,7 +74,7 @@ def show_record(recorded: Recorded, *, as_json: bool, analyzed: bool = False) ->
 
 def json_of(recorded: Recorded) -> dict[str, Any]:
     """Return what `--json` prints."""
-    left_out = {"failure", "twice"} | (set() if recorded.twice else {"first_difference"})
+    left_out = {"failure", "twice", "outside"} | (set() if recorded.twice else {"first_difference"})
     left_out |= {"replay"} if recorded.replay is None else set()
     values = vars(recorded) | {"error": recorded.error or None}
     return {name: value for name, value in jsonable(values).items() if name not in left_out}

@@ -7,6 +7,7 @@ X by so much.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from drop_physics.analysis.results import renamed
@@ -28,6 +29,7 @@ from drop_physics.trace.events import ENDED
 
 if TYPE_CHECKING:
     from drop_physics.experiments.run_distance import Distance
+    from drop_physics.rules.answer import Finding
     from drop_physics.stages.why import Proved, Tried, Why
 
 MARGIN = "   "
@@ -41,6 +43,7 @@ SHOWN = {
     "chaotic": Message("chaotic"),
     "untried": Message("not tried: there was no time, or no run can do it"),
 }
+HANGS = Message("the outcome hangs on it")
 FREE = ("name", "target", "value", "call", "site", "moved")
 """What a trial has that belongs to no finding."""
 
@@ -75,6 +78,7 @@ def json_of(why: Why) -> dict[str, Any]:
                     {"call": each.call.removeprefix("without "), "site": each.site}
                     for each in why.no_effect
                 ],
+                "shares": why.shares and asdict(why.shares),
             }
         )
     )
@@ -106,18 +110,17 @@ def _json_of_trial(tried: Tried) -> dict[str, Any]:
 def report_of(why: Why, *, every: bool = False) -> Report:
     """Say what was tried, what was cured first; `every`: all that the outcome hangs on."""
     head = Message(
-        "{script} {ended}: {steps}; {runs} tried in {seconds:.0f} s, each in a run of its own",
+        "{script} {ended}: {steps}; {runs} tried, each in a run of its own",
         script=why.script,
         ended=ENDED[why.ended],
         steps=counted(why.steps, "step"),
         runs=counted(why.runs, "thing"),
-        seconds=why.seconds,
     )
     order = sorted(why.findings, key=lambda each: VERDICTS.index(each.verdict))
     proved = [
         Section([*_proved(number, each)], apart=False) for number, each in enumerate(order, 1)
     ]
-    last = [*_hangs(why, every=every), *_idle(why)]
+    last = [*_shares(why), *_hangs(why, every=every), *_idle(why)]
     return Report(verdict=Words(head, key=why.script, indent="  "), sections=[*proved, *last])
 
 
@@ -132,7 +135,7 @@ def _proved(number: int, proved: Proved) -> Iterator[Block]:
         [
             Column("", [*map(_word, tried)]),
             Column("", [each.intervention.short for each in tried]),
-            Column("", [*map(_shows, tried)], wraps=True),
+            Column("", [_shows(each, proved.finding) for each in tried], wraps=True),
         ],
         has_heads=False,
         margin=MARGIN,
@@ -147,12 +150,18 @@ def _word(tried: Tried) -> str:
     return {"refuted": Message("no"), "untried": ""}.get(tried.verdict, Message("tried"))
 
 
-def _shows(tried: Tried) -> str:
-    """Return what a trial shows: its verdict, and the numbers behind it."""
+def _shows(tried: Tried, finding: Finding) -> str:
+    """Return what a trial shows: its verdict, and the numbers behind it.
+
+    A code that is itself a cause is never cured: the outcome hangs on it, or does not.
+    """
     shown, verdict = tried.shown, tried.verdict
     if shown is None or verdict == "void":
         return SHOWN[verdict]
-    parts: list[str] = [] if verdict == "refuted" else [SHOWN[verdict]]
+    hangs = finding.code in CAUSES and verdict in ("cured", "part")
+    parts: list[str] = [HANGS if hangs else SHOWN[verdict]]
+    if verdict == "refuted" and shown.left is not None and shown.after is not None:
+        parts = []
     if shown.left is not None and shown.after is not None:
         unit = shown.unit or ""
         parts.append(
@@ -162,8 +171,6 @@ def _shows(tried: Tried) -> str:
                 after=readable(shown.after, unit),
             )
         )
-    elif verdict == "refuted":
-        parts.append(SHOWN[verdict])
     if tried.moved is not None:
         far = tried.moved
         part = far.joint or part_of(far.body, None, far.unit)
@@ -207,6 +214,33 @@ def _named(tried: Tried) -> str:
     site, call = tried.intervention.site, tried.intervention.short
     leaves_out = tried.intervention.name == "without" and site is not None
     return Message("{site} {call}", site=site, call=call) if leaves_out else call
+
+
+def _shares(why: Why) -> Iterator[Section]:
+    """Yield one number of the outcome as a sum: -1.82 mm = -6.13 timestep +4.31 damping."""
+    shares = why.shares
+    if shares is None:
+        return
+    size, unit = (1e3, "mm") if shares.unit == "m" else (1.0, shares.unit)
+    parts = joined(
+        " ",
+        [
+            *(f"{_signed(value * size)} {name}" for name, value in shares.parts.items()),
+            Message("{value} interaction", value=_signed(shares.interaction * size)),
+        ],
+    )
+    words = Message(
+        "{quantity}: {total} {unit} = {parts}",
+        quantity=shares.quantity,
+        total=_signed(shares.total * size),
+        unit=unit,
+        parts=parts,
+    )
+    yield Section([Words(words)])
+
+
+def _signed(value: float) -> str:
+    return f"{round(value, 2) + 0.0:+.2f}"  # no minus before a zero
 
 
 def _idle(why: Why) -> Iterator[Section]:

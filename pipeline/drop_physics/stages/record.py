@@ -94,6 +94,9 @@ class Recorded(Printable, reported_by="drop_physics.report.record"):
     """The first step whose state differed in the second run; None if none did."""
     replay: Replay | None = None
     """What became of the steps of MuJoCo that were taken again; None of others."""
+    outside: tuple[tuple[str, str], ...] = ()
+    """If that was noted, what it reached beside its simulation: `connects`, `starts`, `writes` or
+    `removes`, and a name."""
 
 
 def record_script(
@@ -111,6 +114,7 @@ def record_script(
     force: bool = False,
     keep: bool = False,
     explain: bool = True,
+    listens: bool = False,
     stdout: int = 1,
     note: Callable[[str], None] = lambda _: None,
     progress: Callable[[float, int], None] | None = None,
@@ -146,6 +150,8 @@ def record_script(
     explain
         Whether steps of MuJoCo are replayed in the script's interpreter, and what acted in them is
         recorded; without, they cannot be explained.
+    listens
+        Whether to note what it reaches beside its simulation: sockets, programs, files elsewhere.
     stdout
         File descriptor of its standard output.
     note
@@ -180,6 +186,7 @@ def record_script(
         seed,
         begins_s,
         explain=explain,
+        listens=listens,
     )
     recording_id = uuid.uuid4().hex
     placed = target_of(target, out, is_module=is_module, keep=keep, force=force)
@@ -219,6 +226,7 @@ def record_script(
         wall_s=time.perf_counter() - began,
         twice=compared,
         first_difference=again,
+        outside=tuple(process.decoder.outside),
     )
 
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from drop_physics.engines.pybullet.script import Program
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.experiments.interventions import Intervention
-from drop_physics.fields import outside
+from drop_physics.fields import all_of, outside
 from drop_physics.files.whole import written_whole
 from drop_physics.messages import Message
 from drop_physics.printable import Printable
@@ -21,17 +21,29 @@ from drop_physics.recording.layer_file import VERDICTS, forget_trials, trials_of
 from drop_physics.stages.program import SEEDED_CLOCK_S, STOPPED
 from drop_physics.stages.record import record_script
 from drop_physics.stages.runs import Progress, run_all
+from drop_physics.stages.why_shares import shares
 from drop_physics.stages.why_trials import Candidate, Proposals, RunTrial, TrialRun, first_tried
 from drop_physics.workers import cores
 
 if TYPE_CHECKING:
     from drop_physics.experiments.run_distance import Distance
+    from drop_physics.experiments.shares import Shares
     from drop_physics.experiments.verdicts import Outcome, TrialVerdict, Verdict
+    from drop_physics.recording.reader import Recording
     from drop_physics.rules.answer import Finding
     from drop_physics.rules.choice import Choice
 
 BUDGET_S = 60.0
 """No trial begins later [s]."""
+
+
+OUTSIDE = {
+    "connects": Message("connects to {name}"),
+    "starts": Message("starts {name}"),
+    "writes": Message("writes {name}"),
+    "removes": Message("removes {name}"),
+}
+"""What a script may reach beside its simulation."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +91,8 @@ class Why(Printable, reported_by="drop_physics.report.why"):
     """Trials by how far they move the outcome, whatever they show of findings."""
     no_effect: list[Intervention]
     """Calls and arguments whose absence changes nothing, to the bit."""
+    shares: Shares | None
+    """One number of the outcome as a sum over its causes; None where there are not two."""
 
 
 def why(
@@ -88,6 +102,7 @@ def why(
     about: str | None = None,
     tries: Sequence[str] = (),
     ablate: bool = False,
+    again: bool = False,
     budget_s: float = BUDGET_S,
     is_module: bool = False,
     out: Path | str | None = None,
@@ -114,6 +129,9 @@ def why(
         In place of what findings propose: names such as `force=70`, as `--try` takes them.
     ablate
         Whether each call of a setter and each of its optional arguments is left out in turn.
+    again
+        Whether a script that connects, starts programs or writes outside the working directory is
+        run again all the same.
     budget_s
         After this time [s] no trial begins.
     out
@@ -140,7 +158,7 @@ def why(
     OutputError
         If a recording cannot be written.
     DropError
-        If the interpreter cannot be started, or the script makes no step.
+        If the interpreter cannot be started, the script makes no step, or is not run again.
     """
     began = time.monotonic()
     if not 0 < budget_s < float("inf"):
@@ -160,6 +178,7 @@ def why(
         seed=seed,
         python=python,
         force=force,
+        listens=True,
         stdout=stdout,
         note=note,
     )
@@ -169,6 +188,15 @@ def why(
             "{script} makes no step, so there is nothing to compare; give it the arguments "
             "with which it steps",
             script=target,
+        )
+    if recorded.outside and not again:
+        raise DropError(
+            "{script} {what}, and would do so in each run; --again runs it again all the same",
+            script=target,
+            what=all_of(
+                Message(OUTSIDE[how], name=name)
+                for how, name in dict(reversed(recorded.outside)).items()
+            ),
         )
     from drop_physics.recording.reader import read
     from drop_physics.rules.choice import EVERY
@@ -207,17 +235,22 @@ def why(
         began + budget_s,
         recorded.wall_s,
     )
-    order = [work.nudge, *first_tried(work.candidates)]
-    done = run_all(
-        work,
-        order,
-        stop=work.runs.stop,
-        has_failed=lambda made: made.outcome is not None and made.outcome.ended == "failed",
-        jobs=jobs or cores(),
-        progress=progress,
-    )
-    result = _why(target, base, findings, work, done, chosen, time.monotonic() - began)
-    _keep(folder, result, done, base.recording_id)
+
+    def run(which: RunTrial, numbers: Sequence[int]) -> dict[int, TrialRun]:
+        return run_all(
+            which,
+            numbers,
+            stop=which.runs.stop,
+            has_failed=lambda made: made.outcome is not None and made.outcome.ended == "failed",
+            jobs=jobs or cores(),
+            progress=progress,
+        )
+
+    done = run(work, [work.nudge, *first_tried(work.candidates)])
+    own = _own(base, findings)
+    summed = shares(work, done, run, own)
+    result = _why(target, base.path, own, work, done, chosen, summed, time.monotonic() - began)
+    _keep(folder, result, base.recording_id)
     return result
 
 
@@ -252,21 +285,21 @@ def _about(findings: Sequence[Finding], about: str | None) -> list[int]:
 
 def _why(
     target: str,
-    base: Any,  # noqa: ANN401 - a Recording, whose module loads Rerun
-    findings: Sequence[Finding],
+    recording: Path,
+    own: Outcome,
     work: RunTrial,
     done: dict[int, TrialRun],
     chosen: Sequence[int],
+    summed: Shares | None,
     seconds: float,
 ) -> Why:
-    from drop_physics.experiments.run_distance import Apart
-    from drop_physics.experiments.verdicts import Outcome, best, judged, moved
+    from drop_physics.experiments.verdicts import best, judged, moved
 
-    ended = str((base.ended or {}).get("ended"))
-    own = Outcome(True, ended, "", _steps(base), [*findings], Apart([], {}))
+    findings = own.findings
     nudge = done[work.nudge].outcome
     noise = None if nudge is None else max(nudge.apart.end, key=lambda e: e.value, default=None)
     tried: dict[int, list[Tried]] = {place: [] for place in range(len(findings))}
+    also: dict[int, list[Tried]] = {}
     hangs_on, no_effect = [], []
     for number, candidate in enumerate(work.candidates):
         made = done[number]
@@ -280,10 +313,16 @@ def _why(
             verdict = judged(findings[place], made.outcome, base=own, nudge=nudge)
             its = moved(made.outcome.apart, None if nudge is None else nudge.apart, findings[place])
             tried[place].append(_tried(candidate, made, verdict, verdict.verdict, its))
+        for place in _others_cured(findings, candidate, made.outcome, own, nudge):
+            verdict = judged(findings[place], made.outcome, base=own, nudge=nudge)
+            also.setdefault(place, []).append(_tried(candidate, made, verdict, "cured", far))
         if candidate.intervention.name == "without" and _is_idle(made.outcome, own):
             no_effect.append(candidate.intervention)
         elif made.outcome.fired:
             hangs_on.append(_tried(candidate, made, None, "untried", far))
+    for place, cures in also.items():  # that no trial of its own has cured
+        if best([each.verdict for each in tried[place]]) != "cured":
+            tried[place] += cures[:1]
     hangs_on.sort(key=lambda each: -(each.moved.value if each.moved is not None else 0.0))
     proved = [
         Proved(finding, best([each.verdict for each in tried[place]]), tried[place])
@@ -293,8 +332,8 @@ def _why(
     runs = sum(each.outcome is not None for n, each in done.items() if n != work.nudge)
     return Why(
         target,
-        base.path,
-        ended,
+        recording,
+        own.ended,
         own.steps,
         runs,
         seconds,
@@ -302,11 +341,35 @@ def _why(
         proved,
         hangs_on,
         no_effect,
+        summed,
     )
 
 
-def _steps(recording: Any) -> int:  # noqa: ANN401
-    return sum(samples - 1 for samples in recording.seen.samples.values())
+def _others_cured(
+    findings: Sequence[Finding],
+    candidate: Candidate,
+    outcome: Outcome,
+    own: Outcome,
+    nudge: Outcome | None,
+) -> Iterator[int]:
+    """Yield the symptoms that a trial of another finding takes away, by their places."""
+    from drop_physics.experiments.verdicts import CAUSES, judged
+
+    for place, finding in enumerate(findings):
+        if not candidate.findings or place in candidate.findings or finding.code in CAUSES:
+            continue
+        if judged(finding, outcome, base=own, nudge=nudge).verdict == "cured":
+            yield place
+
+
+def _own(base: Recording, findings: Sequence[Finding]) -> Outcome:
+    """Return what the script's own run came to."""
+    from drop_physics.experiments.run_distance import Apart
+    from drop_physics.experiments.verdicts import Outcome
+
+    steps = sum(samples - 1 for samples in base.seen.samples.values())
+    ended = str((base.ended or {}).get("ended"))
+    return Outcome(True, ended, "", steps, [*findings], Apart([], {}))
 
 
 def _is_idle(outcome: Outcome, base: Outcome) -> bool:
@@ -326,12 +389,12 @@ def _tried(
     return Tried(candidate.intervention, shown, verdict, far, same, made.recording)
 
 
-def _keep(folder: Path, result: Why, done: dict[int, TrialRun], recording_id: str) -> None:
+def _keep(folder: Path, result: Why, recording_id: str) -> None:
     """Write what the trials show beside them; recordings that no finding names are deleted."""
     named = {each.recording for proved in result.findings for each in proved.tried}
-    for made in done.values():
-        if made.recording is not None and made.recording not in named:
-            made.recording.unlink(missing_ok=True)
+    for path in folder.glob("*.rrd"):
+        if path not in named:
+            path.unlink()
     held = {"recording_id": recording_id, **result.as_json()}
     with written_whole(folder / VERDICTS, force=True, ours=True) as file:
         file.write(json.dumps(held, indent=1).encode())

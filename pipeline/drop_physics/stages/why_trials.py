@@ -261,7 +261,6 @@ class RunTrial:
 
     def __call__(self, number: int) -> TrialRun:
         """Run a candidate, record it, and compare it with the script's own run."""
-        from drop_physics.analysis.story import Story
         from drop_physics.experiments.run_distance import apart
         from drop_physics.recording.reader import read
 
@@ -292,11 +291,19 @@ class RunTrial:
         other = read(path)
         with np.errstate(all="ignore"):  # of states that are not finite
             far = apart(self.base.seen, other.seen, finer=run.finer)
-        findings = Story(other.seen, other.origin_and_end).analysis().findings
+        findings = self._findings(number, other)
         steps = sum(samples - 1 for samples in other.seen.samples.values()) // run.finer
         fired = nudges or run.finer > 1 or bool(ended.intervened)
         error = str((other.ended or {}).get("error") or "")
         return TrialRun(Outcome(fired, ended.how, error, steps, findings, far), path)
+
+    def _findings(self, number: int, other: Recording) -> list[Finding]:
+        """Return the findings of a trial that belongs to one, or of the nudge."""
+        from drop_physics.analysis.story import Story
+
+        if number != self.nudge and not self.candidates[number].findings:
+            return []
+        return Story(other.seen, other.origin_and_end).analysis().findings
 
     def _path(self, number: int) -> Path:
         name = "nudge"

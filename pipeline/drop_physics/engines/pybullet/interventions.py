@@ -148,7 +148,8 @@ def proposed(advice: str, about: str, *, timestep_s: float, site: str | None) ->
         found.append(Proposed("lifted", f"{match[1]} mm higher", by_m, operations=lifted))
     if found:
         return found
-    for function, text in CALL.findall(advice):
+    calls = [] if "JOINT_GEAR" in advice else CALL.findall(advice)  # which takes three at once
+    for function, text in calls:
         found += (
             [_shorter(text, timestep_s)]
             if function == "setTimeStep"

@@ -70,6 +70,8 @@ class Program:
     """Whether steps of MuJoCo are replayed and explained in the same interpreter, afterwards."""
     variation: Mapping[str, Any] | None = None
     """The arguments of a `watching.varied.Variation`, or None."""
+    listens: bool = False
+    """Whether it is told what it reaches beside its simulation, which slows it down."""
     interventions: Sequence[Mapping[str, Any]] = ()
     """What its calls do otherwise, as `interventions` makes it."""
 
@@ -251,6 +253,7 @@ class Script(Listener):
             "seed": program.seed,
             "begins_s": program.begins_s,
             "variation": program.variation,
+            "listens": program.listens,
             "interventions": program.interventions,
         }
         command = [program.python, str(WATCHING), json.dumps(options), program.target]

@@ -82,6 +82,9 @@ class Decoder:
         """Whether the script closed the pipe or wrote into it: the end is missing."""
         self.real_time = False
         self.unseeded: list[str] = []
+        self.outside: list[tuple[str, str]] = []
+        """What it reached beside its simulation: `connects`, `starts`, `writes` or `removes`, and
+        a name."""
         self.intervened: set[int] = set()
         """The interventions that have changed something, by number."""
         self.timing = ""
@@ -392,6 +395,9 @@ class Decoder:
 
     def _on_running(self) -> None:
         self._ends_early(Message("threads that step the simulation outlive the block"))
+
+    def _on_outside(self, how: str, name: str) -> None:
+        self.outside.append((how, name))
 
     def _on_intervened(self, number: int) -> None:
         self.intervened.add(number)

@@ -89,9 +89,11 @@ def main() -> None:
     options, *rest = sys.argv[1:]
     arguments = json.loads(options)
     start, ending = _load()
-    is_module = arguments.pop("module")
+    is_module, listens = arguments.pop("module"), arguments.pop("listens")
     sys.argv = rest
     watch = start.watch(**arguments)
+    if listens:
+        watch.listen_outside()
     run = _run_module if is_module else _run_file
     ending.run(watch, lambda: run(rest[0]), os.path.abspath(__file__))
 

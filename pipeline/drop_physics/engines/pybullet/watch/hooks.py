@@ -22,6 +22,7 @@ from .clock import CALL_S, Clock
 from .handlers import handler
 from .hidden import hide
 from .intervene import Interventions, Operation
+from .outside import Outside
 from .pipe import Pipe
 from .quiet import Window
 from .readings import Readings
@@ -226,6 +227,15 @@ class Watch:
         file, line = self.calls.place(frame)
         with self.lock:
             self.pipe.note("unseeded", called=called, file=file, line=line)
+
+    def listen_outside(self) -> None:
+        """Tell what the script reaches beside its simulation; for good, in this interpreter."""
+        Outside(self._tell_outside).listen()
+
+    def _tell_outside(self, what: str, name: str) -> None:
+        if self.on:
+            with self.lock:
+                self.pipe.note("outside", how=what, name=name)
 
     def _tell_intervention(self, number: int) -> None:
         """Report that an intervention has changed something for the first time."""

@@ -1,0 +1,80 @@
+"""What a script reaches beside its simulation, so that it is not run again unasked.
+
+Sockets, other programs, devices, and files that it writes elsewhere than in its working directory
+or in the system's folder for temporary ones. Python tells an audit hook, which cannot be taken off
+again: it is for an interpreter that is the script's own.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections.abc import Callable
+from typing import Any
+
+CONNECTS = ("socket.connect", "socket.bind", "socket.sendto")
+STARTS = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.spawn")
+REMOVES = ("os.remove", "os.rename", "os.rmdir", "os.truncate")
+WRITES = os.O_WRONLY | os.O_RDWR | os.O_APPEND
+QUIET = ("/dev/null", "/dev/tty", "/dev/shm/", "/dev/urandom", "/proc/")
+"""Devices that nothing comes of."""
+CACHES = (f"{os.sep}__pycache__{os.sep}", f"{os.sep}.cache{os.sep}", f"matplotlib{os.sep}")
+"""Parts of paths that libraries write for themselves."""
+MOST = 8
+"""Things that are told."""
+
+
+class Outside:
+    """Tells what a script reaches outside, each thing once.
+
+    Parameters
+    ----------
+    tell
+        Called with what it is, `connects`, `starts`, `removes` or `writes`, and its name.
+    """
+
+    def __init__(self, tell: Callable[[str, str], None]) -> None:
+        self._tell = tell
+        self._told: set[tuple[str, str]] = set()
+        self.on = True
+        temporary = {tempfile.gettempdir(), os.path.realpath(tempfile.gettempdir())}
+        self._allowed = tuple(os.path.join(each, "") for each in temporary)
+
+    def listen(self) -> None:
+        """Begin."""
+        sys.addaudithook(self._hear)
+
+    def _hear(self, event: str, arguments: tuple[Any, ...]) -> None:
+        if event == "open":
+            path, _, flags = arguments
+            if self.on and flags & WRITES and (type(path) is str or type(path) is bytes):
+                self._file("writes", os.fsdecode(path))
+        elif not self.on:
+            return
+        elif event in CONNECTS:
+            self._note("connects", str(arguments[1])[:80])
+        elif event in STARTS:
+            self._note("starts", str(arguments[0])[:80])
+        elif event in REMOVES and type(arguments[0]) is str:
+            self._file("removes", arguments[0])
+
+    def _file(self, what: str, path: str) -> None:
+        try:
+            whole = os.path.realpath(path)
+            here = os.path.join(os.path.realpath(os.getcwd()), "")
+        except OSError:
+            return
+        if whole.startswith((here, *self._allowed, *QUIET)) or any(c in whole for c in CACHES):
+            return
+        self._note(what, whole)
+
+    def _note(self, what: str, name: str) -> None:
+        key = what, name
+        if key not in self._told and len(self._told) < MOST:
+            self._told.add(key)
+            self.on = False  # what telling opens is ours
+            try:
+                self._tell(what, name)
+            finally:
+                self.on = True

@@ -1,0 +1,143 @@
+"""How much of an outcome each of several causes accounts for, by switching them off.
+
+A part is the outcome less what it is with that cause alone switched off; the total is the outcome
+less what it is with all of them off; what the parts do not add up to is their interaction. The
+timestep is switched off by halving it twice and Richardson's extrapolation, where the outcome is
+seen to converge with an order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from drop_physics.drop.convergence import richardson, solution_order
+from drop_physics.experiments.robustness import LEAST_ORDER, MOST_ORDER
+from drop_physics.experiments.run_distance import Apart, Track
+
+FINER = (1, 2, 4)
+"""Steps of the engine for one of the script's, where the timestep is switched off."""
+SMALL = 1e-2
+"""A part below this share of the largest is left out."""
+TIMESTEP = "timestep"
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """One number of an outcome: where a joint ends, or a base along an axis."""
+
+    body: str
+    joint: str | None
+    unit: str
+    axis: int
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return self.joint or f"{self.body} {'xyz'[self.axis]}"
+
+    def of(self, run: Apart) -> tuple[float, float, float] | None:
+        """Return where it ends in a run and in the script's own, and when; None if nowhere."""
+        track = next((each for each in run.tracks if self._is_of(each)), None)
+        if track is None:
+            return None
+        return float(track.theirs[self.axis]), float(track.last[self.axis]), track.end_s
+
+    def _is_of(self, track: Track) -> bool:
+        return (track.body, track.joint, track.unit) == (self.body, self.joint, self.unit)
+
+
+@dataclass(frozen=True)
+class Shares:
+    """One number of an outcome as a sum over its causes."""
+
+    quantity: str
+    """What it is: a joint, or a body and an axis, at the end of the run."""
+    unit: str
+    """`m` or `rad`."""
+    total: float
+    """The outcome less what it is with all causes switched off."""
+    parts: dict[str, float]
+    """By cause, the outcome less what it is with that alone switched off; the largest first."""
+    interaction: float
+    """What the parts do not add up to."""
+
+
+def coordinate_of(trials: Mapping[str, Apart], noise: Mapping[str, float]) -> Coordinate | None:
+    """Return the number that trials move most, if by clearly more than chance does.
+
+    Parameters
+    ----------
+    trials
+        By cause, the run without it.
+    noise
+        By unit, how far a nudge moves the outcome.
+    """
+    found: dict[Coordinate, float] = {}
+    for run in trials.values():
+        for track in run.tracks:
+            off = np.abs(track.theirs - track.last)
+            if len(off) == 4 or not np.isfinite(off).all():  # a quaternion has no such numbers
+                continue
+            axis = int(np.argmax(off))
+            if off[axis] > 100 * noise.get(track.unit, 0.0):
+                each = Coordinate(track.body, track.joint, track.unit, axis)
+                found[each] = max(found.get(each, 0.0), float(off[axis]))
+    return max(found, key=lambda each: found[each], default=None)
+
+
+def shares_of(
+    coordinate: Coordinate,
+    alone: Mapping[str, Apart],
+    together: Mapping[int, Apart],
+    finer: Mapping[int, Apart],
+) -> Shares | None:
+    """Return the shares of causes; None where fewer than two have one, or a run is lacking.
+
+    Parameters
+    ----------
+    coordinate
+        The number that is shared.
+    alone
+        By cause, the run without it alone.
+    together
+        By steps of the engine for one of the script's, the run without all of them.
+    finer
+        Likewise with nothing else switched off; without the script's own run.
+    """
+    ends = {name: coordinate.of(run) for name, run in alone.items()}
+    whole = {by: coordinate.of(run) for by, run in together.items()}
+    timed = {by: coordinate.of(run) for by, run in finer.items()}
+    known = [*ends.values(), *whole.values(), *timed.values()]
+    times = {each[2] for each in known if each is not None}
+    if None in known or len(times) != 1 or not ends:
+        return None
+    own = next(each[1] for each in known if each is not None)
+    parts = {name: own - each[0] for name, each in ends.items() if each is not None}
+    limit = _limit({1: own, **{by: each[0] for by, each in timed.items() if each}})
+    none = _limit({by: each[0] for by, each in whole.items() if each})
+    if limit is not None and none is not None:
+        parts[TIMESTEP] = own - limit
+    elif 1 in whole and whole[1] is not None:
+        none = whole[1][0]
+    most = max(map(abs, parts.values()))
+    parts = {name: part for name, part in parts.items() if abs(part) > SMALL * most}
+    if none is None or len(parts) < 2:
+        return None
+    total = own - none
+    ordered = dict(sorted(parts.items(), key=lambda each: -abs(each[1])))
+    interaction = total - sum(parts.values())
+    return Shares(coordinate.name, coordinate.unit, total, ordered, interaction)
+
+
+def _limit(ends: Mapping[int, float]) -> float | None:
+    """Return where an outcome would end with a timestep of 0; None where it shows no order."""
+    if any(by not in ends for by in FINER):
+        return None
+    values = [ends[by] for by in FINER]
+    order = solution_order([1 / by for by in FINER], values)
+    if order is None or not LEAST_ORDER <= order <= MOST_ORDER:
+        return None
+    return richardson(values[1], values[2], ratio=2.0, order=order)
