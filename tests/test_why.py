@@ -15,7 +15,7 @@ import numpy as np
 import pybullet as p
 import pybullet_data
 import pytest
-from drop_physics import analyze
+from drop_physics import Scenario, analyze, simulate
 from drop_physics.engines.pybullet.interventions import Proposed, Scope, applied, proposed
 from drop_physics.engines.pybullet.watch.intervene import Interventions
 from drop_physics.errors import DropError, ScenarioError
@@ -103,6 +103,51 @@ def test_only_what_changes_no_bit_has_no_effect(held: Why) -> None:
     assert first.moved.value >= max(
         each.moved.value for each in held.hangs_on if each.moved is not None
     )
+
+
+def test_an_analysis_shows_the_verdicts_of_trials_beside_its_recording(held: Why) -> None:
+    (weak,) = [each for each in analyze(held.recording).findings if each.tried]
+    assert (weak.code, weak.verdict) == ("weak-constraint", "cured")
+    assert "tried maxForce*10: cured" in str(analyze(held.recording))
+    beside = trials_of(held.recording) / "why.json"
+    kept = beside.read_text()
+    for broken in ("{", "[]", kept.replace('"recording_id": "', '"recording_id": "0')):
+        beside.write_text(broken)
+        assert all(each.verdict is None for each in analyze(held.recording).findings)
+    beside.write_text(kept)
+
+
+def test_shares_are_the_articles_and_the_exact_terms(tmp_path: Path) -> None:
+    """A box falls for 0.3 s: -1.82 mm = -6.13 timestep + 4.31 damping + 0.00 interaction."""
+    result = proved(tmp_path, "p.loadURDF('cube_small.urdf', [0, 0, 1])\nsteps(72)\n")
+    shares = result.shares
+    assert shares is not None
+    assert (shares.quantity, shares.unit) == ("0_cube_small z", "m")
+    said = {name: f"{1e3 * value:+.2f}" for name, value in shares.parts.items()}
+    assert said == {"timestep": "-6.13", "damping": "+4.31"}
+    assert f"{1e3 * shares.total:+.2f}" == "-1.82"
+    # Beside the exact terms. Each was switched off alone, so each part holds the interaction too,
+    # and that is left with the other sign. Richardson leaves an error of the next order, 0.2 µm.
+    exact = analyze(simulate(Scenario(duration_s=0.3), tmp_path / "fall.rrd").recording)
+    terms = exact.at[0].terms_m
+    assert shares.parts["damping"] == pytest.approx(terms.damping + terms.interaction, rel=1e-6)
+    assert shares.parts["timestep"] == pytest.approx(terms.timestep + terms.interaction, abs=3e-7)
+    assert shares.interaction == pytest.approx(-terms.interaction, abs=3e-7)
+    assert shares.total == pytest.approx(exact.at[0].error_m, rel=1e-5)
+
+
+def test_what_reaches_outside_is_not_run_again_unasked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "here"))
+    text = HELD + "open('mine.txt', 'w').close()\nopen('../other.txt', 'a').write('x')\n"
+    with pytest.raises(DropError, match=r"writes \S+other\.txt.*again"):
+        proved(tmp_path / "here", text, tries=["damping"])
+    assert (tmp_path / "other.txt").read_text() == "x"
+    proved(tmp_path / "here", text, tries=["damping"], again=True, force=True)
+    assert (tmp_path / "other.txt").read_text() == "xxxx"  # its own run, the nudge and the trial
 
 
 def test_what_is_asked_with_try_is_tried_and_nothing_else(tmp_path: Path) -> None:

@@ -107,7 +107,7 @@ CONTRACT: dict[type, set[str]] = {
         "reason",
         "cure",
         "code", "level", "message", "advice", "body", "bodies", "joint", "with", "effect", "share",
-        "steps", "site",
+        "steps", "site", "verdict", "tried",
     },
     Shares: {field.name for field in fields(Shares)},
     answer.Span: {"first", "last", "count"},
@@ -140,8 +140,68 @@ class Object(NamedTuple):
     """What its other keys are, whose names are not known beforehand."""
 
 
+TRIAL_KEYS: dict[str, Any] = {
+    "name": str,
+    "target": str | None,
+    "value": float | None,
+    "call": str,
+    "site": str | None,
+}
+TRIAL_SAYS = {
+    "name": "Of the intervention, as `--try` takes it.",
+    "target": "The body or joint that it is made on; null if on the whole run.",
+    "value": "What is given; null where the intervention has no number, or several.",
+    "call": "What its user would write.",
+    "site": "File and line of the call that it is about.",
+    "moved": "How far the outcome moves: at the end, else on the way; null where a nudge of 1e-9 "
+    "moves it a tenth as much or more, or nothing moves.",
+}
+MOVED = Object(
+    {"value": float | None, "unit": Literal["m", "rad"], "body": str, "joint": str | None},
+    {
+        "value": "The distance; null where a state is not finite.",
+        "unit": "`m`, of positions; `rad`, of orientations and joints that turn.",
+        "body": "Its label.",
+        "joint": "Its name; null of a base.",
+    },
+    frozenset({"value", "unit", "body", "joint"}),
+)
+TRIED = Object(
+    {
+        **TRIAL_KEYS,
+        "verdict": Verdict,
+        "before": float | None,
+        "after": float | None,
+        "unit": str | None,
+        "left": float | None,
+        "moved": (MOVED,),
+        "new": list[str],
+        "recording": Path | None,
+    },
+    {
+        **TRIAL_SAYS,
+        "verdict": "`cured`: at most a fifth of the effect is left, the outcome moves by more than "
+        "ten times what a nudge moves, nothing graver is new, and the run ends as before; `part`: "
+        "some of this; `chaotic`: the nudge alone changes the finding; `refuted`: it is as before; "
+        "`void`: no call was changed, or the script fails with it; `untried`: there was no time, "
+        "or the engine has no such intervention.",
+        "before": "The finding's effect in the script's own run; null where it has none.",
+        "after": "The same in the trial; null where the finding is gone.",
+        "unit": "Of both.",
+        "left": "Share of the effect that is left; null where the finding's code is itself a "
+        "cause, which the trial takes away whether or not it matters: there the outcome decides.",
+        "new": "Codes of graver findings that only the trial has.",
+        "recording": "Of the trial; null where it was not run.",
+    },
+    frozenset({*TRIAL_KEYS, "verdict", "before", "after", "unit", "left", "moved", "new",
+               "recording"}),
+)  # fmt: skip
+
+
 def _object(kind: Any, required: set[str] | None = None, /, **instead: Any) -> Object:  # noqa: ANN401
     """Return a dataclass as printed; `instead` has other types of keys, None to leave one out."""
+    if kind is answer.Finding:
+        instead = {"verdict": Verdict | None, "tried": [TRIED]} | instead
     hints = {field.name: get_type_hints(kind)[field.name] for field in fields(kind)} | instead
     names = {name: script.JSON_NAMES.get(name, name) for name in hints}
     keys = {names[name]: hint for name, hint in hints.items() if hint is not None}
@@ -417,72 +477,6 @@ TRUST = Object(
     },
     frozenset({"script", "recording", "variations", "findings"}),
 )
-TRIAL_KEYS: dict[str, Any] = {
-    "name": str,
-    "target": str | None,
-    "value": float | None,
-    "call": str,
-    "site": str | None,
-}
-TRIAL_SAYS = {
-    "name": "Of the intervention, as `--try` takes it.",
-    "target": "The body or joint that it is made on; null if on the whole run.",
-    "value": "What is given; null where the intervention has no number, or several.",
-    "call": "What its user would write.",
-    "site": "File and line of the call that it is about.",
-    "moved": "How far the outcome moves: at the end, else on the way; null where a nudge of 1e-9 "
-    "moves it a tenth as much or more, or nothing moves.",
-}
-MOVED = Object(
-    {"value": float | None, "unit": Literal["m", "rad"], "body": str, "joint": str | None},
-    {
-        "value": "The distance; null where a state is not finite.",
-        "unit": "`m`, of positions; `rad`, of orientations and joints that turn.",
-        "body": "Its label.",
-        "joint": "Its name; null of a base.",
-    },
-    frozenset({"value", "unit", "body", "joint"}),
-)
-TRIED = Object(
-    {
-        **TRIAL_KEYS,
-        "verdict": Verdict,
-        "before": float | None,
-        "after": float | None,
-        "unit": str | None,
-        "left": float | None,
-        "moved": (MOVED,),
-        "new": list[str],
-        "recording": Path | None,
-    },
-    {
-        **TRIAL_SAYS,
-        "verdict": "`cured`: at most a fifth of the effect is left, the outcome moves by more than "
-        "ten times what a nudge moves, nothing graver is new, and the run ends as before; `part`: "
-        "some of this; `chaotic`: the nudge alone changes the finding; `refuted`: it is as before; "
-        "`void`: no call was changed, or the script fails with it; `untried`: there was no time, "
-        "or the engine has no such intervention.",
-        "before": "The finding's effect in the script's own run; null where it has none.",
-        "after": "The same in the trial; null where the finding is gone.",
-        "unit": "Of both.",
-        "left": "Share of the effect that is left; null where the finding's code is itself a "
-        "cause, which the trial takes away whether or not it matters: there the outcome decides.",
-        "new": "Codes of graver findings that only the trial has.",
-        "recording": "Of the trial; null where it was not run.",
-    },
-    frozenset({*TRIAL_KEYS, "verdict", "before", "after", "unit", "left", "moved", "new",
-               "recording"}),
-)  # fmt: skip
-_FINDING = _object(answer.Finding)
-PROVED = Object(
-    {**_FINDING.keys, "verdict": Verdict, "tried": [TRIED]},
-    {
-        **_FINDING.descriptions,
-        "verdict": "The best of its trials; `untried` without any.",
-        "tried": "Its trials.",
-    },
-    _FINDING.required | {"verdict", "tried"},
-)
 WHY = Object(
     {
         "script": str,
@@ -497,7 +491,7 @@ WHY = Object(
                 frozenset({"value", "unit"}),
             ),
         ),
-        "findings": [PROVED],
+        "findings": [answer.Finding],
         "hangs_on": [
             Object(
                 {**TRIAL_KEYS, "moved": (MOVED,)},

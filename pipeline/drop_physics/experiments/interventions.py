@@ -91,5 +91,10 @@ class Intervention:
         """Its call for a table: `force=70`, `timestep/2`."""
         if self.name == "timestep":
             return f"timestep/{self.value:g}"
-        within = None if self.name == "without" else WITHIN.fullmatch(self.call)
-        return self.call if within is None else within[1]
+        return short(self.call)
+
+
+def short(call: str) -> str:
+    """Return what a call is given, where its other arguments are left open: `force=70`."""
+    within = WITHIN.fullmatch(call)
+    return call if within is None else within[1]

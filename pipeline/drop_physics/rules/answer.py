@@ -109,6 +109,11 @@ class Finding:
     site: str | None = None
     """File and line of the call that caused it; of a notebook, cell and line."""
 
+    verdict: str | None = None
+    """What trials show of it, the best of them, where `drop why` was run on this recording."""
+    tried: tuple[Mapping[str, Any], ...] = ()
+    """These trials."""
+
     @property
     def said(self) -> str:
         """The message, which names what it is about."""

@@ -26,6 +26,7 @@ from drop_physics.rules.choice import EVERY, Choice
 from drop_physics.stages.events import events
 from drop_physics.stages.panels import viewed
 from drop_physics.stages.sources import Sources
+from drop_physics.stages.trials import Trials
 from drop_physics.trace.history import Seen, body_named
 
 if TYPE_CHECKING:
@@ -100,6 +101,8 @@ def analyze(
         whole=bool(tables),
         reports=lambda finding: choice.reports(finding, sources.ignored_at(finding.site)),
     )
+    trials = Trials(path, read_back.recording_id)
+    analysis = replace(analysis, findings=[*map(trials.with_verdict, analysis.findings)])
     progress(ANALYZING, 2, _PARTS)
     write_layer(
         layer,

@@ -43,9 +43,8 @@ def shares(
         return None
     causes = _causes(work, done, own, nudge)
     alone = {_name(candidate, causes): _apart(done[n]) for n, candidate in causes}
-    timed = next(
-        (_apart(done[n]) for n, each in enumerate(work.candidates) if _is_halved(each)), None
-    )
+    halved = (done[n].outcome for n, each in enumerate(work.candidates) if _is_halved(each))
+    timed = next((each.apart for each in halved if each is not None), None)
     coordinate = coordinate_of(alone, {each.unit: each.value for each in nudge.apart.end})
     if coordinate is None or (len(alone) < 2 and timed is None):
         return None

@@ -1,0 +1,52 @@
+"""The trials that `drop why` has left beside a recording: their verdicts go with its findings."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from drop_physics.recording.layer_file import VERDICTS, trials_of
+from drop_physics.rules.answer import Finding
+
+MOST_BYTES = 1 << 24
+"""Of the file of verdicts; what is longer is none of ours."""
+
+
+class Trials:
+    """What trials show of the findings of a recording; of another recording they show nothing.
+
+    Parameters
+    ----------
+    recording, recording_id
+        The recording, and its id.
+    """
+
+    def __init__(self, recording: Path, recording_id: str) -> None:
+        self._by_message: dict[str, Mapping[str, Any]] = {}
+        with contextlib.suppress(OSError, ValueError, RecursionError, KeyError, TypeError):
+            with (trials_of(recording) / VERDICTS).open("rb") as file:
+                held = json.loads(file.read(MOST_BYTES))
+            if held["recording_id"] == recording_id:
+                self._by_message = {
+                    each["message"]: each
+                    for each in held["findings"]
+                    if isinstance(each["verdict"], str) and all(map(_is_trial, each["tried"]))
+                }
+
+    def with_verdict(self, finding: Finding) -> Finding:
+        """Return a finding with what trials show of it."""
+        shown = self._by_message.get(str(finding.message))
+        if shown is None:
+            return finding
+        return replace(finding, verdict=shown["verdict"], tried=tuple(shown["tried"]))
+
+
+def _is_trial(value: object) -> bool:
+    """Return whether a value of the file is a trial, as far as it is shown."""
+    return isinstance(value, dict) and all(
+        isinstance(value.get(name), str) for name in ("name", "call", "verdict")
+    )
