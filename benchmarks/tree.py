@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pybullet as p
-from drop_physics.physics.bullet_tree import sum_of
+from drop_physics.physics.laws.bullet.tree import sum_of
 
 from benchmarks.harness import ROOT, Measured
 

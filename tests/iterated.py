@@ -10,11 +10,12 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
-from drop_physics.physics import bullet_air, bullet_spin
 from drop_physics.physics.base import Motion
-from drop_physics.physics.bullet import BulletLaw
-from drop_physics.physics.bullet_air import effective_damping
 from drop_physics.physics.columns import rotation
+from drop_physics.physics.laws.bullet import air as bullet_air
+from drop_physics.physics.laws.bullet import spin as bullet_spin
+from drop_physics.physics.laws.bullet.air import effective_damping
+from drop_physics.physics.laws.bullet.law import BulletLaw
 from drop_physics.physics.theory import TheoreticalFall
 
 SIN, COS = (np.vectorize(function, otypes=[float]) for function in (math.sin, math.cos))

@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import some
-from drop_physics.physics import bullet_air, theory
+from drop_physics.physics import theory
 from drop_physics.physics.base import ExactPath, exactly
-from drop_physics.physics.bullet import BulletLaw
-from drop_physics.physics.bullet_air import effective_damping
-from drop_physics.physics.lookup import fall_of
+from drop_physics.physics.laws.bullet import air as bullet_air
+from drop_physics.physics.laws.bullet.air import effective_damping
+from drop_physics.physics.laws.bullet.law import BulletLaw
+from drop_physics.physics.laws.lookup import fall_of
 from drop_physics.scenario import Scenario
 from engine import MODES, ROUNDS_ONCE, drive
 from iterated import airborne, law_of, thrown_as

@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from drop_physics.engines.pybullet.world import World
-from drop_physics.physics import bullet_contact
-from drop_physics.physics.bullet import BulletLaw
-from drop_physics.physics.bullet_air import effective_damping
+from drop_physics.physics.laws.bullet import contact as bullet_contact
+from drop_physics.physics.laws.bullet.air import effective_damping
+from drop_physics.physics.laws.bullet.law import BulletLaw
 from drop_physics.scenario import Scenario
 from engine import MODES, drive
 from iterated import airborne, law_of

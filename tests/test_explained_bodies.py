@@ -19,8 +19,8 @@ from drop_physics.explain.bodies import Epochs
 from drop_physics.explain.causes import CAUSES, Totals
 from drop_physics.explain.judged import SEGMENTS, Judged
 from drop_physics.explain.recording import Explanation
-from drop_physics.physics.bullet_tree import BulletTree, Reported
 from drop_physics.physics.impulses import Forces
+from drop_physics.physics.laws.bullet.tree import BulletTree, Reported
 from drop_physics.trace.history import Piece, Seen
 from drop_physics.trace.log import Log
 from drop_physics.trace.tables import table_of

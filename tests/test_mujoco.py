@@ -18,8 +18,8 @@ from drop_physics.drop.mechanics import Drift
 from drop_physics.engines import other_world
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.explain.segments import FLIGHT, segments_of
-from drop_physics.physics.lookup import law_for
-from drop_physics.physics.mujoco_contact import rest_depth_m
+from drop_physics.physics.laws.lookup import law_for
+from drop_physics.physics.laws.mujoco.contact import rest_depth_m
 from drop_physics.physics.rotations import rotate
 from drop_physics.recording.frames import frames
 from drop_physics.recording.reader import Recording, read

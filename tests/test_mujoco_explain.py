@@ -17,7 +17,7 @@ from drop_physics.engines.mujoco.explain.reasons import EXPLAINED, OTHER, REPLAY
 from drop_physics.engines.mujoco.explained import ExplainedPiece
 from drop_physics.engines.mujoco.frames import STEP, STEP_HEAD
 from drop_physics.engines.mujoco.received import LENGTH
-from drop_physics.physics.mujoco_tree import MujocoTrees
+from drop_physics.physics.laws.mujoco.tree import MujocoTrees
 from mujoco_scripts import MACHINE, Run, of_world, statuses, watched
 
 pytestmark = pytest.mark.usefixtures("mujoco_forked")

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 import pytest
 from drop_physics.engines.mujoco.watch.followed import constants_of
-from drop_physics.physics.mujoco_tree import MujocoTrees, product, turned
+from drop_physics.physics.laws.mujoco.tree import MujocoTrees, product, turned
 from mujoco_scripts import MACHINE
 
 SHIPPED = Path(mujoco.__file__).parent / "testdata/model.xml"

@@ -31,7 +31,7 @@ from drop_physics.explain.segments import (
 )
 from drop_physics.explain.touching import touches_of
 from drop_physics.physics.base import Motion
-from drop_physics.physics.bullet import BulletLaw
+from drop_physics.physics.laws.bullet.law import BulletLaw
 from drop_physics.trace import states
 from engine import MODES, ROUNDS_ONCE
 from iterated import law_of

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from drop_physics.engines.pybullet.world import World
 from drop_physics.physics.base import Motion
-from drop_physics.physics.bullet import BulletLaw
-from drop_physics.physics.bullet_air import effective_damping
-from drop_physics.physics.lookup import law_for
+from drop_physics.physics.laws.bullet.air import effective_damping
+from drop_physics.physics.laws.bullet.law import BulletLaw
+from drop_physics.physics.laws.lookup import law_for
 from drop_physics.scenario import Scenario
 from engine import MODES, ROUNDS_ONCE, box, drive, urdf_of
 from hypothesis import HealthCheck, given, settings

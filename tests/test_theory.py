@@ -18,7 +18,7 @@ import pytest
 from conftest import some
 from drop_physics.physics import theory
 from drop_physics.physics.base import Drag
-from drop_physics.physics.bullet import drag_of
+from drop_physics.physics.laws.bullet.law import drag_of
 from drop_physics.physics.theory import TheoreticalFall
 
 DEFAULT = float(np.float32(0.04))

@@ -19,19 +19,20 @@ import numpy as np
 import pybullet as p
 import pytest
 from conftest import some
-from drop_physics.physics import bullet_reports, bullet_tree
 from drop_physics.physics.base import Motion
-from drop_physics.physics.bullet import BulletLaw
-from drop_physics.physics.bullet_tree import (
+from drop_physics.physics.dynamics import mass_matrix
+from drop_physics.physics.impulses import Forces, Sum, impulses_of
+from drop_physics.physics.kinematics import kinematics, motion, spin_jacobian
+from drop_physics.physics.laws.bullet import reports as bullet_reports
+from drop_physics.physics.laws.bullet import tree as bullet_tree
+from drop_physics.physics.laws.bullet.law import BulletLaw
+from drop_physics.physics.laws.bullet.tree import (
     BulletTree,
     Reported,
     StepConditions,
     not_covered,
     sum_of,
 )
-from drop_physics.physics.dynamics import mass_matrix
-from drop_physics.physics.impulses import Forces, Sum, impulses_of
-from drop_physics.physics.kinematics import kinematics, motion, spin_jacobian
 from drop_physics.physics.tree import States, Tree
 from trees import DATA, Watched, described, engine, is_fixed, joints_of, load, motors_off, run
 

@@ -11,11 +11,12 @@ import numpy as np
 import pybullet as p
 import pybullet_data
 from clients import release_clients
-from drop_physics.physics import bullet_reports, bullet_tree
-from drop_physics.physics.bullet_tree import BulletTree, Reported
 from drop_physics.physics.columns import rotation
 from drop_physics.physics.impulses import Forces, Sum
 from drop_physics.physics.kinematics import Kinematics, kinematics
+from drop_physics.physics.laws.bullet import reports as bullet_reports
+from drop_physics.physics.laws.bullet import tree as bullet_tree
+from drop_physics.physics.laws.bullet.tree import BulletTree, Reported
 from drop_physics.physics.tree import BASE, Joint, States, Tree
 
 DATA = pybullet_data.getDataPath()

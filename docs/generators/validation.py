@@ -321,9 +321,9 @@ M (u' - u) = gravity + bias + damping + joint damping + applied + motors
 ```
 
 All is computed from the state before the step and what PyBullet reports after it
-(`physics/bullet_tree`). Stops, the velocity clamp behind the solver and friction against rolling
-and spinning are reported nowhere: what of the remainder lies in the only directions in which they
-can act is theirs. Of a tree with few degrees of freedom these may span everything.
+(`physics/laws/bullet/tree`). Stops, the velocity clamp behind the solver and friction against
+rolling and spinning are reported nowhere: what of the remainder lies in the only directions in
+which they can act is theirs. Of a tree with few degrees of freedom these may span everything.
 
 The largest remainder of any step, over the largest term or single force of that step; in brackets
 over the largest entry of a term alone, in steps in which one exceeds 1e-6 N s or N m s.
@@ -359,14 +359,14 @@ load `kuka_iiwa/model_for_sdf.urdf`, `kuka_iiwa/model2.sdf` and `kuka_iiwa/kuka_
 `gripper/wsg50_one_motor_gripper_free_base.sdf` ends the process. None of those that load is left
 out.
 
-**Where the sum need not hold**, as `bullet_tree.not_covered` says from settings alone:
+**Where the sum need not hold**, as `laws/bullet/tree.not_covered` says from settings alone:
 
 | setting | why |
 | --- | --- |
 | `numSubSteps` above 1 | reported is the last substep; see below |
 | sleeping allowed | a sleeping body is not stepped, whatever acts on it |
 | soft bodies | no tree of links |
-| `useMaximalCoordinates` | another law (`physics/bullet`) |
+| `useMaximalCoordinates` | another law (`physics/laws/bullet/law`) |
 | something can move without mass or inertia | M has no inverse |
 | planar joints | PyBullet reports two of their three numbers |
 | a prismatic constraint | its force is reported along axes that are not |
@@ -380,7 +380,7 @@ Motors may give force × dt in each. Motors and contacts are reported as the las
 over dt, so they are N times as strong; constraints over dt/N. For some N, from 55 on, rounding
 makes one step in 200, or every second one, of N - 1 substeps.
 
-`physics/bullet_substeps` takes what is reported of the last substep for all, and looks whether
+`physics/laws/bullet/substeps` takes what is reported of the last substep for all, and looks whether
 velocities and pose are then those at the end of the step (`tests/test_substeps.py`):
 
 | with N = 2 and 4 | largest remainder | so |

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from drop_physics.compare.difference import Difference, DropInputs, Setting
-from drop_physics.physics.lookup import law_for
+from drop_physics.physics.laws.lookup import law_for
 from drop_physics.scenario import ENGINES_WITH
 
 SINGLE = 2.0**-22

@@ -14,7 +14,7 @@ from drop_physics.drop.samples import Samples, samples_in, samples_of
 from drop_physics.engine_report import EngineReport
 from drop_physics.physics import theory
 from drop_physics.physics.base import EXACT_MACHINES, Law, Motion
-from drop_physics.physics.lookup import fall_of, law_for
+from drop_physics.physics.laws.lookup import fall_of, law_for
 from drop_physics.physics.rotations import same_way
 from drop_physics.physics.theory import TheoreticalFall
 from drop_physics.scenario import ENGINES, EXACT_INTEGRATORS, Scenario

@@ -15,7 +15,7 @@ from drop_physics.explain.decomposition import TERMS, error_and_terms
 from drop_physics.fields import decimals
 from drop_physics.messages import Message, joined
 from drop_physics.physics.base import Law, Motion
-from drop_physics.physics.bullet import BulletLaw
+from drop_physics.physics.laws.bullet.law import BulletLaw
 from drop_physics.scenario import ENGINES
 
 Float64 = NDArray[np.float64]

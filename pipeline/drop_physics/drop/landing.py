@@ -16,13 +16,15 @@ from drop_physics.drop.posture import face_up, flat_height_m, stands, tilt_rad
 from drop_physics.drop.results import Bounce, Contact, Landing, Rest, RestTerms
 from drop_physics.drop.samples import Samples
 from drop_physics.drop.touchdowns import Episode
-from drop_physics.physics import bullet_contact, mujoco_contact, theory
-from drop_physics.physics.bullet import BulletLaw
-from drop_physics.physics.bullet_contact import (
+from drop_physics.physics import theory
+from drop_physics.physics.laws.bullet import contact as bullet_contact
+from drop_physics.physics.laws.bullet.contact import (
     CONTACT_ERP,
     CONTACT_SLOP_M,
     RESTITUTION_THRESHOLD_M_S,
 )
+from drop_physics.physics.laws.bullet.law import BulletLaw
+from drop_physics.physics.laws.mujoco import contact as mujoco_contact
 
 LONGEST_THROW_S = 3600.0
 REPRODUCED = 1e-3

@@ -12,7 +12,7 @@ from drop_physics.drop.results import Moment, Terms
 from drop_physics.engine_report import EngineReport
 from drop_physics.explain.decomposition import TERMS, decompose
 from drop_physics.physics.base import Motion
-from drop_physics.physics.lookup import fall_of, law_for
+from drop_physics.physics.laws.lookup import fall_of, law_for
 from drop_physics.scenario import Scenario
 
 Float64 = NDArray[np.float64]

@@ -14,7 +14,7 @@ from drop_physics.drop.results import DropAnalysis
 from drop_physics.engine_report import EngineReport
 from drop_physics.explain.rows import MOST_ROWS
 from drop_physics.messages import Message
-from drop_physics.physics.lookup import law_for
+from drop_physics.physics.laws.lookup import law_for
 from drop_physics.scenario import Scenario
 from drop_physics.trace.history import Seen
 from drop_physics.trace.states import BODY

@@ -8,9 +8,9 @@ import numpy as np
 
 from drop_physics.drop.case import Case
 from drop_physics.drop.samples import Samples
-from drop_physics.physics import bullet_contact
 from drop_physics.physics.base import Motion
-from drop_physics.physics.bullet import BulletLaw
+from drop_physics.physics.laws.bullet import contact as bullet_contact
+from drop_physics.physics.laws.bullet.law import BulletLaw
 
 CORNERS = 4
 """Contact points of a box that lies flat."""

@@ -17,10 +17,10 @@ from drop_physics.explain.balance import Pushes
 from drop_physics.explain.bodies import Epoch
 from drop_physics.explain.touching import Touches
 from drop_physics.physics.base import Law, Motion
-from drop_physics.physics.bullet import BulletLaw
-from drop_physics.physics.bullet_air import EPSILON, effective_damping
-from drop_physics.physics.bullet_tree import Reason, Reported
 from drop_physics.physics.impulses import Forces
+from drop_physics.physics.laws.bullet.air import EPSILON, effective_damping
+from drop_physics.physics.laws.bullet.law import BulletLaw
+from drop_physics.physics.laws.bullet.tree import Reason, Reported
 from drop_physics.physics.tree import States
 from drop_physics.physics.vectors import lengths, summed
 from drop_physics.scenario import Coordinates

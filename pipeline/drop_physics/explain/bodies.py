@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.physics.base import Law
-from drop_physics.physics.bullet_air import MAX_COORDINATE_VELOCITY_M_S
-from drop_physics.physics.bullet_tree import (
+from drop_physics.physics.laws.bullet.air import MAX_COORDINATE_VELOCITY_M_S
+from drop_physics.physics.laws.bullet.tree import (
     DAMPING,
     BulletTree,
     Reason,
     StepConditions,
     not_covered,
 )
-from drop_physics.physics.lookup import RIGID
+from drop_physics.physics.laws.lookup import RIGID
 from drop_physics.physics.tree import BASE, Tree
 from drop_physics.trace import events
 from drop_physics.trace.calls import Given

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from drop_physics.explain.changes import energy_of
 from drop_physics.explain.judged import SEGMENTS, UNEXPLAINED, WHYS, Judged, Why
 from drop_physics.explain.steps import BodySteps
-from drop_physics.physics.bullet_tree import BulletTree
+from drop_physics.physics.laws.bullet.tree import BulletTree
 from drop_physics.physics.tree import States
 from drop_physics.trace.events import Body
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.physics.bullet_substeps import SubstepSum
-from drop_physics.physics.bullet_tree import BulletTree
 from drop_physics.physics.dynamics import lifted_j, mass_matrix
 from drop_physics.physics.impulses import Sum
 from drop_physics.physics.kinematics import Kinematics, kinematics
+from drop_physics.physics.laws.bullet.substeps import SubstepSum
+from drop_physics.physics.laws.bullet.tree import BulletTree
 from drop_physics.physics.tree import BASE, States
 
 Float64 = NDArray[np.float64]

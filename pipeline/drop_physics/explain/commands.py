@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.touching import rows_of
-from drop_physics.physics.bullet_reports import pd_effort
-from drop_physics.physics.bullet_tree import BulletTree
+from drop_physics.physics.laws.bullet.reports import pd_effort
+from drop_physics.physics.laws.bullet.tree import BulletTree
 from drop_physics.physics.tree import States, Tree
 from drop_physics.trace.acts import SETS_TIMESTEP
 from drop_physics.trace.calls import TIMESTEPS

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.touching import rows_of
-from drop_physics.physics.bullet_reports import constraint_forces, frame_axes, gear_impulses
 from drop_physics.physics.impulses import Forces
 from drop_physics.physics.kinematics import Kinematics, kinematics
+from drop_physics.physics.laws.bullet.reports import constraint_forces, frame_axes, gear_impulses
 from drop_physics.physics.tree import States, Tree
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import At

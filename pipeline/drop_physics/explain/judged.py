@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from drop_physics.explain import segments
 from drop_physics.explain.steps import SUBSTEPS, WITHOUT_SUM, BodySteps, Steps
-from drop_physics.physics.bullet_air import EPSILON
-from drop_physics.physics.bullet_tree import Reason
+from drop_physics.physics.laws.bullet.air import EPSILON
+from drop_physics.physics.laws.bullet.tree import Reason
 from drop_physics.physics.moving import moved_on
 from drop_physics.trace.events import Body
 

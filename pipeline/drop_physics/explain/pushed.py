@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from drop_physics.explain.bodies import Record
 from drop_physics.explain.chain import Chain, put_states
 from drop_physics.explain.touching import rows_of
-from drop_physics.physics.bullet_reports import pushes
 from drop_physics.physics.impulses import Forces
 from drop_physics.physics.kinematics import kinematics
+from drop_physics.physics.laws.bullet.reports import pushes
 from drop_physics.physics.tree import BASE, Tree
 from drop_physics.trace.calls import Push
 from drop_physics.trace.events import Put, order
@@ -35,7 +35,7 @@ def pushed(
     """Return what pushes do to a body in its steps.
 
     PyBullet takes the pose of a link that it computed last: that of one step earlier, unless a call
-    has refreshed it, some of which no recording has (`bullet_reports.pushes`).
+    has refreshed it, some of which no recording has (`laws/bullet/reports.pushes`).
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ from drop_physics.explain.steps import (
 from drop_physics.explain.times import Times
 from drop_physics.explain.touching import Touching, rows_of
 from drop_physics.physics.base import EXACT_MACHINES, Law
-from drop_physics.physics.bullet_tree import BulletTree
+from drop_physics.physics.laws.bullet.tree import BulletTree
 from drop_physics.physics.tree import States, Tree
 from drop_physics.trace.acts import CONSTRAINS, Act
 from drop_physics.trace.calls import Call, Push

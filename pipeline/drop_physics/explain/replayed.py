@@ -35,10 +35,10 @@ from drop_physics.explain.recording import LEAST_STEPS, MOST_STEPS, NUMBERS, Exp
 from drop_physics.explain.steps import EXPLAINED, BodySteps, StepBatch, Steps
 from drop_physics.explain.times import Times
 from drop_physics.explain.touching import Touching, rows_of
-from drop_physics.physics.bullet_tree import BulletTree, Reported
 from drop_physics.physics.dynamics import lifted_j, mass_matrix
 from drop_physics.physics.impulses import MOVED, PULLED, Sum, change_of
 from drop_physics.physics.kinematics import kinematics
+from drop_physics.physics.laws.bullet.tree import BulletTree, Reported
 from drop_physics.physics.rotations import products, rotate, rotate_inverse
 from drop_physics.physics.tree import States
 from drop_physics.trace.events import REPLAYS, Body, Cause, Impulses, Settings

@@ -20,10 +20,10 @@ from drop_physics.explain.pushed import pushed
 from drop_physics.explain.segments import FLIGHT
 from drop_physics.explain.times import Times
 from drop_physics.explain.touching import Sides, Touching, rows_of
-from drop_physics.physics.bullet_substeps import HELD, SubstepSum, sum_of_substeps
-from drop_physics.physics.bullet_tree import BulletTree, Reason, Reported, all_reported, sum_of
 from drop_physics.physics.impulses import Forces, Sum, impulses_of
 from drop_physics.physics.kinematics import kinematics
+from drop_physics.physics.laws.bullet.substeps import HELD, SubstepSum, sum_of_substeps
+from drop_physics.physics.laws.bullet.tree import BulletTree, Reason, Reported, all_reported, sum_of
 from drop_physics.physics.moving import moved_on
 from drop_physics.physics.tree import BASE, States
 from drop_physics.trace.calls import Push

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.bodies import Record, coefficients_of
-from drop_physics.physics.bullet_reports import contact_forces, points_force_n
 from drop_physics.physics.impulses import Forces
+from drop_physics.physics.laws.bullet.reports import contact_forces, points_force_n
 from drop_physics.physics.rowed import Rowed
 from drop_physics.physics.tree import BASE
 from drop_physics.trace.states import Rows

@@ -3,7 +3,7 @@
     M (u' - u) = the sum of all terms + remainder
 
 with M and all that depends on the pose taken before the step. What an engine adds to its step, and
-what it reports of it, is in that engine's law (`bullet_tree`).
+what it reports of it, is in that engine's law (`laws/bullet/tree`).
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.physics.bullet_spin import MAX_TURN_RAD
+from drop_physics.physics.laws.bullet.spin import MAX_TURN_RAD
 from drop_physics.physics.rotations import products, same_way
 from drop_physics.physics.tree import RATES, States, Tree
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from drop_physics.messages import Message
-from drop_physics.physics.lookup import RIGID
+from drop_physics.physics.laws.lookup import RIGID
 from drop_physics.rules.answer import Answer, Finding, Scene
 from drop_physics.rules.arguments import given, site_of
 from drop_physics.trace.acts import Act

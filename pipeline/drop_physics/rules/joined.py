@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from drop_physics.explain.joined import FIXED, POINT
 from drop_physics.messages import Message
-from drop_physics.physics.bullet_reports import frame_axes
 from drop_physics.physics.kinematics import kinematics
+from drop_physics.physics.laws.bullet.reports import frame_axes
 from drop_physics.physics.rotations import matrix
 from drop_physics.physics.tree import BASE
 from drop_physics.rules.answer import Answer, Effect, Finding, Scene, Span

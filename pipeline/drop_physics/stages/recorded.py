@@ -21,7 +21,7 @@ from drop_physics.engines.pybullet.visible_world import world_from_camera
 from drop_physics.engines.pybullet.world import World
 from drop_physics.messages import Message
 from drop_physics.physics import theory
-from drop_physics.physics.lookup import fall_of
+from drop_physics.physics.laws.lookup import fall_of
 from drop_physics.recording import schema
 from drop_physics.recording.about import about_drop
 from drop_physics.recording.falling import Falling, Photography, Progress

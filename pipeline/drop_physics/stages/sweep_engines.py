@@ -20,7 +20,7 @@ from drop_physics.drop.convergence import ROUNDED
 from drop_physics.drop.results import FallAnalysis, Rest
 from drop_physics.engines.worlds import Worlds
 from drop_physics.messages import Message
-from drop_physics.physics.lookup import law_for
+from drop_physics.physics.laws.lookup import law_for
 from drop_physics.scenario import Engine, Scenario
 from drop_physics.stages.recorded import BATCH, made_with
 from drop_physics.sweeping.plan import Plan

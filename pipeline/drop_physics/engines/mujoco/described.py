@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.physics.mujoco_tree import BALL, FREE, HINGE, SLIDE
+from drop_physics.physics.laws.mujoco.tree import BALL, FREE, HINGE, SLIDE
 from drop_physics.physics.rotations import products, rotate, rotate_inverse
 from drop_physics.trace.events import Actuator, Body, Collision, Joint, Shape
 from drop_physics.trace.states import BASE

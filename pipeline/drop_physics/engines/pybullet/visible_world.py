@@ -13,7 +13,7 @@ from drop_physics.engines.pybullet.c_output import c_output_moved_aside
 from drop_physics.engines.pybullet.engine import p
 from drop_physics.engines.pybullet.world import World
 from drop_physics.errors import DropError
-from drop_physics.physics.lookup import fall_of
+from drop_physics.physics.laws.lookup import fall_of
 from drop_physics.physics.theory import impact_time_free
 from drop_physics.scenario import Camera, Renderer, Scenario
 

@@ -2,8 +2,8 @@
 
 The float version keeps the engine's order of operations. On x86-64, where each operation rounds
 once, it equals PyBullet 3.2.7 in every bit, for a body that neither spins nor is turned (for others
-see `bullet_spin`). The exact version is the same law with 40 digits. File names and line numbers
-are bullet3's.
+see `laws/bullet/spin`). The exact version is the same law with 40 digits. File names and line
+numbers are bullet3's.
 """
 
 from __future__ import annotations

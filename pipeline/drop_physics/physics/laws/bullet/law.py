@@ -11,10 +11,11 @@ from decimal import Decimal
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.physics import bullet_air, bullet_spin
 from drop_physics.physics.base import Drag, Law, Motion
 from drop_physics.physics.base import Vector as Triple
-from drop_physics.physics.bullet_air import EPSILON, BulletBody
+from drop_physics.physics.laws.bullet import air as bullet_air
+from drop_physics.physics.laws.bullet import spin as bullet_spin
+from drop_physics.physics.laws.bullet.air import EPSILON, BulletBody
 from drop_physics.physics.vectors import any_of, largest, lengths
 from drop_physics.scenario import Coordinates
 

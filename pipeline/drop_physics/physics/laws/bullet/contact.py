@@ -17,7 +17,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.physics.bullet_air import BulletBody, velocity_law, vertical_velocity_law
+from drop_physics.physics.laws.bullet.air import BulletBody, velocity_law, vertical_velocity_law
 
 Float64 = NDArray[np.float64]
 

@@ -6,12 +6,12 @@ from typing import Any
 
 from drop_physics.engine_report import EngineReport
 from drop_physics.physics.base import Drag, Law
-from drop_physics.physics.bullet import BulletLaw, drag_of
-from drop_physics.physics.bullet_air import effective_damping
-from drop_physics.physics.dart import DartLaw
-from drop_physics.physics.drake import DrakeLaw
-from drop_physics.physics.mujoco import MujocoLaw
-from drop_physics.physics.physx import DEFAULT_ANGULAR_DAMPING, PhysxLaw
+from drop_physics.physics.laws.bullet.air import effective_damping
+from drop_physics.physics.laws.bullet.law import BulletLaw, drag_of
+from drop_physics.physics.laws.dart import DartLaw
+from drop_physics.physics.laws.drake import DrakeLaw
+from drop_physics.physics.laws.mujoco.law import MujocoLaw
+from drop_physics.physics.laws.physx import DEFAULT_ANGULAR_DAMPING, PhysxLaw
 from drop_physics.physics.theory import TheoreticalFall
 from drop_physics.scenario import EXACT_INTEGRATORS, Scenario
 

@@ -12,7 +12,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.physics.bullet_air import DEFAULT_DAMPING, EPSILON, MAX_COORDINATE_VELOCITY_M_S
 from drop_physics.physics.columns import length
 from drop_physics.physics.dynamics import angular_momenta, bias, gravity, lifted_j, mass_matrix
 from drop_physics.physics.impulses import (
@@ -29,6 +28,11 @@ from drop_physics.physics.kinematics import (
     generalised,
     kinematics,
     motion,
+)
+from drop_physics.physics.laws.bullet.air import (
+    DEFAULT_DAMPING,
+    EPSILON,
+    MAX_COORDINATE_VELOCITY_M_S,
 )
 from drop_physics.physics.tree import States, Tree
 from drop_physics.physics.unreported import Unreported, shared_out

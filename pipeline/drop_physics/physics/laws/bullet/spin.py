@@ -14,8 +14,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.physics.bullet_air import EPSILON, BulletBody
 from drop_physics.physics.columns import cross, dot, rotation, times
+from drop_physics.physics.laws.bullet.air import EPSILON, BulletBody
 
 Float64 = NDArray[np.float64]
 

@@ -26,10 +26,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.physics.bullet_tree import BulletTree, Reported, known_terms, sum_of
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.impulses import Forces, Sum
 from drop_physics.physics.kinematics import Kinematics, kinematics
+from drop_physics.physics.laws.bullet.tree import BulletTree, Reported, known_terms, sum_of
 from drop_physics.physics.moving import moved, moved_on, way_between
 from drop_physics.physics.tree import States
 
