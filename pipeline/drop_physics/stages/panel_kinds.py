@@ -1,0 +1,324 @@
+"""The kinds of panels that show what bodies did: each one function, listed in `KINDS`.
+
+A kind is asked with a finding, whether it shows what that says, or with None, whether it is worth a
+look in any case; it yields nothing where it has nothing to show. The plot, the film and the viewer
+have the same kinds: a new one is a function here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from drop_physics import colours
+from drop_physics.analysis.results import Analysis, BodyAnalysis
+from drop_physics.explain.curves import FORCES, Curves
+from drop_physics.explain.joints import JointRow
+from drop_physics.figures.plot import Curve, Look, Panel
+from drop_physics.messages import Message
+from drop_physics.rules.answer import Finding
+from drop_physics.trace.events import Body
+
+Float64 = NDArray[np.float64]
+
+MOST_CAUSES = 4
+TARGETS = {"rate": "target_rate", "position": "target"}
+"""Column of what a motor is given -> of what it is to reach."""
+NAMES: dict[str, str] = {
+    "contacts": Message("contact"),
+    "rolling": Message("rolling friction"),
+    "clamp": Message("velocity limit"),
+}
+"""What is said of causes whose name says less."""
+OF_FILES = ("no-inertial", "inertia-from-shape", "impossible-inertia", "inertia-without-mass")
+"""Findings that no curve of a joint shows."""
+NOISY, JUMPS, WINDOWS = 0.4, 0.05, 60
+"""A torque that turns around in more than this share of its samples, and jumps by more than this
+share of its range, is evened over this part of the time."""
+LEAST_SHARE = 0.02
+"""Causes that gave less of what was given are left out."""
+FLIES = 0.1
+"""A body flies if a flight is at least this share of its samples."""
+WHOLE = 0.9
+"""A finding that covers more of the time than this is not marked."""
+MOST_JOINTS = 4
+"""Joints side by side, in the viewer."""
+JOINT = 24
+"""Characters of a joint's name that fit in the viewer's legends."""
+NEAR = 0.02
+"""A joint that came closer to a limit, as a share of its range, is shown with it."""
+FAR, REACHED = 3.0, 1.05
+"""A limit over so many times the largest torque is not drawn; of joints side by side, so many."""
+
+
+class Subject:
+    """What panels are drawn of: an analysis, its curves, and the bodies that matter."""
+
+    def __init__(self, analysis: Analysis) -> None:
+        self.analysis = analysis
+        assert analysis.curves is not None  # of a script
+        self.curves = analysis.curves
+        self.bodies = {body.label: body for body in analysis.bodies}
+        found = [self.bodies[each.body] for each in analysis.findings if each.body in self.bodies]
+        moves = {
+            body.label: sum(body.segments.values()) - body.segments["still"]
+            for body in analysis.bodies
+        }
+        moving = sorted(analysis.bodies, key=lambda body: -moves[body.label])
+        moving = [body for body in moving if moves[body.label]]
+        self.about = [*{body.label: body for body in (*found, *moving)}.values()]
+        """The bodies that findings are about, the gravest first, and those that move."""
+
+    def span_s(self, finding: Finding, body: BodyAnalysis) -> tuple[float, float] | None:
+        """Return the time that a finding covers; None where that is nearly all."""
+        steps = finding.steps
+        if steps is None or steps.last - steps.first > WHOLE * self.analysis.samples:
+            return None
+        ends = np.array([steps.first, steps.last])
+        first_s, last_s = self.curves.times_s(body.id, ends).tolist()
+        return first_s, last_s
+
+    def curve(
+        self,
+        body: BodyAnalysis,
+        its: Curves,
+        column: str,
+        name: str,
+        colour: str,
+        look: Look = "line",
+    ) -> Curve:
+        """Return a column as a curve, with gaps where steps are missing."""
+        steps, values = its.steps, its.columns[column]
+        gaps = np.flatnonzero(np.diff(steps) > 1.5 * np.diff(steps).min(initial=len(steps))) + 1
+        times_s = self.curves.times_s(body.id, steps)
+        return Curve(
+            name,
+            np.insert(times_s, gaps, times_s[gaps]),
+            np.insert(values, gaps, np.nan),
+            colour,
+            look,
+            np.insert(steps, gaps, steps[gaps]),
+        )
+
+
+Kind = Callable[[Subject, BodyAnalysis, Finding | None], Iterator[Panel]]
+"""Draws a body, and what a finding says of it."""
+
+
+def joint(subject: Subject, body: BodyAnalysis, finding: Finding | None) -> Iterator[Panel]:
+    """Yield a joint and its motor: that of a finding, else the farthest off its target."""
+    rows = [row for row in body.joints if row.off is not None]
+    if finding is not None:
+        rows = [row for row in body.joints if row.name == finding.joint][:1]
+    curves = subject.curves.joints(body.id)
+    if not rows or curves is None or (finding is not None and finding.code in OF_FILES):
+        return
+    row = max(rows, key=lambda row: abs(row.off or 0.0))
+    its = _joint_of(curves, body.joints.index(row))
+    what = "rate" if row.control == "velocity" else "position"
+    title = Message("{joint}: position", joint=row.name)
+    if what == "rate":
+        title = Message("{joint}: rate", joint=row.name)
+    yield Panel(
+        title,
+        row.unit,
+        [
+            subject.curve(body, its, what, Message("reached"), colours.SIMULATED),
+            subject.curve(body, its, TARGETS[what], Message("target"), "", "dashed"),
+        ],
+    )
+    limits = [
+        subject.curve(body, its, side, Message("limit"), "", "dashed") for side in _limits(its)
+    ]
+    title = Message("{joint}: torque of its motor", joint=row.name)
+    window = _window(its.columns["torque"])
+    if window > 1:
+        times_s = subject.curves.times_s(body.id, its.steps[[0, window]])
+        title = Message(
+            "{joint}: torque of its motor, mean over {span:.2g} s",
+            joint=row.name,
+            span=times_s[1] - times_s[0],
+        )
+        padded = np.pad(its.columns["torque"], (window // 2, window - 1 - window // 2), "edge")
+        its.columns["torque"] = np.convolve(padded, np.full(window, 1 / window), "valid")
+    drawn = subject.curve(body, its, "torque", Message("torque"), colours.ROUNDING)
+    yield Panel(title, row.torque_unit, [drawn, *limits], zero=True)
+
+
+def friction(subject: Subject, body: BodyAnalysis, finding: Finding | None) -> Iterator[Panel]:
+    """Yield the friction between the two bodies of a finding, and how much there could be."""
+    other = subject.bodies.get((finding and finding.other) or "")
+    its = None if other is None else subject.curves.friction(body.id, other.id)
+    if other is None or its is None or len(its.steps) < 2:
+        return
+    available, used = Message("available"), Message("used")
+    yield Panel(
+        Message("friction between {body} and {other}", body=body.label, other=other.label),
+        "N",
+        [
+            subject.curve(body, its, "available", available, colours.FREE_FALL, "wide"),
+            subject.curve(body, its, "used", used, colours.INTERACTION),
+        ],
+        zero=True,
+    )
+
+
+def heights(subject: Subject, body: BodyAnalysis, finding: Finding | None) -> Iterator[Panel]:  # noqa: ARG001
+    """Yield the height of a body that flies, beside free fall."""
+    longest = max((each.last_step - each.first_step for each in body.flights), default=0)
+    if longest <= FLIES * sum(body.segments.values()):
+        return
+    rows = subject.analysis.table.filter(pl.col("body") == body.id)
+    times_s, z_m = rows["time_s"].to_numpy(), rows["z_m"].to_numpy()
+    steps = rows["step"].to_numpy()
+    fall_m = z_m - rows["error_z_m"].fill_null(np.nan).to_numpy()
+    yield Panel(
+        Message("height of {body}", body=body.label),
+        "m",
+        [
+            Curve(Message("free fall"), times_s, fall_m, colours.FREE_FALL, "wide", steps),
+            Curve(Message("simulated"), times_s, z_m, colours.SIMULATED, steps=steps),
+        ],
+    )
+
+
+def energy(subject: Subject, body: BodyAnalysis, finding: Finding | None) -> Iterator[Panel]:
+    """Yield what changed a body's energy; of no finding in particular."""
+    its = subject.curves.energy(body.id)
+    if its is None or finding is not None or body.energy is None:
+        return
+    sizes = {name: float(np.nanmax(np.abs(its.columns[name]), initial=0.0)) for name in FORCES}
+    causes = sorted(FORCES, key=lambda name: -sizes[name])[:MOST_CAUSES]
+    causes = [name for name in causes if sizes[name] > LEAST_SHARE * sizes[causes[0]]]
+    if not causes or not its.columns["whole"].any():
+        return
+    drawn: dict[str, tuple[str, str]] = {"whole": (Message("together"), "")}
+    drawn |= {name: (NAMES.get(name, name), colours.CAUSES[name]) for name in causes}
+    yield Panel(
+        Message("energy of {body} since the start, by cause", body=body.label),
+        "J",
+        [subject.curve(body, its, column, *how) for column, how in drawn.items()],
+        zero=True,
+    )
+
+
+KINDS: tuple[Kind, ...] = (joint, friction, heights, energy)
+"""All kinds; of those that show a finding the first does."""
+
+
+def of_finding(
+    subject: Subject, finding: Finding, mark: str = "", done: frozenset[Kind] = frozenset()
+) -> tuple[Kind | None, list[Panel]]:
+    """Return the first kind that shows a finding and is not done, and its panels."""
+    body = subject.bodies.get(finding.body or "")
+    if body is None:
+        return None, []
+    for kind in KINDS:
+        if kind not in done and (panels := [*kind(subject, body, finding)]):
+            span_s = subject.span_s(finding, body)
+            return kind, [replace(panel, mark=mark, span_s=span_s) for panel in panels]
+    return None, []
+
+
+# -- joints side by side, for the viewer ----------------------------------------------------------
+
+
+def side_by_side(subject: Subject, bodies: Mapping[int, Body]) -> Iterator[Panel]:
+    """Yield positions, rates, torques of joints with findings, or farthest off their targets.
+
+    At most `MOST_JOINTS` of all bodies.
+    """
+    named = [
+        (each.body, each.joint) for each in subject.analysis.findings if each.code not in OF_FILES
+    ]
+    found = [
+        (
+            named.index((body.label, row.name)) if (body.label, row.name) in named else len(named),
+            -abs(row.off or 0.0),
+            body,
+            place,
+        )
+        for body in subject.about
+        for place, row in enumerate(body.joints)
+    ]
+    shown = sorted(found, key=lambda each: each[:2])[:MOST_JOINTS]
+    several = len({body.id for *_, body, _ in shown}) > 1
+    lines: dict[str, list[Curve]] = {"position": [], "rate": [], "torque": []}
+    units: dict[str, dict[str, None]] = {what: {} for what in lines}
+    for (*_, body, place), colour in zip(shown, colours.JOINTS, strict=False):
+        curves, row = subject.curves.joints(body.id), body.joints[place]
+        if curves is None:
+            continue
+        its = _joint_of(curves, place)
+        name = row.name if len(row.name) <= JOINT else f"{row.name[: JOINT - 1]}…"
+        name = f"{body.id} {name}" if several else name
+        what = "rate" if row.control == "velocity" else "position"
+        kinds = {what: [TARGETS[what]], "torque": []}
+        if what == "position":
+            kinds[what] += _stops(its, bodies[body.id], row)
+        kinds["torque"] += _limits(its, REACHED)
+        for which, others in kinds.items():
+            lines[which].append(subject.curve(body, its, which, name, colour))
+            # Under the same name, which the viewer lists once.
+            lines[which] += [
+                subject.curve(body, its, each, name, colour, "dashed")
+                for each in others
+                if np.isfinite(its.columns[each]).any()
+            ]
+        units[what][row.unit] = None
+        units["torque"][row.torque_unit] = None
+    titles = {
+        "position": "Joint positions, thin: targets and stops",
+        "rate": "Joint rates, thin: targets",
+        "torque": "Motors, thin: limits",
+    }
+    for what, title in titles.items():
+        if lines[what]:
+            yield Panel(title, ", ".join(units[what]), lines[what])
+
+
+def _joint_of(curves: Curves, place: int) -> Curves:
+    """Return the curves of one joint of a body."""
+    return Curves(curves.steps, {name: each[:, place] for name, each in curves.columns.items()})
+
+
+def _window(torque: Float64) -> int:
+    """Return over how many samples a torque is evened: 1 if it is smooth."""
+    jumps = np.diff(torque)
+    if len(torque) < 4 * WINDOWS or not np.isfinite(jumps).all():
+        return 1
+    turns = float((jumps[1:] * jumps[:-1] < 0).mean())
+    size = float(np.abs(jumps).mean()) / (float(np.ptp(torque)) or 1.0)
+    return len(torque) // WINDOWS if turns > NOISY and size > JUMPS else 1
+
+
+def _limits(its: Curves, far: float = FAR) -> list[str]:
+    """Return the limits that a torque comes near, of which the lower one is added."""
+    torque, limit = its.columns["torque"], its.columns["limit"]
+    most = float(np.nanmax(np.abs(torque), initial=0.0))
+    if np.nanmin(limit, initial=np.inf) > far * most:
+        return []
+    its.columns["-limit"] = -limit
+    sides = [("limit", torque.max() > 0.5 * most), ("-limit", torque.min() < -0.5 * most)]
+    return [side for side, near in sides if near]
+
+
+def _stops(its: Curves, body: Body, row: JointRow) -> list[str]:
+    """Return the ends of its range that a joint comes near, which are added."""
+    low, high = body.joints[row.index].limits
+    at = its.columns["position"]
+    its.columns.update(lowest=np.full(at.shape, low), highest=np.full(at.shape, high))
+    room = NEAR * (high - low)
+    near = [
+        np.nanmin(at, initial=np.inf) < low + room,
+        np.nanmax(at, initial=-np.inf) > high - room,
+    ]
+    return [
+        name
+        for name, is_near in zip(("lowest", "highest"), near, strict=True)
+        if is_near and low < high
+    ]
