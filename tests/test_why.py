@@ -15,6 +15,7 @@ import numpy as np
 import pybullet as p
 import pybullet_data
 import pytest
+from conftest import Drop
 from drop_physics import Scenario, analyze, simulate
 from drop_physics.engines.pybullet.interventions import Proposed, Scope, applied, proposed
 from drop_physics.engines.pybullet.watch.intervene import Interventions
@@ -28,6 +29,7 @@ from drop_physics.stages.record import record_script
 from drop_physics.stages.why import Proved, Why, why
 from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body, Joint
+from PIL import Image
 
 HEAD = """
 import pybullet as p, pybullet_data
@@ -115,6 +117,21 @@ def test_an_analysis_shows_the_verdicts_of_trials_beside_its_recording(held: Why
         beside.write_text(broken)
         assert all(each.verdict is None for each in analyze(held.recording).findings)
     beside.write_text(kept)
+
+
+def test_the_best_trial_is_filmed_beside_the_scripts_own_run(
+    drop: Drop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("script.py").write_text(HEAD + HELD)
+    done = drop("why", "--film", "both.gif", "--about", "weak-constraint", "script.py")
+    assert done.returncode == 0, done.stderr
+    with Image.open("both.gif") as film:
+        assert film.width > 2 * film.height  # two pictures, side by side
+        assert film.n_frames == 6
+    done = drop("why", "--film", "both.gif", "script.py")  # it exists: refused before any run
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "both.gif" in done.stderr
 
 
 def test_shares_are_the_articles_and_the_exact_terms(tmp_path: Path) -> None:

@@ -556,6 +556,7 @@ def why(
     seed: Annotated[int, takes("N", "Seed random and numpy.random with N.", parser=an_integer)] = 0,
     jobs: given.Jobs = None,
     html: given.Page = None,
+    film: given.WhyFilm = None,
     python: given.Python = None,
     force: given.Force = False,
     json: given.Json = False,
@@ -582,6 +583,10 @@ def why(
 
     if html is not None:
         check_page(html, inputs=[Path(target)], force=force)
+    if film is not None:
+        from drop_physics.stages.why_film import check_film, write_film
+
+        check_film(film, inputs=[Path(target)], force=force)
     note_ours(target, arguments, _options(context, context.info_name))
     with sweep_progress() as report:
         result = why(
@@ -600,6 +605,7 @@ def why(
             python=python,
             jobs=jobs,
             force=force,
+            drawn=film is not None,
             choice=choice,
             stdout=output.descriptor(sys.stderr),
             note=output.note,
@@ -607,6 +613,9 @@ def why(
         )
     if html is not None:
         write_page(result, html, force=force, every=every)
+    if film is not None:
+        with progress() as drawing:
+            write_film(result, film, force=force, progress=drawing)
     raise typer.Exit(show(result, as_json=json, every=every))
 
 

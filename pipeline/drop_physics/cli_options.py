@@ -234,6 +234,10 @@ WhyFolder = Annotated[
     Path | None,
     takes("DIR", "Folder for the recording and its trials. [default: recordings]", "--out", "-o"),
 ]
+WhyFilm = Annotated[
+    Path | None,
+    takes("FILE", "Film the script's own run and its best trial side by side: .gif, .mp4 …"),
+]
 Within = Annotated[
     str | None,
     takes(

@@ -94,6 +94,15 @@ class Why(Printable, reported_by="drop_physics.report.why"):
     shares: Shares | None
     """One number of the outcome as a sum over its causes; None where there are not two."""
 
+    def to_show(self) -> Tried | None:
+        """Return the recorded trial to see beside the script's own run; None without any.
+
+        That is the cure that moves the outcome most, and without a cure what moves it most.
+        """
+        tried = [each for proved in self.findings for each in proved.tried if each.recording]
+        cures = [each for each in tried if each.verdict == "cured"]
+        return max(cures or tried, key=lambda e: e.moved.value if e.moved else 0.0, default=None)
+
 
 def why(
     target: str,
@@ -112,6 +121,7 @@ def why(
     python: str | None = None,
     jobs: int | None = None,
     force: bool = False,
+    drawn: bool = False,
     choice: Choice | None = None,
     stdout: int = 1,
     note: Callable[[str], None] = lambda _: None,
@@ -142,6 +152,8 @@ def why(
         Processes at once; None for one per core.
     force
         Whether an existing recording is replaced, whatever it is of.
+    drawn
+        Whether trials are recorded with what is only for looking, too, to film them.
     choice
         Which findings are reported; None for all.
     stdout
@@ -234,6 +246,7 @@ def why(
         base,
         began + budget_s,
         recorded.wall_s,
+        drawn,
     )
 
     def run(which: RunTrial, numbers: Sequence[int]) -> dict[int, TrialRun]:

@@ -252,6 +252,8 @@ class RunTrial:
     """The budget ends then, on the monotonic clock [s]."""
     took_s: float
     """By the script's own run."""
+    drawn: bool = False
+    """Whether what is only for looking is recorded, too."""
     runs: RunsUnderWay = field(default_factory=RunsUnderWay)
 
     @property
@@ -283,6 +285,7 @@ class RunTrial:
                 ).hexdigest()[:32],
                 stdout=null.fileno(),
                 stderr=null.fileno(),
+                drawn=self.drawn,
                 ends_by=lambda: time.monotonic() > until,
             )
         if ended.how == "interrupted":
