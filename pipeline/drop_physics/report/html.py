@@ -19,6 +19,7 @@ from drop_physics.report.blocks import (
     Report,
     Words,
 )
+from drop_physics.report.words import trials_of
 from drop_physics.rules.answer import Finding
 
 CURVES = "<!-- curves -->"
@@ -27,13 +28,14 @@ AROUND = 2
 """Lines of a script that are shown before and after that of a finding."""
 
 
-def html_of(report: Report) -> Iterator[str]:
-    """Yield a report's verdict and sections, in the reader's language."""
+def html_of(report: Report, heading: str = "h1") -> Iterator[str]:
+    """Yield a report's verdict, as a heading, and sections, in the reader's language."""
     verdict = report.verdict
     if isinstance(verdict, Fact):
-        yield f"<h1>{_said(report.title)}: {_said(verdict.title)}</h1><p>{_said(verdict.words)}</p>"
+        yield f"<{heading}>{_said(report.title)}: {_said(verdict.title)}</{heading}>"
+        yield f"<p>{_said(verdict.words)}</p>"
     elif verdict is not None:
-        yield f"<h1>{_said(verdict.text)}</h1>"
+        yield f"<{heading}>{_said(verdict.text)}</{heading}>"
     yield from (f'<p class="note">{_said(each)}</p>' for each in report.notes)
     for section in report.sections:
         yield "<section>"
@@ -96,11 +98,12 @@ def _cell(tag: str, text: str, *, right: bool) -> str:
 
 @block_html.register
 def _(found: FindingList) -> Iterator[str]:
-    yield '<ol class="findings">'
+    yield f'<ol class="findings" start="{found.first}">'
     for finding in found.findings[: found.most]:
         yield f'<li class="{finding.level}"><p><b>{_said(finding.told)}</b></p>'
         if finding.advice is not None:
             yield f'<p class="advice">{_said(finding.advice)}</p>'
+        yield from (f"<p>{_said(each)}</p>" for each in trials_of(finding))
         yield f'<p class="code">{_said(finding.code)}{_site(finding)}</p>'
         yield from _source(finding, found.sources)
         yield "</li>"

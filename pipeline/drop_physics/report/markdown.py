@@ -17,6 +17,7 @@ from drop_physics.report.blocks import (
     Report,
     Words,
 )
+from drop_physics.report.words import trials_of
 
 Say = Callable[[str], str]
 """Puts a text in the language of the page: `translated`, or `str` for English."""
@@ -100,4 +101,5 @@ def _(found: FindingList, say: Say) -> Iterator[str]:
         yield f"- **{finding.code}**{about}{site}: {say(finding.message)}{end}"
         if finding.advice:
             yield f"  *{say(finding.advice)}*"
+        yield from (f"  {say(each)}" for each in trials_of(finding))
         yield ""

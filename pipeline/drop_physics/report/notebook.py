@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import base64
 import importlib
-import io
 import uuid
 from collections.abc import Iterator
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-from rich.terminal_theme import TerminalTheme
+from rich.text import Text
 
 from drop_physics.errors import DropError
 from drop_physics.messages import harmless
+from drop_physics.report import html
 from drop_physics.report.terminal import lines_of
 
 if TYPE_CHECKING:
@@ -24,11 +23,6 @@ if TYPE_CHECKING:
 
 PICTURES = {".gif": "gif", ".png": "png", ".webp": "webp", ".apng": "apng", ".svg": "svg+xml"}
 """What a browser shows: file suffix -> media type."""
-PRE = (
-    '<pre style="font-family: var(--jp-code-font-family, monospace); line-height: normal; '
-    'overflow-x: auto">{code}</pre>'
-)
-"""Text in columns, whatever the notebook does with its outputs."""
 HIDDEN = """<div id="{name}">{film}<p>{note}</p></div><script>{{
 const film = document.getElementById("{name}")
 const cell = film.closest(".jp-OutputArea, .output, .cell-output, body")
@@ -38,49 +32,20 @@ const seen = setInterval(() => {{
 setTimeout(() => clearInterval(seen), 60000)
 }}</script>"""
 """A film that hides once a viewer is beside it: not in a page that runs no script or no widget."""
-GREY = (127, 127, 127)
-COLOURS = [
-    GREY,
-    (214, 69, 65),
-    (39, 138, 72),
-    (166, 112, 0),
-    (47, 116, 208),
-    (164, 78, 186),
-    (14, 132, 148),
-    GREY,
-]
-THEME = TerminalTheme(GREY, GREY, COLOURS, COLOURS)
-"""Legible on light and on dark pages; what has no colour has the page's."""
-WIDEST = 1000
-"""Columns; the lines are already wrapped."""
+HEADING = "h4"
+"""Of a result's first line."""
 
 
 def text_of(result: Printable) -> str:
     """Return what the terminal prints of a result, without colours."""
-    return "\n".join(line.rstrip() for line in _printed(result).export_text().splitlines())
+    lines = (Text.from_markup(harmless(line), emoji=False) for line in lines_of(result.report()))
+    return "\n".join(line.plain.rstrip() for line in lines)
 
 
 def html_of(result: Printable) -> str:
-    """Return the same text as HTML, followed by the result's tables and pictures."""
-    text = _printed(result).export_html(theme=THEME, inline_styles=True, code_format=PRE)
-    return "\n".join([text, *_tables(result), *_pictures(result)])
-
-
-def _printed(result: Printable) -> Console:
-    console = Console(
-        file=io.StringIO(),
-        record=True,
-        width=WIDEST,
-        highlight=False,
-        emoji=False,
-        soft_wrap=True,
-        color_system="standard",
-        force_terminal=True,
-        force_jupyter=False,  # it would show each line by itself, besides the whole
-    )
-    for line in lines_of(result.report()):
-        console.print(harmless(line))
-    return console
+    """Return a result's report as HTML, followed by its tables and pictures."""
+    report = html.html_of(result.report(), HEADING)
+    return "\n".join([*report, *_tables(result), *_pictures(result)])
 
 
 def _tables(result: Any) -> Iterator[str]:  # noqa: ANN401 - of any kind

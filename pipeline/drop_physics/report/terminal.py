@@ -23,8 +23,6 @@ from drop_physics.console.output import (
     width,
     wrapped,
 )
-from drop_physics.experiments.interventions import short
-from drop_physics.experiments.verdicts import CAUSES
 from drop_physics.fields import counted
 from drop_physics.messages import Message, joined, translated
 from drop_physics.printable import Printable
@@ -39,6 +37,7 @@ from drop_physics.report.blocks import (
     Report,
     Words,
 )
+from drop_physics.report.words import trials_of
 
 if TYPE_CHECKING:
     from drop_physics.rules.answer import Finding
@@ -47,14 +46,6 @@ VERDICT = 12
 """Characters that the title of a verdict takes."""
 NUMBER = 3
 """Characters that a finding's number takes."""
-TRIED = {
-    "cured": Message("tried {call}: cured"),
-    "part": Message("tried {call}: cured in part"),
-    "refuted": Message("tried {call}: no effect"),
-}
-"""What is said of a trial, by its verdict."""
-HANGS_ON = Message("the outcome hangs on {call}")
-"""The same of a finding whose code is itself a cause."""
 GAP = 3
 """Characters at least before a finding's code, which ends its last line where there is room."""
 
@@ -319,10 +310,6 @@ def _finding(number: int, finding: Finding) -> Iterator[str]:
         yield from [*lines, f"{' ' * NUMBER}{code}"]
     else:
         yield from [*lines[:-1], f"{lines[-1]}{' ' * space}{code}"]
-    for each in finding.tried:
-        hangs = finding.code in CAUSES and each["verdict"] in ("cured", "part")
-        shown = HANGS_ON if hangs else TRIED.get(each["verdict"])
-        if shown is not None:
-            words = Message(shown, call=short(each["call"]))
-            tried = wrapped(translated(words), room)
-            yield from (f"{' ' * NUMBER}{escape(line)}" for line in tried)
+    for words in trials_of(finding):
+        tried = wrapped(translated(words), room)
+        yield from (f"{' ' * NUMBER}{escape(line)}" for line in tried)

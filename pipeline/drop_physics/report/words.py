@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
 
+from drop_physics.experiments.interventions import short
+from drop_physics.experiments.verdicts import CAUSES as DECIDED
 from drop_physics.fields import counted, decimals
 from drop_physics.messages import Message, joined
+
+if TYPE_CHECKING:
+    from drop_physics.rules.answer import Finding
 
 CONTACTS, EXPLAINED = Message("Contacts"), Message("Explained")
 NONE, PLOT = Message("none"), Message("plot")
@@ -102,3 +108,22 @@ def millimetres(value_m: float | None) -> str:
     value = value_m * 1e3 + 0.0  # no minus before a zero
     small = 0 < abs(value) < 5e-5
     return f"{value:+.1e}" if small else decimals(value, 4, "+")
+
+
+TRIED = {
+    "cured": Message("tried {call}: cured"),
+    "part": Message("tried {call}: cured in part"),
+    "refuted": Message("tried {call}: no effect"),
+}
+"""What is said of a trial, by its verdict."""
+HANGS_ON = Message("the outcome hangs on {call}")
+"""The same of a finding whose code is itself a cause."""
+
+
+def trials_of(finding: Finding) -> Iterator[Message]:
+    """Yield what trials of what a finding proposes have shown."""
+    for each in finding.tried:
+        hangs = finding.code in DECIDED and each["verdict"] in ("cured", "part")
+        shown = HANGS_ON if hangs else TRIED.get(each["verdict"])
+        if shown is not None:
+            yield Message(shown, call=short(each["call"]))

@@ -55,7 +55,7 @@ FAR, REACHED = 3.0, 1.05
 """A limit over so many times the largest torque is not drawn; of joints side by side, so many."""
 
 
-class Subject:
+class Drawable:
     """What panels are drawn of: an analysis, its curves, and the bodies that matter."""
 
     def __init__(self, analysis: Analysis) -> None:
@@ -105,11 +105,11 @@ class Subject:
         )
 
 
-Kind = Callable[[Subject, BodyAnalysis, Finding | None], Iterator[Panel]]
+Kind = Callable[[Drawable, BodyAnalysis, Finding | None], Iterator[Panel]]
 """Draws a body, and what a finding says of it."""
 
 
-def joint(subject: Subject, body: BodyAnalysis, finding: Finding | None) -> Iterator[Panel]:
+def joint(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> Iterator[Panel]:
     """Yield a joint and its motor: that of a finding, else the farthest off its target."""
     rows = [row for row in body.joints if row.off is not None]
     if finding is not None:
@@ -149,7 +149,7 @@ def joint(subject: Subject, body: BodyAnalysis, finding: Finding | None) -> Iter
     yield Panel(title, row.torque_unit, [drawn, *limits], zero=True)
 
 
-def friction(subject: Subject, body: BodyAnalysis, finding: Finding | None) -> Iterator[Panel]:
+def friction(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> Iterator[Panel]:
     """Yield the friction between the two bodies of a finding, and how much there could be."""
     other = subject.bodies.get((finding and finding.other) or "")
     its = None if other is None else subject.curves.friction(body.id, other.id)
@@ -167,7 +167,7 @@ def friction(subject: Subject, body: BodyAnalysis, finding: Finding | None) -> I
     )
 
 
-def heights(subject: Subject, body: BodyAnalysis, finding: Finding | None) -> Iterator[Panel]:  # noqa: ARG001
+def heights(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> Iterator[Panel]:  # noqa: ARG001
     """Yield the height of a body that flies, beside free fall."""
     longest = max((each.last_step - each.first_step for each in body.flights), default=0)
     if longest <= FLIES * sum(body.segments.values()):
@@ -186,7 +186,7 @@ def heights(subject: Subject, body: BodyAnalysis, finding: Finding | None) -> It
     )
 
 
-def energy(subject: Subject, body: BodyAnalysis, finding: Finding | None) -> Iterator[Panel]:
+def energy(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> Iterator[Panel]:
     """Yield what changed a body's energy; of no finding in particular."""
     its = subject.curves.energy(body.id)
     if its is None or finding is not None or body.energy is None:
@@ -211,7 +211,7 @@ KINDS: tuple[Kind, ...] = (joint, friction, heights, energy)
 
 
 def of_finding(
-    subject: Subject, finding: Finding, mark: str = "", done: frozenset[Kind] = frozenset()
+    subject: Drawable, finding: Finding, mark: str = "", done: frozenset[Kind] = frozenset()
 ) -> tuple[Kind | None, list[Panel]]:
     """Return the first kind that shows a finding and is not done, and its panels."""
     body = subject.bodies.get(finding.body or "")
@@ -227,7 +227,7 @@ def of_finding(
 # -- joints side by side, for the viewer ----------------------------------------------------------
 
 
-def side_by_side(subject: Subject, bodies: Mapping[int, Body]) -> Iterator[Panel]:
+def side_by_side(subject: Drawable, bodies: Mapping[int, Body]) -> Iterator[Panel]:
     """Yield positions, rates, torques of joints with findings, or farthest off their targets.
 
     At most `MOST_JOINTS` of all bodies.

@@ -11,8 +11,8 @@ from drop_physics.messages import Message
 from drop_physics.stages.drop_plot import plot_of_drop
 from drop_physics.stages.panel_kinds import (
     KINDS,
+    Drawable,
     Kind,
-    Subject,
     energy,
     of_finding,
     side_by_side,
@@ -58,7 +58,7 @@ def _verdict(analysis: Analysis) -> Iterator[str]:
 
 def _panels(analysis: Analysis) -> Iterator[Panel]:
     """Yield what the findings are about, the gravest first, then what is worth a look anyway."""
-    subject, done = Subject(analysis), frozenset[Kind]()
+    subject, done = Drawable(analysis), frozenset[Kind]()
     for number, finding in enumerate(analysis.findings, 1):
         kind, panels = of_finding(subject, finding, str(number), done)
         done |= {kind} if kind else frozenset()
@@ -75,7 +75,7 @@ def viewed(analysis: Analysis, bodies: Mapping[int, Body]) -> tuple[list[Panel],
 
     These are labels, in order.
     """
-    subject = Subject(analysis)
+    subject = Drawable(analysis)
     panels, done = [*side_by_side(subject, bodies)], frozenset[Kind]()
     for finding in analysis.findings:
         if finding.joint is None:
