@@ -154,8 +154,9 @@ class _OnImport:
     def remove(self) -> None:
         """Stop waiting."""
         self._over = True
-        if self in sys.meta_path:
-            sys.meta_path.remove(self)  # type: ignore[arg-type]
+        finders: list[Any] = sys.meta_path
+        if self in finders:
+            finders.remove(self)
 
     def find_spec(
         self, fullname: str, _path: Sequence[str] | None, _target: ModuleType | None = None
