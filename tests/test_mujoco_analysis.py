@@ -167,6 +167,104 @@ def test_a_push_and_friction_are_seen(tmp_path: Path) -> None:
     assert touch.friction == 0.5, "MuJoCo takes the larger of both"
     assert touch.used is not None
     np.testing.assert_allclose(touch.used, 1.0, atol=0.02)
-    assert found.analysis.findings == []
+    assert [each.code for each in found.analysis.findings] == ["push-stays"]
     held = read(found.recorded.recording)
     assert held.seen.frictions == {(1, -1, 0, -1): 0.5}
+
+
+ARM = """
+import mujoco
+m = mujoco.MjModel.from_xml_string('''<mujoco><option integrator="implicitfast"/><worldbody>
+<geom type="plane" size="5 5 1"/>
+<body name="base" pos="0 0 1"><geom type="box" size="0.05 0.05 0.05"/>
+<body name="{child}" pos="{at} 0 0"><joint name="soft" axis="0 1 0" damping="5"/>
+<geom type="capsule" size="0.03" fromto="0 0 0 0.4 0 0"/></body></body>
+<body name="box" pos="2 0 0.1"><freejoint/><geom type="box" size="0.1 0.1 0.1"/></body></worldbody>
+<actuator><position name="servo" joint="soft" kp="{kp}" {more}/></actuator></mujoco>''')
+d = mujoco.MjData(m)
+d.ctrl[0] = 0.3
+"""
+ANSWERED = {
+    "spring": (
+        {"kp": 60, "more": 'kv="2"'},
+        "mujoco.mj_step(m, d, 3000)\n",
+        "off-target",
+        "spring",
+    ),
+    "blocked": (
+        {"kp": 60, "more": 'kv="2"', "at": 0.2},
+        "m.body_pos[1, 2] = 0.1\nmujoco.mj_setConst(m, d)\nd.ctrl[0] = 1\n"
+        "mujoco.mj_step(m, d, 3000)\n",
+        None,
+        None,
+    ),
+    "forcerange": (
+        {"kp": 500, "more": 'kv="5" forcerange="-1 1"'},
+        "mujoco.mj_step(m, d, 3000)\n",
+        "off-target",
+        "forcerange",
+    ),
+    "ctrlrange": (
+        {"kp": 5000, "more": 'kv="50" ctrlrange="-0.1 0.1"'},
+        "mujoco.mj_step(m, d, 3000)\n",
+        "off-target",
+        "ctrlrange",
+    ),
+    "stiff": (
+        {"kp": 1e7, "more": ""},
+        "mujoco.mj_step(m, d, 20)\n",
+        "auto-reset",
+        None,
+    ),
+    "inside": (
+        {"kp": 5000, "more": 'kv="50"', "at": 0.02},
+        "mujoco.mj_step(m, d)\n",
+        "static-parent",
+        None,
+    ),
+    "edited": (
+        {"kp": 5000, "more": 'kv="50"'},
+        "mujoco.mj_step(m, d)\nm.body_mass[3] *= 20\nmujoco.mj_step(m, d)\n",
+        "model-edited",
+        None,
+    ),
+    "pushed": (
+        {"kp": 5000, "more": 'kv="50"'},
+        "mujoco.mj_step(m, d)\nd.xfrc_applied[3, 0] = 1\nmujoco.mj_step(m, d, 100)\n",
+        "push-stays",
+        None,
+    ),
+    "written late": (
+        {"kp": 5000, "more": 'kv="50"'},
+        "mujoco.mj_step(m, d)\nd.qpos[0] = 0.1\nmujoco.mj_step2(m, d)\n",
+        "not-replayed",
+        "stale",
+    ),
+    "nothing": (
+        {"kp": 5000, "more": 'kv="50"'},
+        "d.ctrl[0] = 0\nfor k in range(1000):\n    d.xfrc_applied[3, 0] = 0.1 * (k % 2)\n"
+        "    mujoco.mj_step(m, d)\n",
+        None,
+        None,
+    ),
+    "derived": (
+        {"kp": 5000, "more": 'kv="50"'},
+        "d.ctrl[0] = 0\nmujoco.mj_step(m, d)\nm.body_mass[3] *= 20\nmujoco.mj_setConst(m, d)\n"
+        "mujoco.mj_step(m, d)\n",
+        None,
+        None,
+    ),
+}
+
+
+@pytest.mark.parametrize("case", ANSWERED)
+def test_what_is_asked_and_not_got_is_said(tmp_path: Path, case: str) -> None:
+    how, text, code, reason = ANSWERED[case]
+    model = ARM.format(**{"at": 0.2, "child": "link1", **how})
+    found = told(tmp_path, model + text).analysis.findings
+    expected = [] if code is None else [(code, reason)]
+    assert [(each.code, each.reason) for each in found] == expected
+    if case == "stiff":
+        assert "kp h² over the inertia" in found[0].message
+    if case == "edited":
+        assert found[0].site == "script.py:14"

@@ -215,3 +215,25 @@ def test_what_is_not_recorded_is_said(tmp_path: Path, text: str, samples: int, s
     assert found.samples == samples
     assert len([note for note in notes if said in note]) == 1
     read(found.recording)
+
+
+def test_recordings_are_compared_to_the_bit(recorded: tuple[Recorded, str], tmp_path: Path) -> None:
+    from drop_physics.stages.check import check
+
+    script = tmp_path / "driven.py"
+    script.write_text(SCENE + DRIVEN)
+    with (tmp_path / "printed.txt").open("wb") as printed:
+        again = record_script(
+            str(script), out=tmp_path / "again.rrd", stdout=printed.fileno(), explain=False
+        )
+        script.write_text((SCENE + DRIVEN).replace("0.1 * k", "0.1 * k + 1e-9 * (k == 1)"))
+        other = record_script(str(script), out=tmp_path / "other.rrd", stdout=printed.fileno())
+    golden = recorded[0].recording
+    assert check(again.recording, golden).same
+    found = check(other.recording, golden)
+    assert found.first is not None
+    assert (found.first.step, found.first.body) == (2, "2_stand")
+    assert found.comparison is not None
+    assert found.comparison.other_call is not None
+    assert found.comparison.other_call.value is not None
+    assert found.comparison.other_call.value.function == "ctrl"

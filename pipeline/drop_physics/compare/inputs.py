@@ -125,6 +125,8 @@ def _flat(values: Mapping[str, Any], link: int | None = None) -> Iterator[tuple[
             inner = {part.name: getattr(value, part.name) for part in fields(value)}
         elif isinstance(value, np.ndarray | list | tuple):
             inner = {str(number): element for number, element in enumerate(value)}
+        elif value is None:  # as if it were not there
+            continue
         else:
             yield (link, name), value if isinstance(value, str) else float(value)
             continue

@@ -349,6 +349,10 @@ def _frames(frames: FrameComparison) -> Message:
     return counts if frames.why is None else joined("; ", [counts, frames.why])
 
 
+OF_BITS = frozenset(("mujoco",))
+"""Versions with which the last bits of a run may change."""
+
+
 def _besides(compared: Comparison) -> Iterator[Fact]:
     """Yield what differs besides the physics, and what may differ from run to run."""
     for setting in compared.script:
@@ -375,3 +379,11 @@ def _besides(compared: Comparison) -> Iterator[Fact]:
     for version in compared.versions:
         name = version.name.removesuffix("_version")
         yield Fact(Message("version"), _beside(name, version.value, version.golden))
+    if OF_BITS & {version.name for version in compared.versions}:
+        yield Fact(
+            Message("bits"),
+            Message(
+                "are MuJoCo's own within one version and kind of processor only: across, compare "
+                "with --tolerance"
+            ),
+        )

@@ -47,6 +47,13 @@ from drop_physics.rules.off_target import OffTarget
 from drop_physics.rules.push_lasted_a_step import PushLastedAStep
 from drop_physics.rules.rates_left import RatesLeft
 from drop_physics.rules.real_time import RealTime
+from drop_physics.rules.replayed import (
+    ModelEdited,
+    NotReplayed,
+    PushStays,
+    ServoOff,
+    StaticParent,
+)
 from drop_physics.rules.reset_leaves import ResetLeaves
 from drop_physics.rules.restore_differs import RestoreDiffers
 from drop_physics.rules.rule import TableRules
@@ -99,8 +106,17 @@ ANSWERS: tuple[type[Answer], ...] = (
 )
 
 
-OF_ANY_ENGINE: tuple[type[Answer], ...] = (ScriptFailed, Unseeded, NotFinite)
-"""Those that hold whatever the engine, and know no word of its own."""
+OF_REPLAYS: tuple[type[Answer], ...] = (
+    NotReplayed,
+    ServoOff,
+    StaticParent,
+    ModelEdited,
+    PushStays,
+    ScriptFailed,
+    Unseeded,
+    NotFinite,
+)
+"""Those of recordings whose engine has taken each step again."""
 
 
 BESIDE_NOTHING = frozenset(("default-damping",))

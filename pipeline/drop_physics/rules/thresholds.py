@@ -43,6 +43,13 @@ BEYOND_RANGE = _of(
     "Least share of a joint's range by which a target lies beyond it.",
     "limits that files round",
 )
+STAYS_STEPS = _of(
+    "STAYS_STEPS",
+    10,
+    "1",
+    "Least number of steps in which a push acts that was written once.",
+    "a push meant for some steps is written for each",
+)
 OTHER_FORCE = _of(
     "OTHER_FORCE",
     0.01,

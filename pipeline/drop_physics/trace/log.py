@@ -71,6 +71,10 @@ class Log:
         sites = {n for n, site in self.sites.items() if not acts or site.act in acts}
         return [call for call in self._made(sites) if not call.raised]
 
+    def named(self, function: str) -> list[Call]:
+        """Return the calls of a function by its name."""
+        return self._made({n for n, site in self.sites.items() if site.function == function})
+
     def with_argument(self, *names: str) -> list[Call]:
         """Return the calls that give any of some arguments and did not fail."""
         sites = {n for n, site in self.sites.items() if {*names} & site.places.keys()}

@@ -110,6 +110,9 @@ def _body(client: int, folder: Path, model: Model) -> tuple[int, Pose] | None:
     elif shape.kind in ("cylinder", "capsule"):
         kind = p.GEOM_CYLINDER if shape.kind == "cylinder" else p.GEOM_CAPSULE
         look = {"shapeType": kind, "length": a, "radius": b}
+    elif shape.kind == "ellipsoid":
+        half = [side / 2 for side in shape.size_m]
+        look = {"shapeType": p.GEOM_MESH, "fileName": str(_ball(folder)), "meshScale": half}
     elif model.mesh and model.suffix in DRAWN_MESHES:
         file = Path(tempfile.mkstemp(model.suffix, dir=folder)[1])
         file.write_bytes(model.mesh)
@@ -121,6 +124,26 @@ def _body(client: int, folder: Path, model: Model) -> tuple[int, Pose] | None:
         body: int = p.createMultiBody(0, -1, visual, *NOWHERE, physicsClientId=client)
         return body, _placed(model)
     return None
+
+
+def _ball(folder: Path) -> Path:
+    """Return a file with a ball of radius 1."""
+    file = folder / "ball.obj"
+    if not file.exists():
+        rings, sides = np.linspace(0, np.pi, 13), np.linspace(0, 2 * np.pi, 24, endpoint=False)
+        around, along = np.meshgrid(sides, rings)
+        corners = np.stack(
+            (np.sin(along) * np.cos(around), np.sin(along) * np.sin(around), np.cos(along)), axis=-1
+        ).reshape(-1, 3)
+        lines = ["v {:.6f} {:.6f} {:.6f}".format(*each) for each in corners]
+        lines += ["vn {:.6f} {:.6f} {:.6f}".format(*each) for each in corners]
+        for ring in range(len(rings) - 1):
+            for side in range(len(sides)):
+                a, b = ring * 24 + side, ring * 24 + (side + 1) % 24
+                for face in ((a, a + 24, b), (b, a + 24, b + 24)):
+                    lines.append("f " + " ".join(f"{each + 1}//{each + 1}" for each in face))
+        file.write_text("\n".join(lines) + "\n", encoding="ascii")
+    return file
 
 
 def _picture(
