@@ -2,65 +2,49 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from drop_physics.explain.commands import DEFAULT
-from drop_physics.explain.joints import Driven
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Effect, Noted, so_many
-from drop_physics.rules.joint import JointAnswer, effort
+from drop_physics.rules.answer import Effect
+from drop_physics.rules.joint import effort
+from drop_physics.rules.rule import Match, Said, Worst, joint_rule
+from drop_physics.rules.tables import JointColumns
+from drop_physics.rules.thresholds import BEYOND
 
-BEYOND = 0.01
-"""A limit is exceeded by more than this share of it."""
+FORCE = np.array([[[False, True]]])
+"""Which plane of a table with two is that of forces."""
 
 
-class BeyondUrdf(JointAnswer):
+@joint_rule("beyond-urdf", "model")
+def beyond_urdf(joints: JointColumns) -> Match:
     """`getJointInfo` reports the effort and velocity of a file, and no motor heeds them."""
+    told = (joints.mode != DEFAULT) | (joints.pd == 1)
+    told &= (joints.step > 1)[:, None]  # after the start
+    limits = [
+        joints.of_joints(lambda each: each.velocity * (each.widths[1] == 1)),
+        joints.of_joints(lambda each: each.effort * (each.widths[1] == 1)),
+    ]
+    limit, most = np.stack(limits, axis=2), np.abs(np.stack([joints.rate, joints.torque], axis=2))
+    drives = np.stack([told & (joints.torque * joints.rate > 0), told], axis=2)
+    beyond = drives & (limit > 0) & (most > (1 + BEYOND) * limit)
+    return Match(beyond, 1 - limit / most, {"most": most, "limit": limit, "force": FORCE})
 
-    code, level = "beyond-urdf", "model"
 
-    def look(self, driven: Driven) -> None:
-        """Note where motors that calls set drive a joint beyond a limit, after the start."""
-        told = (driven.asked.mode != DEFAULT) | (driven.asked.pd == 1)
-        told &= (driven.steps.steps > 1)[:, None]
-        fast = told & (driven.torque * driven.rate > 0)
-        for name, values, which in (
-            ("velocity", driven.rate, fast),
-            ("effort", driven.torque, told),
-        ):
-            joints = driven.body.joints
-            limits = [
-                getattr(each, name) * (each.widths[1] == 1)
-                for each in joints
-                for _ in range(each.widths[1])
-            ]
-            limit = np.broadcast_to(np.array(limits), values.shape)
-            size = np.abs(values)
-            beyond = which & (limit > 0) & (size > (1 + BEYOND) * limit)
-            share = 1 - limit / np.maximum(size, 1e-300)
-            self.note(driven, beyond, share, name, most=size, limit=limit)
-
-    def words(self, worst: Noted) -> dict[str, Any]:
-        """Return what is said of the joint that is farthest beyond."""
-        most, limit, (position, force) = (worst.at[name] for name in ("most", "limit", "units"))
-        fast = worst.at["kind"] == "velocity"
-        unit = f"{position}/s" if fast else force
-        message = Message(
+@beyond_urdf.says
+def _(worst: Worst) -> Said:
+    unit = worst.effort if worst.force else f"{worst.unit}/s"
+    return Said(
+        message=Message(
             "{joint} reaches {most} where its file allows {limit}, in {steps}: PyBullet's "
             "motors do not heed that limit (joints beyond theirs: {count})",
-            joint=worst.at["joint"],
-            most=effort(most, unit),
-            limit=f"{limit:g} {unit}",
-            steps=so_many(worst.count),
-            count=worst.at["joints"],
-        )
-        name = "maxVelocity" if fast else "force"
-        advice = Message("p.setJointMotorControl2(…, {name}={limit:g})", name=name, limit=limit)
-        return {
-            "message": message,
-            "advice": advice,
-            "effect": Effect(most - limit, unit),
-            "share": worst.most,
-        }
+            joint=worst.joint,
+            most=effort(worst.most, unit),
+            limit=f"{worst.limit:g} {unit}",
+            steps=worst.steps,
+            count=worst.joints,
+        ),
+        values={"name": "force" if worst.force else "maxVelocity"},
+        advice=Message("p.setJointMotorControl2(…, {name}={limit:g})"),
+        effect=Effect(worst.most - worst.limit, unit),
+    )

@@ -8,11 +8,15 @@ from dataclasses import replace
 from drop_physics.messages import Message
 from drop_physics.rules import (  # noqa: F401 - their rules are registered
     asleep,
+    beyond_urdf,
     deep_penetration,
     default_damping,
+    default_motor,
     dragged_by_nothing,
     energy_gained,
     friction_pyramid,
+    joint_damping,
+    mimic_ignored,
     motors,
     not_taken,
     overwritten,
@@ -24,9 +28,7 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
     tunnelled,
 )
 from drop_physics.rules.answer import Answer, Finding
-from drop_physics.rules.beyond_urdf import BeyondUrdf
 from drop_physics.rules.collides_as_hull import CollidesAsHull
-from drop_physics.rules.default_motor import DefaultMotor
 from drop_physics.rules.force_off_centre import ForceOffCentre
 from drop_physics.rules.ik_off import IkOff
 from drop_physics.rules.impossible_inertia import ImpossibleInertia
@@ -34,9 +36,7 @@ from drop_physics.rules.inertia_from_shape import InertiaFromShape
 from drop_physics.rules.inertia_without_mass import InertiaWithoutMass
 from drop_physics.rules.input_rule import InputRules
 from drop_physics.rules.joined import Joined
-from drop_physics.rules.joint_damping import JointDamping
 from drop_physics.rules.massless import Massless
-from drop_physics.rules.mimic_ignored import MimicIgnored
 from drop_physics.rules.momentum_drift import MomentumDrift
 from drop_physics.rules.no_gravity import NoGravity
 from drop_physics.rules.no_inertial import NoInertial
@@ -70,12 +70,8 @@ ANSWERS: tuple[type[Answer], ...] = (
     TableRules,
     OffTarget,
     TooSlow,
-    DefaultMotor,
     ResetLeaves,
     RatesLeft,
-    JointDamping,
-    BeyondUrdf,
-    MimicIgnored,
     IkOff,
     WheelSlip,
     # contacts

@@ -80,6 +80,8 @@ class Match:
 
         def rows(values: NDArray[Any]) -> NDArray[Any]:
             values = np.asarray(values)
+            if (values.ndim, where.ndim) == (2, 3):  # the same in all planes
+                values = values[:, :, None]
             if values.shape[: where.ndim] != where.shape:
                 values = np.broadcast_to(values, where.shape)
             return values[places] if chosen else values

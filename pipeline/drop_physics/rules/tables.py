@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property
 from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 from drop_physics.explain.joints import Driven, target_of
 from drop_physics.explain.judged import SET, UNEXPLAINED, StepVerdicts
 from drop_physics.explain.steps import BodySteps, StepBatch, Steps
+from drop_physics.physics.dynamics import mass_matrix
+from drop_physics.physics.kinematics import kinematics
 from drop_physics.rules.answer import Scene
 from drop_physics.rules.joint import units_of
 from drop_physics.rules.thresholds import AT_TARGET_M, AT_TARGET_RAD
@@ -88,6 +91,13 @@ class JointColumns:
         for joint, place in zip(body.joints, body.rates, strict=True):
             values[place] = number(joint)
         return np.broadcast_to(values, self.asked.target.shape)
+
+    @cached_property
+    def inertia(self) -> Float64:
+        """What each joint's motion has of inertia in the last step, others at rest: a column."""
+        steps = self.driven.steps
+        (matrix,) = mass_matrix(kinematics(steps.law.tree, steps.before.at(np.array([-1]))))
+        return np.broadcast_to(np.diag(matrix)[steps.law.tree.first_rate :], self.target.shape)
 
     def term(self, name: str) -> Float64:
         """Return the impulses of a cause on the joints; 0 where it has none."""

@@ -299,3 +299,39 @@ STAYS = _of(
 AHEAD = _of(
     "AHEAD", 0.05, "share", "Least lead of a support over the body's size.", "teleport_platform"
 )
+BEYOND = _of("BEYOND", 0.01, "share", "Least excess over a limit of a file.", "limits")
+SAME_SIGN = _of(
+    "SAME_SIGN",
+    0.9,
+    "share",
+    "Least sum of torques, with signs, over that without, of torques that keep their sign.",
+    "round2_ends",
+)
+DAMPS_STEADY = _of(
+    "DAMPS_STEADY", 0.1, "share", "Least share of such torques that damping takes.", "damping"
+)
+DAMPS_ANY = _of("DAMPS_ANY", 0.5, "share", "Least share of others that damping takes.", "damping")
+MOVES = _of(
+    "MOVES",
+    0.05,
+    "rad/s or m/s",
+    "What gives a joint less speed over the run moves nothing.",
+    "gravcomp",
+)
+HOLDS = _of(
+    "HOLDS",
+    0.5,
+    "share",
+    "Least share of what acts on a joint that a motor cancels that holds it.",
+    "pendulum",
+)
+NO_TERM = _of(
+    "NO_TERM",
+    1e-3,
+    "share",
+    "A sum below this share of the largest term is what remains of others.",
+    "gravcomp",
+)
+FOLLOWS = _of(
+    "FOLLOWS", 0.01, "share", "Least gap of a joint that does not follow, over its range.", "mimic"
+)
