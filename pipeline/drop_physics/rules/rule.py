@@ -94,6 +94,9 @@ class Match:
             "count": ("sum", counts),
             "size": ("at", rows(self.size)),
         }
+        if self.counts is not None:  # the first and the last step in which it holds
+            held = np.where(counts[:, None] > 0, np.column_stack([-steps, steps]), -(1 << 40))
+            columns["within"] = "most", held
         kinds: dict[Kind, Numbers] = {
             "at": {**table.noted, **self.numbers},
             "sum": self.sums,
@@ -162,7 +165,8 @@ class Worst:
     @property
     def span(self) -> Span:
         """Its steps, as a finding says them."""
-        return Span(self.first, self.last, self.count)
+        first, last = vars(self).get("within", (-self.first, self.last))
+        return Span(-first, last, self.count)
 
     @property
     def body_size_m(self) -> float:
