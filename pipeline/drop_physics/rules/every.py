@@ -38,6 +38,7 @@ from drop_physics.rules.input_rule import InputRules
 from drop_physics.rules.joined import Joined
 from drop_physics.rules.massless import Massless
 from drop_physics.rules.momentum_drift import MomentumDrift
+from drop_physics.rules.no_contact import NoContact
 from drop_physics.rules.no_gravity import NoGravity
 from drop_physics.rules.no_inertial import NoInertial
 from drop_physics.rules.no_restitution import NoRestitution
@@ -77,6 +78,7 @@ ANSWERS: tuple[type[Answer], ...] = (
     # contacts
     NoRestitution,
     CollidesAsHull,
+    NoContact,
     # calls and files
     InputRules,
     ScriptFailed,
