@@ -68,9 +68,9 @@ class NoContact(Answer):
             for shape in body.collisions:
                 if is_convex(shape):
                     self._shapes.setdefault((body_number, shape.link), []).append(shape)
-        pairs = {**{pair: _Passing("filter", call) for pair, call in self._off.items()}}
-        for pair, reason in self._unpaired():
-            pairs.setdefault(pair, _Passing(reason))
+        pairs = {**{pair: _Passing(reason="filter", call=call) for pair, call in self._off.items()}}
+        for pair, passing in self._unpaired():
+            pairs.setdefault(pair, passing)
         for pair, passing in pairs.items():
             numbers = [place[0] for place in pair]
             if frozenset(numbers) not in self._joined and not self._tunnels(*numbers):
@@ -99,7 +99,7 @@ class NoContact(Answer):
                 self._off.pop(pair, None)
                 self._off.pop(pair[::-1], None)
 
-    def _unpaired(self) -> Iterator[tuple[tuple[Place, Place], str]]:
+    def _unpaired(self) -> Iterator[tuple[tuple[Place, Place], _Passing]]:
         """Yield pairs of links that the engine makes no contact of, and why."""
         bodies = self.scene.seen.bodies
         posed = {use.body.number for use in self.scene.inputs.of(Act.SET_POSE) if use.body}
@@ -116,21 +116,24 @@ class NoContact(Answer):
                 frozenset((one[0], None)),
                 frozenset((two[0], None)),
             } & asked:
-                yield ((one, two) if one[0] in posed else (two, one)), "both-static"
+                yield (
+                    ((one, two) if one[0] in posed else (two, one)),
+                    _Passing(reason="both-static"),
+                )
         for body in bodies.values():
             places = [(body.number, link) for link in range(len(body.joints))]
             static = [place for place in places if self._counts_static(body, place[1])]
             for one, two in product([each for each in static if each in self._shapes], still):
-                yield (one, two), "link-counted-static"
+                yield (one, two), _Passing(reason="link-counted-static")
             if body.flags & SELF_COLLISION and not body.flags & INCLUDE_PARENT:
                 for place in places:
                     parent = body.number, body.joints[place[1]].parent
                     if place in self._shapes and parent in self._shapes:
-                        yield (place, parent), "parent-and-child"
+                        yield (place, parent), _Passing(reason="parent-and-child")
             if body.base_moves and not body.joints and not body.collisions and not body.soft:
                 for other in self._shapes:
                     if bodies[other[0]].client == body.client:
-                        yield ((body.number, BASE), other), "no-shape"
+                        yield ((body.number, BASE), other), _Passing(reason="no-shape")
 
     def _tunnels(self, *numbers: int) -> bool:
         """Return whether one goes through the other as `tunnelled` sees it: a box that stays."""
