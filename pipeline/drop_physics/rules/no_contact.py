@@ -31,8 +31,6 @@ LOOKS = 200
 """In so many steps of a piece, evenly spread, overlaps are looked for."""
 SELF_COLLISION, INCLUDE_PARENT = 8, 16
 """`flags` of `loadURDF`."""
-CONTACT_READS = ("getContactPoints", "getClosestPoints", "getOverlappingObjects")
-"""Functions whose user wants to know whether two bodies touch."""
 
 
 @dataclass
@@ -106,7 +104,7 @@ class NoContact(Answer):
         asked = {
             frozenset((subject.body, subject.other))
             for each in self.scene.seen.readings
-            if each.function in CONTACT_READS
+            if each.act is Act.READ_CONTACTS
             for subject in each.targets
         }
         still = [place for place in self._shapes if not bodies[place[0]].moving]

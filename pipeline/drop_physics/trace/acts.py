@@ -56,6 +56,8 @@ class Act(Enum):
         "getJointStateMultiDof",
         "getJointStatesMultiDof",
     )
+    READ_CONTACTS = ("getContactPoints", "getClosestPoints", "getOverlappingObjects")
+    """Asks whether bodies touch."""
     OTHER = ()
 
     @property
