@@ -12,10 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from drop_physics.engines.pybullet import script as running
+from drop_physics.errors import DropError
 from drop_physics.sweeping import engines
+from drop_physics.trace.history import PYBULLET
 
 if TYPE_CHECKING:
     from drop_physics.engines.pybullet.script import Program
+    from drop_physics.trace.history import Seen
 
 T = TypeVar("T")
 
@@ -100,6 +103,23 @@ class RunsUnderWay:
         """End what runs now."""
         for process in [*self.under_way]:
             process.stop("interrupted")
+
+
+def check_varied(target: str, seen: Seen) -> None:
+    """Check that runs of a script can be varied: only what PyBullet is asked can be changed.
+
+    Raises
+    ------
+    DropError
+        If another engine steps it.
+    """
+    if seen.engine != PYBULLET:
+        raise DropError(
+            "{script} steps {engine}, and only PyBullet's runs can be varied so far; drop analyze "
+            "explains its recording",
+            script=target,
+            engine=seen.engine,
+        )
 
 
 def run_all(

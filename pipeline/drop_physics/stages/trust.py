@@ -13,7 +13,7 @@ from drop_physics.errors import DropError
 from drop_physics.messages import Message
 from drop_physics.printable import Printable
 from drop_physics.stages.program import SEEDED_CLOCK_S, STOPPED, checked_limits
-from drop_physics.stages.runs import Progress
+from drop_physics.stages.runs import Progress, check_varied
 from drop_physics.stages.trust_runs import (
     BASE,
     Made,
@@ -166,6 +166,7 @@ def _begun(
     from drop_physics.recording.reader import read  # while the script ran
 
     base = read(folder.recording(BASE))
+    check_varied(program.target, base.seen)
     made = made_of(BASE, base)
     limited = replace(program, steps=steps + (made.ended not in STOPPED), duration_s=None)
     return RunVariation(limited, variations, folder, base), made

@@ -20,7 +20,7 @@ from drop_physics.printable import Printable
 from drop_physics.recording.layer_file import VERDICTS, forget_trials, trials_of
 from drop_physics.stages.program import SEEDED_CLOCK_S, STOPPED
 from drop_physics.stages.record import record_script
-from drop_physics.stages.runs import Progress, run_all
+from drop_physics.stages.runs import Progress, check_varied, run_all
 from drop_physics.stages.why_shares import shares
 from drop_physics.stages.why_trials import Candidate, Proposals, RunTrial, TrialRun, first_tried
 from drop_physics.workers import cores
@@ -201,6 +201,10 @@ def why(
             "with which it steps",
             script=target,
         )
+    from drop_physics.recording.reader import read
+
+    base = read(recorded.recording)
+    check_varied(target, base.seen)
     if recorded.outside and not again:
         raise DropError(
             "{script} {what}, and would do so in each run; --again runs it again all the same",
@@ -210,12 +214,11 @@ def why(
                 for how, name in dict(reversed(recorded.outside)).items()
             ),
         )
-    from drop_physics.recording.reader import read
     from drop_physics.rules.choice import EVERY
     from drop_physics.stages.analyze import analyze
 
     analysis = analyze(recorded.recording, choice=choice or EVERY, script=Path(target))
-    base, findings = read(recorded.recording), analysis.findings
+    findings = analysis.findings
     proposals = Proposals(base.seen, findings)
     chosen = _about(findings, about)
     if tries:
