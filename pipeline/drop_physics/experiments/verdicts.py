@@ -30,6 +30,8 @@ BEYOND = 10.0
 """The outcome has moved where it moves by so many times what a nudge moves."""
 TRIFLE = 1e-3
 """An outcome that moves less than this share of what moves most has not moved."""
+GRAVE = LEVELS.index("model")
+"""Findings of this level, and what is less, are no reason to refuse a cure."""
 CHAOTIC = 0.2
 """A symptom that a nudge changes by more than this share is one of many."""
 
@@ -75,6 +77,13 @@ class Outcome:
     findings: list[Finding]
     apart: Apart
     """How far it is from the script's own run."""
+    began: Distance | None = None
+    """How far a body moves that stands still in the script's own run, which has no states of it."""
+
+    @property
+    def is_same(self) -> bool:
+        """Whether every position is that of the script's own run, to the bit."""
+        return self.apart.same and self.began is None
 
 
 @dataclass(frozen=True)
@@ -106,7 +115,7 @@ def moved(trial: Apart, nudge: Apart | None, about: Finding | None = None) -> Di
         if track.end > BEYOND * noise.get(track.unit, 0.0)
     ]
     if about is not None:
-        mine = [each for each in ends if each.body == about.body]
+        mine = [each for each in ends if each.body == about.body and each.value > APART]
         ends = [each for each in mine if each.joint == about.joint] or mine or ends
     if ends:
         return max(ends, key=lambda each: each.value)
@@ -155,7 +164,7 @@ def same_finding(finding: Finding, among: Sequence[Finding]) -> Finding | None:
 
 def graver(finding: Finding, before: Sequence[Finding], after: Sequence[Finding]) -> list[str]:
     """Return the codes of graver findings than one that only another run has."""
-    least = max(LEVELS.index(finding.level), 1)
+    least = min(max(LEVELS.index(finding.level), 1), GRAVE)
     return [
         each.code
         for each in after
@@ -179,12 +188,12 @@ def judged(
     after = None if other is None or other.effect is None else other.effect.value
     left = _left(finding, other)
     new = graver(finding, base.findings, trial.findings)
-    far = moved(trial.apart, None if nudge is None else nudge.apart)
+    far = trial.began or moved(trial.apart, None if nudge is None else nudge.apart)
     circular = finding.code in CAUSES
     verdict: Verdict
     if nudge is not None and not circular and _is_chaotic(finding, nudge.findings):
         verdict = "chaotic"
-    elif trial.apart.same or not (_matters(far, trial.apart) if circular else left < REFUTED):
+    elif trial.is_same or not (_matters(far, trial.apart) if circular else left < REFUTED):
         verdict = "refuted"
     elif far is None:
         verdict = "chaotic"

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from drop_physics.stages.why import Proved, Tried, Why
 
 MARGIN = "   "
+LONGEST = 36
+"""Characters of a call, where there is no room for more."""
 LISTED = 4
 """Of what an outcome hangs on, without `--all`."""
 SHOWN = {
@@ -134,7 +136,7 @@ def _proved(number: int, proved: Proved) -> Iterator[Block]:
     yield DataTable(
         [
             Column("", [*map(_word, tried)]),
-            Column("", [each.intervention.short for each in tried]),
+            Column("", [each.intervention.short for each in tried], shrinks_to=LONGEST),
             Column("", [_shows(each, proved.finding) for each in tried], wraps=True),
         ],
         has_heads=False,
@@ -198,7 +200,7 @@ def _hangs(why: Why, *, every: bool) -> Iterator[Section]:
     calls, values, parts = ([*each] for each in zip(*rows, strict=True))
     table = DataTable(
         [
-            Column(Message("the outcome hangs on"), calls, shrinks_to=24),
+            Column(Message("the outcome hangs on"), calls, shrinks_to=LONGEST),
             Column(Message("it moves by"), values),
             Column("", parts, wraps=True),
         ]

@@ -324,10 +324,13 @@ def _why(
             for place in candidate.findings:
                 tried[place].append(each)
             continue
-        far = moved(made.outcome.apart, None if nudge is None else nudge.apart)
+        began = made.outcome.began
+        far = began or moved(made.outcome.apart, None if nudge is None else nudge.apart)
         for place in candidate.findings:
             verdict = judged(findings[place], made.outcome, base=own, nudge=nudge)
-            its = moved(made.outcome.apart, None if nudge is None else nudge.apart, findings[place])
+            its = began or moved(
+                made.outcome.apart, None if nudge is None else nudge.apart, findings[place]
+            )
             tried[place].append(_tried(candidate, made, verdict, verdict.verdict, its))
         for place in _others_cured(findings, candidate, made.outcome, own, nudge):
             verdict = judged(findings[place], made.outcome, base=own, nudge=nudge)
@@ -390,7 +393,7 @@ def _own(base: Recording, findings: Sequence[Finding]) -> Outcome:
 
 def _is_idle(outcome: Outcome, base: Outcome) -> bool:
     """Return whether leaving something out changed nothing, to the bit."""
-    same = outcome.apart.same and (outcome.ended, outcome.steps) == (base.ended, base.steps)
+    same = outcome.is_same and (outcome.ended, outcome.steps) == (base.ended, base.steps)
     return outcome.fired and same
 
 
@@ -401,7 +404,7 @@ def _tried(
     verdict: Verdict,
     far: Distance | None,
 ) -> Tried:
-    same = made.outcome is not None and made.outcome.apart.same
+    same = made.outcome is not None and made.outcome.is_same
     return Tried(candidate.intervention, shown, verdict, far, same, made.recording)
 
 

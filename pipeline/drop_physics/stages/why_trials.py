@@ -33,12 +33,15 @@ from drop_physics.trace.events import Body, located
 
 if TYPE_CHECKING:
     from drop_physics.engines.pybullet.script import Program
+    from drop_physics.experiments.run_distance import Distance
     from drop_physics.recording.reader import Recording
     from drop_physics.rules.answer import Finding
     from drop_physics.trace.history import Seen
 
-SEVERAL = re.compile(r" \(and \d+ more\)|\(joints beyond theirs: ")
+SEVERAL = re.compile(r" \(and \d+ more\)")
 """Where a finding is about more joints than the one that it names."""
+READING = "reading"
+"""The code of what is about a number that a script reads: no run can show it."""
 LONGEST = 10.0
 """A trial that takes so many times the script's own run, and `LEAST_S`, is stopped."""
 LEAST_S = 20.0
@@ -86,6 +89,8 @@ class Proposals:
         """Return what the findings propose, in their order; the same thing is tried once."""
         found: dict[Any, Candidate] = {}
         for place, finding in enumerate(self._findings):
+            if finding.code == READING:  # which is not about what the bodies do
+                continue
             advice = str(finding.advice or "")
             about = f"{finding.message} {advice}"
             for each in proposed(advice, about, timestep_s=self._timestep_s, site=finding.site):
@@ -298,7 +303,20 @@ class RunTrial:
         steps = sum(samples - 1 for samples in other.seen.samples.values()) // run.finer
         fired = nudges or run.finer > 1 or bool(ended.intervened)
         error = str((other.ended or {}).get("error") or "")
-        return TrialRun(Outcome(fired, ended.how, error, steps, findings, far), path)
+        began = self._began(other)
+        return TrialRun(Outcome(fired, ended.how, error, steps, findings, far, began), path)
+
+    def _began(self, other: Recording) -> Distance | None:
+        """Return how far a body moves in a trial that stands still in the script's own run."""
+        from drop_physics.experiments.run_distance import apart
+
+        still = {n for n, body in self.base.seen.bodies.items() if not body.moving}
+        moves = {n for n in still if n in other.seen.bodies and other.seen.bodies[n].moving}
+        if not moves:
+            return None
+        tracks = (each for each in apart(other.seen, other.seen).tracks if each.number in moves)
+        ways = (each.distance(each.moved, each.end_s) for each in tracks if each.moved)
+        return max(ways, key=lambda each: each.value, default=None)
 
     def _findings(self, number: int, other: Recording) -> list[Finding]:
         """Return the findings of a trial that belongs to one, or of the nudge."""

@@ -66,6 +66,7 @@ ADVISED: dict[tuple[str, str], str] = {
     (ENGINE, "restitutionVelocityThreshold"): "restitution",
     (DYNAMICS, "linearDamping"): "damping",
     (DYNAMICS, "jointDamping"): "joint-damping",
+    (DYNAMICS, "mass"): "mass",
     (DYNAMICS, "restitution"): "restitution",
     (DYNAMICS, "lateralFriction"): "friction",
     (DYNAMICS, "maxJointVelocity"): "limits",
@@ -106,6 +107,7 @@ SAID: tuple[tuple[str, str, str], ...] = (
     ("load it without URDF_USE_SELF_COLLISION", "collision-off", "without URDF_USE_SELF_COLLISION"),
     ("flags=p.GEOM_FORCE_CONCAVE_TRIMESH", "concave", "flags=p.GEOM_FORCE_CONCAVE_TRIMESH"),
     ("give it more force", "force", f"force*{MORE:g}"),
+    ("or other limits by p.changeDynamics(", "limits", "wider limits by p.changeDynamics(…)"),
     (
         "call p.setTimeStep before the motors are commanded",
         "timestep-first",
@@ -206,8 +208,17 @@ SPECIAL: tuple[tuple[re.Pattern[str], str, str, Special], ...] = (
     (
         re.compile(r"drive it there: p\.setJointMotorControl2"),
         "without",
-        "p.setJointMotorControl2(…, p.POSITION_CONTROL, …) in its place",
+        "a position motor in its place",
         Special(lambda _: {"do": "drive", "functions": ["resetJointState", STEP]}, of_body=True),
+    ),
+    (
+        re.compile(r"p\.createMultiBody\(baseMass=…\)"),
+        "mass",
+        "p.createMultiBody(…, baseMass=1)",
+        Special(
+            lambda _: {"do": "set", "functions": ["createMultiBody"], "values": {"baseMass": 1.0}},
+            of_body=True,
+        ),
     ),
     (
         re.compile(r"hand on its vertical velocity"),
@@ -218,7 +229,7 @@ SPECIAL: tuple[tuple[re.Pattern[str], str, str, Special], ...] = (
     (
         re.compile(r"p\.multiplyTransforms\(position, orientation, \*p\.getDynamicsInfo"),
         "lifted",
-        "the centre of mass in place of the frame",
+        "the pose of the centre of mass",
         Special(
             lambda _: {"do": "frame", "functions": ["resetBasePositionAndOrientation"]},
             of_body=True,

@@ -21,6 +21,8 @@ Call = Callable[..., Any]
 Operation = Mapping[str, Any]
 """What is done: `do` names a method of `Interventions` below, `functions` at which calls."""
 
+WHOLE = ("connect", "resetSimulation", "stepSimulation")
+"""Calls that are about no body, and so about every one."""
 PLURAL = {
     "targetPosition": "targetPositions",
     "targetVelocity": "targetVelocities",
@@ -135,7 +137,7 @@ class Interventions:
             here = [body_of({**arguments})]
             if name in MAKES_BODIES:
                 here = [*_bodies(name, result)] or [self._next_body.get(client, 0)]
-            if name not in ("connect", "resetSimulation") and body not in here:
+            if name not in WHOLE and body not in here:
                 return False
         modes = operation.get("modes")
         return modes is None or arguments.get("controlMode") in modes
