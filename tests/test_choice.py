@@ -450,7 +450,7 @@ def test_every_code_of_a_finding_can_be_chosen() -> None:
                 for each in texts
                 if isinstance(each, ast.Constant) and isinstance(each.value, str)
             }
-    assert written == CODES
+    assert written == CODES.keys()
     assert len(LEVELS) == 5
 
 

@@ -43,8 +43,10 @@ from drop_physics.explain.decomposition import VectorTerms
 from drop_physics.explain.joints import JointRow
 from drop_physics.explain.touches import Touch
 from drop_physics.rules import answer
+from drop_physics.rules.reference import references
 from drop_physics.scenario import Scenario
 from drop_physics.stages.check import Check
+from drop_physics.stages.explain import CodeManual
 from drop_physics.stages.export import Export
 from drop_physics.stages.info import Info
 from drop_physics.stages.record import Replay
@@ -564,6 +566,7 @@ COMMANDS: dict[str, Object] = {
     "why": WHY,
     "info": _object(Info, {"recording", "recording_id", "kind", "complete", "samples", "bodies",
                            "frames", "bytes"}),
+    "explain": _object(CodeManual, {"codes"}),
     "export": _object(Export, {"recording", "files"}),
     "view": VIEW,
 }  # fmt: skip
@@ -599,6 +602,15 @@ def made() -> dict[str, str]:
                 *_rows(schema),
                 "",
             ]
+    parts += [
+        "## Codes and reasons\n\n`drop explain CODE` says more of each.\n",
+        "| code | reason of | level | what it means |\n| --- | --- | --- | --- |",
+        *(
+            f"| `{each.code}` | {each.reason_of or ''} | {each.level or ''} | {each.meaning} |"
+            for each in references().values()
+        ),
+        "",
+    ]
     return files | {"json.md": "\n".join(parts)}
 
 

@@ -636,6 +636,26 @@ def info(run: given.RunOrNewest = None, *, json: given.Json = False) -> None:
 
 
 @app.command(
+    rich_help_panel=OWN,
+    short_help="Say what the code of a finding means.",
+    epilog="Example: drop explain off-target",
+)
+def explain(
+    code: Annotated[
+        str | None, typer.Argument(metavar="CODE", help="A code or a reason of a finding.")
+    ] = None,
+    *,
+    every: Annotated[bool, flag("Say in a line each what all mean.", "--list")] = False,
+    json: given.Json = False,
+) -> None:
+    """Say what the code of a finding means, what is measured, from which value on, and its cure."""
+    from drop_physics.report.terminal import show
+    from drop_physics.stages.explain import explain
+
+    show(explain(code, every=every), as_json=json)
+
+
+@app.command(
     rich_help_panel=RECORDINGS,
     short_help="Write states, joints, contacts for other tools.",
     epilog="Example: drop export recordings/run.rrd --out run.mcap",

@@ -1,92 +1,158 @@
-"""The codes and reasons of all findings that an analysis may have, of a script or of a drop."""
+"""What each code and reason of a finding means, of a script or of a drop."""
 
 from __future__ import annotations
 
-CODES = {
-    "asleep",
-    "auto-reset",
-    "beyond-urdf",
-    "both-static",
-    "bounce-swallowed",
-    "call-elsewhere",
-    "collides-as-hull",
-    "constraint-apart",
-    "contact-despite-filter",
-    "creeps",
-    "deep-penetration",
-    "default-damping",
-    "default-motor",
-    "dragged-by-nothing",
-    "drive-lags",
-    "energy-gained",
-    "filter",
-    "force-off-centre",
-    "friction-pyramid",
-    "ik-index",
-    "ik-off",
-    "impossible-inertia",
-    "inertia-from-shape",
-    "inertia-without-mass",
-    "joint-damping",
-    "law-mismatch",
-    "link-counted-static",
-    "massless",
-    "mimic-ignored",
-    "model-edited",
-    "momentum-drift",
-    "motor-gain",
-    "no-contact",
-    "no-effect",
-    "no-floor",
-    "no-gravity",
-    "no-inertial",
-    "no-restitution",
-    "no-shape",
-    "not-finite",
-    "not-replayed",
-    "not-stepped",
-    "not-taken",
-    "off-target",
-    "other-client",
-    "overwritten",
-    "parent-and-child",
-    "pose-set-each-step",
-    "push-lasted-a-step",
-    "push-stays",
-    "reading",
-    "reading-depth",
-    "reading-stale",
-    "reading-static",
-    "reading-torque",
-    "real-time",
-    "reset-frame",
-    "reset-leaves",
-    "rest-below-expected",
-    "restitution-inflated",
-    "restore-differs",
-    "scale-keeps-mass",
-    "script-failed",
-    "self-collision",
-    "slides",
-    "starts-in-contact",
-    "stale",
-    "static-parent",
-    "still-airborne",
-    "substeps-scale-motors",
-    "taken-elsewhere",
-    "target-clamped",
-    "teleported",
-    "timestep-after-motor",
-    "timestep-changed",
-    "timestep-too-long",
-    "tumbled",
-    "tunnelled",
-    "unseeded",
-    "unstable",
-    "velocity-clamped",
-    "velocity-set-each-step",
-    "weak-constraint",
-    "wheel-slip",
-    "wrong-body",
+CODES: dict[str, str] = {
+    "asleep": "A body does not react: the engine put it to sleep, and nothing woke it.",
+    "auto-reset": (
+        "MuJoCo put the state back by itself after a warning, and the run went on from there."
+    ),
+    "beyond-urdf": (
+        "A joint went faster, or its motor pushed harder, than its file allows: PyBullet's "
+        "motors do not heed that."
+    ),
+    "both-static": (
+        "Neither of two bodies that overlap has mass: PyBullet makes no contacts between them."
+    ),
+    "bounce-swallowed": (
+        "A bounce is missing: a contact acted before the body touched, or it came too slowly."
+    ),
+    "call-elsewhere": (
+        "A call of changeDynamics for a link reached the base: a later argument of it carries "
+        "it there."
+    ),
+    "collides-as-hull": (
+        "A hollow mesh collides as its convex hull, and was touched off its surface."
+    ),
+    "constraint-apart": (
+        "A constraint joins two frames that do not meet, and pulls or turns them together."
+    ),
+    "contact-despite-filter": (
+        "Two bodies touch although a mask forbids it: by default one mask that lets them is enough."
+    ),
+    "creeps": (
+        "A body that friction could hold creeps all the same: the solver leaves some of its "
+        "velocity."
+    ),
+    "deep-penetration": "A body sank further into another than a contact should allow.",
+    "default-damping": "PyBullet's damping, 0.04 unless a call sets it, took energy.",
+    "default-motor": (
+        "The motor that PyBullet gives every joint holds one that something was to move."
+    ),
+    "dragged-by-nothing": (
+        "What lies on a body that calls move stays behind: a pose that is set has no velocity."
+    ),
+    "drive-lags": (
+        "A constraint's target is set from where the body is, so only a share of each change "
+        "is made."
+    ),
+    "energy-gained": "Contacts gave bodies energy, which they cannot.",
+    "filter": "A call of setCollisionFilterPair switched a pair off that overlaps later.",
+    "force-off-centre": (
+        "A force acted beside a body that it was meant for: the point is in another frame."
+    ),
+    "friction-pyramid": (
+        "Friction is a pyramid along two axes, and turned or braked a body that slides "
+        "between them."
+    ),
+    "ik-index": "Answers of inverse kinematics went to joints by index, fixed ones among them.",
+    "ik-off": (
+        "A hand is off its point although its joints are on their targets: inverse kinematics "
+        "gave an answer that is off."
+    ),
+    "impossible-inertia": "No body can have the inertia that a file gives.",
+    "inertia-from-shape": (
+        "PyBullet computes the inertia from the collision shape, not from the file."
+    ),
+    "inertia-without-mass": "A link has inertia, and no mass.",
+    "joint-damping": "A joint's damping takes most of the torque that it is given.",
+    "law-mismatch": "A sample is not what the law says of the one before.",
+    "link-counted-static": (
+        "A link that is fixed to the first link of a robot with a fixed base counts as static."
+    ),
+    "massless": "A body has no mass, and so stays where it is.",
+    "mimic-ignored": (
+        "A joint does not follow the one that its file wants it to mimic: PyBullet ignores that."
+    ),
+    "model-edited": (
+        "The script changed MuJoCo's model, and what follows from it was not worked out again."
+    ),
+    "momentum-drift": (
+        "A body's momentum changed where nothing outside acts: by the integrator, or by damping."
+    ),
+    "motor-gain": "Gains, which are shares per step, make a motor overshoot, ring or grow.",
+    "no-contact": "Bodies overlap, and nothing pushes them apart.",
+    "no-effect": "PyBullet ignores what was asked.",
+    "no-floor": "There is no floor, and the body falls on.",
+    "no-gravity": "There is no gravity, or no longer, and bodies do not fall.",
+    "no-inertial": "A link has no <inertial>, and so a mass of 1 kg.",
+    "no-restitution": (
+        "What was given restitution does not bounce: that of both bodies is multiplied, or it "
+        "came too slowly."
+    ),
+    "no-shape": "A body has mass and no collision shape, and falls through others.",
+    "not-finite": "A state became infinite, or no number.",
+    "not-replayed": (
+        "Steps of MuJoCo could not be repeated from what was recorded, and are not explained."
+    ),
+    "not-stepped": "Nothing was ever stepped, so nothing moved.",
+    "not-taken": "The engine ignores what was asked.",
+    "off-target": "A joint is not where, or not as fast as, its motor was told.",
+    "other-client": (
+        "A setter without physicsClientId is client 0's: another simulation never got it."
+    ),
+    "overwritten": "A call undoes, step after step, what acts, or is undone itself.",
+    "parent-and-child": "Self-collision leaves out a link and its parent, and these overlap.",
+    "pose-set-each-step": (
+        "A pose that is set step by step has no force, and goes through what it meets."
+    ),
+    "push-lasted-a-step": "A force lasts one step, and was given in one of several.",
+    "push-stays": (
+        "A force of MuJoCo stays until it is written again, and acted longer than it was meant to."
+    ),
+    "reading": "What a number that the script reads stands for.",
+    "reading-depth": "The depth of a camera's picture is no distance.",
+    "reading-stale": "The pose of a link is that of one step earlier.",
+    "reading-static": "The velocity of a base that only calls move is 0.",
+    "reading-torque": "The torque that is read is the motor's, and that is off.",
+    "real-time": "The engine steps by its own clock, so each run is another.",
+    "reset-frame": "A reset places the centre of mass where a load places the file's origin.",
+    "reset-leaves": (
+        "A reset leaves motors their targets, or joints their rates, and they drive on."
+    ),
+    "rest-below-expected": "A body rests lower than its shape says.",
+    "restitution-inflated": "A bounce is higher than the restitution asked for.",
+    "restore-differs": "What began in the same state, with the same calls, ran otherwise.",
+    "scale-keeps-mass": "globalScaling scales sizes and leaves masses as they are.",
+    "script-failed": "The script ended with an error.",
+    "self-collision": "A body's own links overlap and are pushed apart.",
+    "slides": "A body that was held or rested slipped: friction was not enough.",
+    "stale": "What is read of MuJoCo's data is that of an earlier state.",
+    "starts-in-contact": "A body was put inside another, and they were pushed apart.",
+    "static-parent": "MuJoCo makes no contacts with a parent that cannot move.",
+    "still-airborne": "The recording ends before the body has landed.",
+    "substeps-scale-motors": "With numSubSteps a motor's limit counts in each substep.",
+    "taken-elsewhere": "What was asked acts, but on something else.",
+    "target-clamped": "A target beyond a joint's limit is moved to it.",
+    "teleported": "A call moved a body.",
+    "timestep-after-motor": (
+        "The timestep was set after a motor's call, which changes the motor's limit."
+    ),
+    "timestep-changed": "The timestep changed while bodies moved.",
+    "timestep-too-long": "A body goes too far in one step.",
+    "tumbled": "The body turned over.",
+    "tunnelled": "A body got into another, or through it, between two steps.",
+    "unseeded": "The script uses random numbers without a seed.",
+    "unstable": (
+        "A rate changes its sign with every step: what acts against it is too stiff for the "
+        "timestep."
+    ),
+    "velocity-clamped": "A rate reached the engine's limit, which took some of it.",
+    "velocity-set-each-step": (
+        "A velocity that is set before each step takes away what gravity gave."
+    ),
+    "weak-constraint": "A constraint gives way: it is at its limit, or the solver did not finish.",
+    "wheel-slip": "Wheels turned farther than their robot went.",
+    "wrong-body": "A body that was to stay was given mass.",
 }
-"""These can be selected and ignored."""
+"""These can be selected, ignored and explained."""

@@ -1,0 +1,55 @@
+"""What the codes of findings mean: one in full, or all in a line each."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from drop_physics.messages import Message
+from drop_physics.report.blocks import Fact, Facts, Report, Section
+
+if TYPE_CHECKING:
+    from drop_physics.rules.reference import CodeReference
+    from drop_physics.stages.explain import CodeManual
+
+COLUMN, CODE_COLUMN = 12, 24
+"""Characters that titles take, and codes."""
+
+
+def report_of(manual: CodeManual) -> Report:
+    """Say what codes mean."""
+    if len(manual.codes) > 1:
+        rows = [Fact(each.code, each.meaning) for each in manual.codes]
+        return Report(sections=[Section([Facts(rows, CODE_COLUMN)])])
+    (one,) = manual.codes
+    return Report(sections=[Section([Facts(_rows(one), COLUMN)])])
+
+
+def _rows(one: CodeReference) -> list[Fact]:
+    """Return what there is to say of one, each thing with its title."""
+    rows = [Fact(Message("code"), one.code), Fact(Message("means"), one.meaning)]
+    if one.reason_of is not None:
+        rows.append(Fact(Message("reason of"), one.reason_of))
+    if one.level is not None:
+        rows.append(Fact(Message("level"), one.level))
+    limits = [
+        Message(
+            "{meaning} ({value})",
+            meaning=each.meaning,
+            value=f"{each.value:g}" if each.unit == "1" else f"{each.value:g} {each.unit}",
+        )
+        for each in one.thresholds
+    ]
+    for title, texts in (
+        (Message("measured"), one.measured),
+        (Message("threshold"), limits),
+        (Message("says"), one.says),
+        (Message("cure"), one.advises),
+    ):
+        rows += [Fact("" if number else title, text) for number, text in enumerate(texts)]
+    return rows
+
+
+def json_of(manual: CodeManual) -> dict[str, Any]:
+    """Return what `--json` prints."""
+    return {"codes": [asdict(each) for each in manual.codes]}

@@ -1,0 +1,234 @@
+"""What `drop explain` says of a code: read from the sources of the rules, so that it is not stale.
+
+A rule's sentence, its thresholds, what it says and what it advises stand in its source; here they
+are only gathered. A code that several rules share has those of all.
+"""
+
+from __future__ import annotations
+
+import ast
+import difflib
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import resources
+from typing import get_args
+
+from drop_physics.errors import ScenarioError
+from drop_physics.rules.answer import LEVELS, Level
+from drop_physics.rules.codes import CODES
+from drop_physics.rules.thresholds import TABLE
+
+ROOMS = "rules", "drop"
+"""Folders whose modules find something."""
+ADVISES = {"advice", "cure"}
+"""Arguments that hold what is advised."""
+PLACEHOLDER = re.compile(r"\{[^{}]*\}")
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A threshold of a rule."""
+
+    name: str
+    """Of the constant."""
+    value: float
+    """In its unit."""
+    unit: str
+    """`share` of what the meaning names, `1` of a count."""
+    meaning: str
+    """What it limits."""
+
+
+@dataclass(frozen=True)
+class CodeReference:
+    """What a code, or one of its reasons, means."""
+
+    code: str
+    """The code, or the reason."""
+    reason_of: str | None
+    """The code that it is a reason of; null for a code."""
+    level: Level | None
+    """How grave it is, unless a finding says another; null where that depends."""
+    meaning: str
+    """What was asked and what happened instead, in a sentence."""
+    measured: list[str] = field(default_factory=list)
+    """What is looked for, a sentence per rule."""
+    thresholds: list[Limit] = field(default_factory=list)
+    """The numbers that decide."""
+    says: list[str] = field(default_factory=list)
+    """What a finding says; … is a number or a name."""
+    advises: list[str] = field(default_factory=list)
+    """What changes it."""
+
+
+def reference_of(name: str) -> CodeReference:
+    """Return what a code or a reason means.
+
+    Raises
+    ------
+    ScenarioError
+        If there is none of that name; the message says which is alike.
+    """
+    if name not in CODES:
+        raise ScenarioError(
+            "CODE is a code or a reason of a finding, got {name!r}; did you mean {near}?",
+            name=name,
+            near=difflib.get_close_matches(name, CODES, 1, 0.0)[0],
+        )
+    return references()[name]
+
+
+@cache
+def references() -> dict[str, CodeReference]:
+    """Return all of them, by their names."""
+    made = {name: CodeReference(name, None, None, meaning) for name, meaning in CODES.items()}
+    for room in ROOMS:
+        for file in sorted(resources.files(f"drop_physics.{room}").iterdir(), key=str):
+            if file.name.endswith(".py"):
+                module = ast.parse(file.read_text(encoding="utf-8"))
+                limits = _limits_in(module)
+                for parts, code, reason, level in _rules_in(module):
+                    for name in {code, reason or code}:
+                        made[name] = _with(made[name], parts, limits, code, level)
+    return made
+
+
+def _rules_in(
+    module: ast.Module,
+) -> Iterator[tuple[list[ast.stmt], str, str | None, str | None]]:
+    """Yield each rule of a module: its functions or class, its code, reason and level."""
+    functions = [node for node in ast.walk(module) if isinstance(node, ast.FunctionDef)]
+    words = {
+        decorator.value.id: node
+        for node in functions
+        for decorator in node.decorator_list
+        if isinstance(decorator, ast.Attribute) and isinstance(decorator.value, ast.Name)
+    }
+    for node in functions:
+        for decorator in node.decorator_list:
+            if isinstance(decorator, ast.Call) and _name(decorator.func).endswith("_rule"):
+                given = [_text(each) for each in decorator.args]
+                reason = given[2] if len(given) > 2 else _keyword(decorator, "reason")
+                parts: list[ast.stmt] = [node]
+                parts += [words[node.name]] if node.name in words else []
+                yield parts, given[0] or "", reason, given[1]
+    found = [
+        (node, call, code)
+        for node in functions
+        for call in ast.walk(node)
+        if isinstance(call, ast.Call)
+        and _name(call.func) in ("Finding", "_found")
+        and (code := _keyword(call, "code") or (_text(call.args[0]) if call.args else None))
+    ]
+    levels, attributes = _assigned(module)
+    codes = {code for _, _, code in found} | {code for code, _ in attributes}
+    whole = [node for node in module.body if isinstance(node, ast.FunctionDef | ast.ClassDef)]
+    if len(codes) == 1:  # all that the module says is about it
+        (code,) = codes
+        whole.sort(key=lambda node: not _is_answer(node))
+        given_level = [_keyword(call, "level") for _, call, _ in found]
+        level = next(filter(None, [*given_level, *(each for _, each in attributes)]), None)
+        yield [*whole], code, None, level
+        for call in ast.walk(module):
+            if isinstance(call, ast.Call) and (reason := _keyword(call, "reason")) in CODES:
+                yield [], code, reason, None
+    else:
+        for node, call, code in found:
+            yield [node], code, None, levels.get(code) or _keyword(call, "level")
+
+
+def _assigned(module: ast.Module) -> tuple[dict[str, str], list[tuple[str, str | None]]]:
+    """Return levels by their codes, as a table has them, and code and level of classes."""
+    levels: dict[str, str] = {}
+    attributes: list[tuple[str, str | None]] = []
+    for node in ast.walk(module):
+        match node:
+            case ast.AnnAssign(target=ast.Name(id="LEVEL_OF"), value=ast.Dict() as table):
+                levels |= ast.literal_eval(table)
+            case ast.Assign(targets=[ast.Tuple(elts=[ast.Name(id="code"), _])], value=ast.Tuple()):
+                code, level = ast.literal_eval(node.value)
+                attributes.append((code, level))
+    return levels, attributes
+
+
+def _is_answer(node: ast.stmt) -> bool:
+    bases = node.bases if isinstance(node, ast.ClassDef) else []
+    return any(_name(base).endswith("Answer") for base in bases)
+
+
+def _limits_in(module: ast.Module) -> set[str]:
+    """Return the names of thresholds that a module takes from their table."""
+    return {
+        name.name
+        for node in module.body
+        if isinstance(node, ast.ImportFrom) and (node.module or "").endswith(".thresholds")
+        for name in node.names
+    }
+
+
+def _with(
+    known: CodeReference, parts: list[ast.stmt], limits: set[str], code: str, level: str | None
+) -> CodeReference:
+    """Return what is known of a name, and what one more rule of it tells."""
+    documented = [each for each in parts if isinstance(each, ast.FunctionDef | ast.ClassDef)]
+    sentences = [_first(ast.get_docstring(each)) for each in documented]
+    sentences = [each for each in sentences[:1] if not each.startswith(("Return", "Yield"))]
+    advised: list[str] = []
+    said: list[str] = []
+    for node in [inner for each in parts for inner in ast.walk(each)]:
+        match node:
+            case ast.keyword(arg=name, value=value) if name in ADVISES:
+                advised += _messages(value)
+            case ast.Assign(targets=[ast.Name(id=name)], value=value) if name in ADVISES:
+                advised += _messages(value)
+    for each in parts:
+        said += [text for text in _messages(each) if text not in advised and len(text) > 40]
+    names = {node.id for each in parts for node in ast.walk(each) if isinstance(node, ast.Name)}
+    used = [
+        Limit(name, TABLE[name].value, TABLE[name].unit, TABLE[name].meaning)
+        for name in TABLE
+        if name in names & limits
+    ]
+    rated = next((each for each in get_args(Level) if each == level), None)
+    return CodeReference(
+        code=known.code,
+        reason_of=None if known.code == code else code,
+        level=min((each for each in (known.level, rated) if each), key=LEVELS.index, default=None),
+        meaning=known.meaning,
+        measured=_once([*known.measured, *filter(None, sentences)]),
+        thresholds=[*dict.fromkeys([*known.thresholds, *used])],
+        says=_once([*known.says, *said]),
+        advises=_once([*known.advises, *advised]),
+    )
+
+
+def _messages(node: ast.AST) -> list[str]:
+    """Return the templates of messages in a node, with … in place of what is filled in."""
+    texts = [
+        _text(call.args[0])
+        for call in ast.walk(node)
+        if isinstance(call, ast.Call) and _name(call.func) == "Message" and call.args
+    ]
+    return [PLACEHOLDER.sub("…", text) for text in texts if text]
+
+
+def _once(texts: list[str]) -> list[str]:
+    return [*dict.fromkeys(texts)]
+
+
+def _first(docstring: str | None) -> str:
+    return " ".join((docstring or "").split("\n\n")[0].split())
+
+
+def _text(node: ast.expr) -> str | None:
+    return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else None
+
+
+def _keyword(call: ast.Call, name: str) -> str | None:
+    return next((_text(each.value) for each in call.keywords if each.arg == name), None)
+
+
+def _name(node: ast.expr) -> str:
+    return getattr(node, "id", None) or getattr(node, "attr", None) or ""

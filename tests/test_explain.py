@@ -1,0 +1,68 @@
+"""`drop explain` says of each code what its rule says of itself."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from subprocess import CompletedProcess
+
+import pytest
+from drop_physics.errors import ScenarioError
+from drop_physics.rules.codes import CODES
+from drop_physics.rules.input_rule import INPUT_RULES
+from drop_physics.rules.reference import PLACEHOLDER, references
+from drop_physics.rules.rule import RULES
+from drop_physics.rules.thresholds import BEYOND_RANGE
+from drop_physics.stages.explain import explain
+
+Drop = Callable[..., "CompletedProcess[str]"]
+
+
+def test_every_code_and_reason_is_explained() -> None:
+    made = references()
+    assert made.keys() == CODES.keys()
+    assert all(each.meaning.endswith(".") for each in made.values())
+    assert {each.reason_of for each in made.values() if each.reason_of} <= CODES.keys()
+
+
+def test_a_rule_is_explained_in_its_own_words() -> None:
+    made = references()
+    for rule in (*RULES, *INPUT_RULES):
+        sentence = " ".join(rule.meaning.split("\n\n")[0].split())
+        for name in {rule.code, rule.reason or rule.code}:
+            assert sentence in made[name].measured
+    assert {made["ik-index"].reason_of, made["filter"].reason_of} == {
+        "taken-elsewhere",
+        "no-contact",
+    }
+
+
+def test_thresholds_messages_and_cure_are_those_of_the_rule() -> None:
+    """Of two rules in one file each has its own."""
+    made = references()["target-clamped"]
+    assert [(each.name, each.value) for each in made.thresholds] == [("BEYOND_RANGE", BEYOND_RANGE)]
+    (said,) = made.says
+    assert said.endswith("PyBullet takes the limit as the target")
+    (advice,) = made.advises
+    assert "jointLowerLimit" in advice
+    assert not any(PLACEHOLDER.search(text) for text in (said, advice))
+    apart, weak = (references()[code] for code in ("constraint-apart", "weak-constraint"))
+    assert not {*apart.says} & {*weak.says}
+
+
+def test_what_is_not_known_is_likened() -> None:
+    with pytest.raises(ScenarioError, match="did you mean off-target"):
+        explain("of-target")
+    for asked in ({}, {"code": "slides", "every": True}):
+        with pytest.raises(ScenarioError, match="give one code"):
+            explain(**asked)  # type: ignore[arg-type]
+
+
+def test_one_in_full_or_all_in_a_line_each(drop: Drop) -> None:
+    text = drop("explain", "constraint-apart").stdout
+    assert "0.05 rad" in text
+    assert "childFrameOrientation" in text
+    listed = drop("explain", "--list").stdout
+    assert all(name in listed for name in CODES)
+    (one,) = json.loads(drop("explain", "no-effect", "--json").stdout)["codes"]
+    assert (one["code"], one["reason_of"]) == ("no-effect", "not-taken")
