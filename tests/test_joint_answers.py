@@ -451,7 +451,7 @@ def test_a_finger_that_does_not_follow(
     (found,) = said("mimic-ignored", scene, tmp_path)
     assert found.effect is not None
     assert found.effect.value == pytest.approx(off / 1000, rel=1e-3)
-    assert f"panda_finger_joint2 is {off} mm from where" in found.message
+    assert f"panda_finger_joint2 is {off} mm away from where" in found.message
     for then in (
         GEAR + CLOSE.format(joint=9, target=target),
         CLOSE.format(joint=9, target=target) + CLOSE.format(joint=10, target=target),

@@ -394,7 +394,7 @@ def test_help_says_what_it_is_for_and_groups_the_commands(drop: Drop) -> None:
     commands = {
         "own": {"SCRIPT.py", "record", "trust", "why"},
         "box": {"run", "simulate", "sweep"},
-        "recordings": {"analyze", "check", "info", "render", "view"},
+        "recordings": {"analyze", "check", "export", "info", "render", "view"},
     }
     for group, expected in commands.items():
         assert {*re.findall(r"^  (\S+)  ", groups[group], re.MULTILINE)} == expected

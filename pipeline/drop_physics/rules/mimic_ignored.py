@@ -71,7 +71,7 @@ def _(worst: Worst) -> Said:
         level=None if worst.sent else "note",
         message=Message(
             "{joint} is {gap} away from where its <mimic> tag puts it: PyBullet ignores "
-            "the tag, and {of} moves alone (joints that do not follow: {count})"
+            "the tag, so it does not follow {of} (joints that do not follow: {count})"
         ),
         values={"gap": distance(gap, worst.unit), "of": mimic.of, "count": worst.joints},
         advice=Message(
