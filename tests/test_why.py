@@ -28,7 +28,7 @@ from drop_physics.rules.answer import Effect, Finding
 from drop_physics.stages.record import record_script
 from drop_physics.stages.why import Proved, Why, why
 from drop_physics.trace.acts import Act
-from drop_physics.trace.events import Body, Joint
+from drop_physics.trace.events import Asked, Body, Joint, Mimic
 from PIL import Image
 
 HEAD = """
@@ -387,3 +387,58 @@ def test_motors_of_several_joints_get_at_least_a_force(client: int) -> None:
     assert seen[0]["forces"] == [70, 200]
     call(0, [0, 1], p.TORQUE_CONTROL, forces=[3, 2], physicsClientId=client)
     assert seen[1]["forces"] == [3, 2]
+
+
+def test_a_gear_makes_a_finger_follow(client: int) -> None:
+    joints = [Joint(n, f"j{n}", "prismatic", -1, (1, 1, 1)) for n in range(12)]
+    asked = Asked(mimics=(Mimic("j10", "j9", 1.0, 0.0),))
+    hand = replace(ARM, links=("base", *[each.name for each in joints]), joints=tuple(joints),
+                   asked=asked)  # fmt: skip
+    gaps = []
+    for proposal in (Proposed("mimic", ""), Proposed("mass", "", 1.0)):
+        other, _ = intervened(client, proposal, hand)
+        p.resetSimulation(client)
+        body = other.loadURDF("franka_panda/panda.urdf", useFixedBase=True, physicsClientId=client)
+        for _ in range(240):
+            how = {"targetPosition": 0.03, "force": 20, "physicsClientId": client}
+            p.setJointMotorControl2(body, 9, p.POSITION_CONTROL, **how)
+            p.stepSimulation(client)
+        one, two = (p.getJointState(body, joint, client)[0] for joint in (9, 10))
+        gaps.append(abs(one - two))
+        assert one == pytest.approx(0.03, abs=1e-3)
+    assert gaps[0] < 1e-3 < 0.02 < gaps[1]
+
+
+def test_calls_about_bodies_are_made_otherwise(client: int) -> None:
+    """What an advice about one call asks for: left out, handed on, driven, repeated, carried."""
+
+    def made(advice: str, site: str | None = None) -> tuple[Any, list[int], int]:
+        (each,) = proposed(advice, advice, timestep_s=1 / 240, site=site)
+        p.resetSimulation(client)
+        other, fired = intervened(client, each, ARM)
+        shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1] * 3, physicsClientId=client)
+        return other, fired, other.createMultiBody(1, shape, physicsClientId=client)
+
+    other, fired, box = made("call p.applyExternalForce before each p.stepSimulation() in which "
+                             "it is to act")  # fmt: skip
+    other.applyExternalForce(box, -1, [1, 0, 0], [0, 0, 0], p.LINK_FRAME, physicsClientId=client)
+    for _ in range(3):
+        other.stepSimulation(client)
+    assert fired
+    assert p.getBaseVelocity(box, client)[0][0] == pytest.approx(3 / 240, rel=1e-2)
+
+    other, fired, box = made("hand on its vertical velocity: p.getBaseVelocity(body)[0][2]")
+    p.resetBaseVelocity(box, [0, 0, -2], physicsClientId=client)
+    other.resetBaseVelocity(box, [1, 0, 0], physicsClientId=client)
+    assert p.getBaseVelocity(box, client)[0] == (1, 0, -2)
+
+    other, fired, box = made("give it the velocity that it moves with: p.resetBaseVelocity(…)")
+    for x in (0.0, 0.01):
+        other.resetBasePositionAndOrientation(box, [x, 0, 0], [0, 0, 0, 1], physicsClientId=client)
+    assert p.getBaseVelocity(box, client)[0][0] == pytest.approx(2.4)
+
+    line = test_calls_about_bodies_are_made_otherwise.__code__.co_firstlineno
+    own = Path(__file__).name
+    other, fired, box = made("give linearDamping in a call of its own", f"{own}:{line}")
+    other.changeDynamics(box, -1, lateralFriction=0.3, linearDamping=0, physicsClientId=client)
+    assert not fired  # it is another line

@@ -38,6 +38,7 @@ KINDS: dict[str, Kind] = {
     "damping": Kind(NUMERICS, decides=True),
     "joint-damping": Kind(NUMERICS, decides=True),
     "inertia-from-file": Kind(UNDOES, decides=True),
+    "mimic": Kind(UNDOES),
     "targets-held": Kind(UNDOES),
     "friction": Kind(RAISES),
     "restitution": Kind(RAISES),

@@ -45,7 +45,7 @@ def forget_trials(recording: Path) -> None:
     """Delete the trials of a recording; a file that is not one of theirs stays, with the folder."""
     folder = trials_of(recording)
     if folder.is_dir() and not folder.is_symlink():
-        for each in [*folder.glob("*.rrd"), folder / VERDICTS]:
+        for each in [*folder.glob("*.rrd"), *folder.glob("*.rrd.part"), folder / VERDICTS]:
             each.unlink(missing_ok=True)
         with contextlib.suppress(OSError):
             folder.rmdir()

@@ -262,9 +262,13 @@ def why(
             progress=progress,
         )
 
-    done = run(work, [work.nudge, *first_tried(work.candidates)])
     own = _own(base, findings)
-    summed = shares(work, done, run, own)
+    try:
+        done = run(work, [work.nudge, *first_tried(work.candidates)])
+        summed = shares(work, done, run, own)
+    except BaseException:  # Ctrl-C, too: half a trial is none
+        forget_trials(recorded.recording)
+        raise
     result = _why(target, base.path, own, work, done, chosen, summed, time.monotonic() - began)
     _keep(folder, result, base.recording_id)
     return result

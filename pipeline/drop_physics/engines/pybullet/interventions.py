@@ -106,6 +106,7 @@ SAID: tuple[tuple[str, str, str], ...] = (
     ("give it in p.WORLD_FRAME, or", "push-at-centre", "the push at the centre"),
     ("load it without URDF_USE_SELF_COLLISION", "collision-off", "without URDF_USE_SELF_COLLISION"),
     ("flags=p.GEOM_FORCE_CONCAVE_TRIMESH", "concave", "flags=p.GEOM_FORCE_CONCAVE_TRIMESH"),
+    ("JOINT_GEAR", "mimic", "p.createConstraint(…, p.JOINT_GEAR, …)"),
     ("give it more force", "force", f"force*{MORE:g}"),
     ("or other limits by p.changeDynamics(", "limits", "wider limits by p.changeDynamics(…)"),
     (
@@ -150,8 +151,7 @@ def proposed(advice: str, about: str, *, timestep_s: float, site: str | None) ->
         found.append(Proposed("lifted", f"{match[1]} mm higher", by_m, operations=lifted))
     if found:
         return found
-    calls = [] if "JOINT_GEAR" in advice else CALL.findall(advice)  # which takes three at once
-    for function, text in calls:
+    for function, text in CALL.findall(advice):
         found += (
             [_shorter(text, timestep_s)]
             if function == "setTimeStep"
@@ -551,6 +551,22 @@ def _lifted(scope: Scope, value: float | None, _: Values) -> Iterator[Operation]
         yield {"do": "lift", "functions": MAKES, "by_m": [0.0, 0.0, value or 0.0], **_of(body)}
 
 
+def _mimic(scope: Scope, _: float | None, __: Values) -> Iterator[Operation]:
+    """Join joints that their file wants to follow others by gears, their own motors off."""
+    for body in scope.bodies:
+        links = {joint.name: joint.link for joint in body.joints}
+        for each in body.asked.mimics:
+            if each.joint not in links or each.of not in links or not each.multiplier:
+                continue
+            yield {
+                "do": "gear",
+                "functions": MAKES,
+                "links": [links[each.of], links[each.joint]],
+                "ratio": -1 / each.multiplier,
+                **_of(body),
+            }
+
+
 def _mass(scope: Scope, value: float | None, _: Values) -> Iterator[Operation]:
     yield from _dynamics(scope.bodies, {"mass": value or 1.0}, _base)
 
@@ -585,6 +601,7 @@ TABLE: dict[str, Callable[[Scope, float | None, Values], Iterator[Operation]]] =
     "push-repeated": _repeated,
     "push-at-centre": _centre,
     "lifted": _lifted,
+    "mimic": _mimic,
     "mass": _mass,
 }
 """How each intervention is applied; `timestep`, `substeps` and `without` are made otherwise."""

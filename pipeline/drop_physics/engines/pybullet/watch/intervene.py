@@ -31,6 +31,8 @@ PLURAL = {
     "velocityGain": "velocityGains",
 }
 """Arguments of a motor call for one joint, and of one for several."""
+GEAR_N, GEAR_ERP = 100.0, 0.5
+"""Largest force of a gear [N, N m], and the share of a gap that it closes in a step."""
 UNSAID = {"force": 100000.0, "positionGain": 0.1, "velocityGain": 1.0, "targetVelocity": 0.0}
 """What PyBullet takes where a motor call leaves them out."""
 DYNAMICS, JOINT, ENGINE = "getDynamicsInfo", "getJointInfo", "getPhysicsEngineParameters"
@@ -349,6 +351,38 @@ class Interventions:
         at = [each + by for each, by in zip(at, operation["by_m"])]
         self._fire(which)
         self._calls["resetBasePositionAndOrientation"](body, at, [*turned], physicsClientId=client)
+
+    def _gear(self, _: int, __: Operation, arguments: Any, ___: int) -> Any:
+        return arguments
+
+    def _gear_then(self, which: int, operation: Operation, _: Any, client: int) -> None:
+        """Join two joints of a body that was made by a gear, the follower's motor off."""
+        p, body, (leads, follows) = self._p, operation["body"], operation["links"]
+        if max(leads, follows) >= p.getNumJoints(body, client):
+            return
+        self._fire(which)
+        self._calls["setJointMotorControl2"](
+            body, follows, p.VELOCITY_CONTROL, force=0, physicsClientId=client
+        )
+        none = [0.0, 0.0, 0.0]
+        gear = self._calls["createConstraint"](
+            body,
+            leads,
+            body,
+            follows,
+            p.JOINT_GEAR,
+            [1.0, 0.0, 0.0],
+            none,
+            none,
+            physicsClientId=client,
+        )
+        self._calls["changeConstraint"](
+            gear,
+            gearRatio=operation["ratio"],
+            maxForce=GEAR_N,
+            erp=GEAR_ERP,
+            physicsClientId=client,
+        )
 
     def _also(self, _: int, __: Operation, arguments: Any, ___: int) -> Any:
         return arguments
