@@ -75,7 +75,7 @@ def test_what_takes_a_symptom_away_is_said_to_have_cured_it(held: Why) -> None:
     weak = found(held, "weak-constraint")
     (tried,) = weak.tried
     assert weak.verdict == tried.verdict == "cured"
-    assert tried.intervention.short == "maxForce*10"
+    assert tried.intervention.short == "maxForce=30"
     # 10 N of 19.62 were lacking: it fell, semi-implicitly, for 60 steps: a dt² n (n + 1) / 2.
     fell_m = (9.81 - 10 / 2) / 240**2 * 60 * 61 / 2
     assert tried.moved is not None
@@ -88,7 +88,7 @@ def test_a_trial_is_recorded_as_the_engine_was_asked(held: Why) -> None:
     (tried,) = found(held, "weak-constraint").tried
     assert tried.recording is not None
     (call,) = read(tried.recording).seen.calls.of(Act.CHANGE_CONSTRAINT)
-    assert call.values["maxForce"] == (100.0,)
+    assert call.values["maxForce"] == (30.0,)
     assert (call.file, call.line) == ("script.py", HEAD.count("\n") + 5)
     explained = analyze(tried.recording).explained
     assert explained.samples == explained.of
@@ -110,7 +110,7 @@ def test_only_what_changes_no_bit_has_no_effect(held: Why) -> None:
 def test_an_analysis_shows_the_verdicts_of_trials_beside_its_recording(held: Why) -> None:
     (weak,) = [each for each in analyze(held.recording).findings if each.tried]
     assert (weak.code, weak.verdict) == ("weak-constraint", "cured")
-    assert "tried maxForce*10: cured" in str(analyze(held.recording))
+    assert "tried maxForce=30: cured" in str(analyze(held.recording))
     beside = trials_of(held.recording) / "why.json"
     kept = beside.read_text()
     for broken in ("{", "[]", kept.replace('"recording_id": "', '"recording_id": "0')):
@@ -168,7 +168,7 @@ def test_what_reaches_outside_is_not_run_again_unasked(
 
 
 def test_what_is_asked_with_try_is_tried_and_nothing_else(tmp_path: Path) -> None:
-    result = proved(tmp_path, HELD, tries=["damping", "constraint-force=4"])
+    result = proved(tmp_path, HELD, tries=["damping", "constraint-force=40"])
     weak = found(result, "weak-constraint")
     verdicts = {each.intervention.name: each.verdict for each in weak.tried}
     assert verdicts == {"damping": "refuted", "constraint-force": "cured"}

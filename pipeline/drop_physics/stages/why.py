@@ -6,7 +6,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -120,6 +120,7 @@ def why(
     seed: int = 0,
     python: str | None = None,
     jobs: int | None = None,
+    ray: str | None = None,
     force: bool = False,
     drawn: bool = False,
     choice: Choice | None = None,
@@ -148,8 +149,8 @@ def why(
         A folder for the recording and its trials; None for `recordings`, as of `record_script`.
     steps, duration_s, seed, python
         As of `record_script`; all runs have the same seed.
-    jobs
-        Processes at once; None for one per core.
+    jobs, ray
+        Processes at once on this machine, None for one per core; or a Ray cluster's address.
     force
         Whether an existing recording is replaced, whatever it is of.
     drawn
@@ -245,9 +246,9 @@ def why(
         program,
         [*candidates, *ablated],
         folder,
-        base.origin,
+        recorded.recording,
         base,
-        began + budget_s,
+        time.time() + budget_s - (time.monotonic() - began),
         recorded.wall_s,
         drawn,
     )
@@ -260,6 +261,7 @@ def why(
             has_failed=lambda made: made.outcome is not None and made.outcome.ended == "failed",
             jobs=jobs or cores(),
             progress=progress,
+            ray=None if ray is None else (replace(which, base=None), ray),
         )
 
     own = _own(base, findings)

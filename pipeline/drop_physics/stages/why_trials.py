@@ -6,7 +6,7 @@ import hashlib
 import os
 import re
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -251,10 +251,12 @@ class RunTrial:
     program: Program
     candidates: Sequence[Candidate]
     folder: Path
-    origin: Mapping[str, Any]
-    base: Recording
+    recording: Path
+    """Of the script's own run."""
+    base: Recording | None
+    """The same; None where it is to be read."""
     until: float
-    """The budget ends then, on the monotonic clock [s]."""
+    """The budget ends then, by the time of day [s]."""
     took_s: float
     """By the script's own run."""
     drawn: bool = False
@@ -273,50 +275,38 @@ class RunTrial:
 
         nudges = number == self.nudge
         run = Run([]) if nudges else self.candidates[number].run
-        now = time.monotonic()
+        now = time.time()
         if run is None or (now > self.until and not nudges):
             return TrialRun(None, None)
         variation = {"nudge": NUDGE} if nudges else {"finer": run.finer} if run.finer > 1 else None
         program = replace(self.program, variation=variation, interventions=run.operations)
         path, until = self._path(number), now + LEAST_S + LONGEST * self.took_s * run.finer
-        name = path.stem
+        name, base = path.stem, self.base or read(self.recording)
         with Path(os.devnull).open("wb") as null:
             ended = self.runs.record(
                 program,
                 path,
-                origin={**self.origin, "variation": name},
-                recording_id=hashlib.sha256(
-                    f"{self.base.recording_id} {name}".encode()
-                ).hexdigest()[:32],
+                origin={**base.origin, "variation": name},
+                recording_id=hashlib.sha256(f"{base.recording_id} {name}".encode()).hexdigest()[
+                    :32
+                ],
                 stdout=null.fileno(),
                 stderr=null.fileno(),
                 drawn=self.drawn,
-                ends_by=lambda: time.monotonic() > until,
+                ends_by=lambda: time.time() > until,
             )
         if ended.how == "interrupted":
             path.unlink(missing_ok=True)
             return TrialRun(None, None)
         other = read(path)
         with np.errstate(all="ignore"):  # of states that are not finite
-            far = apart(self.base.seen, other.seen, finer=run.finer)
+            far = apart(base.seen, other.seen, finer=run.finer)
         findings = self._findings(number, other)
         steps = sum(samples - 1 for samples in other.seen.samples.values()) // run.finer
         fired = nudges or run.finer > 1 or bool(ended.intervened)
         error = str((other.ended or {}).get("error") or "")
-        began = self._began(other)
+        began = _began(base, other)
         return TrialRun(Outcome(fired, ended.how, error, steps, findings, far, began), path)
-
-    def _began(self, other: Recording) -> Distance | None:
-        """Return how far a body moves in a trial that stands still in the script's own run."""
-        from drop_physics.experiments.run_distance import apart
-
-        still = {n for n, body in self.base.seen.bodies.items() if not body.moving}
-        moves = {n for n in still if n in other.seen.bodies and other.seen.bodies[n].moving}
-        if not moves:
-            return None
-        tracks = (each for each in apart(other.seen, other.seen).tracks if each.number in moves)
-        ways = (each.distance(each.moved, each.end_s) for each in tracks if each.moved)
-        return max(ways, key=lambda each: each.value, default=None)
 
     def _findings(self, number: int, other: Recording) -> list[Finding]:
         """Return the findings of a trial that belongs to one, or of the nudge."""
@@ -333,6 +323,20 @@ class RunTrial:
             text = f"{number + 1}-{each.name}" + ("" if each.value is None else f"={each.value:g}")
             name = "".join(c if c.isalnum() or c in "=.-+" else "_" for c in text)
         return self.folder / f"{name}.rrd"
+
+
+def _began(base: Recording, other: Recording) -> Distance | None:
+    """Return how far a body moves in a trial that stands still in the script's own run."""
+    from drop_physics.experiments.run_distance import apart
+
+    still = {number for number, body in base.seen.bodies.items() if not body.moving}
+    there = other.seen.bodies
+    moves = {number for number in still if number in there and there[number].moving}
+    if not moves:
+        return None
+    tracks = (each for each in apart(other.seen, other.seen).tracks if each.number in moves)
+    ways = (each.distance(each.moved, each.end_s) for each in tracks if each.moved)
+    return max(ways, key=lambda each: each.value, default=None)
 
 
 def first_tried(candidates: Sequence[Candidate]) -> Iterator[int]:

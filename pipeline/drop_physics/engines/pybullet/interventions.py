@@ -269,10 +269,11 @@ def _read(function: str, text: str, about: str) -> Iterator[Proposed]:
     }
     if name == "friction":
         yield _rougher(about)
-    elif name == "constraint-force":
-        less = "less force" in about
-        call = f"p.{function}(…, maxForce{'/' if less else '*'}{MORE:g})"
-        yield Proposed(name, call, 1 / MORE if less else MORE)
+    elif name == "constraint-force" and "less force" in about:
+        less = {**_set("changeConstraint"), "factors": {"maxForce": 1 / MORE}, "of_body": False}
+        yield Proposed(name, f"p.{function}(…, maxForce/{MORE:g})", operations=less)
+    elif name == "constraint-force" and not numbers:
+        yield Proposed(name, f"p.{function}(…, maxForce*{MORE:g})")
     elif numbers:
         shown = ", ".join(f"{key}={value:g}" for key, value in numbers.items())
         yield Proposed(name, f"p.{function}(…, {shown})", numbers.get(first), numbers)
@@ -493,8 +494,14 @@ def _concave(_: Scope, __: float | None, ___: Values) -> Iterator[Operation]:
 
 
 def _constraint(_: Scope, value: float | None, __: Values) -> Iterator[Operation]:
-    factors = {"maxForce": value or MORE}
-    yield {"do": "set", "functions": ["changeConstraint"], "factors": factors}
+    if value is None:
+        yield {**_set("changeConstraint"), "factors": {"maxForce": MORE}}
+    else:
+        yield {**_set("changeConstraint"), "values": {"maxForce": value}, "given": True}
+
+
+def _set(*functions: str) -> Operation:
+    return {"do": "set", "functions": [*functions]}
 
 
 def _frames(_: Scope, __: float | None, ___: Values) -> Iterator[Operation]:
