@@ -20,8 +20,8 @@ import pytest
 import scenes
 from conftest import Drop
 from drop_physics.messages import Message
-from drop_physics.rules.answer import LEVELS, Finding
-from drop_physics.rules.choice import Choice
+from drop_physics.rules.answer import LEVELS, Finding, Level
+from drop_physics.rules.choice import Choice, minor
 from drop_physics.rules.codes import CODES
 from drop_physics.stages.sources import comments_in
 
@@ -470,3 +470,16 @@ def test_the_version_is_the_packages_and_stands_where_it_is_cited() -> None:
     assert {"authors", "urls", "classifiers"} <= declared.keys()
     systems = [each for each in declared["classifiers"] if each.startswith("Operating System ::")]
     assert systems == ["Operating System :: POSIX :: Linux"]
+
+
+def test_what_explains_little_is_folded_away() -> None:
+    """Below `asked`, less than a tenth of the gravest; without a mistake, of the largest."""
+
+    def of(level: Level, share: float) -> Finding:
+        return Finding(code="slides", level=level, message="", share=share)
+
+    mistake, small, large = of("asked", 1.0), of("model", 0.09), of("model", 0.11)
+    assert minor([mistake, small, large, of("note", 0.05)]) == [small, of("note", 0.05)]
+    assert minor([large, small]) == []
+    assert minor([of("asked", 0.01), large]) == []
+    assert minor([large, of("note", 0.01)]) == [of("note", 0.01)]

@@ -21,6 +21,7 @@ from drop_physics.report.blocks import (
 )
 from drop_physics.report.flights import contacts, falls, flights, momentum
 from drop_physics.report.words import MISSING, SEGMENTS, cause_in_words, kinds_of_samples
+from drop_physics.rules.choice import minor
 from drop_physics.trace.events import ENDED
 
 if TYPE_CHECKING:
@@ -45,12 +46,11 @@ def report_of_bodies(analysis: Analysis, *, verbose: bool = False) -> Report:
         body for body in analysis.bodies if body.segments["still"] < sum(body.segments.values())
     ]
     alone = len(analysis.bodies) < len(analysis.by_body)
-    most = len(analysis.findings) if verbose else MOST_FINDINGS
-    sections = [
-        Section(
-            [FindingList(analysis.findings, most, analysis.left_out, analysis.sources)], apart=False
-        )
-    ]
+    little = [] if verbose else minor(analysis.findings)
+    shown = [each for each in analysis.findings if each not in little]
+    most = len(shown) if verbose else min(len(shown), MOST_FINDINGS)
+    found = FindingList([*shown, *little], most, analysis.left_out, analysis.sources)
+    sections = [Section([found], apart=False)]
     verbose = verbose or alone
     joints = [*_joints(moving, analysis.findings, verbose=verbose)]
     sections += joints

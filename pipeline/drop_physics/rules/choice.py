@@ -12,6 +12,7 @@ from drop_physics.fields import alternatives
 from drop_physics.messages import Message
 from drop_physics.rules.answer import LEVELS, Finding, Level
 from drop_physics.rules.codes import CODES
+from drop_physics.rules.thresholds import MINOR
 
 ALL, NEVER = "all", "never"
 """Words in place of codes, and of a level."""
@@ -102,3 +103,10 @@ def level_of(name: str, path: Path | None = None) -> Level | None:
         levels=alternatives([*LEVELS, NEVER]),
         name=name,
     )
+
+
+def minor(findings: Sequence[Finding]) -> list[Finding]:
+    """Return the findings that are no mistake, and explain little of what is wrong."""
+    mistakes = [each for each in findings if each.level in ("broken", "asked")]
+    most = max((each.share for each in mistakes or findings), default=0.0)
+    return [each for each in findings if each not in mistakes and each.share < MINOR * most]
