@@ -143,9 +143,10 @@ def descendants_of(pid: int | str) -> list[str]:
 
 
 @pytest.fixture
-def forked(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let scripts start in a moment, in tests that are not about how they start."""
-    monkeypatch.setattr(script, "subprocess", SimpleNamespace(Popen=popen))
+def forked(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let scripts start in a moment, in tests that are not about how they start (`starts`)."""
+    if request.node.get_closest_marker("starts") is None:
+        monkeypatch.setattr(script, "subprocess", SimpleNamespace(Popen=popen))
 
 
 @pytest.fixture

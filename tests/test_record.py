@@ -39,6 +39,8 @@ from drop_physics.stages.record import Recorded, record_script
 from drop_physics.stages.record_block import record
 from rerun.chunk import RrdReader
 
+pytestmark = pytest.mark.usefixtures("forked")
+
 BANNER = "pybullet build time"
 
 
@@ -186,6 +188,7 @@ def contacts(path: Path) -> dict[int, list[list[float]]]:
 # -- it changes nothing ---------------------------------------------------------------------------
 
 
+@pytest.mark.starts
 @pytest.mark.parametrize("name", some(scripts.PLAIN, 5))
 def test_a_script_prints_the_same_to_the_last_bit(plain: Plain, name: str) -> None:
     bench = plain(name)
@@ -858,6 +861,7 @@ def test_whatever_ends_a_script_the_recording_is_whole(bench: Bench, name: str) 
     assert not bench.folder.joinpath("out.rrd.part").exists()
 
 
+@pytest.mark.starts
 def test_a_script_that_fails_shows_its_own_traceback_and_exits_1(bench: Bench) -> None:
     script = bench.script(STEPS + "def f():\n    raise ValueError('on purpose')\nf()\n")
     bare, mine = bench.bare(script), bench.drop("record", script)
@@ -888,6 +892,7 @@ def test_the_line_of_the_scripts_own_that_fails_is_cited(bench: Bench, text: str
     assert (failed.code, failed.site) == ("script-failed", f"{script}:{line}")
 
 
+@pytest.mark.starts
 @pytest.mark.parametrize(
     "text",
     [
@@ -937,17 +942,14 @@ for call in (
 ):
     shown(call)
 signal.signal(signal.SIGALRM, lambda *_: 1 / 0)
-def interrupted():
-    signal.setitimer(signal.ITIMER_REAL, 0.01)
-    while True:
-        p.stepSimulation()
-shown(interrupted)
+shown(lambda: signal.raise_signal(signal.SIGALRM))
 thread = threading.Thread(target=lambda: shown(lambda: p.getJointState(0, 99)))
 thread.start()
 thread.join()
 """
 
 
+@pytest.mark.starts
 def test_what_a_script_catches_has_no_frame_of_ours(bench: Bench) -> None:
     """Whichever of our wrappers an error comes through: a script may print it, or log it."""
     bench.folder.joinpath("breaks.py").write_text("import numpy.random\nnumpy.random.rand('x')")
@@ -1097,6 +1099,7 @@ def test_a_full_disk_is_one_line_and_ends_the_script(bench: Bench) -> None:
 # -- the command ----------------------------------------------------------------------------------
 
 
+@pytest.mark.starts
 def test_standard_output_is_the_scripts_alone(bench: Bench) -> None:
     script = bench.script(scripts.PLAIN["box"])
     bare, mine = bench.bare(script), bench.drop("record", script)
@@ -1120,6 +1123,7 @@ def test_standard_output_is_the_scripts_alone(bench: Bench) -> None:
     assert bare.stdout.splitlines()[0] in other.stderr
 
 
+@pytest.mark.starts
 def test_a_module_runs_as_python_m_runs_it(bench: Bench) -> None:
     package = bench.folder / "mine"
     package.mkdir()
@@ -1695,6 +1699,7 @@ def test_a_working_directory_that_is_gone_does_not_reach_the_script(bench: Bench
     assert (recorded.ended, recorded.samples) == ("finished", 2)
 
 
+@pytest.mark.starts
 @pytest.mark.long
 def test_pybullet_that_is_imported_again_is_recorded_too(bench: Bench) -> None:
     again = """
@@ -1747,6 +1752,7 @@ for _ in range(7):
 """
 
 
+@pytest.mark.starts
 @pytest.mark.parametrize(
     "load",
     [
@@ -1760,6 +1766,7 @@ def test_pybullet_as_another_module_is_recorded(bench: Bench, load: str) -> None
     assert (recorded.ended, recorded.samples) == ("finished", 8)
 
 
+@pytest.mark.starts
 def test_a_copy_of_pybullet_is_recorded_alone_and_named_beside_another(bench: Bench) -> None:
     """It has simulations of its own, with the same numbers."""
     notes: list[str] = []
@@ -1786,6 +1793,7 @@ def test_a_script_may_not_be_overwritten_by_its_recording(bench: Bench) -> None:
         record_script(str(bench.folder / script), out=bench.folder / "mine.rrd", force=True)
 
 
+@pytest.mark.starts
 def test_a_module_beside_the_script_is_its_own_though_the_recorder_has_the_librarys(
     bench: Bench,
 ) -> None:
