@@ -246,6 +246,7 @@ def test_caption_and_plot_are_those_of_the_step_that_is_shown(
         assert np.array_equal(beside, np.asarray(plot.at(row["time_s"])))
 
 
+@pytest.mark.long
 def test_the_camera_picture_stays_itself(
     standard: Run, recorded: list[Pixels], tmp_path: Path
 ) -> None:
@@ -291,6 +292,7 @@ def test_a_caption_needs_no_plot(standard: Run) -> None:
     assert start.tobytes() != later.tobytes()
 
 
+@pytest.mark.long
 def test_the_command_line_says_how_fast_it_plays(drop: Drop, standard: Run) -> None:
     run = str(standard.simulation.recording)
     options = ("--speed", "0.25", "--caption", "--out", "slow.webp", "--plot", "p.svg")

@@ -545,6 +545,7 @@ def test_a_name_with_a_dash_in_front_is_no_option_of_rerun(
     assert check(run, golden, update=True).updated
     assert check(run, golden).same
     assert {file.name for file in tmp_path.iterdir()} == {
+        "--golden.md",
         "-x.rrd",
         "-x.analysis.rrd",
         "--golden.rrd",

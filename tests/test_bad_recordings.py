@@ -954,7 +954,7 @@ SAMPLE = (
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", some(SAMPLE, 6))
+@pytest.mark.parametrize("kind", some(SAMPLE, 3))
 def test_the_command_says_one_line_soon_and_in_little_memory(
     sound: Sound, tmp_path: Path, worker: Worker, kind: str
 ) -> None:

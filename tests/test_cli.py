@@ -343,6 +343,7 @@ def test_a_traceback_only_on_request(drop_process: Drop, monkeypatch: pytest.Mon
     assert "Traceback" in drop_process("analyze", "no.rrd").stderr
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("number", "code"),
     [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.long)],

@@ -144,6 +144,7 @@ def test_nobody_is_told_to_install_somebody_elses_package() -> None:
     assert wrong == []
 
 
+@pytest.mark.long
 def test_the_pipeline_to_copy_is_50_lines_and_comes_to_what_we_say(
     tmp_path: Path, standard: Run
 ) -> None:

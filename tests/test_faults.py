@@ -898,6 +898,7 @@ def test_a_part_that_is_cut_within_a_message_gives_all_messages_before_it(
 # -- others ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_while_a_recording_grows_it_can_be_read_and_a_second_writer_is_rejected(
     tmp_path: Path,
 ) -> None:
@@ -956,6 +957,7 @@ MANY_FRAMES = (
 )
 
 
+@pytest.mark.long
 @pytest.mark.skipif(cores() < 2, reason="one core draws without workers")
 @pytest.mark.parametrize(
     "how", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.long)]

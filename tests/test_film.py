@@ -86,6 +86,7 @@ def redness(picture: NDArray[np.uint8]) -> NDArray[np.intp]:
     return np.argwhere((red > 100) & (green < red / 2) & (blue < red / 2))
 
 
+@pytest.mark.long
 def test_the_frames_that_a_script_took_are_its_animation(record: Record, tmp_path: Path) -> None:
     rendering = render(record(PHOTOGRAPHS), out=tmp_path / "own.gif")
     shown = pictures(tmp_path / "own.gif")
@@ -131,6 +132,7 @@ def _red_rows(picture: NDArray[np.uint8]) -> NDArray[np.intp]:
     return np.nonzero((red > 2 * green) & (red > 2 * blue))[0]
 
 
+@pytest.mark.long
 def test_a_body_is_drawn_as_it_looked_at_the_time(record: Record, tmp_path: Path) -> None:
     """Blue from 0.2 s on, then unseen, and red again from 0.4 s on."""
     looks = """
@@ -245,6 +247,7 @@ def test_a_camera_is_near_to_the_body_that_moves(record: Record, tmp_path: Path,
         assert not len(starts) or starts[:, 0].mean() < middle[0] - 50
 
 
+@pytest.mark.long
 def test_the_view_asked_for_is_drawn_even_where_there_are_frames(
     record: Record, tmp_path: Path
 ) -> None:
@@ -372,6 +375,7 @@ def test_beside_a_drop_its_free_fall_lands_and_a_ruler_says_how_high_it_is(stand
     assert not FallScene(parts, table.with_columns(timestep_m=None), AXES, None).in_free_fall
 
 
+@pytest.mark.long
 def test_a_drop_without_frames_has_no_gif_unless_a_camera_is_named(drop: Drop) -> None:
     drop("simulate", "--no-camera", "--duration", "0.1", "--out", "run.rrd")
     assert "gif" not in drop("render", "run.rrd").stdout
@@ -436,6 +440,7 @@ def test_a_film_has_a_floor_of_tiles_edges_and_a_clock(
     assert len(shades) >= 3  # of top and two sides
 
 
+@pytest.mark.long
 def test_a_plot_of_what_is_found_grows_beside_a_film(record: Record, tmp_path: Path) -> None:
     render(record(FALLS), out=tmp_path / "both.gif", animation=Animation(with_plot=True))
     shown = pictures(tmp_path / "both.gif")

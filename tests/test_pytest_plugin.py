@@ -95,6 +95,7 @@ def test_a_golden_is_made_and_then_holds(
     assert "1.001" in summary.read_text()
 
 
+@pytest.mark.long
 def test_one_process_records_all_tests_of_a_run_and_ends_with_it(
     project: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -146,6 +146,7 @@ def test_a_line_of_a_notebook_is_named_by_its_cell(monkeypatch: pytest.MonkeyPat
     assert located(shown_file("/tmp/other.py"), 15) == "other.py:15"
 
 
+@pytest.mark.long
 def test_a_notebook_shows_text_table_and_plot(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, standard: Run
 ) -> None:

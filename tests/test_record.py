@@ -957,7 +957,7 @@ def test_what_a_script_catches_has_no_frame_of_ours(bench: Bench) -> None:
     bare = bench.bare(script)
     _, printed = bench.record(script)
     assert printed == bare.stdout
-    assert printed.count("Traceback") == 20
+    assert printed.count("Traceback") == 19
 
 
 @pytest.mark.parametrize("to_the_group", some([True, False], 1))

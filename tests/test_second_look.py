@@ -66,10 +66,12 @@ def test_the_second_look_shows_the_new_answer(drop: Drop, tmp_path: Path) -> Non
     assert mass_kg(drop, "recordings/ball.rrd") == "2 kg"
 
 
-def test_a_module_replaces_its_own_recording(drop: Drop, tmp_path: Path) -> None:
+def test_a_module_replaces_its_own_recording(
+    drop: Drop, drop_process: Drop, tmp_path: Path
+) -> None:
     falls(tmp_path / "ball.py")
     for _ in range(2):
-        assert drop("record", "-m", "ball").returncode == 0
+        assert drop_process("record", "-m", "ball").returncode == 0
     assert names(tmp_path) == ["ball.rrd"]
     assert drop("record", "ball.py").returncode == 0  # no module: another script
     assert names(tmp_path) == ["ball-2.rrd", "ball.rrd"]

@@ -483,6 +483,7 @@ def test_a_lack_of_memory_is_no_failure_of_a_scenario(
     assert sweep(THREE, tmp_path, record=False, jobs=1).failed == 0
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("idle_workers")
 def test_stopping_in_the_middle_waits_for_nobody() -> None:
     """However the workers and those who wait for them stand just then."""

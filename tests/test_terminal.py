@@ -910,6 +910,7 @@ def test_texts_of_findings_name_options_that_exist() -> None:
     assert found <= options
 
 
+@pytest.mark.long
 def test_printed_commands_can_be_pasted(drop: Drop, tmp_path: Path) -> None:
     """In a folder whose name has a space and a quote."""
     folder = "it's a folder"

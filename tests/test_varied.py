@@ -208,6 +208,7 @@ CHANGES: dict[str, tuple[dict[str, Any], str]] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", some(CHANGES, 1))
 def test_what_is_varied_is_what_a_call_would_change(tmp_path: Path, name: str) -> None:
     variation, call = CHANGES[name]

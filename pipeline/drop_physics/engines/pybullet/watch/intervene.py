@@ -16,6 +16,7 @@ from typing import Any
 from .arguments import CLIENT, body_of, client_of, named, number
 from .calls import caller_of, shown_file
 from .functions import MAKES_BODIES, PUSHES
+from .hidden import hide
 
 Call = Callable[..., Any]
 Operation = Mapping[str, Any]
@@ -81,8 +82,10 @@ class Interventions:
         """Return what stands before a watched function, of all of them and PyBullet's own."""
         self._calls, self._p = calls, p
         call = calls[name]
+        if not self._operations:
+            return call
         if name in (DYNAMICS, JOINT, ENGINE):
-            return self._reading(name, call) if self._operations else call
+            return _hidden(self._reading(name, call))
         mine = [each for each in self._operations if name in each[1]["functions"]]
         if not mine and name not in MAKES_BODIES | {"resetSimulation", "connect"}:
             return call
@@ -107,7 +110,7 @@ class Interventions:
                     then(which, operation, arguments, client)
             return result
 
-        return intervened
+        return _hidden(intervened)
 
     def _came(self, name: str, client: Any, result: Any) -> None:
         if name in ("connect", "resetSimulation"):
@@ -481,6 +484,19 @@ class Interventions:
                 at = REPORTED[argument][1]
                 result = (*result[:at], value, *result[at + 1 :])
         return result
+
+
+def _hidden(call: Call) -> Call:
+    """Return a wrapper whose frames are in no traceback of the script's."""
+
+    def called(*args: Any, **kwargs: Any) -> Any:
+        try:
+            return call(*args, **kwargs)
+        except BaseException as error:
+            hide(error)
+            raise
+
+    return called
 
 
 def _bodies(name: str, result: Any) -> Iterator[int]:
