@@ -21,6 +21,7 @@ from drop_physics.engines.pybullet.interventions import Proposed, Scope, applied
 from drop_physics.engines.pybullet.watch.intervene import Interventions
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.experiments.run_distance import Apart, Track
+from drop_physics.experiments.shares import Coordinate, shares_of
 from drop_physics.experiments.verdicts import Outcome, judged, moved
 from drop_physics.recording.layer_file import trials_of
 from drop_physics.recording.reader import read
@@ -151,6 +152,24 @@ def test_shares_are_the_articles_and_the_exact_terms(tmp_path: Path) -> None:
     assert shares.parts["timestep"] == pytest.approx(terms.timestep + terms.interaction, abs=3e-7)
     assert shares.interaction == pytest.approx(-terms.interaction, abs=3e-7)
     assert shares.total == pytest.approx(exact.at[0].error_m, rel=1e-5)
+
+
+def test_causes_that_stand_for_each_other_have_no_shares() -> None:
+    where = Coordinate("1_box", None, "m", 0)
+
+    def at(x: float) -> Apart:
+        track = Track(
+            1, 1, "1_box", None, "m", np.zeros(3), np.array([1.0, 0, 0]), np.array([x, 0, 0])
+        )
+        return Apart([track], {})
+
+    sum_of = shares_of(where, {"a": at(0.7), "b": at(0.2)}, {1: at(-0.1)}, {})
+    assert sum_of is not None
+    assert sum_of.parts == {"b": pytest.approx(0.8), "a": pytest.approx(0.3)}
+    assert sum_of.total == pytest.approx(1.1)
+    assert sum_of.interaction == pytest.approx(0)
+    assert shares_of(where, {"a": at(0.0), "b": at(0.0)}, {1: at(0.0)}, {}) is None  # either
+    assert shares_of(where, {"a": at(0.7)}, {1: at(0.7)}, {}) is None
 
 
 def test_what_reaches_outside_is_not_run_again_unasked(
@@ -392,8 +411,9 @@ def test_motors_of_several_joints_get_at_least_a_force(client: int) -> None:
 def test_a_gear_makes_a_finger_follow(client: int) -> None:
     joints = [Joint(n, f"j{n}", "prismatic", -1, (1, 1, 1)) for n in range(12)]
     asked = Asked(mimics=(Mimic("j10", "j9", 1.0, 0.0),))
-    hand = replace(ARM, links=("base", *[each.name for each in joints]), joints=tuple(joints),
-                   asked=asked)  # fmt: skip
+    hand = replace(
+        ARM, links=("base", *[each.name for each in joints]), joints=tuple(joints), asked=asked
+    )
     gaps = []
     for proposal in (Proposed("mimic", ""), Proposed("mass", "", 1.0)):
         other, _ = intervened(client, proposal, hand)
@@ -419,8 +439,9 @@ def test_calls_about_bodies_are_made_otherwise(client: int) -> None:
         shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1] * 3, physicsClientId=client)
         return other, fired, other.createMultiBody(1, shape, physicsClientId=client)
 
-    other, fired, box = made("call p.applyExternalForce before each p.stepSimulation() in which "
-                             "it is to act")  # fmt: skip
+    other, fired, box = made(
+        "call p.applyExternalForce before each p.stepSimulation() in which it is to act"
+    )
     other.applyExternalForce(box, -1, [1, 0, 0], [0, 0, 0], p.LINK_FRAME, physicsClientId=client)
     for _ in range(3):
         other.stepSimulation(client)

@@ -520,7 +520,7 @@ WHY = Object(
         "findings": "As of `drop analyze`, and what trials show of each.",
         "hangs_on": "Trials by how far they move the outcome; no cause is meant.",
         "shares": "One number of the outcome as a sum over its causes: what deciding trials switch "
-        "off, alone and together; null where there are not two.",
+        "off, alone and together; null where there are not two, or one stands for another.",
         "no_effect": "With `--ablate`: calls and arguments whose absence changes nothing, to the "
         "bit.",
     },

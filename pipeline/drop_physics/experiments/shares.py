@@ -21,6 +21,9 @@ FINER = (1, 2, 4)
 """Steps of the engine for one of the script's, where the timestep is switched off."""
 SMALL = 1e-2
 """A part below this share of the largest is left out."""
+APART_BY = 2.0
+"""Each part is so many times the interaction: where it is less, one cause stands for another, and
+no share belongs to either."""
 TIMESTEP = "timestep"
 
 
@@ -94,7 +97,9 @@ def shares_of(
     together: Mapping[int, Apart],
     finer: Mapping[int, Apart],
 ) -> Shares | None:
-    """Return the shares of causes; None where fewer than two have one, or a run is lacking.
+    """Return the shares of causes; None where fewer than two have one that is theirs alone.
+
+    Or where a run is lacking, or ends elsewhere in time.
 
     Parameters
     ----------
@@ -129,6 +134,8 @@ def shares_of(
     total = own - none
     ordered = dict(sorted(parts.items(), key=lambda each: -abs(each[1])))
     interaction = total - sum(parts.values())
+    if min(map(abs, parts.values())) < APART_BY * abs(interaction):
+        return None
     return Shares(coordinate.name, coordinate.unit, total, ordered, interaction)
 
 

@@ -196,7 +196,9 @@ def why(
         note=note,
     )
     made_steps = recorded.samples - 1
-    if made_steps < 1 or recorded.ended == "interrupted":
+    if recorded.ended == "interrupted":
+        raise KeyboardInterrupt
+    if made_steps < 1:
         raise DropError(
             "{script} makes no step, so there is nothing to compare; give it the arguments "
             "with which it steps",

@@ -85,6 +85,8 @@ def _causes(
 def _name(candidate: Candidate, causes: Sequence[tuple[int, Candidate]]) -> str:
     """Return a cause's name; where several have it, with what it is switched off of."""
     what = candidate.intervention
+    if what.name == "without":
+        return what.short
     alike = sum(each.intervention.name == what.name for _, each in causes) > 1
     return f"{what.name} {what.target or what.short}" if alike else what.name
 
