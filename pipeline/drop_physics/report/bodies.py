@@ -287,7 +287,7 @@ def sum_of(body: BodyAnalysis, each: StepSum) -> Section:
             Fact(head, _sum({name: term[at] for name, term in rows.items()}))
             for at, head in enumerate(heads[: len(each.remainder)])
         ]
-        blocks.append(Facts(facts, min(28, max(map(columns_of, heads)) + 2)))
+        blocks.append(Facts(facts, min(28, max(map(columns_of, heads), default=0) + 2)))
     return Section(blocks)
 
 
