@@ -207,13 +207,13 @@ ANSWERED = {
     "ctrlrange": (
         {"kp": 5000, "more": 'kv="50" ctrlrange="-0.1 0.1"'},
         "mujoco.mj_step(m, d, 3000)\n",
-        "off-target",
-        "ctrlrange",
+        "target-clamped",
+        None,
     ),
     "stiff": (
         {"kp": 1e7, "more": ""},
         "mujoco.mj_step(m, d, 20)\n",
-        "auto-reset",
+        "unstable",
         None,
     ),
     "inside": (
@@ -263,8 +263,9 @@ def test_what_is_asked_and_not_got_is_said(tmp_path: Path, case: str) -> None:
     model = ARM.format(**{"at": 0.2, "child": "link1", **how})
     found = told(tmp_path, model + text).analysis.findings
     expected = [] if code is None else [(code, reason)]
-    assert [(each.code, each.reason) for each in found] == expected
     if case == "stiff":
-        assert "kp h² over the inertia" in found[0].message
+        expected += [("auto-reset", None)]
+        assert "kp h²/I" in found[0].message
+    assert [(each.code, each.reason) for each in found] == expected
     if case == "edited":
         assert found[0].site == "script.py:14"

@@ -21,7 +21,7 @@ from drop_physics.explain.times import Times
 from drop_physics.explain.touches import TouchTable
 from drop_physics.physics.base import Law
 from drop_physics.rules.answer import Answer, Finding, Scene
-from drop_physics.rules.every import ANSWERS, OF_REPLAYS, ranked
+from drop_physics.rules.every import answers_to, ranked
 from drop_physics.trace.history import PYBULLET, Piece, Seen
 
 
@@ -77,7 +77,7 @@ class Story:
         )
         self.curves = CurveTable(seen, self.scene.times)
         if answers is None:
-            answers = ANSWERS if of_bullet else OF_REPLAYS
+            answers = answers_to(seen)
         self._answers = [question(self.scene) for question in answers]
         self._seen, self._origin = seen, origin
         self._whole, self._also, self._reports = whole, also, reports

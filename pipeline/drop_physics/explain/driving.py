@@ -28,6 +28,22 @@ def given_to(actuator: Actuator, body: Body, piece: Piece, ends: Int64) -> Float
     return given
 
 
+def changed_at(actuator: Actuator, body: Body, piece: Piece, ends: Int64) -> Float64:
+    """Return the steps before what an actuator was given last changed, shape (n,); nan if unknown.
+
+    Where that was before the piece, the last change of any actuator stands for it.
+    """
+    steps, values = piece.controls.get(body.client, (np.empty(0, np.int64), np.empty((0, 0))))
+    found = np.full(len(ends), np.nan)
+    if actuator.number >= values.shape[1]:
+        return found
+    differs = np.diff(values[:, actuator.number], prepend=np.nan) != 0
+    at = steps[np.maximum.accumulate(np.where(differs, np.arange(len(steps)), 0))]
+    which = np.searchsorted(steps, ends, side="right") - 1
+    found[which >= 0] = at[which[which >= 0]] - 1
+    return found
+
+
 def taken(actuator: Actuator, given: Float64) -> Float64:
     """Return what an actuator takes of what it is given: within its range."""
     return given if actuator.ctrl_range is None else np.clip(given, *actuator.ctrl_range)
@@ -60,6 +76,7 @@ def asked_of(body: Body, piece: Piece, ends: Int64, timestep_s: Float64) -> Comm
         given = taken(actuator, given_to(actuator, body, piece, ends))
         columns["impulse"][:, k] = limit_of(actuator) * timestep_s
         columns["torque_since"][:, k] = np.nan
+        columns["told"][:, k] = columns["began"][:, k] = changed_at(actuator, body, piece, ends)
         if actuator.kind == "position" and actuator.gear:
             columns["mode"][:, k] = POSITION
             columns["target"][:, k] = given / actuator.gear

@@ -40,6 +40,8 @@ from drop_physics.trace.events import (
     Appearance,
     At,
     Cause,
+    EngineWarning,
+    Equality,
     Joint,
     PairFriction,
     Raised,
@@ -263,6 +265,7 @@ def _seen(told: Told, sampled: RecordedSamples, closing: Properties) -> Seen:
     sampled.numbers = {
         body.label: number for number, body in bodies.items() if any(map(_moves, body.joints))
     }
+    pairs = saying.events(told, schema.PAIRS, PairFriction)
     return Seen(
         bodies=bodies,
         appearances=appearances,
@@ -279,9 +282,15 @@ def _seen(told: Told, sampled: RecordedSamples, closing: Properties) -> Seen:
         machine=str(closing.get("made_with_machine", "")),
         causes={each.number: each for each in saying.events(told, schema.CAUSES, Cause)},
         frictions={
-            (each.body_a, each.link_a, each.body_b, each.link_b): each.friction
-            for each in saying.events(told, schema.PAIRS, PairFriction)
+            (each.body_a, each.link_a, each.body_b, each.link_b): each.friction for each in pairs
         },
+        softness={
+            (each.body_a, each.link_a, each.body_b, each.link_b): (each.solref, each.solimp)
+            for each in pairs
+            if each.solref
+        },
+        warnings=saying.events(told, schema.WARNINGS, EngineWarning),
+        equalities=saying.events(told, schema.EQUALITIES, Equality),
     )
 
 

@@ -92,9 +92,17 @@ CAUSES = "causes"
 PAIRS = "pairs"
 """A row per two links that touch: their coefficient of friction."""
 
+WARNINGS = "warnings"
+"""A row per kind of warning of the engine, written at the end: how often, and when."""
+EQUALITIES = "equalities"
+"""A row per two links that are held together from the beginning on."""
+
 JSON = "json"
 """The column of their rows."""
-TOLD = (BODIES, SURFACES, SET, DYNAMICS, SETTINGS, SOLVER, READINGS, SITES, RAISED, CAUSES, PAIRS)
+TOLD = (
+    *(BODIES, SURFACES, SET, DYNAMICS, SETTINGS, SOLVER, READINGS, SITES, RAISED, CAUSES, PAIRS),
+    *(WARNINGS, EQUALITIES),
+)
 """Entities with rows of JSON, covered by one digest."""
 
 HAPPENED = (STATES.entity, CONTACTS.entity, f"{JOINTS}/", SET, CALLS, "camera/")

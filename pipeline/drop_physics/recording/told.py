@@ -23,6 +23,8 @@ from drop_physics.trace.events import (
     Body,
     Cause,
     Dynamics,
+    EngineWarning,
+    Equality,
     PairFriction,
     Put,
     Raised,
@@ -51,6 +53,8 @@ Event = (
     | Put
     | Cause
     | PairFriction
+    | EngineWarning
+    | Equality
 )
 
 
@@ -81,12 +85,8 @@ def row_of(event: Event) -> tuple[str, At, Values]:
             held = {each.name: getattr(event, each.name) for each in fields(event)}
             del held["at"]
             return schema.SOLVER, at, held
-        case Cause() | PairFriction():
-            return (
-                schema.CAUSES if isinstance(event, Cause) else schema.PAIRS,
-                event.at,
-                _bare(event),
-            )
+        case Cause() | PairFriction() | EngineWarning() | Equality():
+            return BARE[type(event)], event.at, _bare(event)
         case Reading():  # at no time of its own, as a site
             return schema.READINGS, At(0, 0.0, event.number), asdict(event)
         case Put(at, body):
@@ -95,7 +95,16 @@ def row_of(event: Event) -> tuple[str, At, Values]:
             return schema.SET, at, base | joints
 
 
-def _bare(event: Cause | PairFriction) -> Values:
+BARE: Mapping[type[Any], str] = {
+    Cause: schema.CAUSES,
+    PairFriction: schema.PAIRS,
+    EngineWarning: schema.WARNINGS,
+    Equality: schema.EQUALITIES,
+}
+"""The entities of events whose rows are all that they hold."""
+
+
+def _bare(event: Cause | PairFriction | EngineWarning | Equality) -> Values:
     """Return an event's values but for its moment."""
     held = asdict(event)
     del held["at"]

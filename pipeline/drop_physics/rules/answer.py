@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, ClassVar, Literal, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +23,12 @@ from drop_physics.fields import counted
 from drop_physics.messages import Message, joined
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.asked_of_bodies import AskedOfBodies
+from drop_physics.rules.engines import BULLETS
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.placing import STEPS, Placing
 from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import BODY_NAMES, Call
-from drop_physics.trace.events import Body
+from drop_physics.trace.events import Body, Site
 from drop_physics.trace.history import Piece, Seen
 
 Int64 = NDArray[np.int64]
@@ -165,6 +166,7 @@ class Scene:
     """The last sample of each body, by its number."""
     _places: list[Int64] | None = field(init=False, default=None)
     """Bodies and steps of the rows of each batch, as numbers that rise."""
+    _sites: Mapping[int, Site] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         self.asked, self.placing = AskedOfBodies(self.seen.appearances), Placing(self.seen)
@@ -175,6 +177,7 @@ class Scene:
         self.piece, self.judged = explained.piece, explained.bodies
         self.batches, self.records, self._places = explained.batches, explained.records, None
         self.ends |= {number: int(each.steps[-1]) for number, each in self.judged.items()}
+        self._sites = self.piece.calls.sites
         self.joints.add(explained)
         self.touches.add(explained)
         self.actuators.add(explained)
@@ -252,6 +255,17 @@ class Scene:
         """Return a body by its number."""
         return self.seen.bodies[number]
 
+    def settings(self, client: int) -> Mapping[str, float | Sequence[float]]:
+        """Return the settings of a simulation in the latest piece."""
+        told = [each for each in self.seen.settings if each.client == client]
+        before = [each for each in told if each.at.step < self.piece.end]
+        return (before or told)[-1].values
+
+    def only_site(self, act: Act) -> str | None:
+        """Return the only place whose calls do something; None if there are several."""
+        places = {each.place for each in self._sites.values() if each.act is act}
+        return places.pop() if len(places) == 1 else None
+
     def site(self, number: float) -> str | None:
         """Return file and line of a call that commanded joints, by the number of its site."""
         site = self.joints.site(number)
@@ -303,6 +317,9 @@ class Notes(dict[Key, Noted]):
 
 class Answer(ABC):
     """One question. It sees each piece of a recording once, in order, and then speaks."""
+
+    engines: ClassVar[tuple[str, ...]] = BULLETS
+    """Of which engines' recordings it is asked: those whose words it has."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene

@@ -14,6 +14,9 @@ CODES: dict[str, str] = {
     "both-static": (
         "Neither of two bodies that overlap has mass: PyBullet makes no contacts between them."
     ),
+    "buffer-full": (
+        "MuJoCo's memory was full: contacts or constraints found no place in it, and did not act."
+    ),
     "bounce-swallowed": (
         "A bounce is missing: a contact acted before the body touched, or it came too slowly."
     ),
@@ -47,7 +50,7 @@ CODES: dict[str, str] = {
         "is made."
     ),
     "energy-gained": "Contacts gave bodies energy, which they cannot.",
-    "filter": "A call of setCollisionFilterPair switched a pair off that overlaps later.",
+    "filter": "A call or the model switched a pair off that overlaps later.",
     "force-off-centre": (
         "A force acted beside a body that it was meant for: the point is in another frame."
     ),
@@ -102,7 +105,7 @@ CODES: dict[str, str] = {
         "A setter without physicsClientId is client 0's: another simulation never got it."
     ),
     "overwritten": "A call undoes, step after step, what acts, or is undone itself.",
-    "parent-and-child": "Self-collision leaves out a link and its parent, and these overlap.",
+    "parent-and-child": "A link and its parent do not collide, and these overlap.",
     "pose-set-each-step": (
         "A pose that is set step by step has no force, and goes through what it meets."
     ),
@@ -127,9 +130,9 @@ CODES: dict[str, str] = {
     "script-failed": "The script ended with an error.",
     "self-collision": "A body's own links overlap and are pushed apart.",
     "slides": "A body that was held or rested slipped: friction was not enough.",
-    "stale": "What is read of MuJoCo's data is that of an earlier state.",
+    "stale": "A step of MuJoCo used what had been computed for another state.",
     "starts-in-contact": "A body was put inside another, and they were pushed apart.",
-    "static-parent": "MuJoCo makes no contacts with a parent that cannot move.",
+    "static-parent": "A body collides with its parent, as MuJoCo has it where that cannot move.",
     "still-airborne": "The recording ends before the body has landed.",
     "substeps-scale-motors": "With numSubSteps a motor's limit counts in each substep.",
     "taken-elsewhere": "What was asked acts, but on something else.",

@@ -16,6 +16,7 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
     energy_gained,
     friction_pyramid,
     joint_damping,
+    memory,
     mimic_ignored,
     motors,
     not_taken,
@@ -26,10 +27,16 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
     taken_elsewhere,
     timestep_too_long,
     tunnelled,
+    turned_around,
+    warned,
 )
 from drop_physics.rules.answer import Answer, Finding
 from drop_physics.rules.collides_as_hull import CollidesAsHull
+from drop_physics.rules.control_clamped import ControlClamped
+from drop_physics.rules.engines import engine_of
+from drop_physics.rules.filtered_out import FilteredOut
 from drop_physics.rules.force_off_centre import ForceOffCentre
+from drop_physics.rules.held_by_friction import HeldByFriction
 from drop_physics.rules.ik_off import IkOff
 from drop_physics.rules.impossible_inertia import ImpossibleInertia
 from drop_physics.rules.inertia_from_shape import InertiaFromShape
@@ -48,30 +55,30 @@ from drop_physics.rules.off_target import OffTarget
 from drop_physics.rules.push_lasted_a_step import PushLastedAStep
 from drop_physics.rules.rates_left import RatesLeft
 from drop_physics.rules.real_time import RealTime
-from drop_physics.rules.replayed import (
-    ModelEdited,
-    NotReplayed,
-    PushStays,
-    ServoOff,
-    StaticParent,
-)
-from drop_physics.rules.reset_leaves import ResetLeaves
+from drop_physics.rules.replays import FloatsWithoutGravity, NotReplayed
+from drop_physics.rules.reset_leaves import ResetLeaves, StateLeavesControl
 from drop_physics.rules.restore_differs import RestoreDiffers
 from drop_physics.rules.rule import TableRules
 from drop_physics.rules.script_failed import ScriptFailed
+from drop_physics.rules.servo_off import ServoOff
+from drop_physics.rules.starts_inside import StartsInside, StaticParent
 from drop_physics.rules.teleported import Teleported
 from drop_physics.rules.timestep_changed import TimestepChanged
 from drop_physics.rules.too_slow import TooSlow
 from drop_physics.rules.unseeded import Unseeded
 from drop_physics.rules.unstable import Unstable
 from drop_physics.rules.wheel_slip import WheelSlip
+from drop_physics.trace.history import Seen
 
 ANSWERS: tuple[type[Answer], ...] = (
     # joints
     TableRules,
     OffTarget,
+    ServoOff,
+    ControlClamped,
     TooSlow,
     ResetLeaves,
+    StateLeavesControl,
     RatesLeft,
     IkOff,
     WheelSlip,
@@ -79,11 +86,17 @@ ANSWERS: tuple[type[Answer], ...] = (
     NoRestitution,
     CollidesAsHull,
     NoContact,
+    FilteredOut,
+    StartsInside,
+    StaticParent,
+    HeldByFriction,
     # calls and files
     InputRules,
     ScriptFailed,
     NotStepped,
     NoGravity,
+    FloatsWithoutGravity,
+    NotReplayed,
     TimestepChanged,
     RealTime,
     Unseeded,
@@ -104,17 +117,9 @@ ANSWERS: tuple[type[Answer], ...] = (
 )
 
 
-OF_REPLAYS: tuple[type[Answer], ...] = (
-    NotReplayed,
-    ServoOff,
-    StaticParent,
-    ModelEdited,
-    PushStays,
-    ScriptFailed,
-    Unseeded,
-    NotFinite,
-)
-"""Those of recordings whose engine has taken each step again."""
+def answers_to(seen: Seen) -> list[type[Answer]]:
+    """Return the answers that have words for a recording's engine."""
+    return [each for each in ANSWERS if engine_of(seen) in each.engines]
 
 
 BESIDE_NOTHING = frozenset(("default-damping",))

@@ -13,6 +13,7 @@ import numpy as np
 
 from drop_physics.rules.answer import Answer, Finding, Level, Span
 from drop_physics.rules.arguments import site_of
+from drop_physics.rules.engines import ANY, BULLETS, engine_of
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.rule import Said
 from drop_physics.trace.calls import Call
@@ -37,8 +38,10 @@ class InputRule:
 
     code: str
     level: Level
-    reason: str
+    reason: str | None
     matches: Callable[[Inputs], Iterator[tuple[InputSubject, Said]]]
+    engines: tuple[str, ...] = BULLETS
+    """Of which engines' recordings it is asked: those whose words it has."""
 
     @property
     def meaning(self) -> str:
@@ -50,12 +53,12 @@ INPUT_RULES: list[InputRule] = []
 
 
 def input_rule(
-    code: str, level: Level, reason: str
+    code: str, level: Level, reason: str | None = None, *, engines: tuple[str, ...] = BULLETS
 ) -> Callable[[Callable[[Inputs], Iterator[tuple[InputSubject, Said]]]], InputRule]:
     """Make a function of all inputs a rule: it yields what it is about, and what is said."""
 
     def made(matches: Callable[[Inputs], Iterator[tuple[InputSubject, Said]]]) -> InputRule:
-        rule = InputRule(code, level, reason, matches)
+        rule = InputRule(code, level, reason, matches, engines)
         INPUT_RULES.append(rule)
         return rule
 
@@ -65,10 +68,13 @@ def input_rule(
 class InputRules(Answer):
     """Asks all rules of inputs at the end."""
 
+    engines = ANY
+
     @np.errstate(all="ignore")
     def findings(self) -> Iterator[Finding]:
         """Yield what each rule says."""
-        for rule in INPUT_RULES:
+        engine = engine_of(self.scene.seen)
+        for rule in (rule for rule in INPUT_RULES if engine in rule.engines):
             for subject, said in rule.matches(self.scene.inputs):
                 yield Finding(
                     code=rule.code,

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from drop_physics.explain.judged import FLIGHT
 from drop_physics.physics.kinematics import kinematics, motion
 from drop_physics.rules.arguments import number as number_of
+from drop_physics.rules.lasting import Lasting
 from drop_physics.trace.acts import FILTERS, Act
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body, Dynamics
@@ -33,6 +34,11 @@ FOLLOWED = (
     *FILTERS,
 )
 """What is followed of calls, besides those that command joints."""
+WRITTEN = (
+    *(Act.SET_BODY_FORCE, Act.SET_JOINT_FORCE, Act.SET_MASS, Act.SET_DERIVED),
+    *(Act.SET_STATE, Act.RESET_STATE),
+)
+"""What is followed of what is written into memory."""
 
 
 @dataclass
@@ -123,6 +129,7 @@ class Inputs:
     """Clients in which calls let other bodies pass each other."""
     deepest: defaultdict[int, dict[int, float]] = field(default_factory=lambda: defaultdict(dict))
     """By the number of a body that calls place, samples and its deepest overlap then [m]."""
+    lasting: Lasting = field(default_factory=Lasting)
 
     def see(self) -> None:
         """Take a chunk."""
@@ -132,6 +139,7 @@ class Inputs:
             self._use(call)
             self._drive(call, bases)
             self._switch(call)
+        self.lasting.see(calls.of(*WRITTEN))
         self.requests += requests(calls, self.scene.seen.dynamics, self.scene.seen.settings)
         for command in calls.commands():
             ids = np.unique(command.bodies).tolist()

@@ -9,6 +9,7 @@ import numpy as np
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Answer, Finding, Scene, Span
 from drop_physics.rules.arguments import site_of
+from drop_physics.rules.engines import ANY
 from drop_physics.trace.calls import BODY_NAMES, Call
 from drop_physics.trace.events import Body
 from drop_physics.trace.log import Log
@@ -16,6 +17,8 @@ from drop_physics.trace.log import Log
 
 class NotFinite(Answer):
     """States that are no numbers."""
+
+    engines = ANY
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)

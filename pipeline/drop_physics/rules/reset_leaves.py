@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from drop_physics.explain.joints import Driven, target_of
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Answer, Effect, Finding, Scene, Span
+from drop_physics.rules.answer import Answer, Effect, Finding, Level, Scene, Span
+from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import OFF, distance, name_of, place, units_of
 from drop_physics.trace.acts import Act
 
@@ -93,21 +94,12 @@ class ResetLeaves(Answer):
             if not found:
                 continue
             worst = max(found.values(), key=lambda each: (each.back, each.off))
+            message, advice, level = self._words(worst, len(found))
             yield Finding(
                 code="reset-leaves",
-                level="asked" if worst.back else "note",
-                message=Message(
-                    "{joint} is reset to {position}, then driven {off} away: its motor keeps the "
-                    "target of {target} that it had before (joints of this robot: {count})",
-                    joint=worst.joint,
-                    position=place(worst.position, worst.unit),
-                    off=distance(worst.off, worst.unit),
-                    target=place(worst.target, worst.unit),
-                    count=len(found),
-                ),
-                advice=Message(
-                    "give the motors new targets after p.{function}", function=worst.function
-                ),
+                level=level,
+                message=message,
+                advice=advice,
                 body=self.scene.body(number).label,
                 joint=worst.joint,
                 effect=Effect(worst.off, worst.unit),
@@ -115,6 +107,20 @@ class ResetLeaves(Answer):
                 steps=Span(worst.first, worst.last, worst.last - worst.first + 1),
                 site=self.scene.site(worst.site),
             )
+
+    def _words(self, put: _Put, count: int) -> tuple[Message, Message, Level]:
+        """Return what is said of the worst joint of a robot, its cure, and how grave it is."""
+        message = Message(
+            "{joint} is reset to {position}, then driven {off} away: its motor keeps the "
+            "target of {target} that it had before (joints of this robot: {count})",
+            joint=put.joint,
+            position=place(put.position, put.unit),
+            off=distance(put.off, put.unit),
+            target=place(put.target, put.unit),
+            count=count,
+        )
+        advice = Message("give the motors new targets after p.{function}", function=put.function)
+        return message, advice, "asked" if put.back else "note"
 
     def _see(self, joint: _Joint, driven: Driven, k: int, target: NDArray[np.float64]) -> None:
         steps, before, after = driven.steps, driven.before[:, k], driven.after[:, k]
@@ -179,6 +185,26 @@ class ResetLeaves(Answer):
         known = found.get(put.joint)
         if known is None or (put.back, put.off) > (known.back, known.off):
             found[put.joint] = put
+
+
+class StateLeavesControl(ResetLeaves):
+    """Writing `qpos` sets positions, and not what actuators are given."""
+
+    engines = MUJOCOS
+
+    def _words(self, put: _Put, count: int) -> tuple[Message, Message, Level]:
+        """Return what is said; a script that sends it there again on purpose looks the same."""
+        message = Message(
+            "{joint} is put to {position} and driven off by {off}: ctrl keeps the {target} that it "
+            "had before qpos was written (joints of this robot: {count})",
+            joint=put.joint,
+            position=place(put.position, put.unit),
+            off=distance(put.off, put.unit),
+            target=place(put.target, put.unit),
+            count=count,
+        )
+        advice = Message("write data.ctrl with data.qpos, or reset both by mujoco.mj_resetData")
+        return message, advice, "model"
 
 
 def _watch(put: _Put, driven: Driven, k: int, first: int, end: int) -> None:

@@ -35,6 +35,7 @@ from drop_physics.rules.answer import (
     so_many,
 )
 from drop_physics.rules.asked_of_bodies import size_m
+from drop_physics.rules.engines import ANY, BULLETS, engine_of
 from drop_physics.rules.joint import link_of, units
 from drop_physics.rules.runs import Kind, Runs
 from drop_physics.rules.tables import TABLES, RuleTable, TableName, tables
@@ -216,6 +217,8 @@ class Rule:
     """Which of the code's causes it is."""
     argument: str | None = None
     """The argument of `changeDynamics` whose call is the cause."""
+    engines: tuple[str, ...] = BULLETS
+    """Of which engines' recordings it is asked: those whose words it has."""
     sizes: Callable[[Runs, Scene], Float64] = every_run
     words: Callable[[Worst], Said | None] = lambda _: None
 
@@ -287,11 +290,14 @@ body_rule = partial(_maker, "bodies")
 class TableRules(Answer):
     """Looks for all rules of tables, each in its own."""
 
+    engines = ANY
+
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        self._open: list[Runs | None] = [None] * len(RULES)
+        self._rules = [rule for rule in RULES if engine_of(scene.seen) in rule.engines]
+        self._open: list[Runs | None] = [None] * len(self._rules)
         """Of each rule what may go on, and of each key the worst of what has ended."""
-        self._ended: list[Runs | None] = [None] * len(RULES)
+        self._ended: list[Runs | None] = [None] * len(self._rules)
 
     @np.errstate(all="ignore")  # what is not asked for is nan
     def see(self) -> None:
@@ -299,13 +305,13 @@ class TableRules(Answer):
         found: list[list[Runs]] = [[] if each is None else [each] for each in self._open]
         for name in TABLES:
             for table in tables(name, self.scene):
-                for place, rule in enumerate(RULES):
+                for place, rule in enumerate(self._rules):
                     match = rule.matches(table) if rule.table == name else None
                     if match is not None and len(runs := match.runs(table)):
                         found[place].append(runs)
         for place, parts in enumerate(found):
             if parts:
-                consecutive = RULES[place].consecutive
+                consecutive = self._rules[place].consecutive
                 runs = Runs.listed(parts).joined(consecutive=consecutive)
                 self._end(place, runs.at(~runs.ends))
                 self._open[place] = runs.at(runs.ends)
@@ -318,13 +324,13 @@ class TableRules(Answer):
             self._ended[place] = runs.greatest(self._sizes(place, runs))
 
     def _sizes(self, place: int, runs: Runs) -> Float64:
-        rule = RULES[place]
+        rule = self._rules[place]
         return np.where(runs.count < rule.least_count, 0.0, rule.sizes(runs, self.scene))
 
     @np.errstate(all="ignore")
     def findings(self) -> Iterator[Finding]:
         """Yield what each rule says: of each robot its worst joint, of all else each."""
-        for place, rule in enumerate(RULES):
+        for place, rule in enumerate(self._rules):
             if (last := self._open[place]) is not None:
                 self._end(place, last)
             runs = self._ended[place]

@@ -8,6 +8,7 @@ from typing import Any
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Answer, Finding, Scene, so_many
 from drop_physics.rules.arguments import given, site_of
+from drop_physics.rules.engines import ANY
 from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import BODY_NAMES, Call
 from drop_physics.trace.events import Body
@@ -22,6 +23,8 @@ NOT_CONNECTED = "Not connected to physics server."
 
 class ScriptFailed(Answer):
     """Says with what a script failed, and which call raised that."""
+
+    engines = ANY
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any, Literal, Protocol, get_args
 
@@ -48,7 +48,8 @@ def tables(name: TableName, scene: Scene) -> Iterator[RuleTable]:
     """Yield the tables of a kind of the latest piece."""
     touching = len(scene.touches.pairs.starts) > 0
     if name == "joints":
-        yield from map(JointColumns, scene.driven())
+        for driven in scene.driven():
+            yield JointColumns(driven, scene.settings(driven.body.client))
     elif name == "bodies":
         yield from (BodyColumns(scene, *each) for each in scene.batches if len(each[0].whole))
     elif name == "sides" and touching:
@@ -67,8 +68,10 @@ class JointColumns:
     What `Driven` and what calls asked for hold, by name, and some that rules share.
     """
 
-    def __init__(self, driven: Driven) -> None:
-        self.driven, self.asked = driven, driven.asked
+    def __init__(
+        self, driven: Driven, settings: Mapping[str, float | Sequence[float]] | None = None
+    ) -> None:
+        self.driven, self.asked, self._settings = driven, driven.asked, settings or {}
         law, shape = driven.steps.law, driven.asked.target.shape
         self.step, self.noted = driven.steps.steps, {"site": self.asked.site}
         self.keys = np.full((shape[0], 1), driven.body.number)
@@ -83,6 +86,10 @@ class JointColumns:
         units = [units_of(driven, k)[0] for k in range(shape[1])]
         self.at_target = np.array([AT_TARGET_M if unit == "m" else AT_TARGET_RAD for unit in units])
         """Gap below which each joint is at its target, shape (joint_rates,)."""
+
+    def setting(self, name: str, default: float) -> float:
+        """Return a setting of the engine that is one number."""
+        return float(np.ravel(self._settings.get(name, default))[0])
 
     def of_joints(self, number: Callable[[Joint], float]) -> Float64:
         """Return a number of each joint as a column, the same in all steps."""

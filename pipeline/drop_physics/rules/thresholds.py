@@ -43,13 +43,6 @@ BEYOND_RANGE = _of(
     "Least share of a joint's range by which a target lies beyond it.",
     "limits that files round",
 )
-STAYS_STEPS = _of(
-    "STAYS_STEPS",
-    10,
-    "1",
-    "Least number of steps in which a push acts that was written once.",
-    "a push meant for some steps is written for each",
-)
 OTHER_FORCE = _of(
     "OTHER_FORCE",
     0.01,
@@ -341,4 +334,91 @@ MINOR = _of(
     "share",
     "A finding that is no mistake, of less than this share of the gravest, is folded away.",
     "of 51 findings beside the true cause 26 moved the outcome by less",
+)
+PUSHES_STEPS = _of(
+    "PUSHES_STEPS",
+    10,
+    "1",
+    "Least number of steps in which a force acts for each time that it was written.",
+    "mujoco: push_stays; right_push writes it before each step",
+)
+MASS_EDIT = _of(
+    "MASS_EDIT",
+    2,
+    "1",
+    "Least factor between two masses at which contacts have another softness that is seen.",
+    "mujoco: mass_edited; depth under a load grows by the same factor",
+)
+OWN_SHARE = _of(
+    "OWN_SHARE",
+    0.01,
+    "share",
+    "Of an actuator's force, a force on its joint that is of no account.",
+    "rounding, and friction of contacts at rest",
+)
+SPRING_SHARE = _of(
+    "SPRING_SHARE",
+    0.05,
+    "share",
+    "An actuator's force that differs by less from kp times its gap is that of a spring.",
+    "mujoco: soft_servo, whose kv acts while it settles",
+)
+DOUBLES = _of(
+    "DOUBLES",
+    2,
+    "1",
+    "Least factor from turn to turn of a joint that no law is known of.",
+    "mujoco: own_pd_explodes; random actions do not double and double again",
+)
+CREEPS_M_S = _of(
+    "CREEPS_M_S",
+    0.02,
+    "m/s",
+    "Highest speed of what creeps: faster, it slides or settles.",
+    "mujoco: grasp_creeps, 4 mm/s",
+)
+HOPS_STEPS = _of(
+    "HOPS_STEPS",
+    50,
+    "1",
+    "Steps without contact after which what slides no longer does: on soft contacts it hops.",
+    "mujoco: slides_down_the_ramp",
+)
+LOADED = _of(
+    "LOADED",
+    0.01,
+    "share",
+    "Least share of the friction that a body could have, or needs, that says anything.",
+    "a body at rest on a level floor needs none",
+)
+SLIDES_SHARE = _of(
+    "SLIDES_SHARE",
+    0.8,
+    "share",
+    "What slips less at the contact than its centre moves rolls or tumbles.",
+    "a ball on a slope",
+)
+SLIPS_M = _of(
+    "SLIPS_M", 1e-3, "m", "Least way of what slides or creeps.", "mujoco: grasp_creeps, 18 mm"
+)
+STRAIGHT = _of(
+    "STRAIGHT",
+    0.5,
+    "share",
+    "Of its ways, what is left where they are added up: what trembles gets nowhere.",
+    "a box that settles",
+)
+AT_LIMIT_SHARE = _of(
+    "AT_LIMIT_SHARE",
+    0.9,
+    "share",
+    "Most of the friction that it could have which what creeps uses.",
+    "mujoco: grasp_creeps, 10 %",
+)
+THROWN_M = _of(
+    "THROWN_M",
+    1e-3,
+    "m",
+    "Least height that the speed gives with which an overlap parts.",
+    "mujoco: starts_overlapping, 0.1 m; the overlap of a body at rest gives none",
 )

@@ -6,10 +6,13 @@ from collections.abc import Iterator
 
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Answer, Finding
+from drop_physics.rules.engines import ANY
 
 
 class Unseeded(Answer):
     """Random numbers that another run draws differently."""
+
+    engines = ANY
 
     def findings(self) -> Iterator[Finding]:
         """Yield where the first was drawn."""

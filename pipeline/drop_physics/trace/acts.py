@@ -11,7 +11,10 @@ from enum import Enum
 
 
 class Act(Enum):
-    """What a call does; its value is the functions of PyBullet that do it."""
+    """What a call does; its value is the functions of PyBullet that do it.
+
+    Of an engine whose memory scripts write, a field's name stands for a function.
+    """
 
     LOAD = ("loadURDF", "loadSDF", "loadMJCF", "loadBullet", "loadSoftBody")
     """Makes bodies from a file."""
@@ -58,6 +61,26 @@ class Act(Enum):
     )
     READ_CONTACTS = ("getContactPoints", "getClosestPoints", "getOverlappingObjects")
     """Asks whether bodies touch."""
+    SET_BODY_FORCE = ("xfrc_applied",)
+    """Gives a body a force and a torque, which stay."""
+    SET_JOINT_FORCE = ("qfrc_applied",)
+    """Gives a joint a force, which stays."""
+    SET_CONTROL = ("ctrl",)
+    """Gives actuators what they act by, which stays."""
+    SET_STATE = ("qpos",)
+    RESET_STATE = (
+        "mj_resetData",
+        "mj_resetDataKeyframe",
+        "mj_resetDataDebug",
+        "mj_setState",
+        "mj_copyState",
+        "mj_copyData",
+    )
+    """Sets the whole state: positions, velocities, and what stays."""
+    SET_MASS = ("body_mass", "body_inertia")
+    """Edits masses of a model in place."""
+    SET_DERIVED = ("body_invweight0", "mj_setConst")
+    """Computes what a model derives from its masses anew."""
     OTHER = ()
 
     @property

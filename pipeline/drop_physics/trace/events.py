@@ -120,6 +120,9 @@ class Collision:
     orientation: tuple[float, ...]
     hull_m: tuple[float, ...] = ()
     """Corners of the convex hull that the engine holds in place of a mesh, three numbers each."""
+    bits: tuple[int, int] | None = None
+    """What it is and what it touches, bit by bit: two touch if one is what the other touches. None
+    where the engine has no such filter."""
 
 
 @dataclass(frozen=True)
@@ -182,6 +185,17 @@ class Actuator:
 
 
 @dataclass(frozen=True)
+class Keyframe:
+    """A pose that a model has a name for."""
+
+    name: str
+    joints: tuple[float, ...]
+    """Positions of a body's joints there."""
+    given: tuple[float, ...]
+    """What each of its actuators is given there."""
+
+
+@dataclass(frozen=True)
 class Body:
     """A body as it was added to the simulation."""
 
@@ -213,6 +227,9 @@ class Body:
     before: bool = False
     """Whether it was there before the recording: what calls set on it is not known."""
     actuators: tuple[Actuator, ...] = ()
+    keyframes: tuple[Keyframe, ...] = ()
+    apart: tuple[tuple[int, int, int], ...] = ()
+    """The contacts that its model excludes: own link, number of the other body, and its link."""
 
     @cached_property
     def coordinates(self) -> tuple[slice, ...]:
@@ -458,6 +475,10 @@ class PairFriction:
     link_b: int
     friction: float
     """nan where several points of them have different ones."""
+    solref: tuple[float, ...] = ()
+    """How soft they touch: time constant [s] and damping ratio, or stiffness and damping."""
+    solimp: tuple[float, ...] = ()
+    """Share of the force that holds them apart: at first, at last, over which depth [m] …"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -536,6 +557,42 @@ class ContactRows:
     """Of dtype `CONTACT`."""
 
 
+@dataclass(frozen=True)
+class EngineWarning:
+    """What an engine warned of, over a whole run."""
+
+    at: At
+    """The first."""
+    client: int
+    kind: str
+    """`contacts full`, `constraints full`, `bad position`, `bad velocity`, `bad acceleration`, `bad
+    control` or `inertia`."""
+    count: int
+    """How often."""
+    steps: int
+    """In how many steps."""
+    last_step: int
+    info: int
+    """What the engine said with the first: the number of a degree of freedom, of contacts …"""
+
+
+@dataclass(frozen=True)
+class Equality:
+    """Two links that are held together, from the beginning on."""
+
+    at: At
+    client: int
+    name: str
+    kind: str
+    """`connect` or `weld`."""
+    body_a: int
+    link_a: int
+    body_b: int
+    link_b: int
+    solref: tuple[float, ...]
+    """How soft: time constant [s] and damping ratio, or stiffness and damping if negative."""
+
+
 Event = (
     Appearance
     | Surface
@@ -551,6 +608,8 @@ Event = (
     | Samples
     | Cause
     | PairFriction
+    | EngineWarning
+    | Equality
     | Impulses
     | Controls
     | ContactRows

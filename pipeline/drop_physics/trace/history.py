@@ -17,6 +17,8 @@ from drop_physics.trace.events import (
     Body,
     Cause,
     Dynamics,
+    EngineWarning,
+    Equality,
     Impulses,
     Put,
     Settings,
@@ -105,6 +107,12 @@ class Seen:
     """What gives impulses, by its number in the recording."""
     frictions: Mapping[tuple[int, int, int, int], float] = field(default_factory=dict)
     """Coefficients of friction by two bodies and links, where the engine has one for each pair."""
+    softness: Mapping[tuple[int, int, int, int], tuple[tuple[float, ...], tuple[float, ...]]] = (
+        field(default_factory=dict)
+    )
+    """Likewise, `solref` and `solimp` of a `PairFriction`."""
+    warnings: Sequence[EngineWarning] = ()
+    equalities: Sequence[Equality] = ()
 
     @property
     def engine(self) -> str:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from drop_physics.physics.laws.mujoco.tree import BALL, FREE, HINGE, SLIDE
 from drop_physics.physics.rotations import products, rotate, rotate_inverse
-from drop_physics.trace.events import Actuator, Body, Collision, Joint, Shape
+from drop_physics.trace.events import Actuator, Body, Collision, Joint, Keyframe, Shape
 from drop_physics.trace.states import BASE
 
 Float64 = NDArray[np.float64]
@@ -47,6 +47,8 @@ SHOWN_GROUPS = 3
 """Geometries of the first groups are shown, as MuJoCo's viewer does."""
 UNPAINTED = (0.5, 0.5, 0.5, 1.0)
 """The colour of a geometry that takes that of its material."""
+MOST_KEYFRAMES = 64
+"""So many of a model are told."""
 NOWHERE, UPRIGHT = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])
 TRANSMISSIONS = {0: "joint", 1: "joint", 2: "slider-crank", 3: "tendon", 4: "site", 5: "body"}
 """What an actuator acts on (`mjtTrn`)."""
@@ -120,7 +122,7 @@ def described(arrays: Arrays, *, client: int, first: int, folder: Path) -> Descr
     """
     names = {
         kind: _names(arrays, kind)
-        for kind in ("body", "jnt", "geom", "mesh", "actuator", "tendon", "eq", "site")
+        for kind in ("body", "jnt", "geom", "mesh", "actuator", "tendon", "eq", "site", "key")
     }
     parents = arrays["body_parentid"].tolist()
     tops = [body for body in range(1, len(parents)) if parents[body] == 0]
@@ -146,7 +148,27 @@ def described(arrays: Arrays, *, client: int, first: int, folder: Path) -> Descr
             begin = 6
         for k, dof in enumerate(made.rates.tolist()):
             dof_of[dof] = number, begin + k
+    apart = _apart(arrays, link_of)
+    bodies = [
+        replace(made, body=replace(made.body, apart=tuple(apart[made.body.number])))
+        if made.body.number in apart
+        else made
+        for made in bodies
+    ]
     return DescribedModel(arrays, tuple(bodies), link_of, dof_of, names)
+
+
+def _apart(
+    arrays: Arrays, link_of: Mapping[int, tuple[int, int]]
+) -> dict[int, list[tuple[int, int, int]]]:
+    """Return the contacts that a model excludes, by the number of the lower body."""
+    found: dict[int, list[tuple[int, int, int]]] = {}
+    for signature in np.atleast_1d(arrays.get("exclude_signature", ())).tolist():
+        both = signature >> 16, signature & 0xFFFF
+        if all(each in link_of for each in both):
+            (body, link), (other, its) = sorted(link_of[each] for each in both)
+            found.setdefault(body, []).append((link, other, its))
+    return found
 
 
 def _top(parents: list[int], body: int) -> int:
@@ -159,7 +181,7 @@ def _top(parents: list[int], body: int) -> int:
 def _names(arrays: Arrays, kind: str) -> list[str]:
     """Return the names of all elements of a kind; of one without, its kind and number."""
     held = bytes(arrays["names"]) if "names" in arrays else b""
-    word = {"jnt": "joint", "eq": "equality"}.get(kind, kind)
+    word = {"jnt": "joint", "eq": "equality", "key": "keyframe"}.get(kind, kind)
     found = []
     for number, at in enumerate(np.atleast_1d(arrays.get(f"name_{kind}adr", ())).tolist()):
         name = held[at : held.index(b"\0", at)].decode("utf-8", "replace")
@@ -271,7 +293,7 @@ def _described(
         collisions=collisions,
         actuators=tuple(_actuators(arrays, names, mine)),
     )
-    return DescribedBody(
+    made = DescribedBody(
         body_,
         tuple(links),
         np.array(positions, np.int64),
@@ -279,6 +301,21 @@ def _described(
         tuple(balls),
         free,
     )
+    return replace(made, body=replace(body_, keyframes=tuple(_keyframes(arrays, names, made))))
+
+
+def _keyframes(
+    arrays: Arrays, names: Mapping[str, list[str]], made: DescribedBody
+) -> Iterator[Keyframe]:
+    """Yield the poses that a model has names for, of one body with joints."""
+    if not len(made.positions) or "key_qpos" not in arrays:
+        return
+    qpos = np.asarray(arrays["key_qpos"], np.float64)[:MOST_KEYFRAMES]
+    held, _ = joints_of(made, qpos, np.zeros((len(qpos), int(arrays["nv"].item()))))
+    given = np.asarray(arrays.get("key_ctrl", np.zeros((len(qpos), 0))), np.float64)
+    mine = [each.number for each in made.body.actuators]
+    for name, joints, ctrl in zip(names["key"], held, given, strict=False):
+        yield Keyframe(name, tuple(joints.tolist()), tuple(ctrl[mine].tolist()))
 
 
 def _joints_of(arrays: Arrays, body: int) -> list[int]:
@@ -476,7 +513,8 @@ def _shapes(
             shapes.append(Shape(link, kind, size, file, *pose, _colour(arrays, geom)))
         if arrays["geom_contype"][geom] or arrays["geom_conaffinity"][geom]:
             hull = _hull(arrays, int(arrays["geom_dataid"][geom])) if kind == "mesh" else ()
-            collisions.append(Collision(link, kind, size, Path(file).name, *pose, hull))
+            bits = int(arrays["geom_contype"][geom]), int(arrays["geom_conaffinity"][geom])
+            collisions.append(Collision(link, kind, size, Path(file).name, *pose, hull, bits))
     return tuple(shapes), tuple(collisions)
 
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from drop_physics.engines.mujoco.described import DescribedBody, DescribedModel
 from drop_physics.engines.mujoco.explain.reasons import EXPLAINED, OTHER, REASONS
 from drop_physics.engines.mujoco.explained import ExplainedPiece, ImpulseTerm
+from drop_physics.engines.mujoco.held import softness_of
 from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.trace.events import REPLAYS, At, Cause, ContactRows, Event, Impulses, PairFriction
 from drop_physics.trace.states import CONTACT, Rows
@@ -241,7 +242,9 @@ class ExplainedSteps:
                 step = int(contacts["step"][which.ravel() == number][0])
                 body_a, link_a, body_b, link_b = key
                 at = At(step, 0.0, 0)
-                yield PairFriction(at, self.client, body_a, link_a, body_b, link_b, value)
+                geoms = piece.touches[["first", "second"]][which.ravel() == number][0]
+                soft = softness_of(self.described.arrays, *geoms.tolist())
+                yield PairFriction(at, self.client, body_a, link_a, body_b, link_b, value, *soft)
 
 
 def _centre(described: DescribedModel, made: DescribedBody) -> Float64:

@@ -181,6 +181,8 @@ class Received:
         """Texts of MuJoCo's warnings, each once."""
         self.callbacks: list[str] = []
         self.faults: list[str] = []
+        self.warning_kinds = 0
+        """How many kinds of warnings MuJoCo has; 0 while it has not warned."""
         self.viewer = False
         """Whether the script opened a passive viewer."""
         self.posed_without_steps: dict[int, int] = {}
@@ -278,7 +280,7 @@ class Received:
     def _on_warned(self, payload: bytes) -> None:
         _, anew, _, number = frames.WARNED_HEAD.unpack_from(payload)
         pairs = np.frombuffer(payload, np.int32, offset=frames.WARNED_HEAD.size).reshape(-1, 2)
-        world = self._worlds[number]
+        world, self.warning_kinds = self._worlds[number], len(pairs)
         for kind, (info, times) in enumerate(pairs.tolist()):
             before = 0 if anew else world.counts.get(kind, 0)
             world.counts[kind] = times

@@ -11,7 +11,7 @@ import re
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -30,6 +30,7 @@ from drop_physics.engines.mujoco.described import (
 )
 from drop_physics.engines.mujoco.explain.reasons import EXPLAINED, OTHER
 from drop_physics.engines.mujoco.explained import explained
+from drop_physics.engines.mujoco.held import equalities_of
 from drop_physics.engines.mujoco.impulses import ExplainedSteps
 from drop_physics.engines.mujoco.received import Edited, Received, ScriptLine, StepPiece, Written
 from drop_physics.fields import all_of, counted
@@ -40,6 +41,7 @@ from drop_physics.trace.events import (
     Calls,
     Controls,
     Dynamics,
+    EngineWarning,
     Event,
     Put,
     Samples,
@@ -66,6 +68,10 @@ SILENT = frozenset(("step", "posed"))
 """Causes that are no act of the script."""
 SHAPES_BODIES = re.compile(r"body_|jnt_|dof_|geom_|qpos0")
 """Fields of a model that say what its bodies are."""
+_FULL = "inertia", "contacts full", "constraints full"
+_BAD = "bad position", "bad velocity", "bad acceleration", "bad control"
+WARNINGS = {7: (*_FULL, *_BAD), 8: (*_FULL, "drawing full", *_BAD)}
+"""What MuJoCo warns of (`mjtWarning`), by how many kinds a version knows."""
 MOST_NOTES = 3
 """Different texts that are noted of one kind."""
 
@@ -97,6 +103,8 @@ class MujocoSimulation:
     timestep_s: float = 0.0
     ends: int = 0
     """The last step of which there is a sample."""
+    warned: dict[int, EngineWarning] = field(default_factory=dict)
+    """What MuJoCo warned of, by its number of the kind."""
     edited: int = 0
     """How many edits of its model it knows."""
     written: dict[int, Float64] = field(default_factory=dict)
@@ -222,6 +230,8 @@ class MujocoDecoder:
         if self._received is not None:
             for piece in self._received.rest():
                 yield from self._on_piece(piece)
+        for its in self._simulations.values():
+            yield from its.warned.values()
 
     def explained(self, python: str) -> Iterator[Event]:
         """Replay and explain all steps in the script's interpreter; yield what that says.
@@ -287,6 +297,7 @@ class MujocoDecoder:
     def _on_piece(self, piece: StepPiece) -> Iterator[Event]:
         """Yield what happened in a piece, cut where the model was edited."""
         simulation = self._simulation(piece)
+        self._warned(simulation, piece)
         end = piece.first + len(piece.times_s)
         known = self._edits.setdefault(piece.model, [])
         late = known[simulation.edited :]  # seen at steps of other simulations of the model
@@ -301,6 +312,20 @@ class MujocoDecoder:
             known += [each for each in here if each.world == piece.world]
             simulation.edited = len(known)
             yield from self._on_steps(simulation, piece, first, last, here)
+
+    def _warned(self, its: MujocoSimulation, piece: StepPiece) -> None:
+        """Count what MuJoCo warned of in a piece."""
+        assert self._received is not None
+        kinds = WARNINGS.get(self._received.warning_kinds, ())
+        for step, kind, count, info in piece.warnings:
+            sample = step - its.first + 1
+            known = its.warned.get(kind)
+            if known is None:
+                at = At(sample, 0.0, 0)
+                known = EngineWarning(at, its.client, kinds[kind], 0, 0, sample, info)
+            its.warned[kind] = replace(
+                known, count=known.count + count, steps=known.steps + 1, last_step=sample
+            )
 
     def _simulation(self, piece: StepPiece) -> MujocoSimulation:
         """Return the simulation that a piece belongs to."""
@@ -359,6 +384,7 @@ class MujocoDecoder:
         at = At(0, 0.0, self._calls)
         its.since.append((0, 0.0, its.timestep_s))
         yield self._settings(its, at)
+        yield from equalities_of(its.described, its.client)
         for made in its.described.bodies:
             yield Appearance(at, made.body, there=True, came=True)
             yield Dynamics(at, made.body, reported_of(its.arrays, made))
@@ -582,6 +608,8 @@ class MujocoDecoder:
             form = ", ".join("[{}]={}" for _ in where)
             names = ("index", name) * len(where)
             values = np.stack((where.astype(np.float64), held[where]), axis=1).ravel()
+        if written.cause in BY_MEMORY - {"memory"}:
+            form += f"; then {written.cause}"
         self._call(name, written.site, written.since, step, form, names, values, rows)
 
     def _on_edit(self, its: MujocoSimulation, edit: Edited, rows: _Rows) -> None:

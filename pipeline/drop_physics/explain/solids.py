@@ -1,0 +1,144 @@
+"""Convex shapes that overlap: how deep at least, from points of one that lie within the other.
+
+A point of A that is d deep in B has to go d to leave it, so A and B overlap by at least d. The
+points are chosen (corners, axes, centres), so the real overlap may be deeper, and is never less.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.physics.columns import rotation
+from drop_physics.trace.events import Collision
+
+Float64 = NDArray[np.float64]
+
+LEVELS = (-1.0, -0.5, 0.0, 0.5, 1.0)
+"""Where along its edges or its axis points of a shape are, as shares of its half."""
+ROUND = 8
+"""Points around an axis."""
+MOST_CORNERS = 64
+"""Points of a hull."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A shape in the axes of its link."""
+
+    collision: Collision
+    points_m: Float64
+    """Points of it, shape (m, 3); none of a half space."""
+    radius_m: float
+    """Of a ball around its centre that holds it; infinite of a half space."""
+    _faces: Float64
+    """Of a hull: normals and offsets, shape (f, 4)."""
+
+    def depth_m(self, points_m: Float64) -> Float64:
+        """Return how deep points are in it, at least; negative outside, shape (n,).
+
+        `points_m` are in the shape's own axes, shape (n, 3).
+        """
+        kind, size = self.collision.kind, np.array(self.collision.size_m)
+        if kind == "plane":
+            return np.asarray(-points_m[:, 2])
+        if kind == "sphere":
+            return np.asarray(size[0] - np.linalg.norm(points_m, axis=1))
+        if kind == "capsule":
+            along = np.clip(points_m[:, 2], -size[0] / 2, size[0] / 2)
+            off = points_m - along[:, None] * [0.0, 0.0, 1.0]
+            return np.asarray(size[1] - np.linalg.norm(off, axis=1))
+        if kind == "cylinder":
+            around = size[1] - np.hypot(points_m[:, 0], points_m[:, 1])
+            return np.asarray(np.minimum(around, size[0] / 2 - np.abs(points_m[:, 2])))
+        if kind == "box":
+            return np.asarray((size / 2 - np.abs(points_m)).min(axis=1))
+        if kind == "ellipsoid":
+            inside = 1 - np.linalg.norm(points_m / (size / 2), axis=1)
+            return np.asarray(inside * size.min() / 2)
+        return np.asarray(-(points_m @ self._faces[:, :3].T + self._faces[:, 3]).max(axis=1))
+
+
+def solid_of(collision: Collision) -> Solid | None:
+    """Return the shape of a collision; None where it has none that is known."""
+    kind, size = collision.kind, np.array(collision.size_m)
+    faces = np.empty((0, 4))
+    if kind == "plane":
+        return Solid(collision, np.empty((0, 3)), np.inf, faces)
+    if kind in ("sphere", "ellipsoid"):
+        half = np.full(3, size[0]) if kind == "sphere" else size / 2
+        points = np.array([*_directions()]) * half
+    elif kind in ("capsule", "cylinder"):
+        ring = np.array([*_ring()]) * size[1]
+        points = np.array(
+            [(x, y, level * size[0] / 2) for level in LEVELS for x, y in [(0.0, 0.0), *ring]]
+        )
+        if kind == "capsule":
+            tips = [(0.0, 0.0, sign * (size[0] / 2 + size[1])) for sign in (-1, 1)]
+            points = np.concatenate((points, tips))
+    elif kind == "box":
+        points = np.array([*product(LEVELS, repeat=3)]) * (size / 2)
+    elif kind == "mesh" and len(collision.hull_m) >= 12:
+        from scipy.spatial import ConvexHull, QhullError  # a tenth of a second to load
+
+        corners = np.reshape(collision.hull_m, (-1, 3))
+        try:
+            faces = ConvexHull(corners).equations
+        except QhullError:  # flat
+            return None
+        every = max(1, len(corners) // MOST_CORNERS)
+        points = np.concatenate((corners[::every], [corners.mean(axis=0)]))
+    else:
+        return None
+    radius = float(np.linalg.norm(points, axis=1).max())
+    return Solid(collision, points, radius, faces)
+
+
+def overlap_m(
+    a: Solid, at_a: tuple[Float64, Float64], b: Solid, at_b: tuple[Float64, Float64]
+) -> Float64:
+    """Return by how much two shapes overlap, at least, 0 where nothing tells, shape (n,).
+
+    `at_a`, `at_b`: where the axes of their links are, positions (n, 3) and rotations (n, 3, 3).
+    """
+    poses = [_placed(solid, *at) for solid, at in ((a, at_a), (b, at_b))]
+    (place_a, turn_a), (place_b, turn_b) = poses
+    found = np.zeros(len(place_a))
+    near = np.linalg.norm(place_a - place_b, axis=1) < a.radius_m + b.radius_m
+    for row in np.flatnonzero(near).tolist():
+        for one, its, other, there in (
+            (a, (place_a, turn_a), b, (place_b, turn_b)),
+            (b, (place_b, turn_b), a, (place_a, turn_a)),
+        ):
+            if len(one.points_m):
+                world = one.points_m @ its[1][row].T + its[0][row]
+                depth = other.depth_m((world - there[0][row]) @ there[1][row])
+                found[row] = max(found[row], float(depth.max()))
+    return found
+
+
+def _placed(solid: Solid, position_m: Float64, turn: Float64) -> tuple[Float64, Float64]:
+    """Return where a shape's centre and axes are, from those of its link."""
+    collision = solid.collision
+    local = rotation(np.array(collision.orientation, np.float64)[:, None])[:, :, 0]
+    return position_m + turn @ np.array(collision.position_m), turn @ local
+
+
+def _directions() -> Iterator[tuple[float, float, float]]:
+    """Yield the centre, and directions to the faces and the corners of a cube."""
+    yield 0.0, 0.0, 0.0
+    for axis in range(3):
+        for sign in (-1.0, 1.0):
+            yield sign * (axis == 0), sign * (axis == 1), sign * (axis == 2)
+    for x, y, z in product((-1.0, 1.0), repeat=3):
+        yield x / np.sqrt(3), y / np.sqrt(3), z / np.sqrt(3)
+
+
+def _ring() -> Iterator[tuple[float, float]]:
+    """Yield directions around an axis."""
+    for angle in np.arange(ROUND) * (2 * np.pi / ROUND):
+        yield float(np.cos(angle)), float(np.sin(angle))

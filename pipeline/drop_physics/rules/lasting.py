@@ -1,0 +1,129 @@
+"""What a script wrote into its engine's memory and stays there: forces, masses, states.
+
+It grows piece by piece, as part of `inputs`.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.trace.acts import Act
+from drop_physics.trace.calls import Call
+from drop_physics.trace.writes import WrittenElements, computed_by, written_by
+
+Float64 = NDArray[np.float64]
+
+WIDTHS = {Act.SET_BODY_FORCE: 6, Act.SET_JOINT_FORCE: 1}
+"""How many elements of a field belong together: force and torque of a body, one of a joint."""
+
+
+@dataclass
+class LastingForce:
+    """A force that stays until it is written again."""
+
+    client: int
+    place: int
+    """Of the body, or the joint's rate, as the engine counts them."""
+    call: Call
+    """The first that wrote it after a step."""
+    now: Float64
+    """What it is, shape (width,)."""
+    since: int
+    """The steps before it became what it is."""
+    most: Float64
+    """The largest that it was while it acted on from a write after a step."""
+    writes: int = 0
+    """How many calls changed it to something else than zero."""
+    acts: int = 0
+    """In how many steps it acted, until it was last written."""
+    was_cleared: bool = False
+    """Whether a call wrote zero."""
+    from_start: bool = False
+    """Whether it was there before the first step of a run or an episode."""
+
+    def until(self, step: int) -> int:
+        """Return in how many steps it acted before a step."""
+        return self.acts + (step - self.since if self.now.any() else 0)
+
+    def become(self, now: Float64, step: int) -> None:
+        """Take what it is from a step on."""
+        self.acts, self.since, self.now = self.until(step), step, now
+        if np.linalg.norm(now) > np.linalg.norm(self.most):
+            self.most = now
+
+
+@dataclass(frozen=True)
+class ModelEdit:
+    """What a script wrote into a model."""
+
+    call: Call
+    elements: WrittenElements
+
+
+@dataclass
+class PositionWrites:
+    """The writes of a simulation's positions by its script, after steps."""
+
+    first: Call
+    steps: set[int] = field(default_factory=set)
+    """The steps before each."""
+    is_computed: bool = False
+    """Whether one was followed by a function that computes what depends on them."""
+
+
+@dataclass
+class Lasting:
+    """By client, what stays."""
+
+    forces: dict[tuple[int, Act, int], LastingForce] = field(default_factory=dict)
+    """By client, field and place."""
+    edits: defaultdict[Act, list[ModelEdit]] = field(default_factory=lambda: defaultdict(list))
+    episodes: defaultdict[int, set[int]] = field(default_factory=lambda: defaultdict(lambda: {0}))
+    """By client, the steps before which its state was reset; 0 is the run's beginning."""
+
+    positions: dict[int, PositionWrites] = field(default_factory=dict)
+    """By client."""
+
+    def see(self, calls: list[Call]) -> None:
+        """Take the calls between some steps, in order."""
+        for call in calls:
+            if call.act is Act.RESET_STATE:
+                self._reset(call)
+            elif call.act in WIDTHS:
+                self._force(call)
+            elif call.act is Act.SET_STATE and call.at.step:
+                writes = self.positions.setdefault(call.client, PositionWrites(call))
+                writes.steps.add(call.at.step)
+                writes.is_computed |= bool(computed_by(call))
+            elif call.act in (Act.SET_MASS, Act.SET_DERIVED):
+                self.edits[call.act].append(ModelEdit(call, written_by(call)))
+
+    def _reset(self, call: Call) -> None:
+        self.episodes[call.client].add(call.at.step)
+        for (client, *_), force in self.forces.items():
+            if client == call.client:
+                force.become(np.zeros_like(force.now), call.at.step)
+
+    def _force(self, call: Call) -> None:
+        written, width, step = written_by(call), WIDTHS[call.act], call.at.step
+        for place in np.unique(written.indices // width).tolist():
+            its = written.indices // width == place
+            key = call.client, call.act, place
+            force = self.forces.get(key)
+            now = np.zeros(width) if force is None else force.now.copy()
+            now[written.indices[its] % width] = written.values[its]
+            if force is None:
+                if not now.any():
+                    continue
+                force = LastingForce(call.client, place, call, np.zeros(width), step, now)
+                self.forces[key] = force
+            if now.any():
+                force.writes += 1
+                force.from_start |= step in self.episodes[call.client]
+            elif force.now.any():
+                force.was_cleared = True
+            force.become(now, step)

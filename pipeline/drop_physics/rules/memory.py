@@ -1,0 +1,192 @@
+"""Rules about what a script wrote into its engine's memory, where it stays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from drop_physics.messages import Message
+from drop_physics.rules.answer import Cure, Effect, Span, so_many
+from drop_physics.rules.engines import MUJOCOS
+from drop_physics.rules.input_rule import InputSubject, input_rule
+from drop_physics.rules.inputs import Inputs
+from drop_physics.rules.joint import effort
+from drop_physics.rules.lasting import LastingForce, ModelEdit
+from drop_physics.rules.rule import Said
+from drop_physics.rules.thresholds import EACH_STEP, MASS_EDIT, PUSHES_STEPS
+from drop_physics.trace.acts import Act
+from drop_physics.trace.events import Body
+
+
+def bodies_of(inputs: Inputs, client: int) -> list[Body]:
+    """Return the bodies of a simulation in the engine's order."""
+    return [each for each in inputs.scene.seen.bodies.values() if each.client == client]
+
+
+def body_at(inputs: Inputs, client: int, index: int) -> Body | None:
+    """Return the body that an engine's body is part of: they are counted from tree to tree."""
+    before = [each for each in bodies_of(inputs, client) if each.engine_id <= index]
+    return max(before, key=lambda each: each.engine_id, default=None)
+
+
+def rate_at(inputs: Inputs, client: int, index: int) -> tuple[Body, str | None, str] | None:
+    """Return body, joint (None: its base) and kind of joint of a rate, as the engine counts."""
+    for body in bodies_of(inputs, client):
+        if body.base_moves:
+            if index < 6:
+                return body, None, "prismatic" if index < 3 else "revolute"
+            index -= 6
+        for joint in body.joints:
+            if index < joint.widths[1]:
+                return body, joint.name, joint.kind
+            index -= joint.widths[1]
+    return None
+
+
+def _ends(inputs: Inputs, client: int) -> int:
+    return inputs.scene.seen.samples.get(client, 1) - 1
+
+
+def _lasting(inputs: Inputs, act: Act) -> Iterator[tuple[LastingForce, int]]:
+    """Yield forces that act on where a script wrote them after a step, and in how many steps."""
+    for (_, of, _), force in inputs.lasting.forces.items():
+        acts = force.until(_ends(inputs, force.client))
+        seldom = acts >= PUSHES_STEPS * force.writes
+        if of is act and seldom and not (force.was_cleared or force.from_start):
+            yield force, acts
+
+
+def _stays(force: LastingForce, acts: int) -> dict[str, object]:
+    return {
+        "field": f"{force.call.function}[{force.place}]",
+        "acts": so_many(acts),
+        "step": force.call.at.step + 1,
+        "writes": Message("once") if force.writes == 1 else Message("{n} times", n=force.writes),
+    }
+
+
+def _clear(force: LastingForce, body: Body) -> Cure:
+    call = Message(
+        "data.{field}[:] = 0 after the step, or write it anew before each",
+        field=force.call.function,
+    )
+    return Cure("push-repeated", body.label, 0.0, call)
+
+
+@input_rule("push-stays", "model", engines=MUJOCOS)
+def body_force_stays(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """A force on a body acts in each step until it is written again."""
+    for force, acts in _lasting(inputs, Act.SET_BODY_FORCE):
+        body = body_at(inputs, force.client, force.place)
+        if body is None or not body.moving:
+            continue
+        push, turn = (float(np.linalg.norm(part)) for part in (force.most[:3], force.most[3:]))
+        message = Message(
+            "{body} is pushed by {push} in {acts}, from step {step:,} on: {field} was written "
+            "{writes}, and stays until it is written again",
+            body=body.label,
+            push=effort(push or turn, "N" if push else "N m"),
+            **_stays(force, acts),
+        )
+        yield _said(force, acts, body, None, message)
+
+
+@input_rule("push-stays", "model", engines=MUJOCOS)
+def joint_force_stays(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """A force on a joint acts in each step until it is written again."""
+    for force, acts in _lasting(inputs, Act.SET_JOINT_FORCE):
+        found = rate_at(inputs, force.client, force.place)
+        if found is None:
+            continue
+        body, joint, kind = found
+        message = Message(
+            "{what} is driven by {push} in {acts}, from step {step:,} on: {field} was written "
+            "{writes}, and stays until it is written again",
+            what=joint or body.label,
+            push=effort(abs(float(force.most[0])), "N" if kind == "prismatic" else "N m"),
+            **_stays(force, acts),
+        )
+        yield _said(force, acts, body, joint, message)
+
+
+def _said(
+    force: LastingForce, acts: int, body: Body, joint: str | None, message: Message
+) -> tuple[InputSubject, Said]:
+    first = force.call.at.step + 1
+    subject = InputSubject(force.call, body, joint, Span(first, first + acts - 1, acts))
+    return subject, Said(
+        message=message,
+        cure=_clear(force, body),
+        effect=Effect(float(acts), "steps"),
+        share=acts / PUSHES_STEPS,
+    )
+
+
+@input_rule("model-edited", "model", engines=MUJOCOS)
+def model_edited(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """What a model derives from its masses is computed when it is compiled, and not again."""
+    lasting = inputs.lasting
+    anew = {(each.call.client, each.call.at.step) for each in lasting.edits[Act.SET_DERIVED]}
+    derived: dict[tuple[int, int], tuple[int, float]] = {}
+    """By client and body: at which step, and from which mass what is derived was computed."""
+    worst: dict[int, tuple[float, float, float, ModelEdit, int]] = {}
+    for edit in lasting.edits[Act.SET_MASS]:
+        client, step = edit.call.client, edit.call.at.step
+        if edit.call.function != "body_mass":
+            continue
+        for index, new, before in zip(*(each.tolist() for each in edit.elements), strict=True):
+            since, old = derived.get((client, index), (step, before))
+            if any(of == client and since <= at <= step for of, at in anew):
+                old = new if (client, step) in anew else before
+                since = step
+            derived[client, index] = since, old
+            ratio = max(old, new) / max(min(old, new), 1e-300)
+            if ratio > worst.get(client, (1.0,))[0]:
+                worst[client] = ratio, old, new, edit, index
+    for client, (ratio, old, new, edit, index) in worst.items():
+        body = body_at(inputs, client, index)
+        message = Message(
+            "the mass of {body} is changed in place from {old:.4g} to {new:.4g} kg before step "
+            "{step:,} (body_mass[{index}]), and what the model derives from it is not: contacts, "
+            "limits and equalities are as soft as for {old:.4g} kg",
+            body="" if body is None else body.label,
+            old=old,
+            new=new,
+            step=edit.call.at.step + 1,
+            index=index,
+        )
+        yield (
+            InputSubject(edit.call, body),
+            Said(
+                message=message,
+                cure=Cure(
+                    "set-const",
+                    None,
+                    None,
+                    Message("mujoco.mj_setConst(model, mujoco.MjData(model)) after the edit"),
+                ),
+                effect=Effect(abs(new - old), "kg"),
+                share=ratio,
+                level="model" if ratio >= MASS_EDIT else "note",
+            ),
+        )
+
+
+@input_rule("reading", "note", "reading-stale", engines=MUJOCOS)
+def stale_after_write(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """What is computed from positions is that of the state before, until it is computed again."""
+    for client, writes in inputs.lasting.positions.items():
+        if len(writes.steps) < EACH_STEP * _ends(inputs, client) or writes.is_computed:
+            continue
+        message = Message(
+            "qpos is written in {steps} and mj_forward is not called before the next step: xpos, "
+            "contacts, sensors and all else that is computed are then those of the state before",
+            steps=so_many(len(writes.steps)),
+        )
+        call = Message("mujoco.mj_forward(model, data) after qpos is written, before it is read")
+        steps = sorted(writes.steps)
+        yield (
+            InputSubject(writes.first, steps=Span(steps[0] + 1, steps[-1] + 1, len(steps))),
+            Said(message=message, cure=Cure("forward", None, None, call), share=1.0),
+        )

@@ -1,0 +1,88 @@
+"""`auto-reset`, `buffer-full`: what the engine itself warned of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from drop_physics.messages import Message
+from drop_physics.rules.answer import Cure, Effect, Span, so_many
+from drop_physics.rules.engines import MUJOCOS
+from drop_physics.rules.input_rule import InputSubject, input_rule
+from drop_physics.rules.inputs import Inputs
+from drop_physics.rules.memory import rate_at
+from drop_physics.rules.rule import Said
+from drop_physics.trace.events import EngineWarning
+
+POSITION = "bad position"
+RESETS = POSITION, "bad velocity", "bad acceleration"
+"""The warnings with which the engine resets the state."""
+NO_AUTO_RESET = 1 << 16
+"""The bit of `disableflags` without which a step with such numbers is followed by a reset."""
+
+
+@input_rule("auto-reset", "broken", engines=MUJOCOS)
+def auto_reset(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """The engine sets the state back by itself where a number in it is huge or none."""
+    by_client: dict[int, list[EngineWarning]] = {}
+    for warning in inputs.scene.seen.warnings:
+        if warning.kind in RESETS:
+            by_client.setdefault(warning.client, []).append(warning)
+    for client, warnings in by_client.items():
+        settings = [each for each in inputs.scene.seen.settings if each.client == client]
+        if int(float(settings[-1].values.get("disableflags", 0))) & NO_AUTO_RESET:  # type: ignore[arg-type]
+            continue
+        first = min(warnings, key=lambda each: each.at.step)
+        steps = sum(each.steps for each in warnings)
+        of_rate = None if first.kind == POSITION else rate_at(inputs, client, first.info)
+        body, joint, _ = of_rate or (None, None, "")
+        number: str = Message("a position")
+        if body is not None:
+            number = Message("the acceleration of {what}", what=joint or body.label)
+            if first.kind != "bad acceleration":
+                number = Message("the velocity of {what}", what=joint or body.label)
+        all_steps = inputs.scene.seen.samples.get(client, 1) - 1
+        message = Message(
+            "the state is reset in {steps} of {all:,}, first in step {first:,}: {number} was huge "
+            "or no number, and MuJoCo then starts again from the model's pose",
+            steps=so_many(steps),
+            all=all_steps,
+            first=first.at.step,
+            number=number,
+        )
+        span = Span(first.at.step, max(each.last_step for each in warnings), steps)
+        yield (
+            InputSubject(None, body, joint, span),
+            Said(message=message, effect=Effect(float(steps), "steps"), share=steps / all_steps),
+        )
+
+
+@input_rule("buffer-full", "broken", engines=MUJOCOS)
+def buffer_full(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """Contacts or constraints that found no place in memory do not act."""
+    for warning in inputs.scene.seen.warnings:
+        if warning.kind not in ("contacts full", "constraints full"):
+            continue
+        message = Message(
+            "constraints are left out in {steps} from step {first:,} on, because the memory of the "
+            "model is full: what they would hold falls or passes through",
+            steps=so_many(warning.steps),
+            first=warning.at.step,
+        )
+        if warning.kind == "contacts full":
+            message = Message(
+                "contacts are left out in {steps} from step {first:,} on, because the memory of "
+                "the model is full: what they would hold falls or passes through",
+                steps=so_many(warning.steps),
+                first=warning.at.step,
+            )
+        call = Message('<size memory="…"/> of several times as much in the model')
+        span = Span(warning.at.step, warning.last_step, warning.steps)
+        yield (
+            InputSubject(None, steps=span),
+            Said(
+                message=message,
+                cure=Cure("memory", None, None, call),
+                effect=Effect(float(warning.steps), "steps"),
+                share=float(warning.steps),
+            ),
+        )

@@ -1,0 +1,51 @@
+"""What a script wrote into memory of its engine: which elements of a field, and their values.
+
+A recording holds it as a call by the name of the field (`trace.acts`), whose arguments are the
+elements: all of them, or `[index]=value` of some; of a model's, with what was there before.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.trace.calls import Call
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+INDEX, BEFORE = "index", "before"
+"""Names of the arguments beside the field's own."""
+COMPUTED = re.compile(r"; then (\w+)")
+"""In a form, the function that a write was followed by, but for a step."""
+
+
+class WrittenElements(NamedTuple):
+    """Elements of a field; shape (n,) each."""
+
+    indices: Int64
+    """Into the flat field."""
+    values: Float64
+    before: Float64
+    """What was there; nan where it is not told."""
+
+
+def written_by(call: Call) -> WrittenElements:
+    """Return what a call by the name of a field wrote into it."""
+    names, numbers = np.array(call.site.names), np.array(call.numbers)
+    values = numbers[names == call.function]
+    indices = numbers[names == INDEX].astype(np.int64)
+    before = numbers[names == BEFORE]
+    return WrittenElements(
+        indices if len(indices) else np.arange(len(values)),
+        values,
+        before if len(before) else np.full(len(values), np.nan),
+    )
+
+
+def computed_by(call: Call) -> str:
+    """Return the function that computed what depends on it right after; empty if none did."""
+    found = COMPUTED.search(call.site.form)
+    return found[1] if found else ""

@@ -1,0 +1,294 @@
+"""What `drop analyze` says of MuJoCo scripts that go wrong, and not of mended ones.
+
+Verification: each world of WORLDS has one thing wrong, whose truth stands beside it; the same
+world, mended, is silent. Limits of stability are those at which the scheme itself, stepped here,
+begins to grow.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drop_physics.analysis.results import Analysis
+from drop_physics.explain.solids import overlap_m, solid_of
+from drop_physics.physics.servo import Servo
+from drop_physics.rules.answer import Finding
+from drop_physics.rules.engines import MUJOCO
+from drop_physics.rules.every import ANSWERS
+from drop_physics.rules.input_rule import INPUT_RULES
+from drop_physics.rules.rule import RULES
+from drop_physics.stages.analyze import analyze
+from drop_physics.stages.record import record_script
+from drop_physics.trace.events import Collision
+from drop_physics.trace.history import PYBULLET
+
+ARM = """<body name="arm" pos="0 0 1"><joint name="hinge" axis="0 1 0" damping="0.5" {joint}/>
+<geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02" mass="1"
+contype="0" conaffinity="0"/></body>"""
+BOX = """<body name="{name}" pos="{pos}"><freejoint/>
+<geom type="box" size="0.1 0.1 0.1" mass="1" {geom}/></body>"""
+WRIST = """<body name="hand" pos="0 0 1"><joint name="wrist" axis="1 0 0"/>
+<geom type="capsule" fromto="0 0 0 0.05 0 0" size="0.01" mass="0.05"
+contype="0" conaffinity="0"/></body>"""
+FLOOR = '<geom type="plane" size="5 5 1" {geom}/>'
+
+WORLDS = f"""
+import sys
+import mujoco
+
+MENDED = "mended" in sys.argv
+
+
+def world(bodies, more="", option="", steps=100, drive=None, begin=None):
+    text = '<mujoco><option timestep="0.002" ' + option + '/><worldbody>' + bodies
+    m = mujoco.MjModel.from_xml_string(text + '</worldbody>' + more + '</mujoco>')
+    d = mujoco.MjData(m)
+    if begin:
+        begin(m, d)
+    for k in range(steps):
+        if drive:
+            drive(m, d, k)
+        mujoco.mj_step(m, d)
+
+
+def sent(value):
+    def drive(m, d, k):
+        d.ctrl[:] = value
+    return drive
+
+
+ARM, BOX, WRIST, FLOOR = '''{ARM}''', '''{BOX}''', '''{WRIST}''', '''{FLOOR}'''
+
+
+def servo(**more):
+    words = " ".join(f'{{name}}="{{value}}"' for name, value in more.items())
+    return f'<actuator><position name="servo" joint="hinge" {{words}}/></actuator>'
+
+
+# off-target: kp 50 gives the 1.41 N m of its weight at 0.03 rad
+world(ARM.format(joint=""), servo(kp=1000 if MENDED else 50), steps=900, drive=sent(0.3))
+# target-clamped
+world(ARM.format(joint='').replace("arm", "clamped").replace("hinge", "knee"),
+      servo(kp=1000, ctrlrange="-0.5 0.5").replace("hinge", "knee"),
+      drive=sent(0.4 if MENDED else 1))
+# unstable, auto-reset: kp h2/I = 33
+world(WRIST, '<actuator><position joint="wrist" kp="%g"/></actuator>' % (1 if MENDED else 20),
+      steps=40, drive=sent(0.1))
+
+
+def pushed(m, d, k):
+    if k == 20:
+        d.xfrc_applied[1, 0] = 3
+    if k == 21 and MENDED:
+        d.xfrc_applied[1] = 0
+
+
+world(FLOOR.format(geom='friction="0.1"') + BOX.format(name="pushed", pos="0 0 0.1",
+      geom='friction="0.1"'), drive=pushed)
+
+
+def edited(m, d, k):
+    if k == 20:
+        m.body_mass[1] *= 20
+        m.body_inertia[1] *= 20
+        if MENDED:
+            mujoco.mj_setConst(m, mujoco.MjData(m))
+
+
+world(FLOOR.format(geom="") + BOX.format(name="heavy", pos="0 0 0.1", geom=""), steps=60,
+      drive=edited)
+# slides: tan 20 degrees is 0.364
+friction = 'friction="%g"' % (0.9 if MENDED else 0.2)
+world(FLOOR.format(geom='euler="0 20 0" ' + friction) + BOX.format(name="sliding",
+      pos="0.034 0 0.094", geom='euler="0 20 0" ' + friction), steps=200)
+# static-parent
+world('<body name="base" pos="0 0 0.5"><geom type="box" size="0.08 0.08 0.1" mass="5"/>'
+      '<body name="link1" pos="0 0 0.1"><joint axis="0 1 0" damping="1"/>'
+      '<geom type="box" size="0.06 0.06 0.16" pos="0 0 0.15" mass="2"/></body></body>',
+      '<contact><exclude body1="base" body2="link1"/></contact>' if MENDED else "", steps=20)
+# starts-in-contact
+world(FLOOR.format(geom="") + BOX.format(name="low", pos="0 0 0.1", geom="")
+      + BOX.format(name="high", pos="0 0 %g" % (0.3 if MENDED else 0.25), geom=""), steps=100)
+# no-gravity
+world(BOX.format(name="floating", pos="0 0 1", geom=""),
+      option="" if MENDED else 'gravity="0 0 0"', steps=20)
+# no-contact
+world('<body name="tray" pos="0 0 0.5"><geom type="box" size="0.3 0.3 0.02" contype="2" '
+      'conaffinity="2"/></body>' + BOX.format(name="falling", pos="0 0 0.63",
+      geom='contype="%d" conaffinity="0"' % (2 if MENDED else 1)), steps=100)
+
+
+def put_back(m, d, k):
+    if k == 0:
+        d.ctrl[:] = 0.5
+    if k == 150:
+        d.qpos[:] = 0
+        d.ctrl[:] = 0 if MENDED else 0.5
+
+
+world(ARM.format(joint="").replace('name="arm"', 'name="put" gravcomp="1"').replace(
+      "hinge", "wheel"), servo(kp=30).replace("hinge", "wheel"), steps=400, drive=put_back)
+
+
+def stale():
+    turned = ARM.format(joint="").replace("arm", "turned")
+    m = mujoco.MjModel.from_xml_string(f'<mujoco><worldbody>{{turned}}</worldbody></mujoco>')
+    d = mujoco.MjData(m)
+    for k in range(20):
+        mujoco.mj_step1(m, d)
+        if k == 10:
+            d.qpos[:] = 1.2
+            if MENDED:
+                mujoco.mj_step1(m, d)
+        mujoco.mj_step2(m, d)
+
+
+stale()
+"""
+
+
+def analyzed(folder: Path, *arguments: str) -> Analysis:
+    script = folder / "worlds.py"
+    script.write_text(WORLDS)
+    with (folder / "printed.txt").open("wb") as printed:
+        recorded = record_script(
+            str(script), list(arguments), out=folder / "run.rrd", stdout=printed.fileno()
+        )
+    return analyze(recorded.recording)
+
+
+@pytest.fixture(scope="module")
+def wrong(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Finding]:
+    """Return the findings of all worlds, by code."""
+    findings = analyzed(tmp_path_factory.mktemp("wrong")).findings
+    assert len({each.code for each in findings}) == len(findings)
+    return {each.code: each for each in findings}
+
+
+def numbers(text: str) -> list[float]:
+    return [float(each) for each in re.findall(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?", text)]
+
+
+@pytest.mark.parametrize(
+    ("code", "about", "words"),
+    [
+        ("off-target", "hinge", r"is a spring, and kp = 50 .*kp="),
+        ("target-clamped", "knee", r"sent to 1 .*ctrlrange is -0.5 to 0.5"),
+        ("unstable", "wrist", r"by actuator .*kp = 20 .*kp h²/I = 33"),
+        ("auto-reset", "wrist", r"reset in 10 steps of 40, first in step 4: the acceleration"),
+        ("push-stays", "pushed", r"pushed by 3 N in 80 steps, from step 21 .*xfrc_applied\[1\]"),
+        ("model-edited", "heavy", r"from 1 to 20 kg before step 21 .*mj_setConst"),
+        ("slides", "sliding", r"coefficient 0\.2\).*\(0\.364\)"),
+        ("static-parent", "base", r"link1 is 10 mm inside base .*<exclude"),
+        ("starts-in-contact", "high", r"begins 50 mm inside .*low"),
+        ("no-gravity", "floating", r"gravity is 0"),
+        ("no-contact", "tray", r"contype 2 and conaffinity 2 of \d+_tray"),
+        ("reset-leaves", "wheel", r"put to 0.00 rad .*ctrl keeps the 0.50 rad"),
+        ("not-replayed", "", r"one step from step 11 on used .*before qpos was written.*mj_step1"),
+    ],
+)
+def test_what_is_wrong_is_said(
+    wrong: dict[str, Finding], code: str, about: str, words: str
+) -> None:
+    finding = wrong[code]
+    assert about in f"{finding.joint} {finding.body}"
+    assert re.search(words, f"{finding.message} {finding.advice}", re.DOTALL)
+
+
+def test_nothing_else_is_said_of_them(wrong: dict[str, Finding]) -> None:
+    assert len(wrong) == 13
+
+
+def test_nothing_is_said_once_they_are_mended(tmp_path: Path) -> None:
+    assert analyzed(tmp_path, "mended").findings == []
+
+
+def test_a_spring_rests_where_its_weight_takes_it(wrong: dict[str, Finding]) -> None:
+    effect = wrong["off-target"].effect
+    assert effect is not None
+    # 50 e = 9.81 * 0.15 cos(0.3 + e), by three fixed-point iterations to 1e-6
+    off = 0.0
+    for _ in range(6):
+        off = 9.81 * 0.15 * np.cos(0.3 + off) / 50
+    assert effect.value == pytest.approx(off, abs=1e-4)
+
+
+SERVOS = [
+    Servo(timestep_s=0.002, inertia=2.4e-6, stiffness=20.0),
+    Servo(timestep_s=0.002, inertia=2.4e-6, stiffness=20.0, ends=1e-3, begins=2e-4),
+    Servo(timestep_s=0.002, inertia=2.4e-6, stiffness=0.0, begins=0.05),
+    Servo(timestep_s=0.002, inertia=2.4e-6, stiffness=0.0, begins=0.02, fourth_order=True),
+    Servo(timestep_s=0.002, inertia=2.4e-6, stiffness=30.0, fourth_order=True),
+]
+
+
+def grown(servo: Servo, steps: int = 4000) -> float:
+    """Return by what the scheme itself, step by step, multiplies a state."""
+    x, v = 1e-3, 1e-3 / servo.timestep_s
+    size = np.hypot(x, v * servo.timestep_s)
+    h, damping = servo.timestep_s, servo.ends + servo.begins
+
+    def pulled(x: float, v: float) -> float:
+        return -(servo.stiffness * x + damping * v)
+
+    for _ in range(steps):
+        if servo.fourth_order:
+            stages, weights, at = [], (1, 2, 2, 1), (0.0, 0.5, 0.5, 1.0)
+            dx = dv = 0.0
+            for share in at:
+                stages.append((v + share * h * dv, pulled(x + share * h * dx, v + share * h * dv)))
+                dx, dv = stages[-1][0], stages[-1][1] / servo.inertia
+            x += h / 6 * sum(w * s[0] for w, s in zip(weights, stages, strict=True))
+            v += h / 6 * sum(w * s[1] for w, s in zip(weights, stages, strict=True)) / servo.inertia
+        else:
+            v += h * pulled(x, v) / (servo.inertia + h * servo.ends)
+            x += h * v
+        if not np.hypot(x, v) < 1e30:
+            return np.inf
+    return float(np.hypot(x, v * h) / size)
+
+
+@pytest.mark.parametrize("servo", SERVOS)
+@pytest.mark.parametrize("name", ["stiffness", "begins", "timestep_s", "inertia"])
+def test_a_limit_is_where_the_scheme_begins_to_grow(servo: Servo, name: str) -> None:
+    limit = servo.limit(name)
+    if limit is None:  # it is none, or another number is why it grows
+        now = getattr(servo, name)
+        assert now == 0 or grown(replace(servo, **{name: now * 1e-9})) == np.inf
+        return
+    sides = [grown(replace(servo, **{name: limit * share})) for share in (0.98, 1.02)]
+    assert sorted([min(sides) < 10, max(sides) == np.inf]) == [True, True]
+    assert (sides[1] < 10) == (name == "inertia")
+
+
+def test_shapes_overlap_by_no_more_than_they_do() -> None:
+    place = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+    ball = solid_of(Collision(-1, "sphere", (0.05,), "", *place))
+    box = solid_of(Collision(-1, "box", (0.2, 0.2, 0.2), "", *place))
+    floor = solid_of(Collision(-1, "plane", (), "", *place))
+    assert ball is not None
+    assert box is not None
+    assert floor is not None
+    n = 41
+    heights = np.linspace(0.2, -0.2, n)
+    turns = np.tile(np.eye(3), (n, 1, 1))
+    there = np.column_stack([np.zeros((n, 2)), heights])
+    origin = np.zeros((n, 3)), turns
+    assert overlap_m(ball, (there, turns), floor, origin) == pytest.approx(
+        np.maximum(0.05 - heights, 0), abs=1e-12
+    )
+    exact = np.maximum(0.15 - np.abs(heights), 0)  # to the nearest face
+    found = overlap_m(ball, (there, turns), box, origin)
+    assert (found <= exact + 1e-12).all()
+    assert found[exact > 0.01].min() > 0
+
+
+def test_rules_speak_of_the_engines_whose_words_they_have() -> None:
+    bullet = [*RULES, *INPUT_RULES]
+    of_both = {each.__name__ for each in ANSWERS if {*each.engines} == {PYBULLET, MUJOCO}}
+    assert of_both == {"TableRules", "InputRules", "ScriptFailed", "Unseeded", "NotFinite"}
+    assert all(len(rule.engines) == 1 for rule in bullet)
