@@ -24,7 +24,7 @@ from drop_physics.trace.acts import SETS_TIMESTEP
 from drop_physics.trace.calls import TIMESTEPS
 from drop_physics.trace.events import Appearance, Body, order
 from drop_physics.trace.history import Piece, Seen
-from drop_physics.trace.motors import FORCE, PD, POSITION, TORQUE, VELOCITY, Command
+from drop_physics.trace.motors import PD, POSITION, TORQUE, VELOCITY, Command
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -302,19 +302,16 @@ class Commands:
 
 def _columns(told: Command, steps: Int64, width: int, timestep_s: Float64) -> Float64:
     """Return what calls of motors ask of a joint, shape (n, NAMES, width); the rest is nan."""
-
-    def one(name: str, default: float) -> Float64:
-        numbers = told.values.get(name, np.empty((0, 0)))
-        return numbers if numbers.shape[1] == 1 else np.full((len(steps), 1), default)
-
     mode, single = told.values["controlMode"], width == 1
     position, torque = mode == POSITION, mode == TORQUE
-    force = told.values.get("force", np.empty((0, 0)))
-    force = force if force.shape[1] == width else one("force", FORCE)
-    target, rate = one("targetPosition", 0.0), one("targetVelocity", 0.0)
+    force, target, rate = (
+        told.given("force", width),
+        told.given("targetPosition"),
+        told.given("targetVelocity"),
+    )
     turning = told.values.get("targetVelocity", np.full((len(steps), width), np.nan))
     turning = turning if turning.shape[1] == width else np.full((len(steps), width), np.nan)
-    kp, kd, top = one("positionGain", 0.1), one("velocityGain", 1.0), one("maxVelocity", 0.0)
+    kp, kd, top = map(told.given, ("positionGain", "velocityGain", "maxVelocity"))
     site = float(told.site.number)
     columns = np.empty((len(steps), len(NAMES), width))
     for k, numbers in enumerate(

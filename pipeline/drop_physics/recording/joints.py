@@ -15,7 +15,7 @@ from drop_physics.physics.tree import places
 from drop_physics.recording import schema, writer
 from drop_physics.recording.writer import Chunk, Times
 from drop_physics.trace.events import Appearance, At, Body, Calls, Raised, Samples, Site
-from drop_physics.trace.motors import FORCE, PD, POSITION, TORQUE, VELOCITY, Command, commands_of
+from drop_physics.trace.motors import PD, POSITION, TORQUE, VELOCITY, Command, commands_of
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -148,22 +148,20 @@ class Asked:
         if not width:
             return
 
-        def of(argument: str, name: str, default: float) -> Float64:
+        def of(argument: str, name: str) -> Float64:
             columns = places[name].stop - places[name].start
-            values = asked.values.get(argument, np.full((len(mode), 1), default))
-            fits = values.shape[1] in (1, columns)
-            return np.broadcast_to(values if fits else np.nan, (len(mode), columns))
+            return np.broadcast_to(asked.given(argument, columns), (len(mode), columns))
 
         position, motor = mode == POSITION, np.isin(mode, (VELOCITY, POSITION, PD))
-        to, kp = of("targetPosition", "position", 0.0), of("positionGain", "kp", 0.1)
+        to, kp = of("targetPosition", "position"), of("positionGain", "kp")
         sets = {
             "position": (motor, np.where((position | (mode == PD))[:, None], to, np.nan)),
-            "velocity": (motor, of("targetVelocity", "velocity", 0.0)),
-            "torque": (mode == TORQUE, of("force", "torque", FORCE)),
-            "force": (motor, of("force", "force", FORCE)),
+            "velocity": (motor, of("targetVelocity", "velocity")),
+            "torque": (mode == TORQUE, of("force", "torque")),
+            "force": (motor, of("force", "force")),
             "mode": (motor | (mode == TORQUE), np.tile(mode[:, None], width)),
             "kp": (motor, np.where((mode == VELOCITY)[:, None], 0.0, kp)),
-            "kd": (motor, of("velocityGain", "kd", 1.0)),
+            "kd": (motor, of("velocityGain", "kd")),
         }
         for name, (which, values) in sets.items():
             if which.any():

@@ -22,6 +22,15 @@ FORCE = 100000.0
 """PyBullet's default of a motor's limit [N m] or [N]."""
 DEFAULTS_TO_FORCE = ("setJointMotorControl2", "setJointMotorControlArray")
 """Calls of TORQUE_CONTROL that give a torque of FORCE where none is given."""
+DEFAULTS = {
+    "targetPosition": 0.0,
+    "targetVelocity": 0.0,
+    "force": FORCE,
+    "positionGain": 0.1,
+    "velocityGain": 1.0,
+    "maxVelocity": 0.0,
+}
+"""What PyBullet takes for an argument that is not given; a velocity of 0 is no limit."""
 ARGUMENTS = {
     "targetPosition": "targetPositions",
     "targetVelocity": "targetVelocities",
@@ -47,6 +56,16 @@ class Command(NamedTuple):
     joints: Int64
     values: Mapping[str, Float64]
     """By argument of a call for one joint, shape (n, k)."""
+
+    def given(self, name: str, width: int = 1) -> Float64:
+        """Return the numbers of an argument, shape (n, width) or, where all are one, (n, 1).
+
+        Its default where it has neither so many.
+        """
+        numbers = self.values.get(name)
+        if numbers is not None and numbers.shape[1] in (1, width):
+            return numbers
+        return np.full((len(self.calls), 1), DEFAULTS[name])
 
     @property
     def torques(self) -> Float64 | None:
