@@ -148,6 +148,26 @@ def test_a_velocity_gain_alone_shakes(mode: str, target: str, gain: float, tmp_p
     assert said("motor-gain", cured, tmp_path) == []
 
 
+SHAKEN = (
+    DOWN
+    + KUKA
+    + """
+for j in range(7):
+    p.changeDynamics(k, j, jointDamping={damping})
+    p.setJointMotorControl2(k, j, p.POSITION_CONTROL, 0.5, force=2)
+steps(240)
+"""
+)
+
+
+def test_more_force_is_no_advice_for_a_joint_that_shakes(tmp_path: Path) -> None:
+    for damping, is_shaken in ((3, True), (0, False)):
+        found = findings(SHAKEN.format(damping=damping), tmp_path / "a.rrd")
+        assert ("unstable" in [each.code for each in found]) == is_shaken
+        (off,) = (each for each in found if each.code == "off-target")
+        assert (off.advice is None) == is_shaken
+
+
 # -- what a joint carries, and what it grips ------------------------------------------------------
 
 STACK = (

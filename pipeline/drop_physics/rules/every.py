@@ -122,6 +122,10 @@ def answers_to(seen: Seen) -> list[type[Answer]]:
     return [each for each in ANSWERS if engine_of(seen) in each.engines]
 
 
+SHAKES = frozenset(("unstable", "motor-gain"))
+"""What keeps a joint off its target, whatever its motor's limit is."""
+FAST = frozenset(("beyond-urdf",))
+"""What says that a joint goes faster than it may."""
 BESIDE_NOTHING = frozenset(("default-damping",))
 """What is true of nearly every run, and an answer only where nothing was asked in vain."""
 
@@ -135,7 +139,15 @@ def ranked(findings: Iterable[Finding]) -> list[Finding]:
     found = sorted((_one_of(group) for group in groups.values()), key=lambda each: each.rank)
     if found and found[0].level in ("broken", "asked"):
         found = [each for each in found if each.code not in BESIDE_NOTHING]
-    return found
+    # More force is no advice for a joint that its gains or its damping turn around, nor are higher
+    # gains for one that is too fast already.
+    told = {code: {each.body for each in found if each.code in code} for code in (SHAKES, FAST)}
+    return [
+        replace(each, advice=None, cure=None)
+        if each.code == "off-target" and each.body in told[FAST if each.level == "note" else SHAKES]
+        else each
+        for each in found
+    ]
 
 
 def _one_of(group: list[Finding]) -> Finding:

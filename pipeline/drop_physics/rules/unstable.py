@@ -29,6 +29,8 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 OFTEN = 8
 """Changes of sign, from step to step, that are no chance."""
+TOO = 0.1
+"""Share of what a term turns around, of which a motor that turns around more may be the cause."""
 FULL = 1 - 1e-9
 """Share of the clamp's limit at which a rate is there."""
 SAME = 1e-6
@@ -203,6 +205,8 @@ def _unstable(known: _Rates, rings: dict[int, Noted]) -> Finding | None:
     most = max(turned, key=turned.__getitem__)
     if most not in ADVICE or turned[most] <= 0.5 * sum(t for t in turned.values() if t > 0):
         return None
+    if turned.get("motors", 0.0) > TOO * turned[most]:
+        return None  # its gains may be the cause, and less damping would leave them more
     message = Message(
         "{name}{more} changes its sign with every step, at up to {rate:.3g} {unit}, in {count:,} "
         "steps: the term {term} turns it around",
@@ -242,7 +246,7 @@ def _clamped(known: _Rates) -> Finding:
     )
     return Finding(
         code="velocity-clamped",
-        level="asked",
+        level="asked" if worst.count >= OFTEN else "note",
         message=message,
         body=known.body.label,
         joint=joint,
