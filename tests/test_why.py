@@ -29,8 +29,9 @@ from drop_physics.rules.answer import Effect, Finding
 from drop_physics.stages.record import record_script
 from drop_physics.stages.why import Proved, Why, why
 from drop_physics.trace.acts import Act
-from drop_physics.trace.events import Asked, Body, Joint, Mimic
+from drop_physics.trace.events import Asked, Body, Calls, Joint, Mimic, Site
 from PIL import Image
+from watching import watched
 
 HEAD = """
 import pybullet as p, pybullet_data
@@ -178,11 +179,15 @@ def test_what_reaches_outside_is_not_run_again_unasked(
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     monkeypatch.setenv("TMPDIR", str(tmp_path / "here"))
-    text = HELD + "open('mine.txt', 'w').close()\nopen('../other.txt', 'a').write('x')\n"
+    text = HELD + "import tempfile\ntempfile.NamedTemporaryFile().write(b'x')\n"
+    text += "open('mine.txt', 'w').close()\nopen('../other.txt', 'a').write('x')\n"
     with pytest.raises(DropError, match=r"writes \S+other\.txt.*again"):
         proved(tmp_path / "here", text, tries=["damping"])
     assert (tmp_path / "other.txt").read_text() == "x"
-    proved(tmp_path / "here", text, tries=["damping"], again=True, force=True)
+    said: list[str] = []
+    proved(tmp_path / "here", text, tries=["damping"], again=True, force=True, note=said.append)
+    # Two runs at once would write the same file; a temporary one is each run's own.
+    assert any("mine.txt: its runs are made one after another" in each for each in said)
     assert (tmp_path / "other.txt").read_text() == "xxxx"  # its own run, the nudge and the trial
 
 
@@ -463,3 +468,21 @@ def test_calls_about_bodies_are_made_otherwise(client: int) -> None:
     other, fired, box = made("give linearDamping in a call of its own", f"{own}:{line}")
     other.changeDynamics(box, -1, lateralFriction=0.3, linearDamping=0, physicsClientId=client)
     assert not fired  # it is another line
+
+
+def test_what_lasts_a_step_is_given_again_from_the_scripts_line(tmp_path: Path) -> None:
+    text = HEAD + (
+        "arm = p.loadURDF('pendulum5.urdf', useFixedBase=True)\n"
+        "p.setJointMotorControl2(arm, 0, p.VELOCITY_CONTROL, force=0)\n"
+        "for _ in range(3):\n"
+        "    p.setJointMotorControl2(arm, 0, p.TORQUE_CONTROL, force=1)\n"
+        "    p.stepSimulation()\n"
+    )
+    run = applied(Proposed("force", "", 1.0), Scope([ARM]))
+    assert run is not None
+    how = {"variation": {"finer": 2}, "interventions": run.operations}
+    events, ending, _ = watched(tmp_path, text, **how)
+    assert (ending.how, ending.notes) == ("finished", [])
+    sites = {each.number: each for each in events if isinstance(each, Site)}
+    lines = [sites[n].line for each in events if isinstance(each, Calls) for n in each.sites]
+    assert lines.count(HEAD.count("\n") + 4) == 6

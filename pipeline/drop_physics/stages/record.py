@@ -95,8 +95,8 @@ class Recorded(Printable, reported_by="drop_physics.report.record"):
     replay: Replay | None = None
     """What became of the steps of MuJoCo that were taken again; None of others."""
     outside: tuple[tuple[str, str], ...] = ()
-    """If that was noted, what it reached beside its simulation: `connects`, `starts`, `writes` or
-    `removes`, and a name."""
+    """If that was noted, what it reached beside its simulation: `connects`, `starts`, `writes`,
+    `removes`, or in its working directory `keeps`, and a name."""
 
 
 def record_script(

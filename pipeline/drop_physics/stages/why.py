@@ -44,6 +44,8 @@ OUTSIDE = {
     "removes": Message("removes {name}"),
 }
 """What a script may reach beside its simulation."""
+KEEPS = "keeps"
+"""A file in its working directory: runs beside each other would write it at once."""
 
 
 @dataclass(frozen=True)
@@ -208,14 +210,22 @@ def why(
 
     base = read(recorded.recording)
     check_varied(target, base.seen)
-    if recorded.outside and not again:
+    reached = dict(reversed(recorded.outside))
+    kept = reached.pop(KEEPS, None)
+    if kept is not None and jobs != 1 and ray is None:
+        note(
+            Message(
+                "{script} writes {name}: its runs are made one after another",
+                script=target,
+                name=kept,
+            )
+        )
+        jobs = 1
+    if reached and not again:
         raise DropError(
             "{script} {what}, and would do so in each run; --again runs it again all the same",
             script=target,
-            what=all_of(
-                Message(OUTSIDE[how], name=name)
-                for how, name in dict(reversed(recorded.outside)).items()
-            ),
+            what=all_of(Message(OUTSIDE[how], name=name) for how, name in reached.items()),
         )
     from drop_physics.rules.choice import EVERY
     from drop_physics.stages.analyze import analyze

@@ -1,8 +1,9 @@
 """What a script reaches beside its simulation, so that it is not run again unasked.
 
 Sockets, other programs, devices, and files that it writes elsewhere than in its working directory
-or in the system's folder for temporary ones. Python tells an audit hook, which cannot be taken off
-again: it is for an interpreter that is the script's own.
+or in the system's folder for temporary ones; of the files there, those that another run of it would
+write, too. Python tells an audit hook, which cannot be taken off again: it is for an interpreter
+that is the script's own.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import Any
 
 CONNECTS = ("socket.connect", "socket.bind", "socket.sendto")
 STARTS = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.spawn")
+MAKES = ("tempfile.mkstemp", "tempfile.mkdtemp")
 REMOVES = ("os.remove", "os.rename", "os.rmdir", "os.truncate")
 WRITES = os.O_WRONLY | os.O_RDWR | os.O_APPEND
 QUIET = ("/dev/null", "/dev/tty", "/dev/shm/", "/dev/urandom", "/proc/")
@@ -31,12 +33,15 @@ class Outside:
     Parameters
     ----------
     tell
-        Called with what it is, `connects`, `starts`, `removes` or `writes`, and its name.
+        Called with what it is, `connects`, `starts`, `removes`, `writes` or, in those folders,
+        `keeps`, and its name.
     """
 
     def __init__(self, tell: Callable[[str, str], None]) -> None:
         self._tell = tell
         self._told: set[tuple[str, str]] = set()
+        self._own: set[str] = set()
+        """Temporary files and folders, whose names no other run has."""
         self.on = True
         temporary = {tempfile.gettempdir(), os.path.realpath(tempfile.gettempdir())}
         self._allowed = tuple(os.path.join(each, "") for each in temporary)
@@ -52,6 +57,8 @@ class Outside:
                 self._file("writes", os.fsdecode(path))
         elif not self.on:
             return
+        elif event in MAKES:
+            self._own.add(os.path.realpath(os.fsdecode(arguments[0])))
         elif event in CONNECTS:
             self._note("connects", str(arguments[1])[:80])
         elif event in STARTS:
@@ -65,9 +72,16 @@ class Outside:
             here = os.path.join(os.path.realpath(os.getcwd()), "")
         except OSError:
             return
-        if whole.startswith((here, *self._allowed, *QUIET)) or any(c in whole for c in CACHES):
+        if whole.startswith(QUIET) or any(part in whole for part in CACHES):
             return
-        self._note(what, whole)
+        # A file without a name is opened by its folder's.
+        inside = os.path.join(whole, "").startswith((here, *self._allowed))
+        if not inside:
+            self._note(what, whole)
+        elif os.path.isdir(whole):
+            return
+        elif what == "writes" and not whole.startswith(tuple(self._own)):
+            self._note("keeps", whole)
 
     def _note(self, what: str, name: str) -> None:
         key = what, name

@@ -17,6 +17,7 @@ from typing import Any
 
 from .arguments import body_of, client_of, named
 from .bodies import RIGID, SPHERICAL, Body
+from .calls import caller_of
 from .functions import COMMANDS, MAKES_BODIES, PUSHES, SETS_ENGINE
 
 TIMESTEP, ITERATIONS, GRAVITY = "fixedTimeStep", "numSolverIterations", "gravityAcceleration"
@@ -157,7 +158,7 @@ class Variation:
             kept = copy.deepcopy((args, kwargs)) if self.finer > 1 else None
             result = original(*args, **kwargs)
             if kept is not None and (name in PUSHES or self._is_torque(name, args, kwargs)):
-                frame = _getframe(2)  # of the script: the hook is in between
+                frame = caller_of(_getframe(2))  # of the script: hooks are in between
                 place = SimpleNamespace(
                     f_code=frame.f_code,
                     f_lineno=frame.f_lineno,
