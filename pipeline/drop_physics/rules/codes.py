@@ -30,6 +30,9 @@ CODES: dict[str, str] = {
     "constraint-apart": (
         "A constraint joins two frames that do not meet, and pulls or turns them together."
     ),
+    "constraint-lags": (
+        "What is held to a body that only calls move follows behind: that body has no velocity."
+    ),
     "contact-despite-filter": (
         "Two bodies touch although a mask forbids it: by default one mask that lets them is enough."
     ),

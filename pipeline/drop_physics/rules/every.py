@@ -43,6 +43,7 @@ from drop_physics.rules.inertia_from_shape import InertiaFromShape
 from drop_physics.rules.inertia_without_mass import InertiaWithoutMass
 from drop_physics.rules.input_rule import InputRules
 from drop_physics.rules.joined import Joined
+from drop_physics.rules.keyframe import KeyframeWithoutControl
 from drop_physics.rules.massless import Massless
 from drop_physics.rules.momentum_drift import MomentumDrift
 from drop_physics.rules.no_contact import NoContact
@@ -61,6 +62,7 @@ from drop_physics.rules.restore_differs import RestoreDiffers
 from drop_physics.rules.rule import TableRules
 from drop_physics.rules.script_failed import ScriptFailed
 from drop_physics.rules.servo_off import ServoOff
+from drop_physics.rules.soft import ConstraintLags, SinksIn
 from drop_physics.rules.starts_inside import StartsInside, StaticParent
 from drop_physics.rules.teleported import Teleported
 from drop_physics.rules.timestep_changed import TimestepChanged
@@ -79,6 +81,7 @@ ANSWERS: tuple[type[Answer], ...] = (
     TooSlow,
     ResetLeaves,
     StateLeavesControl,
+    KeyframeWithoutControl,
     RatesLeft,
     IkOff,
     WheelSlip,
@@ -90,6 +93,8 @@ ANSWERS: tuple[type[Answer], ...] = (
     StartsInside,
     StaticParent,
     HeldByFriction,
+    SinksIn,
+    ConstraintLags,
     # calls and files
     InputRules,
     ScriptFailed,

@@ -422,3 +422,33 @@ THROWN_M = _of(
     "Least height that the speed gives with which an overlap parts.",
     "mujoco: starts_overlapping, 0.1 m; the overlap of a body at rest gives none",
 )
+SINKS_M = _of(
+    "SINKS_M",
+    5e-3,
+    "m",
+    "Least depth at which a body stays in another.",
+    "mujoco: soft_table, 11 mm",
+)
+SINKS_STEPS = int(
+    _of(
+        "SINKS_STEPS",
+        100,
+        "1",
+        "Number of steps over which a depth or a lag is steady.",
+        "mujoco: soft_table, mocap_lags",
+    )
+)
+STEADY_SHARE = _of(
+    "STEADY_SHARE",
+    0.1,
+    "share",
+    "Largest change of a depth, a lag or a speed that is steady.",
+    "mujoco: mocap_lags",
+)
+LAG_SHARE = _of(
+    "LAG_SHARE",
+    0.25,
+    "share",
+    "Largest difference of a lag from what its time constant gives.",
+    "mujoco: mocap_lags, 1 %",
+)

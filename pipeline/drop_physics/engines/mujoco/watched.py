@@ -385,11 +385,19 @@ class MujocoDecoder:
         its.since.append((0, 0.0, its.timestep_s))
         yield self._settings(its, at)
         yield from equalities_of(its.described, its.client)
+        # What was written before later steps of the piece is held by now.
+        now, its.held = its.held, its.held if its.start is None else its.start
+        puts = {
+            made.body.number: self._put(its, made, at, counts=False)
+            for made in its.described.bodies
+            if made.free < 0
+        }
+        its.held = now
         for made in its.described.bodies:
             yield Appearance(at, made.body, there=True, came=True)
             yield Dynamics(at, made.body, reported_of(its.arrays, made))
-            if made.free < 0:
-                yield self._put(its, made, at, counts=False)
+            if made.body.number in puts:
+                yield puts[made.body.number]
 
     def _settings(self, its: MujocoSimulation, at: At) -> Settings:
         assert self._received is not None
