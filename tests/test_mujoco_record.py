@@ -134,12 +134,12 @@ def test_what_was_set_is_told_with_its_line(held: Recording) -> None:
     ]
     assert calls == [
         ("qpos", "[2]=0.5", f"driven.py:{step}", 20),
+        ("body_mass", calls[1][1], f"driven.py:{step}", 30),
         ("opt.timestep", "0.001, was 0.002", f"driven.py:{step}", 30),
-        ("body_mass", calls[2][1], f"driven.py:{step}", 30),
         ("mocap_pos", "[0]=0.3", f"driven.py:{step}", 40),
         ("mj_resetDataKeyframe", "key=0", f"driven.py:{reset}", 60),
     ]
-    assert calls[2][1].startswith("[1]=3.0 was ")
+    assert calls[1][1].startswith("[1]=3.0 was ")
     driven = [call for call in held.seen.calls if call.function == "ctrl"]
     assert [(call.at.step, call.numbers) for call in driven[:2]] == [(1, (0.1,)), (2, (0.2,))]
     assert [each.values["fixedTimeStep"] for each in held.seen.settings] == [0.002, 0.001]

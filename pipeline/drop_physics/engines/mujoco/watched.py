@@ -358,7 +358,7 @@ class MujocoDecoder:
         assert self._received is not None
         rows, puts = _Rows(), list[Event]()
         changes = list[Event]()
-        for edit in edits:
+        for edit in sorted(edits, key=lambda each: (each.step, each.name)):  # as in every run
             self._on_edit(its, edit, rows)
         if edits and its.began:
             changes += self._changed(its, edits, first - its.first)
