@@ -249,3 +249,29 @@ def test_what_cannot_be_varied_yet_is_said_and_nothing_else(
     done = drop(verb, "script.py")
     assert (done.returncode, done.stdout) == (1, "")
     assert "only PyBullet's runs can be varied so far" in done.stderr.splitlines()[-1]
+
+
+RANDOMISED = """
+import mujoco
+m = mujoco.MjModel.from_xml_string(
+    '<mujoco><worldbody><body><freejoint/><geom type="box" size=".1 .1 .1" mass="1"/></body>'
+    '</worldbody></mujoco>')
+d = mujoco.MjData(m)
+for mass in (0.5, 2.0):
+    m.body_mass[1] = mass
+    mujoco.mj_setConst(m, mujoco.MjData(m))
+    mujoco.mj_resetData(m, d)
+    mujoco.mj_step(m, d, 5)
+"""
+
+
+def test_edits_that_another_state_of_the_model_saw_count(tmp_path: Path) -> None:
+    """`mj_setConst` with data of its own is the first call to see a mass that was edited."""
+    script = tmp_path / "script.py"
+    script.write_text(RANDOMISED)
+    found = record_script(str(script), out=tmp_path / "run.rrd", stdout=2)
+    seen = read(found.recording).seen
+    masses = [(each.at.step, each.reported["mass_kg"].tolist()) for each in seen.dynamics]
+    assert masses == [(0, [0.5]), (5, [2.0])]
+    told = [call for call in seen.calls if call.function == "body_mass"]
+    assert [(call.at.step, call.numbers[1]) for call in told] == [(5, 2.0)]

@@ -9,7 +9,7 @@ import json
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,13 +69,13 @@ class Written:
     """The elements (None: all of them) that were written, and their values, by name of the part."""
 
 
-@dataclass(frozen=True)
-class Edited:
+class Edited(NamedTuple):
     """What was written into a model in place."""
 
     step: int
-    """The step of the simulation at which it was seen."""
+    """The step that is the first to see it."""
     world: int
+    """The simulation at whose step or call it was seen."""
     model: int
     name: str
     """The field, as a script writes it: `geom_friction`, `opt.timestep`."""
@@ -190,6 +190,8 @@ class Received:
         a script that integrates by itself makes no step that is seen."""
         self._constants: dict[str, dict[str, NDArray[Any]]] = {}
         self._worlds: dict[int, _World] = {}
+        self._edits: dict[int, list[Edited]] = {}
+        """All edits of each model so far."""
 
     @property
     def steps(self) -> int:
@@ -273,9 +275,11 @@ class Received:
             model.held[which] = held
         old = held[indices]
         held[indices] = new
-        world.edited.append(
-            Edited(world.step, by, number, name, indices, old, new, site, world.site)
-        )
+        edited = Edited(world.step, by, number, name, indices, old, new, site, world.site)
+        self._edits.setdefault(number, []).append(edited)
+        for other in self._worlds.values():  # whoever has seen it, it is in the model of all
+            if other.model == number:
+                other.edited.append(edited._replace(step=other.step))
 
     def _on_warned(self, payload: bytes) -> None:
         _, anew, _, number = frames.WARNED_HEAD.unpack_from(payload)
@@ -309,12 +313,14 @@ class Received:
         held = self.models[model]
         held.arrays = held.arrays or self._constants[held.digest]
         self._worlds[number] = _World(number, model, core, core_bytes)
+        self._worlds[number].edited = [each._replace(step=0) for each in self._edits.get(model, ())]
 
     def _on_model_of(self, world: int, model: int) -> Iterator[StepPiece]:
         its = self._worlds[world]
         if its.bodies:
             yield its.piece()
         its.model = model
+        its.edited = [each._replace(step=its.step) for each in self._edits.get(model, ())]
 
     def _on_site(self, number: int, **place: Any) -> None:  # noqa: ANN401
         if number != len(self.sites):

@@ -105,8 +105,6 @@ class MujocoSimulation:
     """The last step of which there is a sample."""
     warned: dict[int, EngineWarning] = field(default_factory=dict)
     """What MuJoCo warned of, by its number of the kind."""
-    edited: int = 0
-    """How many edits of its model it knows."""
     written: dict[int, Float64] = field(default_factory=dict)
     """`qpos` as it was written before steps of the piece."""
     given: dict[int, Float64] = field(default_factory=dict)
@@ -181,8 +179,9 @@ class MujocoDecoder:
         self._spool: BinaryIO | None = None
         self._received: Received | None = None
         self._simulations: dict[tuple[int, int], MujocoSimulation] = {}
-        self._edits: dict[int, list[Edited]] = {}
-        """What was edited in each model so far."""
+        self._edited: set[int] = set()
+        """The edits that were told, by the identity of their values, which are kept."""
+        self._kept: list[NDArray[Any]] = []
         self._sites: dict[tuple[Any, ...], int] = {}
         self._new_sites: list[Site] = []
         self._calls = 0
@@ -298,19 +297,14 @@ class MujocoDecoder:
         """Yield what happened in a piece, cut where the model was edited."""
         simulation = self._simulation(piece)
         self._warned(simulation, piece)
-        end = piece.first + len(piece.times_s)
-        known = self._edits.setdefault(piece.model, [])
-        late = known[simulation.edited :]  # seen at steps of other simulations of the model
+        end = _end(piece)
         cuts = sorted({each.step for each in piece.edited if piece.first < each.step < end})
         for first, last in zip([piece.first, *cuts], [*cuts, end], strict=True):
-            here = late + [
+            here = [
                 each
                 for each in piece.edited
                 if first <= each.step < last or (last == end and each.step >= end)
             ]
-            late = []
-            known += [each for each in here if each.world == piece.world]
-            simulation.edited = len(known)
             yield from self._on_steps(simulation, piece, first, last, here)
 
     def _warned(self, its: MujocoSimulation, piece: StepPiece) -> None:
@@ -337,8 +331,6 @@ class MujocoDecoder:
         assert self._folder is not None
         model = self._received.models[piece.model]
         arrays = {name: np.array(values) for name, values in model.arrays.items()}
-        for each in self._edits.get(piece.model, ()):
-            _edit(arrays, each)
         number = self.first_body + sum(len(s.described.bodies) for s in self._simulations.values())
         client = self.first_client + len(self._simulations)
         made = described(arrays, client=client, first=number, folder=self._folder)
@@ -347,7 +339,6 @@ class MujocoDecoder:
         found = MujocoSimulation(
             client, piece.model, piece.first, made, number, held, piece.first, arrays
         )
-        found.edited = len(self._edits.get(piece.model, ()))
         self._simulations[key] = found
         return found
 
@@ -362,6 +353,8 @@ class MujocoDecoder:
             self._on_edit(its, edit, rows)
         if edits and its.began:
             changes += self._changed(its, edits, first - its.first)
+        elif edits:
+            its.described = self._described(its)
         for written in piece.written:
             if first <= written.step < end or (written.step >= end and end == _end(piece)):
                 puts += self._on_written(its, piece, written, rows)
@@ -425,15 +418,17 @@ class MujocoDecoder:
         if not any(SHAPES_BODIES.match(edit.name) for edit in edits):
             return
         before = its.described
-        its.described = described(
-            its.arrays, client=its.client, first=its.number, folder=self._folder
-        )
+        its.described = self._described(its)
         for old, new in zip(before.bodies, its.described.bodies, strict=True):
             if old.body != new.body:
                 yield Appearance(at, new.body, there=True)
             was, now = (reported_of(a, b) for a, b in ((before.arrays, old), (its.arrays, new)))
             if any(not np.array_equal(was[name], now[name], equal_nan=True) for name in now):
                 yield Dynamics(at, new.body, now)
+
+    def _described(self, its: MujocoSimulation) -> DescribedModel:
+        assert self._folder is not None
+        return described(its.arrays, client=its.client, first=its.number, folder=self._folder)
 
     # -- states -----------------------------------------------------------------------------------
 
@@ -624,6 +619,10 @@ class MujocoDecoder:
         """Note that elements of the model were edited in place."""
         its.arrays = dict(its.arrays)
         _edit(its.arrays, edit)
+        if id(edit.new) in self._edited:
+            return
+        self._edited.add(id(edit.new))
+        self._kept.append(edit.new)
         new, old = edit.new.astype(np.float64), edit.old.astype(np.float64)
         names: tuple[str, ...]
         if its.arrays.get(edit.name, np.zeros(2)).size == 1:

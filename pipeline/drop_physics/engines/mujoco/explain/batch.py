@@ -137,7 +137,8 @@ class WaitingSteps:
                     m, layout, held, self.integrator, h, before, change, self._version
                 )
             ]
-        total = summed(self._terms, momentum, dense, groups, h, added)
+        after = layout.mass.times(mass[::stages], self._after[:n])
+        total = summed(self._terms, momentum, dense, groups, h, added, after)
         numbers = np.array(self.steps)
         forces = held["actuator_force"][::stages, self._read] if m.nu else np.zeros((n, 0))
         answer = ExplainedBatch(

@@ -10,6 +10,8 @@ from .constraints import FRICTION, KINDS, PUSH, Groups
 from .forces import Force
 
 OF_GROUPS = (*KINDS, PUSH, FRICTION)
+ROUNDED = 1e-4
+"""Share of a momentum that counts as an impulse: its last bits, 1e-16 of it, are 1e-12 of this."""
 
 
 class Named(NamedTuple):
@@ -86,6 +88,7 @@ def summed(
     groups: Groups | None,
     h: Any,
     added: list[Force],
+    after: Any,
 ) -> Summed:
     """Return the sum of each step.
 
@@ -101,6 +104,8 @@ def summed(
         Timestep of each step [s], shape (n,), by which forces become impulses.
     added
         What is an impulse, and no force.
+    after
+        M u', shape (n, nv): where next to nothing acts, its last bits are what is left.
     """
     n, nv = change.shape
     total = np.zeros((n, nv))
@@ -131,8 +136,9 @@ def summed(
         total += np.bincount(row * nv + groups.dofs, impulses, minlength=n * nv).reshape(n, nv)
         np.maximum.at(largest, row, np.abs(impulses))
     left = np.abs(change - total).max(axis=1, initial=0.0)
-    remainder = np.divide(left, largest, out=np.zeros(n), where=largest > 0.0)
-    remainder[(largest == 0.0) & (left > 0.0)] = np.inf
+    scale = np.maximum(largest, ROUNDED * np.abs(after).max(axis=1, initial=0.0))
+    remainder = np.divide(left, scale, out=np.zeros(n), where=scale > 0.0)
+    remainder[(scale == 0.0) & (left > 0.0)] = np.inf
     remainder[~np.isfinite(left)] = np.inf
     return _laid_out(terms, n, blocks, flat, remainder, largest)
 
