@@ -206,6 +206,21 @@ def test_keep_numbers_and_force_replaces_whatever_there_is(drop: Drop, tmp_path:
         record_script(str(tmp_path / "ball.py"), keep=True, force=True)
 
 
+def test_force_is_about_the_name_without_a_number(drop: Drop, tmp_path: Path) -> None:
+    """A recording of another script, without a step, keeps its number from one that fails."""
+    falls(tmp_path / "ball.py")
+    drop("record", "ball.py")
+    falls(tmp_path / "b/ball.py", steps=0)
+    drop("record", "b/ball.py")
+    theirs = (tmp_path / "recordings/ball-2.rrd").read_bytes()
+    (tmp_path / "ball.py").write_text(BROKEN)
+    failed = drop("record", "--force", "ball.py")
+    assert (failed.returncode, "recordings/ball-3.rrd" in failed.stderr) == (1, True)
+    assert names(tmp_path) == ["ball-2.rrd", "ball-3.rrd", "ball.rrd"]
+    assert (tmp_path / "recordings/ball-2.rrd").read_bytes() == theirs
+    assert mass_kg(drop, "recordings/ball.rrd") == "1 kg"
+
+
 def test_a_folder_that_is_not_there_is_made(drop: Drop, tmp_path: Path) -> None:
     falls(tmp_path / "ball.py")
     assert drop("record", "--out", "a/b/ball.rrd", "ball.py").returncode == 0
