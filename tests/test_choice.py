@@ -344,6 +344,27 @@ def test_a_project_says_how_far_a_golden_may_be_off(drop: Drop, tmp_path: Path) 
     assert json.loads(drop(*check, "--tolerance", "0", "--json").stdout)["tolerance_m"] == 0
 
 
+def test_a_plot_is_of_what_is_reported(
+    drop: Drop, arms: Callable[..., None], tmp_path: Path
+) -> None:
+    arms()
+
+    def plotted(*options: str) -> str:
+        drop("render", "--plot", "p.svg", "--force", *options)
+        return (tmp_path / "p.svg").read_text()
+
+    every = plotted()
+    assert "off its target" in every
+    without = plotted("--ignore", OFF)
+    assert "off its target" not in without
+    project(tmp_path, f'[tool.drop]\nignore = ["{OFF}"]\n')
+    assert "off its target" not in plotted()
+    assert "off its target" in plotted("--select", OFF)
+    project(tmp_path, "")
+    arms(**dict.fromkeys(("one", "two"), "  # drop: ignore[off-target]"))
+    assert "off its target" not in plotted()
+
+
 # -- a comment ------------------------------------------------------------------------------------
 
 

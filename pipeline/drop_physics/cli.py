@@ -174,6 +174,8 @@ def render(
     plot: given.Plot = None,
     view: given.Look = None,
     body: given.OfBody = None,
+    select: given.Select = None,
+    ignore: given.Ignore = None,
     force: given.Force = False,
     json: given.Json = False,
 ) -> None:
@@ -185,6 +187,9 @@ def render(
     from drop_physics.stages.found import recording_of
 
     recording = recording_of(run, output.note)
+    from drop_physics.stages.settings import settings
+
+    choice = settings().choice(select, ignore)
     from drop_physics.figures.playback import Animation
     from drop_physics.report.terminal import show
     from drop_physics.stages.render import render
@@ -199,6 +204,8 @@ def render(
             dark=dark,
             view=view,
             body=body,
+            choice=choice,
+            script=run,
             force=force,
             progress=report,
         )

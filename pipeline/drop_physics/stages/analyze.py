@@ -93,8 +93,7 @@ def analyze(
     progress(ANALYZING, 0, _PARTS)
     read_back = read(path)
     progress(ANALYZING, 1, _PARTS)
-    folders = [Path(), path.parent, path.parent.parent, (script or Path()).parent]
-    sources = Sources(read_back.origin_and_end.get("script_sha256"), folders)
+    sources = Sources.of(read_back, script)
     analysis = analysis_of(
         read_back,
         at_s,

@@ -27,9 +27,12 @@ from drop_physics.printable import Printable
 from drop_physics.recording.checks import damaged
 from drop_physics.recording.contents import is_script
 from drop_physics.recording.reader import Recording, read
+from drop_physics.rules.answer import Finding
+from drop_physics.rules.choice import EVERY, Choice
 from drop_physics.scenario import View
 from drop_physics.stages.film import Film, beside_film, frames_film, poses_film
 from drop_physics.stages.panels import plot_of
+from drop_physics.stages.sources import Sources
 from drop_physics.workers import Worker, cores
 
 if TYPE_CHECKING:
@@ -69,6 +72,8 @@ def render(
     dark: bool = False,
     view: View | None = None,
     body: str | None = None,
+    choice: Choice = EVERY,
+    script: Path | None = None,
     force: bool = False,
     progress: Progress = lambda *_: None,
     assistant: Worker | None = None,
@@ -95,6 +100,10 @@ def render(
         were recorded, or of a script that took none, for `standard`.
     body
         The body of a script that it looks at; None for the one that moves farthest.
+    choice
+        Which findings the plot of a script is about.
+    script
+        Where the recorded script is, if known: its comments leave findings out.
     force
         Whether existing files may be replaced; a gif and a plot under their default names are
         replaced anyway if drop made them.
@@ -128,7 +137,12 @@ def render(
         )
     gif, plotted = _targets(path, out, plot, animation, force=force)
     held = read(path)
-    analysis = _analysis_of(held, whole=animation.caption or animation.with_plot)
+    sources = Sources.of(held, script)
+    analysis = _analysis_of(
+        held,
+        whole=animation.caption or animation.with_plot,
+        reports=lambda finding: choice.reports(finding, sources.ignored_at(finding.site)),
+    )
     shown = plot_of(analysis)
     with ExitStack() as running:
         made = _film(
@@ -190,12 +204,14 @@ def _targets(
     return gif, plotted
 
 
-def _analysis_of(held: Recording, *, whole: bool) -> Analysis | FallAnalysis:
+def _analysis_of(
+    held: Recording, *, whole: bool, reports: Callable[[Finding], bool]
+) -> Analysis | FallAnalysis:
     """Return the analysis; `whole`: whether the table has all samples of a long drop too."""
     if held.drop is not None:
         case, samples = case_seen(held.scenario, held.engine, held.seen)
         return fall_of(case, samples, whole=whole or case.samples <= MOST_ROWS).analysis
-    return told.Story(held.seen, held.origin_and_end).analysis()
+    return told.Story(held.seen, held.origin_and_end, reports=reports).analysis()
 
 
 def _hiring(running: ExitStack, assistant: Worker | None) -> Callable[[int], list[Worker]]:

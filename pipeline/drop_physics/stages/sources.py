@@ -13,6 +13,8 @@ import tokenize
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+from drop_physics.recording.reader import Recording
+
 COMMENT = re.compile(r"#\s*drop:\s*ignore\[([^\]]*)\]")
 
 Lines = Mapping[int, frozenset[str]]
@@ -33,6 +35,13 @@ class Sources:
     def __init__(self, digest: str | None, folders: Sequence[Path]) -> None:
         self._digest, self._folders = digest, folders
         self._lines: dict[str, Lines] = {}
+
+    @classmethod
+    def of(cls, held: Recording, script: Path | None) -> Sources:
+        """Return those of a recording; `script` is where the script is, if that is known."""
+        path = held.path
+        folders = [Path(), path.parent, path.parent.parent, (script or Path()).parent]
+        return cls(held.origin_and_end.get("script_sha256"), folders)
 
     def files(self, names: Iterable[str]) -> dict[str, Path]:
         """Return those of some files, named as in sites, that are found, by name."""
