@@ -48,8 +48,9 @@ def _(worst: Worst) -> Said:
 def _off_target(bodies: BodyColumns) -> NDArray[np.bool_]:
     """Return in which steps motors have something to do, and force to do it."""
     off = np.zeros(len(bodies.step), np.bool_)
-    for joints in map(JointColumns, bodies.scene.driven()):
-        if joints.steps.whole is bodies.of:
+    for driven in bodies.scene.driven():
+        if driven.steps.whole is bodies.of:
+            joints = JointColumns(bodies.scene, driven)
             far = np.abs(joints.after - joints.target) > joints.at_target
             free = ~joints.at_limit & (joints.limit > 0) & (joints.kp > 0)
             off[joints.steps.rows] |= (far & free).any(axis=1)

@@ -18,6 +18,7 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
     joint_damping,
     memory,
     mimic_ignored,
+    momentum_drift,
     motors,
     not_taken,
     overwritten,
@@ -29,6 +30,7 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
     tunnelled,
     turned_around,
     warned,
+    wheel_slip,
 )
 from drop_physics.rules.answer import Answer, Finding
 from drop_physics.rules.collides_as_hull import CollidesAsHull
@@ -45,7 +47,6 @@ from drop_physics.rules.input_rule import InputRules
 from drop_physics.rules.joined import Joined
 from drop_physics.rules.keyframe import KeyframeWithoutControl
 from drop_physics.rules.massless import Massless
-from drop_physics.rules.momentum_drift import MomentumDrift
 from drop_physics.rules.no_contact import NoContact
 from drop_physics.rules.no_gravity import NoGravity
 from drop_physics.rules.no_inertial import NoInertial
@@ -69,7 +70,6 @@ from drop_physics.rules.timestep_changed import TimestepChanged
 from drop_physics.rules.too_slow import TooSlow
 from drop_physics.rules.unseeded import Unseeded
 from drop_physics.rules.unstable import Unstable
-from drop_physics.rules.wheel_slip import WheelSlip
 from drop_physics.trace.history import Seen
 
 ANSWERS: tuple[type[Answer], ...] = (
@@ -84,7 +84,6 @@ ANSWERS: tuple[type[Answer], ...] = (
     KeyframeWithoutControl,
     RatesLeft,
     IkOff,
-    WheelSlip,
     # contacts
     NoRestitution,
     CollidesAsHull,
@@ -116,7 +115,6 @@ ANSWERS: tuple[type[Answer], ...] = (
     Teleported,
     RestoreDiffers,
     # the whole
-    MomentumDrift,
     NotFinite,
     Unstable,
 )

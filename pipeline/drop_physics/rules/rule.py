@@ -154,7 +154,7 @@ class Worst:
     last: int
 
     def __init__(self, scene: Scene, noted: Runs, **about: object) -> None:
-        self.scene = scene
+        self.scene, self.noted = scene, noted
         self.__dict__ |= {name: each[:1].tolist()[0] for name, (_, each) in noted.columns.items()}
         self.subject: Body = scene.body(int(noted.keys[0, 0]))
         self.body = self.subject.label
@@ -323,11 +323,11 @@ class TableRules(Answer):
         if len(runs):
             self._ended[place] = runs.greatest(self._sizes(place, runs))
 
+    @np.errstate(all="ignore")
     def _sizes(self, place: int, runs: Runs) -> Float64:
         rule = self._rules[place]
         return np.where(runs.count < rule.least_count, 0.0, rule.sizes(runs, self.scene))
 
-    @np.errstate(all="ignore")
     def findings(self) -> Iterator[Finding]:
         """Yield what each rule says: of each robot its worst joint, of all else each."""
         for place, rule in enumerate(self._rules):
@@ -336,16 +336,18 @@ class TableRules(Answer):
             runs = self._ended[place]
             if runs is None:
                 continue
-            runs = runs.at(self._sizes(place, runs) > 0)
+            sizes = self._sizes(place, runs)
+            runs, sizes = runs.at(sizes > 0), sizes[sizes > 0]
             subjects = runs.keys[:, : 1 if rule.table == "joints" else rule.subject]
             for subject in np.unique(subjects, axis=0):
-                mine = runs.at((subjects == subject).all(axis=1))
-                sizes = self._sizes(place, mine)
-                worst = mine.at(np.lexsort((-mine.count, -sizes))[:1])
+                its = np.flatnonzero((subjects == subject).all(axis=1))
+                mine = runs.at(its)
+                worst = mine.at(np.lexsort((-mine.count, -sizes[its]))[:1])
                 finding = self._finding(rule, worst, len(np.unique(mine.keys[:, :2], axis=0)))
                 if finding is not None:
                     yield finding
 
+    @np.errstate(all="ignore")
     def _finding(self, rule: Rule, worst: Runs, among: int) -> Finding | None:
         keys, about, site = worst.keys[0].tolist(), dict[str, Any](), None
         subject = keys[: rule.subject]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
 from typing import Any, Literal, Protocol, get_args
 
@@ -48,8 +48,7 @@ def tables(name: TableName, scene: Scene) -> Iterator[RuleTable]:
     """Yield the tables of a kind of the latest piece."""
     touching = len(scene.touches.pairs.starts) > 0
     if name == "joints":
-        for driven in scene.driven():
-            yield JointColumns(driven, scene.settings(driven.body.client))
+        yield from (JointColumns(scene, each) for each in scene.driven())
     elif name == "bodies":
         yield from (BodyColumns(scene, *each) for each in scene.batches if len(each[0].whole))
     elif name == "sides" and touching:
@@ -68,10 +67,9 @@ class JointColumns:
     What `Driven` and what calls asked for hold, by name, and some that rules share.
     """
 
-    def __init__(
-        self, driven: Driven, settings: Mapping[str, float | Sequence[float]] | None = None
-    ) -> None:
-        self.driven, self.asked, self._settings = driven, driven.asked, settings or {}
+    def __init__(self, scene: Scene, driven: Driven) -> None:
+        self.scene, self.driven, self.asked = scene, driven, driven.asked
+        self._settings = scene.settings(driven.body.client)
         law, shape = driven.steps.law, driven.asked.target.shape
         self.step, self.noted = driven.steps.steps, {"site": self.asked.site}
         self.keys = np.full((shape[0], 1), driven.body.number)

@@ -328,6 +328,50 @@ NO_TERM = _of(
 FOLLOWS = _of(
     "FOLLOWS", 0.01, "share", "Least gap of a joint that does not follow, over its range.", "mimic"
 )
+DRIFTS = _of("DRIFTS", 0.02, "share", "Least drift over the largest momentum.", "momentum")
+OF_ALL_MOVED = _of(
+    "OF_ALL_MOVED",
+    0.1,
+    "share",
+    "Least momentum over what its parts have; where these cancel, what is left is small.",
+    "momentum",
+)
+FREE_STEPS = _of(
+    "FREE_STEPS", 11, "1", "Least number of steps in a row in which nothing acts.", "momentum"
+)
+WHEEL_SLIPS = _of(
+    "WHEEL_SLIPS", 0.05, "share", "Least share of what wheels roll that slips.", "racecar"
+)
+WHEEL_TURN_RAD = _of(
+    "WHEEL_TURN_RAD", 6.283185307179586, "rad", "What does not go round once is no wheel.", "car"
+)
+WHEEL_LYING = _of(
+    "WHEEL_LYING",
+    0.5,
+    "1",
+    "Largest cosine of the angle between axis and ground's normal; above, it is a brush.",
+    "wheels",
+)
+WHEEL_AT_LIMIT = _of(
+    "WHEEL_AT_LIMIT", 0.95, "share", "Least share of μN of friction at its limit.", "racecar"
+)
+WHEEL_ALIKE = _of(
+    "WHEEL_ALIKE", 0.95, "1", "Least cosine between normals of the same ground.", "a caster"
+)
+WHEEL_HELD = _of(
+    "WHEEL_HELD",
+    0.1,
+    "share",
+    "Least share of the friction available to the wheels with which something else holds a robot.",
+    "wheels",
+)
+WHEEL_SIDEWAYS = _of(
+    "WHEEL_SIDEWAYS",
+    0.2,
+    "share",
+    "Least share of the slip that goes across a wheel that the robot's turn drags.",
+    "skid_turn",
+)
 MINOR = _of(
     "MINOR",
     0.1,
@@ -370,13 +414,6 @@ DOUBLES = _of(
     "Least factor from turn to turn of a joint that no law is known of.",
     "mujoco: own_pd_explodes; random actions do not double and double again",
 )
-CREEPS_M_S = _of(
-    "CREEPS_M_S",
-    0.02,
-    "m/s",
-    "Highest speed of what creeps: faster, it slides or settles.",
-    "mujoco: grasp_creeps, 4 mm/s",
-)
 HOPS_STEPS = _of(
     "HOPS_STEPS",
     50,
@@ -397,9 +434,6 @@ SLIDES_SHARE = _of(
     "share",
     "What slips less at the contact than its centre moves rolls or tumbles.",
     "a ball on a slope",
-)
-SLIPS_M = _of(
-    "SLIPS_M", 1e-3, "m", "Least way of what slides or creeps.", "mujoco: grasp_creeps, 18 mm"
 )
 STRAIGHT = _of(
     "STRAIGHT",

@@ -2,187 +2,139 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Iterator
-from dataclasses import dataclass, field
-
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.contact_points import Points
-from drop_physics.explain.joints import Driven
 from drop_physics.explain.steps import Steps
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.tree import BASE, Tree
-from drop_physics.rules.answer import Answer, Effect, Finding, Scene, Span
+from drop_physics.rules.answer import Effect, Scene
+from drop_physics.rules.rule import Match, Said, Worst, joint_rule
+from drop_physics.rules.runs import Runs
+from drop_physics.rules.tables import JointColumns
+from drop_physics.rules.thresholds import (
+    WHEEL_ALIKE,
+    WHEEL_AT_LIMIT,
+    WHEEL_HELD,
+    WHEEL_LYING,
+    WHEEL_SIDEWAYS,
+    WHEEL_SLIPS,
+    WHEEL_TURN_RAD,
+)
 from drop_physics.trace.motors import VELOCITY
 
 Float64 = NDArray[np.float64]
 Rows = NDArray[np.intp]
 Flags = NDArray[np.bool_]
 
-LEAST = 0.05
-"""Share of what it rolls."""
-TURN_RAD = 2 * np.pi
-"""What does not go round once is no wheel."""
-LYING = 0.5
-"""Cosine of the angle between axis and ground's normal: above, it is a brush."""
-AT_LIMIT = ALIKE = 0.95
-HELD = 0.1
-"""Share of the friction available to the wheels: with more, something else holds the robot."""
-SIDEWAYS = 0.2
-"""Share of the slip: with more, it is dragged across by the robot's turn."""
+SUMS = ("rolled", "slipped", "limited", "across", "available", "normal", "seconds")
+"""What a wheel rolls, what of it slips, the same where friction is at its limit, what it slips
+across [m]; friction available, normal impulse [N s]; time [s]."""
 
 
-@dataclass
-class Wheel:
-    """A joint in the steps in which it rolls on what cannot move."""
-
-    ground: int
-    first: int
-    last: int = 0
-    count: int = 0
-    low_rad: float = np.inf
-    high_rad: float = -np.inf
-    turned_rad: float = 0.0
-    """There, and in all steps in which it is driven: it may leave the ground in between."""
-    turned_in_all_rad: float = 0.0
-    sums: Float64 = field(default_factory=lambda: np.zeros(7))
-    """What it rolls, what of it slips, the same where friction is at its limit, what it slips
-    across [m]; friction available, normal impulse [N s]; time [s]."""
-
-    @property
-    def turns(self) -> bool:
-        """Whether it goes round."""
-        return self.high_rad - self.low_rad > TURN_RAD
-
-    @property
-    def in_all(self) -> Float64:
-        """The sums, with what it rolls in all steps in which it is driven.
-
-        One that touches only where it starts and brakes slips little of its way.
-        """
-        return self.sums * [self.turned_in_all_rad / self.turned_rad, *[1] * 6]
-
-    @property
-    def share(self) -> float:
-        """Of what it rolls, that which slips."""
-        return share_of(self.sums)
-
-
-class WheelSlip(Answer):
+@joint_rule("wheel-slip", "asked")
+def wheel_slip(joints: JointColumns) -> Match | None:
     """At the contact point: what the joint alone moves it by, against how it moves."""
+    steps, number = joints.steps, joints.body.number
+    drives = (joints.mode == VELOCITY) & (joints.impulse > 0)
+    if not steps.terms or steps.law.tree.fixed or not drives.any():
+        return None
+    sums, ground = np.zeros((*drives.shape, len(SUMS))), np.full(drives.shape, -1)
+    held = np.zeros(drives.shape, np.bool_)
+    points = joints.scene.touches.pairs.points
+    its = np.flatnonzero(
+        (points.body == number).any(axis=1)
+        & (points.normal_n > 0)
+        & ~points.moves.all(axis=1)
+        & points.explained.all(axis=1)
+        & np.isin(points.step, steps.steps)
+    )
+    if len(its):
+        rolling = Rolling(steps, points, its, number)
+        row, rate = rolling.row, rolling.rate
+        every = np.column_stack([drives, np.zeros(len(drives), np.bool_)])
+        wheel = every[row, rate] & (np.abs(rolling.lying) < WHEEL_LYING)
+        holds = rolling.held(wheel)[row]
+        held[row[wheel & holds], rate[wheel & holds]] = True
+        for k in np.unique(rate[wheel & ~holds]).tolist():
+            rows = np.flatnonzero(wheel & ~holds & (rate == k))
+            ends, which = np.unique(row[rows], return_inverse=True)
+            sums[ends, k], ground[row[rows], k] = rolling.sums(rows, which), rolling.ground[rows]
+    rolls = ground >= 0
+    turned_rad = np.abs(joints.rate) * steps.reported.timestep_s[:, None]
+    return Match(
+        drives,
+        sums[:, :, 1],
+        {"site": np.full(drives.shape, np.nan)},
+        sums={
+            **{name: sums[:, :, k] for k, name in enumerate(SUMS)},
+            "turned": turned_rad * rolls,
+            "turned_in_all": turned_rad,
+            "held": held.astype(float),
+        },
+        most={
+            "ground": ground,
+            "high": np.where(rolls, joints.after, -np.inf),
+            "low": np.where(rolls, -joints.after, -np.inf),
+        },
+        counts=rolls.astype(np.int64),
+    )
 
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self._wheels: dict[tuple[int, int], Wheel] = {}
-        """By body and joint."""
-        self._steps: dict[int, NDArray[np.int64]] = {}
-        """By body, in which something else holds it, and the others."""
-        self._turned_rad: defaultdict[int, Float64 | float] = defaultdict(float)
-        """By body, how far its joints turn in steps in which they are driven."""
 
-    def see(self) -> None:
-        """Take a piece."""
-        for driven in self.scene.driven():
-            drives = (driven.asked.mode == VELOCITY) & (driven.asked.impulse > 0)
-            if driven.steps.terms and not driven.steps.law.tree.fixed and drives.any():
-                turned_rad = driven.steps.reported.timestep_s @ np.abs(driven.rate * drives)
-                self._turned_rad[driven.body.number] += turned_rad
-                self._see(driven, drives)
-
-    def _see(self, driven: Driven, drives: Flags) -> None:
-        """Take steps of a robot whose base can move."""
-        points, number = self.scene.touches.pairs.points, driven.body.number
-        its = np.flatnonzero(
-            (points.body == number).any(axis=1)
-            & (points.normal_n > 0)
-            & ~points.moves.all(axis=1)
-            & points.explained.all(axis=1)
-            & np.isin(points.step, driven.steps.steps)
+@wheel_slip.counts
+def _(runs: Runs, _: Scene) -> Float64:
+    turns = runs.high + runs.low > WHEEL_TURN_RAD
+    # One that touches only where it starts and brakes slips little of its way.
+    in_all = runs.rolled * runs.turned_in_all / runs.turned
+    robot = np.unique(runs.keys[:, 0], return_inverse=True)[1]
+    # Of one that slips forwards and one that slips backwards, the robot loses nothing.
+    rolled, slipped, limited, free, held = (
+        np.float64(1.0) * np.bincount(robot, each)[robot]
+        for each in (
+            *(np.where(turns, each, 0.0) for each in (in_all, runs.slipped, runs.limited)),
+            runs.count.astype(float),
+            runs.held,
         )
-        if not len(its):
-            return
-        rolling = Rolling(driven.steps, points, its, number)
-        drives = np.column_stack([drives, np.zeros(len(drives), np.bool_)])
-        wheel = drives[rolling.row, rolling.rate] & (np.abs(rolling.lying) < LYING)
-        held = rolling.held(wheel)[rolling.row]
-        steps = self._steps.setdefault(number, np.zeros(2, np.int64))
-        steps += [len(np.unique(rolling.row[wheel & each])) for each in (held, ~held)]
-        wheel &= ~held
-        for k in np.unique(rolling.rate[wheel]).tolist():
-            self._add(driven, k, rolling, np.flatnonzero(wheel & (rolling.rate == k)))
+    )
+    loses = turns & (held < free) & (_share(rolled, slipped, limited) > WHEEL_SLIPS)
+    return np.where(loses, _share(runs.rolled, runs.slipped, runs.limited), 0.0)
 
-    def _add(self, driven: Driven, k: int, rolling: Rolling, rows: Rows) -> None:
-        ends, which = np.unique(rolling.row[rows], return_inverse=True)
-        steps, angle = driven.steps.steps[ends], driven.after[ends, k]
-        key = driven.body.number, k
-        wheel = self._wheels.setdefault(key, Wheel(int(rolling.ground[rows[0]]), int(steps[0])))
-        wheel.turned_rad += float(
-            driven.steps.reported.timestep_s[ends] @ np.abs(driven.rate[ends, k])
+
+@wheel_slip.says
+def _(worst: Worst) -> Said:
+    scene, seconds = worst.scene, worst.seconds
+    ground, slipped = scene.body(worst.ground), abs(worst.slipped)
+    message = Message(
+        "{joint} spins at {rolls:.3g} m/s (rim) on {ground} but travels at {goes:.3g} m/s: "
+        "friction is at its limit (coefficient {friction:.3g}, the product of both)"
+    )
+    turns = worst.across > WHEEL_SIDEWAYS * slipped
+    if turns:
+        message = Message(
+            "{joint} spins at {rolls:.3g} m/s (rim) on {ground} but travels at {goes:.3g} m/s: "
+            "the robot's turn drags it sideways, too, with friction at its limit (coefficient "
+            "{friction:.3g}, the product of both)"
         )
-        wheel.last, wheel.count = int(steps[-1]), wheel.count + len(steps)
-        wheel.low_rad = min(wheel.low_rad, float(angle.min()))
-        wheel.high_rad = max(wheel.high_rad, float(angle.max()))
-        wheel.sums += rolling.sums(rows, which)
-
-    def findings(self) -> Iterator[Finding]:
-        """Yield a line per robot, of its worst wheel."""
-        for number, (held, free) in self._steps.items():
-            its = {
-                k: each for (body, k), each in self._wheels.items() if body == number and each.turns
-            }
-            for k, each in its.items():
-                each.turned_in_all_rad = float(np.ravel(self._turned_rad[number])[k])
-            # Of one that slips forwards and one that slips backwards, the robot loses nothing.
-            whole = np.sum([each.in_all for each in its.values()], axis=0) if its else np.zeros(7)
-            if held < free and share_of(whole) > LEAST:
-                k = max(its, key=lambda k: its[k].share)
-                yield self._finding(number, k, its[k])
-
-    def _finding(self, number: int, k: int, wheel: Wheel) -> Finding:
-        body, ground = self.scene.body(number), self.scene.body(wheel.ground)
-        rolled, slipped, _, across, available, normal, seconds = wheel.sums.tolist()
-        joint = self.scene.joints.rows(number)[k].name
-        values = {
-            "joint": joint,
-            "rolls": rolled / seconds,
+    advice = Message(
+        "p.changeDynamics(…, lateralFriction=…) of the wheels or the ground, or "
+        "change the wheels' speed more slowly"
+    )
+    return Said(
+        message=message,
+        values={
             "ground": ground.label,
-            "goes": (rolled - slipped) / seconds,
-            "friction": available / normal,
-        }
-        turns = across > SIDEWAYS * abs(slipped)
-        if turns:
-            message = Message(
-                "{joint} spins at {rolls:.3g} m/s (rim) on {ground} but travels at {goes:.3g} m/s: "
-                "the robot's turn drags it sideways, too, with friction at its limit (coefficient "
-                "{friction:.3g}, the product of both)",
-                **values,
-            )
-        else:
-            message = Message(
-                "{joint} spins at {rolls:.3g} m/s (rim) on {ground} but travels at {goes:.3g} m/s: "
-                "friction is at its limit (coefficient {friction:.3g}, the product of both)",
-                **values,
-            )
-        advice = Message(
-            "p.changeDynamics(…, lateralFriction=…) of the wheels or the ground, or "
-            "change the wheels' speed more slowly"
-        )
-        return Finding(
-            code="wheel-slip",
-            level="asked",
-            message=message,
-            advice=None if turns else advice,
-            body=body.label,
-            joint=joint,
-            other=ground.label,
-            effect=Effect(abs(slipped), "m"),
-            share=wheel.share,
-            steps=Span(wheel.first, wheel.last, wheel.count),
-            site=self.scene.asked.of["lateralFriction"].site(number, wheel.ground),
-        )
+            "rolls": worst.rolled / seconds,
+            "goes": (worst.rolled - worst.slipped) / seconds,
+            "friction": worst.available / worst.normal,
+        },
+        advice=None if turns else advice,
+        other=ground.label,
+        effect=Effect(slipped, "m"),
+        share=slipped / abs(worst.rolled),
+        site=scene.asked.of["lateralFriction"].site(worst.subject.number, ground.number),
+    )
 
 
 class Rolling:
@@ -225,16 +177,16 @@ class Rolling:
         normal = _summed(self._normal[wheel] * self._normal_n[wheel, None], self.row[wheel], n)
         normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-12)[:, None]
         # A caster without a joint that drags on the same ground does not hold it.
-        alike = np.einsum("ki,ki->k", self._normal, normal[self.row]) > ALIKE
+        alike = np.einsum("ki,ki->k", self._normal, normal[self.row]) > WHEEL_ALIKE
         own = wheel | (alike & (self.rate == steps.law.tree.joint_rates))
         others = outside / timestep_s - _summed(self._tangential_n[own], self.row[own], n)
         others = others - np.einsum("ni,ni->n", others, normal)[:, None] * normal
         most = (self._friction * self._normal_n)[wheel, None]
         available = _summed(most, self.row[wheel], n)[:, 0]
-        return np.asarray(np.linalg.norm(others, axis=1) > HELD * available)
+        return np.asarray(np.linalg.norm(others, axis=1) > WHEEL_HELD * available)
 
     def sums(self, rows: Rows, which: Rows) -> Float64:
-        """Return the sums of a `Wheel` over its contact points; `which` is the step of each."""
+        """Return the numbers of SUMS in each step of a wheel; `which` is that of each point."""
         n = int(which[-1]) + 1
         normal_n = self._normal_n[rows]
         forward, line = self._forward_m[rows], self._normal[rows]
@@ -251,16 +203,16 @@ class Rolling:
         rolled, slipped, across = means.T / normal
         available = np.bincount(which, normal_n * self._friction[rows], n)
         used = np.linalg.norm(_summed(self._tangential_n[rows], which, n), axis=1)
-        limited = slipped * (used > AT_LIMIT * available)
+        limited = slipped * (used > WHEEL_AT_LIMIT * available)
         timestep_s = self._timestep_s[rows][np.searchsorted(which, np.arange(n))]
         numbers = [rolled, slipped, limited, across, available, normal, np.ones(n)]
-        return np.asarray(timestep_s @ np.column_stack(numbers))
+        return np.column_stack(numbers) * timestep_s[:, None]
 
 
-def share_of(sums: Float64) -> float:
+def _share(rolled: Float64, slipped: Float64, limited: Float64) -> Float64:
     """Return what of a way slips; 0 where that is not due to friction at its limit."""
-    rolled, slipped, at_limit = np.abs(sums[:3])
-    return float(slipped / rolled) if at_limit > 0.5 * slipped else 0.0
+    slipped = np.abs(slipped)
+    return np.where(np.abs(limited) > 0.5 * slipped, slipped / np.abs(rolled), 0.0)
 
 
 def _joint(tree: Tree, link: int) -> int:
