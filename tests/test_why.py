@@ -192,7 +192,8 @@ def test_what_reaches_outside_is_not_run_again_unasked(
 
 
 def test_what_is_asked_with_try_is_tried_and_nothing_else(tmp_path: Path) -> None:
-    result = proved(tmp_path, HELD, tries=["damping", "constraint-force=40"])
+    result = proved(tmp_path, HELD, tries=["damping", "constraint-force=40"], duration_s=0.24)
+    assert result.ended == "duration"
     weak = found(result, "weak-constraint")
     verdicts = {each.intervention.name: each.verdict for each in weak.tried}
     assert verdicts == {"damping": "refuted", "constraint-force": "cured"}

@@ -283,7 +283,9 @@ def why(
     except BaseException:  # Ctrl-C, too: half a trial is none
         forget_trials(recorded.recording)
         raise
-    result = _why(target, base.path, own, work, done, chosen, summed, time.monotonic() - began)
+    result = _why(
+        target, base.path, recorded.ended, own, work, done, chosen, summed, time.monotonic() - began
+    )
     _keep(folder, result, base.recording_id)
     return result
 
@@ -320,6 +322,7 @@ def _about(findings: Sequence[Finding], about: str | None) -> list[int]:
 def _why(
     target: str,
     recording: Path,
+    ended: str,
     own: Outcome,
     work: RunTrial,
     done: dict[int, TrialRun],
@@ -370,7 +373,7 @@ def _why(
     return Why(
         target,
         recording,
-        own.ended,
+        ended,
         own.steps,
         runs,
         seconds,
@@ -406,6 +409,7 @@ def _own(base: Recording, findings: Sequence[Finding]) -> Outcome:
 
     steps = sum(samples - 1 for samples in base.seen.samples.values())
     ended = str((base.ended or {}).get("ended"))
+    ended = "steps" if ended in STOPPED else ended  # trials are stopped by their steps
     return Outcome(True, ended, "", steps, [*findings], Apart([], {}))
 
 
