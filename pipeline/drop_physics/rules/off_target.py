@@ -22,7 +22,7 @@ SMALL = 0.05
 """A positionGain below that is small: PyBullet's own is 0.1."""
 LAWFUL = 0.1
 """A gap that differs by less than this share from what the motor's law leaves is the law's."""
-OFTEN = 0.05
+OFTEN = 0.1
 """Of its steps, in which a motor is at its limit: less often it is no cause."""
 GIVE_MORE = Message("give it more force, or each target more steps")
 
