@@ -43,11 +43,9 @@ def test_thresholds_messages_and_cure_are_those_of_the_rule() -> None:
     limits = {each.name: each.value for each in made.thresholds}
     assert limits["BEYOND_RANGE"] == BEYOND_RANGE
     assert "CROSSINGS" not in limits
-    (said,) = made.says
-    assert said.endswith("PyBullet takes the limit as the target")
-    (advice,) = made.advises
-    assert "jointLowerLimit" in advice
-    assert not any(PLACEHOLDER.search(text) for text in (said, advice))
+    assert any(each.endswith("PyBullet takes the limit as the target") for each in made.says)
+    assert any("jointLowerLimit" in each for each in made.advises)
+    assert not any(PLACEHOLDER.search(text) for text in (*made.says, *made.advises))
     apart, weak = (references()[code] for code in ("constraint-apart", "weak-constraint"))
     assert not {*apart.says} & {*weak.says}
 
