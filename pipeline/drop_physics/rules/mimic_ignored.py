@@ -53,6 +53,7 @@ def mimic_ignored(joints: JointColumns) -> Match | None:
         },
         firsts={"began": column(began)},
         lasts={"now": column(np.abs(apart)), "extent": column(extent + 0.0 * apart)},
+        counts=(column(np.abs(apart)) > FOLLOWS * column(extent + 0.0 * apart)).astype(np.int64),
     )
 
 
