@@ -35,7 +35,8 @@ html_search_language = "en-ja"
 _MENU = {
     "Guides": [
         "docs/install", "docs/walkthrough", "docs/record", "docs/why", "docs/mujoco", "docs/prove",
-        "docs/drop", "docs/engines", "docs/viewing", "docs/scale", "docs/ci", "docs/catalog", "docs/pipeline",
+        "docs/drop", "docs/engines", "docs/viewing", "docs/scale", "docs/ci", "docs/catalog",
+        "docs/pipeline",
     ],
     "日本語": ["はじめに <README.ja>", "docs/walkthrough.ja", "docs/drop.ja"],
     "Reference": ["docs/commands", "docs/recording", "docs/json", "recordings/README"],

@@ -41,7 +41,7 @@ from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.laws.bullet.tree import BulletTree, Reported
 from drop_physics.physics.rotations import products, rotate, rotate_inverse
 from drop_physics.physics.tree import States
-from drop_physics.trace.events import REPLAYS, Body, Cause, Impulses, Settings
+from drop_physics.trace.events import REPLAYS, Body, ImpulseCause, Impulses, Settings
 from drop_physics.trace.history import Piece, Seen
 from drop_physics.trace.states import by_body
 
@@ -65,7 +65,7 @@ SEGMENT_OF = (
 """What a step is where a cause whose name begins so acts; the last that does counts."""
 
 
-def cause_name(cause: Cause) -> str:
+def cause_name(cause: ImpulseCause) -> str:
     """Return what a term is called that a cause is part of."""
     return f"{cause.kind} {cause.name}" if cause.kind in NAMED else cause.kind
 
@@ -85,7 +85,7 @@ class Replayed:
             number: Epochs(record, self._settings[record.body.client], None, laws)
             for number, record in self._records.items()
         }
-        self._causes: dict[int, list[Cause]] = {}
+        self._causes: dict[int, list[ImpulseCause]] = {}
         for cause in seen.causes.values():
             self._causes.setdefault(cause.body, []).append(cause)
         self._lasts: dict[int, Chain] = {}
@@ -219,7 +219,7 @@ def _of_body(whole: Steps, body: Body, asked: Commanded, changes: Changes) -> Bo
 class _Acted:
     """What acted in the steps of a piece of one simulation."""
 
-    def __init__(self, parts: Sequence[Impulses], causes: Mapping[int, Cause]) -> None:
+    def __init__(self, parts: Sequence[Impulses], causes: Mapping[int, ImpulseCause]) -> None:
         self._causes = causes
         self.steps, self._status, counts, self._numbers, self._values = (
             np.concatenate([getattr(each, name) for each in parts])
@@ -233,7 +233,7 @@ class _Acted:
         begin = np.cumsum(wide) - wide
         order = np.argsort(self._numbers, kind="stable")
         bounds = np.flatnonzero(np.diff(self._numbers[order], prepend=-1, append=-2))
-        self._of: dict[int, list[tuple[Cause, Int64, Int64]]] = {}
+        self._of: dict[int, list[tuple[ImpulseCause, Int64, Int64]]] = {}
         """By body, each cause with the rows of its steps and where its values begin."""
         for a, b in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
             its = order[a:b]

@@ -39,9 +39,9 @@ from drop_physics.scenario import Camera, Scenario
 from drop_physics.trace.events import (
     Appearance,
     At,
-    Cause,
     EngineWarning,
     Equality,
+    ImpulseCause,
     Joint,
     PairFriction,
     Raised,
@@ -280,7 +280,7 @@ def _seen(told: Told, sampled: RecordedSamples, closing: Properties) -> Seen:
         real_time=bool(closing.get("made_with_real_time", False)),
         unseeded=tuple(listed(closing.get("made_with_unseeded"))),
         machine=str(closing.get("made_with_machine", "")),
-        causes={each.number: each for each in saying.events(told, schema.CAUSES, Cause)},
+        causes={each.number: each for each in saying.events(told, schema.CAUSES, ImpulseCause)},
         frictions={
             (each.body_a, each.link_a, each.body_b, each.link_b): each.friction for each in pairs
         },

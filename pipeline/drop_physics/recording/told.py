@@ -21,10 +21,10 @@ from drop_physics.trace.events import (
     Appearance,
     At,
     Body,
-    Cause,
     Dynamics,
     EngineWarning,
     Equality,
+    ImpulseCause,
     PairFriction,
     Put,
     Raised,
@@ -51,7 +51,7 @@ Event = (
     | Solver
     | Reading
     | Put
-    | Cause
+    | ImpulseCause
     | PairFriction
     | EngineWarning
     | Equality
@@ -85,7 +85,7 @@ def row_of(event: Event) -> tuple[str, At, Values]:
             held = {each.name: getattr(event, each.name) for each in fields(event)}
             del held["at"]
             return schema.SOLVER, at, held
-        case Cause() | PairFriction() | EngineWarning() | Equality():
+        case ImpulseCause() | PairFriction() | EngineWarning() | Equality():
             return BARE[type(event)], event.at, _bare(event)
         case Reading():  # at no time of its own, as a site
             return schema.READINGS, At(0, 0.0, event.number), asdict(event)
@@ -96,7 +96,7 @@ def row_of(event: Event) -> tuple[str, At, Values]:
 
 
 BARE: Mapping[type[Any], str] = {
-    Cause: schema.CAUSES,
+    ImpulseCause: schema.CAUSES,
     PairFriction: schema.PAIRS,
     EngineWarning: schema.WARNINGS,
     Equality: schema.EQUALITIES,
@@ -104,7 +104,7 @@ BARE: Mapping[type[Any], str] = {
 """The entities of events whose rows are all that they hold."""
 
 
-def _bare(event: Cause | PairFriction | EngineWarning | Equality) -> Values:
+def _bare(event: ImpulseCause | PairFriction | EngineWarning | Equality) -> Values:
     """Return an event's values but for its moment."""
     held = asdict(event)
     del held["at"]

@@ -16,7 +16,7 @@ from drop_physics.report.words import SCRIPT
 from drop_physics.trace.events import ENDED
 
 if TYPE_CHECKING:
-    from drop_physics.stages.record import Recorded, Replay
+    from drop_physics.stages.record import Recorded, ReplayedSteps
 
 RECORDED, NEXT = Message("recorded"), Message("next")
 
@@ -96,7 +96,7 @@ def report_of(recorded: Recorded) -> Report:
     return Report(sections=[Section([files])])
 
 
-def _replayed(replay: Replay) -> Message:
+def _replayed(replay: ReplayedSteps) -> Message:
     """Say what became of the steps of MuJoCo."""
     if replay.replayed and replay.explained == replay.replayed:
         return Message(

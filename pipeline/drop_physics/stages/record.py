@@ -52,7 +52,7 @@ CANNOT_LOAD = "pybullet.error: Cannot load"
 
 
 @dataclass(frozen=True)
-class Replay:
+class ReplayedSteps:
     """What became of steps that were taken again, in the script's interpreter."""
 
     steps: int
@@ -92,7 +92,7 @@ class Recorded(Printable, reported_by="drop_physics.report.record"):
     """Whether it was run a second time and compared."""
     first_difference: int | None
     """The first step whose state differed in the second run; None if none did."""
-    replay: Replay | None = None
+    replay: ReplayedSteps | None = None
     """What became of the steps of MuJoCo that were taken again; None of others."""
     outside: tuple[tuple[str, str], ...] = ()
     """If that was noted, what it reached beside its simulation: `connects`, `starts`, `writes`,
@@ -230,12 +230,12 @@ def record_script(
     )
 
 
-def _replay(process: running.Script) -> Replay | None:
+def _replay(process: running.Script) -> ReplayedSteps | None:
     """Return what became of the steps of MuJoCo."""
     mujoco = process.decoder.mujoco
     if not mujoco.steps or not mujoco.samples:
         return None
-    return Replay(mujoco.steps, mujoco.replayed, mujoco.explains, mujoco.remainder)
+    return ReplayedSteps(mujoco.steps, mujoco.replayed, mujoco.explains, mujoco.remainder)
 
 
 def _origin(program: Program, digest: str | None) -> dict[str, Any]:

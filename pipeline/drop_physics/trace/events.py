@@ -446,7 +446,7 @@ class Samples:
 
 
 @dataclass(frozen=True)
-class Cause:
+class ImpulseCause:
     """What gives impulses to a body, as its engine has named it."""
 
     at: At
@@ -606,7 +606,7 @@ Event = (
     | Put
     | Image
     | Samples
-    | Cause
+    | ImpulseCause
     | PairFriction
     | EngineWarning
     | Equality

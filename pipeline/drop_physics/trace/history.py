@@ -15,10 +15,10 @@ from drop_physics.errors import ScenarioError
 from drop_physics.trace.events import (
     Appearance,
     Body,
-    Cause,
     Dynamics,
     EngineWarning,
     Equality,
+    ImpulseCause,
     Impulses,
     Put,
     Settings,
@@ -103,7 +103,7 @@ class Seen:
     """Where it drew unseeded random numbers."""
     machine: str
     """Kind of processor; empty if unknown."""
-    causes: Mapping[int, Cause] = field(default_factory=dict)
+    causes: Mapping[int, ImpulseCause] = field(default_factory=dict)
     """What gives impulses, by its number in the recording."""
     frictions: Mapping[tuple[int, int, int, int], float] = field(default_factory=dict)
     """Coefficients of friction by two bodies and links, where the engine has one for each pair."""

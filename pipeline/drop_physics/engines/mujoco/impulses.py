@@ -22,7 +22,15 @@ from drop_physics.engines.mujoco.explain.reasons import EXPLAINED, OTHER, REASON
 from drop_physics.engines.mujoco.explained import ExplainedPiece, ImpulseTerm
 from drop_physics.engines.mujoco.held import softness_of
 from drop_physics.physics.rotations import rotate, rotate_inverse
-from drop_physics.trace.events import REPLAYS, At, Cause, ContactRows, Event, Impulses, PairFriction
+from drop_physics.trace.events import (
+    REPLAYS,
+    At,
+    ContactRows,
+    Event,
+    ImpulseCause,
+    Impulses,
+    PairFriction,
+)
 from drop_physics.trace.states import CONTACT, Rows
 
 Float64 = NDArray[np.float64]
@@ -56,7 +64,7 @@ NAMES = {
 class _Part:
     """What of a term acts on one body."""
 
-    cause: Cause
+    cause: ImpulseCause
     body: DescribedBody
     columns: Int64
     """Columns of the term, shape (w,)."""
@@ -88,7 +96,7 @@ class ExplainedSteps:
     turns: Float64
     free: Mapping[int, int]
     _parts: dict[int, list[_Part]] = field(default_factory=dict)
-    _causes: dict[tuple[object, ...], Cause] = field(default_factory=dict)
+    _causes: dict[tuple[object, ...], ImpulseCause] = field(default_factory=dict)
     _frictions: dict[tuple[int, int, int, int], float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -180,7 +188,9 @@ class ExplainedSteps:
             if cause is None:
                 new = next(numbers)
                 at = At(0, 0.0, new)
-                cause = self._causes[key] = Cause(at, new, self.client, body, kind, name, places)
+                cause = self._causes[key] = ImpulseCause(
+                    at, new, self.client, body, kind, name, places
+                )
             parts.append(
                 _Part(
                     cause,
