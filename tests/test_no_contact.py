@@ -113,11 +113,13 @@ READ = "p.getContactPoints(hand, wall)"
 BALL = "p.createCollisionShape(p.GEOM_SPHERE, radius=0.1)"
 PASSES = {
     "two without mass": (POSED.format(kg=0, read=READ), "both-static"),
-    "a tool on the first link": (ARM.format(n=2, kinds=f"[{TURNS}, {STAYS}]", kg=0),
-                                 "link-counted-static"),
+    "a tool on the first link": (
+        ARM.format(n=2, kinds=f"[{TURNS}, {STAYS}]", kg=0),
+        "link-counted-static",
+    ),
     "a pair that is off": (FILTERED.format(more=""), "filter"),
     "no shape": (SHAPELESS.format(floor="PLANE", shape=-1, z=1), "no-shape"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("what", PASSES)

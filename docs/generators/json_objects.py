@@ -195,9 +195,10 @@ TRIED = Object(
         "new": "Codes of graver findings that only the trial has.",
         "recording": "Of the trial; null where it was not run.",
     },
-    frozenset({*TRIAL_KEYS, "verdict", "before", "after", "unit", "left", "moved", "new",
-               "recording"}),
-)  # fmt: skip
+    frozenset(
+        {*TRIAL_KEYS, "verdict", "before", "after", "unit", "left", "moved", "new", "recording"}
+    ),
+)
 
 
 def _object(kind: Any, required: set[str] | None = None, /, **instead: Any) -> Object:  # noqa: ANN401
@@ -389,18 +390,32 @@ STATISTICS = Object(
     {"summaries": list[Summary]}, {"summaries": "One for each quantity."}, more=SHARED
 )
 SWEEP = Object(
-    {"runs": int, "failed": int, "results": Path, "table": [ROW], "at_s": float,
-     "plot": Path | None, "convergence": [STUDY],
-     "statistics": [STATISTICS], "engines": list[EngineRun], "narrow_enough": bool | None},
-    {"runs": "Number of runs.", "failed": "Number of failed runs.",
-     "results": "The Parquet file with the table.", "at_s": "The time whose error is broken down.",
-     "plot": "The plot; null if none was requested.", "table": "A row for each run.",
-     "convergence": "One for each set of runs that differ in the timestep only.",
-     "statistics": "One for each scenario that is sampled.",
-     "engines": "One for each run, if engines are compared or the body spins.",
-     "narrow_enough": "Whether `--until-ci` was reached."},
+    {
+        "runs": int,
+        "failed": int,
+        "results": Path,
+        "table": [ROW],
+        "at_s": float,
+        "plot": Path | None,
+        "convergence": [STUDY],
+        "statistics": [STATISTICS],
+        "engines": list[EngineRun],
+        "narrow_enough": bool | None,
+    },
+    {
+        "runs": "Number of runs.",
+        "failed": "Number of failed runs.",
+        "results": "The Parquet file with the table.",
+        "at_s": "The time whose error is broken down.",
+        "plot": "The plot; null if none was requested.",
+        "table": "A row for each run.",
+        "convergence": "One for each set of runs that differ in the timestep only.",
+        "statistics": "One for each scenario that is sampled.",
+        "engines": "One for each run, if engines are compared or the body spins.",
+        "narrow_enough": "Whether `--until-ci` was reached.",
+    },
     frozenset({"runs", "failed", "results", "table"}),
-)  # fmt: skip
+)
 RECORD = Object(
     {"recording": Path, "recording_id": str, "script": str,
      "ended": Literal["finished", "steps", "duration", "idle", "disk", "interrupted", "failed"],

@@ -61,7 +61,7 @@ KINDS: dict[str, Kind] = {
     "mass": Kind(RAISES),
     "without": Kind(LEAVES_OUT),
 }
-"""By name, as `--try` takes them."""
+"""All interventions by name, as `--try` takes them."""
 
 
 @dataclass(frozen=True)

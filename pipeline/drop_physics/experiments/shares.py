@@ -63,7 +63,7 @@ class Shares:
     total: float
     """The outcome less what it is with all causes switched off."""
     parts: dict[str, float]
-    """By cause, the outcome less what it is with that alone switched off; the largest first."""
+    """The outcome less what it is with one cause switched off, by cause; the largest first."""
     interaction: float
     """What the parts do not add up to."""
 

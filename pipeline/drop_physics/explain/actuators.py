@@ -23,7 +23,7 @@ class ActuatorRow:
     """An actuator at the last sample."""
 
     name: str
-    """As in the model."""
+    """The name in the model."""
     kind: str
     """`motor`, `position`, `velocity`, `muscle` or `general`."""
     acts_on: str
@@ -35,13 +35,13 @@ class ActuatorRow:
     ctrl_range: tuple[float, float] | None
     """What it is given is clamped to this; null if it is not."""
     beyond_range_steps: int
-    """In how many steps it was given something beyond that."""
+    """The number of steps in which it was given something beyond that."""
     force: float | None
     """What it gave in the last step [N] or [N m], before its gear; null where that is not known."""
     force_range: tuple[float, float] | None
     """What its force is clamped to; null if it is not."""
     at_force_limit_steps: int
-    """In how many steps its force was at a limit."""
+    """The number of steps in which its force was at a limit."""
     energy_j: float
     """What it gave to the body."""
 
@@ -62,7 +62,7 @@ class ActuatorTable:
 
     def __init__(self) -> None:
         self._sums: dict[tuple[int, int], _Sums] = {}
-        """By the numbers of a body and of an actuator."""
+        """Actuators by the numbers of their body and of themselves."""
 
     def add(self, explained: Explained) -> None:
         """Take a piece."""

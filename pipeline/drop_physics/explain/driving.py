@@ -14,7 +14,7 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 LOUDER = {"motor": 0, "general": 0, "muscle": 0, "velocity": 1, "position": 2}
-"""Of several actuators on a joint, the one that says how it is driven."""
+"""The one of several actuators on a joint that says how it is driven."""
 
 
 def given_to(actuator: Actuator, body: Body, piece: Piece, ends: Int64) -> Float64:

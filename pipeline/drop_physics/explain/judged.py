@@ -32,9 +32,19 @@ ALONE = {segments.FLIGHT: FLIGHT, segments.CONTACT: CONTACT, segments.PUSHED: PU
 """What the law of a body alone calls a step, and what it is here."""
 
 Unsolved = Literal[
-    "nothing moves", "integrator", "version", "flex", "plugin", "plastic", "sleep", "delay",
-    "auto-reset", "stale", "unknown", "not replayed",
-]  # fmt: skip
+    "nothing moves",
+    "integrator",
+    "version",
+    "flex",
+    "plugin",
+    "plastic",
+    "sleep",
+    "delay",
+    "auto-reset",
+    "stale",
+    "unknown",
+    "not replayed",
+]
 """Why a step that its engine takes again has no sum (`trace.events.REPLAYS`)."""
 Why = Reason | Literal["timestep", "not finite", "before the recording", "remainder"] | Unsolved
 WHYS: tuple[Why, ...] = (

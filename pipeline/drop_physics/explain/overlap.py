@@ -34,7 +34,7 @@ class PlacedShape:
 
     shape: Collision
     position_m: Float64
-    """Of the shape's centre, shape (n, 3)."""
+    """Positions of the shape's centre, shape (n, 3)."""
     orientation: Float64
     """Quaternions x, y, z, w, shape (n, 4)."""
 

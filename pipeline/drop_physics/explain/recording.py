@@ -90,7 +90,7 @@ class Explanation:
         self._pushes: dict[int, list[Push]] = {}
         self._lasts: dict[int, Chain] = {}
         self.totals: dict[int, Totals] = {}
-        """By the number of a body."""
+        """What is known of each body, by its number."""
 
     def pieces(self, steps: int = 0) -> Iterator[Explained]:
         """Yield the pieces of the recording, each once; of so many steps, if that is not 0."""

@@ -90,7 +90,7 @@ class Replayed:
             self._causes.setdefault(cause.body, []).append(cause)
         self._lasts: dict[int, Chain] = {}
         self.totals: dict[int, Totals] = {}
-        """By the number of a body."""
+        """What is known of each body, by its number."""
 
     def pieces(self, steps: int = 0) -> Iterator[Explained]:
         """Yield the pieces of the recording, each once; of so many steps, if that is not 0."""
@@ -234,7 +234,7 @@ class _Acted:
         order = np.argsort(self._numbers, kind="stable")
         bounds = np.flatnonzero(np.diff(self._numbers[order], prepend=-1, append=-2))
         self._of: dict[int, list[tuple[ImpulseCause, Int64, Int64]]] = {}
-        """By body, each cause with the rows of its steps and where its values begin."""
+        """Each cause with the rows of its steps and where its values begin, by body."""
         for a, b in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
             its = order[a:b]
             cause = causes[int(self._numbers[its[0]])]

@@ -34,9 +34,9 @@ class Solid:
     points_m: Float64
     """Points of it, shape (m, 3); none of a half space."""
     radius_m: float
-    """Of a ball around its centre that holds it; infinite of a half space."""
+    """Radius of a ball around its centre that holds it; infinite for a half space."""
     _faces: Float64
-    """Of a hull: normals and offsets, shape (f, 4)."""
+    """Normals and offsets of a hull, shape (f, 4)."""
 
     def depth_m(self, points_m: Float64) -> Float64:
         """Return how deep points are in it, at least; negative outside, shape (n,).

@@ -20,7 +20,7 @@ from drop_physics.figures.plot import Curve, Look, Panel
 from drop_physics.messages import translated
 
 GREY = "#808890"
-"""Of axes and letters."""
+"""Colour of axes and letters."""
 FAINT = 0.25
 """Opacity of a grid."""
 COVERED = 0.12

@@ -41,7 +41,7 @@ class Fact:
     title: str
     words: str
     style: Style = ""
-    """Of the title."""
+    """Style of the title."""
     is_command: bool = False
     """Whether the words are to be pasted into a shell."""
 
@@ -101,7 +101,7 @@ class DataTable:
 
     columns: Sequence[Column]
     title: str = ""
-    """In place of the first column's head."""
+    """What stands in place of the first column's head."""
     has_heads: bool = True
     has_total: bool = False
     """Whether the last row is the sum of the others."""

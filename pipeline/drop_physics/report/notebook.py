@@ -33,7 +33,7 @@ setTimeout(() => clearInterval(seen), 60000)
 }}</script>"""
 """A film that hides once a viewer is beside it: not in a page that runs no script or no widget."""
 HEADING = "h4"
-"""Of a result's first line."""
+"""Style of a result's first line."""
 
 
 def text_of(result: Printable) -> str:

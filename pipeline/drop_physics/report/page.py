@@ -62,7 +62,7 @@ img { max-width: 100% }
 """
 MOST_PANELS = 8
 LANGUAGE = Message("en")
-"""Of a page, as HTML names it."""
+"""Language of a page, as HTML names it."""
 NOTHING = Interactive("", [], "")
 
 

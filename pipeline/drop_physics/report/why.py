@@ -36,7 +36,7 @@ MARGIN = "   "
 LONGEST = 36
 """Characters of a call, where there is no room for more."""
 LISTED = 4
-"""Of what an outcome hangs on, without `--all`."""
+"""Most lines of what an outcome hangs on, without `--all`."""
 SHOWN = {
     "cured": Message("cured"),
     "part": Message("in part"),

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 CONTACTS, EXPLAINED = Message("Contacts"), Message("Explained")
 NONE, PLOT = Message("none"), Message("plot")
 MISSING = "–"
-"""In place of a number."""
+"""What stands in place of a number."""
 RECORDING, SCRIPT = Message("recording"), Message("script")
 TERMS = {
     "total": Message("total"),

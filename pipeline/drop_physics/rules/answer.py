@@ -319,7 +319,7 @@ class Answer(ABC):
     """One question. It sees each piece of a recording once, in order, and then speaks."""
 
     engines: ClassVar[tuple[str, ...]] = BULLETS
-    """Of which engines' recordings it is asked: those whose words it has."""
+    """The engines whose words it has: it is asked of their recordings."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene

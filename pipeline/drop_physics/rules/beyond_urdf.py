@@ -13,7 +13,7 @@ from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import BEYOND
 
 FORCE = np.array([[[False, True]]])
-"""Which plane of a table with two is that of forces."""
+"""The plane of forces in a table with two."""
 
 
 @joint_rule("beyond-urdf", "model")

@@ -26,7 +26,7 @@ class ControlClamped(Answer):
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
         self._found: Notes[tuple[int, int]] = Notes()
-        """By the number of a body and the place of an actuator among its own: how far beyond."""
+        """How far beyond, by the number of a body and the place of an actuator among its own."""
 
     def see(self) -> None:
         """Take a piece."""

@@ -15,7 +15,7 @@ from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import HOLDS, MOVES, NO_TERM
 
 TORQUE = np.array([[[False, True]]])
-"""Which plane of the table is of joints that torques drive."""
+"""The plane of the table for joints that torques drive."""
 
 
 @joint_rule("default-motor", "asked")

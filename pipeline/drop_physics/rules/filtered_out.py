@@ -50,7 +50,7 @@ class FilteredOut(Answer):
         if len(self._pairs) > MOST_PAIRS:
             self._pairs = []
         self._found: Notes[int] = Notes()
-        """By the place of a pair: how deep they overlap [m]."""
+        """How deep pairs overlap [m], by the place of a pair."""
         self._at_first: set[int] = set()
         """Pairs that overlap from the beginning on."""
 

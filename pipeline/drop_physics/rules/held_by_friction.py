@@ -52,7 +52,7 @@ class FrictionRun:
     first: int
     last: int
     count: int
-    """In how many of them it was touched."""
+    """The number of them in which it was touched."""
     sums: Float64
     fastest_m_s: float
     others: set[int]
@@ -82,7 +82,7 @@ class HeldByFriction(Answer):
         super().__init__(scene)
         self._open: dict[int, FrictionRun] = {}
         self._found: dict[tuple[str, int], tuple[float, FrictionRun]] = {}
-        """By code and body, the way [m] and the run of the longest."""
+        """The longest way [m] and its run, by code and body."""
 
     def see(self) -> None:
         """Take a piece."""

@@ -41,7 +41,7 @@ class InputRule:
     reason: str | None
     matches: Callable[[Inputs], Iterator[tuple[InputSubject, Said]]]
     engines: tuple[str, ...] = BULLETS
-    """Of which engines' recordings it is asked: those whose words it has."""
+    """The engines whose words it has: it is asked of their recordings."""
 
     @property
     def meaning(self) -> str:

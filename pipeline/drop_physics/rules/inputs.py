@@ -124,11 +124,11 @@ class Inputs:
     touched: dict[tuple[int, int], int] = field(default_factory=dict)
     """Pairs of bodies that pressed on each other, the lower number first: in how many steps."""
     switched_off: dict[tuple[int, frozenset[int]], Call] = field(default_factory=dict)
-    """By client and the engine's ids, pairs of bodies that a call lets pass each other."""
+    """Pairs of bodies that a call lets pass each other, by client and the engine's ids."""
     filtered: set[int] = field(default_factory=set)
     """Clients in which calls let other bodies pass each other."""
     deepest: defaultdict[int, dict[int, float]] = field(default_factory=lambda: defaultdict(dict))
-    """By the number of a body that calls place, samples and its deepest overlap then [m]."""
+    """Samples of a body that calls place, and its deepest overlap then [m], by its number."""
     lasting: Lasting = field(default_factory=Lasting)
 
     def see(self) -> None:

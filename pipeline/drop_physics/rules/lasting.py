@@ -39,7 +39,7 @@ class LastingForce:
     writes: int = 0
     """How many calls changed it to something else than zero."""
     acts: int = 0
-    """In how many steps it acted, until it was last written."""
+    """The number of steps in which it acted, until it was last written."""
     was_cleared: bool = False
     """Whether a call wrote zero."""
     from_start: bool = False
@@ -77,13 +77,13 @@ class PositionWrites:
 
 @dataclass
 class Lasting:
-    """By client, what stays."""
+    """What stays, by client."""
 
     forces: dict[tuple[int, Act, int], LastingForce] = field(default_factory=dict)
-    """By client, field and place."""
+    """What was written, by client, field and place."""
     edits: defaultdict[Act, list[ModelEdit]] = field(default_factory=lambda: defaultdict(list))
     episodes: defaultdict[int, set[int]] = field(default_factory=lambda: defaultdict(lambda: {0}))
-    """By client, the steps before which its state was reset; 0 is the run's beginning."""
+    """The steps before which a state was reset, by client; 0 is the run's beginning."""
 
     positions: dict[int, PositionWrites] = field(default_factory=dict)
     """By client."""

@@ -28,7 +28,7 @@ Place = tuple[int, int]
 """Number of a body, and its link."""
 
 LOOKS = 200
-"""In so many steps of a piece, evenly spread, overlaps are looked for."""
+"""Number of steps of a piece, evenly spread, in which overlaps are looked for."""
 SELF_COLLISION, INCLUDE_PARENT = 8, 16
 """`flags` of `loadURDF`."""
 
@@ -291,7 +291,7 @@ _WHY: dict[str, tuple[Message, Message, str | None, Level]] = {
         "asked",
     ),
 }
-"""By reason: why, what helps, by which intervention, and how grave it is."""
+"""Why, what helps, by which intervention, and how grave it is, by reason."""
 
 
 def _named(body: Body, link: int) -> str:

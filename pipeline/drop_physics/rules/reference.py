@@ -32,9 +32,9 @@ class Limit:
     """A threshold of a rule."""
 
     name: str
-    """Of the constant."""
+    """Name of the constant."""
     value: float
-    """In its unit."""
+    """Value in its unit."""
     unit: str
     """`share` of what the meaning names, `1` of a count."""
     meaning: str

@@ -24,7 +24,7 @@ class NotReplayed(Answer):
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
         self._found: dict[tuple[int, int], Noted] = {}
-        """By client and why: the steps."""
+        """The steps, by client and why."""
         self._written: set[tuple[int, int]] = set()
         """Clients, and steps before which a call wrote positions."""
 

@@ -218,7 +218,7 @@ class Rule:
     argument: str | None = None
     """The argument of `changeDynamics` whose call is the cause."""
     engines: tuple[str, ...] = BULLETS
-    """Of which engines' recordings it is asked: those whose words it has."""
+    """The engines whose words it has: it is asked of their recordings."""
     sizes: Callable[[Runs, Scene], Float64] = every_run
     words: Callable[[Worst], Said | None] = lambda _: None
 
@@ -296,7 +296,7 @@ class TableRules(Answer):
         super().__init__(scene)
         self._rules = [rule for rule in RULES if engine_of(scene.seen) in rule.engines]
         self._open: list[Runs | None] = [None] * len(self._rules)
-        """Of each rule what may go on, and of each key the worst of what has ended."""
+        """What may go on of each rule, and the worst of what has ended of each key."""
         self._ended: list[Runs | None] = [None] * len(self._rules)
 
     @np.errstate(all="ignore")  # what is not asked for is nan

@@ -54,7 +54,7 @@ class ServoOff(Answer):
         super().__init__(scene)
         self._targets: dict[int, Targets] = {}
         self._worst: dict[int, dict[int, ServoGap]] = {}
-        """By the number of a body, and the rate of a joint."""
+        """What is noted of joints, by the number of a body and the rate of a joint."""
         self._ends: dict[int, dict[int, ServoGap]] = {}
         """Likewise, joints that move with their actuators at a limit at the end of the steps."""
 

@@ -31,7 +31,7 @@ class SinksIn(Answer):
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
         self._found: Notes[tuple[int, int]] = Notes()
-        """By pair: how deep it stays [m]."""
+        """How deep it stays [m], by pair."""
 
     def see(self) -> None:
         """Take a piece."""
@@ -107,9 +107,9 @@ class ConstraintLags(Answer):
         self._moved = {each.body.number for each in scene.seen.puts}
         self._held = [each for each in scene.seen.equalities if self._leads(each) is not None]
         self._offsets: dict[int, Float64] = {}
-        """By the place of an equality, how far its links were apart at first [m]."""
+        """How far links were apart at first [m], by the place of their equality."""
         self._found: dict[int, tuple[float, float, Noted]] = {}
-        """By the place of an equality, its longest steady lag [m], the speed [m/s], its steps."""
+        """The longest steady lag [m], its speed [m/s] and steps, by the place of an equality."""
 
     def _leads(self, equality: Equality) -> tuple[int, int, int] | None:
         """Return the body that calls move, and body and link that follow it."""

@@ -117,7 +117,7 @@ class StaticParent(Answer):
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
         self._found: Notes[tuple[int, int, int]] = Notes()
-        """By body, link and its parent: how deep they are in each other [m]."""
+        """How deep a link and its parent are in each other [m], by body and link."""
         self._steps: dict[int, int] = {}
 
     def see(self) -> None:

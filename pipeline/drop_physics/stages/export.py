@@ -38,7 +38,7 @@ JOINT_COLUMNS = {
     "coordinate": pl.Int64,
     **dict.fromkeys(MEASURED, pl.Float64),
 }
-"""Of the table of joints: a row per step and coordinate, [rad] or [m], [N m] or [N]."""
+"""Columns of the table of joints: a row per step and coordinate, [rad] or [m], [N m] or [N]."""
 Float64 = NDArray[np.float64]
 TimesOf = Callable[[int, NDArray[np.int64]], Float64]
 """Gives the times [s] of a body's steps."""

@@ -1,4 +1,4 @@
-"""Which panels show a recording: the same kinds for the plot, the film and the viewer."""
+"""The panels that show a recording: the same kinds for the plot, the film and the viewer."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from drop_physics.recording.layer_file import VERDICTS, trials_of
 from drop_physics.rules.answer import Finding
 
 MOST_BYTES = 1 << 24
-"""Of the file of verdicts; what is longer is none of ours."""
+"""Largest size of a file of verdicts; what is longer is none of ours."""
 
 
 class Trials:

@@ -91,7 +91,7 @@ class Act(Enum):
 
 
 ACTS: Mapping[str, Act] = {function: act for act in Act for function in act.value}
-"""By the name of a function."""
+"""Acts by the name of a function."""
 PUSHES = Act.PUSH, Act.TWIST
 MAKES = Act.LOAD, Act.MAKE
 FILTERS = Act.FILTER_PAIR, Act.FILTER_GROUP

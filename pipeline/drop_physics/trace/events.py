@@ -440,7 +440,7 @@ class Samples:
     joints: Mapping[int, Joints]
     """By body number."""
     contacts: Rows
-    """Of dtype `CONTACT`."""
+    """The contact points, of dtype `CONTACT`."""
     constraints: Mapping[int, Float64]
     """By the engine's id, the forces of each [N] or [N m], shape (n, k)."""
 
@@ -554,7 +554,7 @@ class ContactRows:
     times_s: Float64
     """Shape (n,)."""
     contacts: Rows
-    """Of dtype `CONTACT`."""
+    """The contact points, of dtype `CONTACT`."""
 
 
 @dataclass(frozen=True)
@@ -570,7 +570,7 @@ class EngineWarning:
     count: int
     """How often."""
     steps: int
-    """In how many steps."""
+    """The number of steps."""
     last_step: int
     info: int
     """What the engine said with the first: the number of a degree of freedom, of contacts …"""

@@ -15,7 +15,7 @@ Arrays = Mapping[str, NDArray[Any]]
 Numbers = tuple[float, ...]
 
 KINDS = {0: "connect", 1: "weld"}
-"""Of equalities between bodies (`mjtEq`)."""
+"""Kinds of equalities between bodies (`mjtEq`)."""
 BODY, SITE = 1, 6
 """What an equality joins (`mjtObj`)."""
 OVERRIDES = 1

@@ -74,7 +74,7 @@ ADVISED: dict[tuple[str, str], str] = {
     ("calculateInverseKinematics", "maxNumIterations"): "ik",
     ("changeConstraint", "maxForce"): "constraint-force",
 }
-"""By function and the first of its arguments that decides, the intervention."""
+"""Interventions by function and the first of its arguments that decides."""
 UNGIVEN: dict[str, float] = {"restitutionVelocityThreshold": 0.0, "maxJointVelocity": 1e5}
 """What is tried where an advice leaves the number to its reader."""
 SAID: tuple[tuple[str, str, str], ...] = (
@@ -298,7 +298,7 @@ class Scope:
 
     bodies: Sequence[Body]
     joint: str | None = None
-    """Of the one body that there is; None for all of its joints."""
+    """The joint of the only body; None for all of its joints."""
     commanded: frozenset[tuple[int, int]] = frozenset()
     """Numbers of bodies and links of the joints whose motors a call commands."""
     timestep_s: float = 1 / 240
@@ -318,7 +318,7 @@ class Run:
     """What a run does otherwise."""
 
     operations: list[Operation]
-    """As `watch/intervene.py` takes them."""
+    """The operations, as `watch/intervene.py` takes them."""
     finer: int = 1
     """Steps of the engine for each of the script's."""
 

@@ -69,9 +69,9 @@ class Interventions:
         self._calls: dict[str, Call] = {}
         self._p = SimpleNamespace()
         self._next_body: dict[int, int] = {}
-        """By client, the id that the next body gets."""
+        """The id that the next body gets, by client."""
         self._told: dict[tuple[Any, ...], Any] = {}
-        """By client, body, link and argument, what the script is to read."""
+        """What the script is to read, by client, body, link and argument."""
         self._ours: dict[tuple[Any, ...], Any] = {}
         """Likewise, what was set in its place."""
         self._steps: dict[int, int] = {}
