@@ -49,7 +49,7 @@ from drop_physics.stages.check import Check
 from drop_physics.stages.explain import CodeManual
 from drop_physics.stages.export import Export
 from drop_physics.stages.info import Info
-from drop_physics.stages.record import Replay
+from drop_physics.stages.record import ReplayedSteps
 from drop_physics.stages.render import Rendering
 from drop_physics.stages.simulate import Simulation
 from drop_physics.stages.sweep_engines import EngineRun
@@ -116,7 +116,7 @@ CONTRACT: dict[type, set[str]] = {
     answer.Cure: {"name", "target", "value", "call"},
     JointRow: {field.name for field in fields(JointRow)},
     ActuatorRow: {field.name for field in fields(ActuatorRow)},
-    Replay: {field.name for field in fields(Replay)},
+    ReplayedSteps: {field.name for field in fields(ReplayedSteps)},
     Touch: {"with", *(field.name for field in fields(Touch) if field.name != "other")},
 }  # fmt: skip
 """Stable keys by type; `COMMANDS` has those of a whole command."""
@@ -421,7 +421,7 @@ RECORD = Object(
      "ended": Literal["finished", "steps", "duration", "idle", "disk", "interrupted", "failed"],
      "error": str | None, "samples": int,
      "bodies": int, "frames": int, "bytes": int, "wall_s": float,
-     "replay": Replay, "first_difference": int | None},
+     "replay": ReplayedSteps, "first_difference": int | None},
     {"recording": "The file.", "recording_id": "Its id.", "script": "The script, or the module.",
      "ended": "How it ended; `steps` and `duration` mean that it was stopped there, `idle` that it "
      "waited 60 s without a step, `disk` that no room was left.",
