@@ -29,6 +29,8 @@ STARTS = ("MALLOC_PERTURB_", "PYTHONHASHSEED", "PYTHONPATH", "LD_PRELOAD")
 PERTURB = "85"
 """What `Script` sets the first of them to."""
 STATUS = struct.Struct("i")
+BEGAN = dict(os.environ)
+"""The environment before any test: a command line that runs in this process adds to it."""
 IMPORTED = (
     *("argparse", "logging", "pathlib", "tempfile", "traceback", "numpy", "pybullet"),
     *("pybullet_data", "drop_physics.engines.pybullet.watch.start"),
@@ -127,7 +129,7 @@ def run(
 
 def _started_with() -> dict[str, str]:
     """Return the variables that are set when Python starts, of the process that forks."""
-    kept = {name: os.environ[name] for name in STARTS if name in os.environ}
+    kept = {name: BEGAN[name] for name in STARTS if name in BEGAN}
     return kept | {"MALLOC_PERTURB_": PERTURB}
 
 
@@ -145,7 +147,7 @@ def _server(also: str) -> socket.socket:
         pass_fds=[serving.fileno()],
         stderr=subprocess.DEVNULL,  # PyBullet greets
         stdout=subprocess.DEVNULL,
-        env={**os.environ, **_started_with()},
+        env={**BEGAN, **_started_with()},
     )
     serving.close()
 
