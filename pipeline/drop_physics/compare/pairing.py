@@ -1,4 +1,4 @@
-"""Which simulations and bodies of two recordings correspond.
+"""Find the simulations and bodies of two recordings that correspond.
 
 Numbers say nothing of what is simulated: another connection before, even an unused one, shifts
 those of clients; and bodies are numbered as they come, which depends on how threads take turns.

@@ -1,4 +1,4 @@
-"""Which world a scenario is dropped in: PyBullet's own, or that of another engine."""
+"""Choose the world that a scenario is dropped in: PyBullet's own, or that of another engine."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ def chunks_of(path: Path) -> Iterator[rrd.Chunk]:
 
 
 def is_script(path: Path) -> bool:
-    """Whether a file is the recording of a script, finished or not; its first chunk says so.
+    """Return whether a file is the recording of a script, finished or not, as its first chunk says.
 
     Raises
     ------

@@ -80,7 +80,7 @@ class Digests:
     def __init__(self) -> None:
         self.tables = {entity: RowsDigest() for entity in schema.TABLES}
         self._series: dict[str, RowsDigest] = {}
-        """Of joints and constraints, by entity."""
+        """Digests of joints and constraints, by entity."""
         self._calls: dict[int, CallsDigest] = {}
         """By client."""
         self._impulses: dict[int, CallsDigest] = {}

@@ -65,7 +65,7 @@ class Drawing:
         """Corners of the box that all motion stayed in, without what flew off."""
         self._first_m: Float64 | None = None
         self._bases: dict[int, Float64] = {}
-        """By number, where a base that is not sampled is."""
+        """Where bases that are not sampled are, by number."""
         self._trees: dict[int, Tree] = {}
         self._masses: dict[int, Mapping[str, Float64]] = {}
         self._gravity: dict[int, Float64] = {}
@@ -351,7 +351,7 @@ def _thinned(gathered: Gathering, entity: str, at: Times, values: Float64) -> It
 
 
 def _looks_alike(shape: Shape, touched: Collision) -> bool:
-    """Whether what is touched is what is drawn."""
+    """Return whether what is touched is what is drawn."""
     if (shape.link, shape.kind) != (touched.link, touched.kind) or shape.kind == "mesh":
         return False
     return all(

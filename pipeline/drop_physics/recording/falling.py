@@ -28,9 +28,9 @@ class Photography:
 
     camera: Camera
     draw: Callable[[Float64], Iterator[bytes]]
-    """From poses, shape (n, 7), to a PNG each."""
+    """A function from poses, shape (n, 7), to a PNG each."""
     pose: Callable[[Camera], Float64]
-    """From a camera to its pose: world from camera, shape (4, 4)."""
+    """A function from a camera to its pose: world from camera, shape (4, 4)."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Falling:
 
     scenario: Scenario
     theory_m: Callable[[Float64], tuple[Float64, Float64]]
-    """From times [s], shape (n,), to the heights [m] of free and of damped fall."""
+    """A function from times [s], shape (n,), to the heights [m] of free and of damped fall."""
     photography: Photography | None
     """None where there are no frames."""
     progress: Progress

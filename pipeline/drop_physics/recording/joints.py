@@ -44,11 +44,11 @@ class Commands:
 
     def __init__(self) -> None:
         self._asked: dict[tuple[int, int], Asked] = {}
-        """By client and the engine's id."""
+        """What is asked of bodies, by client and the engine's id."""
         self._held: list[Command] = []
         self._raised: set[int] = set()
         self._last: dict[int, Times] = {}
-        """Of the last sample, by client."""
+        """Step and time of the last sample, by client."""
 
     def on_appearance(self, seen: Appearance) -> Iterator[Chunk]:
         """Note a body that came or went."""
@@ -137,7 +137,7 @@ class Asked:
             }
             for each in zip(body.coordinates, body.rates, strict=True)
         ]
-        """Of each joint, the columns of everything that is asked of it."""
+        """The columns of everything that is asked of each joint."""
         self._now = np.full(sum(counts), np.nan)
         self._named = False
 

@@ -55,7 +55,7 @@ class Line(NamedTuple):
 
     name: str
     colour: str
-    """As `#rrggbb`."""
+    """A colour as `#rrggbb`."""
     width: float
     steps: NDArray[np.int64]
     """Shape (n,), as are the next two."""

@@ -1,4 +1,4 @@
-"""Which file is the analysis layer of a recording."""
+"""Find the file that is the analysis layer of a recording."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def layer_of(recording: Path) -> Path:
 
 
 def is_layer(path: Path) -> bool:
-    """Whether a file is an analysis layer and nothing else."""
+    """Return whether a file is an analysis layer and nothing else."""
     try:
         return all(entity.split("/")[0] in _TOP for entity in entities(path))
     except RecordingError:

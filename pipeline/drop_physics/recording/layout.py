@@ -22,10 +22,10 @@ SLOW_MOTION = 0.25
 """Speed at which a drop is played: a fall from 1 m takes half a second, too fast to watch."""
 MOST_CAMERAS = 4
 MOST_NAMES = 8
-"""Above this, the curves' names would hide them."""
+"""Most curves of a view; the names of more would hide them."""
 LEAST_REACH_M = 0.1
 ASPECT, HALF_VIEW, ROOM = 0.9, 0.52, 1.1
-"""Of the view of the world: width over height, tangent of half of its angle; some room."""
+"""Width over height of the view of the world, tangent of half of its angle, and some room."""
 MOST_ROWS, MOST_STATES, MOST_JOINTS = 2, 6, 6
 """Panels below each other; bodies whose states, joints whose curves are shown at once."""
 RIGHT_TOP = Corner2D.RightTop
@@ -41,7 +41,7 @@ class Eye(NamedTuple):
 
 
 DROP_EYE = Eye((2.9, -0.95, 1.6), (0.4, -0.5, 0.5))
-"""Beside the camera, so that its picture, the floor and the fall are seen from the front."""
+"""The eye stands beside the camera: its picture, the floor and the fall are seen from the front."""
 NEAR_EYE = Eye((1.55, 0.6, 0.9), (0.0, 0.0, 0.45))
 """Near the body: from the side, so that the camera's picture does not hide it."""
 

@@ -26,7 +26,7 @@ from drop_physics.workers import Worker, WorkerDiedError, under_load
 PATIENCE_S = 3.0
 """A viewer that accepts nothing for this long counts as gone."""
 STARTS_WITHIN_S = 15.0
-"""But a viewer that has just been opened may be slow to answer."""
+"""Longest wait for a viewer that has just been opened."""
 
 
 def shown(

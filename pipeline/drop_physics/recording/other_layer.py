@@ -17,7 +17,7 @@ from drop_physics import colours
 from drop_physics.recording import schema, writer
 
 ALPHA = 0x60
-"""Of 255: what is behind it shows through."""
+"""Opacity, of 255: what is behind it shows through."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def _moved(labels: Collection[str] | None, name: str) -> Iterator[tuple[str, str
 
 
 def is_drawn(recording: Path) -> bool:
-    """Whether a recording holds what is for looking."""
+    """Return whether a recording holds what is for looking."""
     return any(chunk.entity_path.startswith(f"/{schema.WORLD}") for chunk in _read(recording))
 
 

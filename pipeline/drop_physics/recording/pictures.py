@@ -23,13 +23,13 @@ PLANE_M, PLANE_COLOUR = 20.0, 0x8A93A0FF
 """Width and grey of an infinite plane: white hides what stands on it."""
 COLLISION_COLOUR = 0xFF8C00FF
 BEYOND_M = 1e-3
-"""By which a hull is drawn larger, lest it flicker where the mesh lies in it: its margin."""
+"""Margin by which a hull is drawn larger, lest it flicker where the mesh lies in it."""
 MESH_SUFFIXES = (".obj", ".stl", ".dae", ".gltf", ".glb")
 LARGEST_MESH_BYTES = 1 << 26
 ROUND_OR_BOX = "box", "sphere", "cylinder", "ellipsoid"
 """Kinds of shapes that are drawn, and that may be touched."""
 BRIGHTEST = 217
-"""Of 255, of a white body: PyBullet's default would vanish on a light page."""
+"""Brightness of a white body, of 255: PyBullet's default would vanish on a light page."""
 TRAIL_RADIUS, TRAIL_COLOUR = -1.5, 0x56B4E9FF
 """Negative: in screen points, whatever the distance."""
 CONTACT_COLOUR = 0xE69F00FF

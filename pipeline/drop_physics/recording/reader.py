@@ -179,7 +179,7 @@ class Contents:
     """Rows of JSON by entity, in the order of steps and calls."""
     sampled: RecordedSamples
     made: Digests
-    """Of samples, in the order of the file."""
+    """Digests of samples, in the order of the file."""
     properties: dict[str, Properties]
     entities: frozenset[str]
 

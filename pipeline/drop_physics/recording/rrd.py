@@ -41,13 +41,13 @@ LARGEST_HEADER = 1 << 16
 LONGEST_NAME = 4096
 """Characters of an entity or an id."""
 MOST_FIELDS = 64
-"""In one protobuf message; ours have up to ten."""
+"""Most fields in one protobuf message; ours have up to ten."""
 RECORD_BATCH = 3
 """Arrow's number for a message of rows."""
 LEAST_ROW_BYTES = 10
 """Bytes of a row in a file: id and time never repeat. For a body at rest it is 12."""
 LEAST_MESSAGE_BYTES = 512
-"""On average; a chunk of a single number takes a thousand."""
+"""Least bytes of a chunk on average; one of a single number takes a thousand."""
 MOST_UNPACKED = 32
 """Times a file's size; the state of a body at rest unpacks to 4 times, its equal frames to 24."""
 FREELY_UNPACKED = 1 << 26
@@ -133,7 +133,7 @@ def chunk_at(file: BinaryIO, position: int) -> Chunk:
 
 
 def is_whole(path: Path) -> bool:
-    """Whether a file ends like a finished recording; one cut off by a full disk does not."""
+    """Return whether a file ends like a finished recording; one cut off by a full disk does not."""
     with path.open("rb") as file:
         size = file.seek(0, os.SEEK_END)
         if size < _START.size + _TRAILER.size:

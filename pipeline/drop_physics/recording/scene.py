@@ -24,7 +24,7 @@ Float32 = NDArray[np.float32]
 
 
 ORIGIN = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]], np.float32)
-"""As a pose."""
+"""The origin as a pose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class Part:
     """The body's."""
     models: tuple[Model, ...]
     radius_m: float
-    """Of a ball around it; infinite of a plane."""
+    """Radius of a ball around it; infinite for a plane."""
     times_s: Float64
     """Ascending, shape (n,)."""
     poses: Float32

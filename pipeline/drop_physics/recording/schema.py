@@ -22,7 +22,7 @@ TIME_TIMELINE = "sim_time"
 LONGEST_S = 9e9
 """Largest time on it [s]: the viewer has nanoseconds in 64 bits, which are 292 years."""
 CALL_TIMELINE = "call"
-"""In a script's recording: how many calls came before."""
+"""The timeline of a script's recording that counts the calls before."""
 
 # -- what is measured -----------------------------------------------------------------------------
 
@@ -74,19 +74,19 @@ RAISED = "calls/raised"
 LOG = "calls/log"
 """Calls as text, for reading: the first of each site."""
 JOINTS = "joints"
-"""Below it each body's `position`, `velocity` and `effort`: a named series per joint, float64, a
+"""Each body's `position`, `velocity` and `effort` lie below it: a series per joint, float64, a
 row per step."""
 OF_JOINTS = ("position", "velocity", "effort")
 TARGET, LIMIT = "target", "limit"
-"""Beside them, a row when a call changes one: targets, with target velocities and torques; largest
+"""Rows when a call changes one, beside them: targets, with target velocities and torques; largest
 forces of motors, with modes and gains."""
 CONSTRAINTS = "constraints"
-"""Below it each constraint's forces, by the engine's id: a row per step."""
+"""Each constraint's forces lie below it, by the engine's id: a row per step."""
 
 CONTROLS = "controls"
-"""Below it, by simulation, what its actuators were given: a row per step where that changes."""
+"""What actuators were given lies below it, by simulation: a row per step where that changes."""
 IMPULSES = "impulses"
-"""Below it, by simulation, what acted in each step, where the engine has computed it again."""
+"""What acted in each step lies below it, by simulation, where the engine has computed it again."""
 CAUSES = "causes"
 """A row per cause of these: what it is, and which degrees of freedom of which body it acts on."""
 PAIRS = "pairs"
@@ -120,7 +120,7 @@ TRAIL = "world/trail"
 ABOUT = "about"
 
 COLLISIONS = "collisions"
-"""Below it what is touched of each link; hidden, but of a body that a finding says it of."""
+"""What is touched of each link lies below it; hidden, but of a body that a finding says it of."""
 POSE_RESOLUTION = 1e-5
 """What moved by less [m], or whose quaternion changed by less, looks the same."""
 HEIGHT_RESOLUTION_M = 1e-9
@@ -130,7 +130,7 @@ CONTACT_POINTS = "world/contacts"
 """Contact points, and the forces there as arrows; of a script, thinned."""
 
 GOLDEN = "golden"
-"""Below `world` and `height`: those of the golden recording shown beside a recording; never in a
+"""Part of `world` and `height` for the golden recording shown beside a recording; never in a
 recording itself."""
 
 HEIGHT = "height"
@@ -145,7 +145,7 @@ FOR_LOOKING = (WORLD, COLLISIONS, f"{HEIGHT}/", LOG)
 
 SCENARIO_PROPERTY = "scenario"
 ORIGIN_PROPERTY = "origin"
-"""Of a script's recording: the script, the digest of its text, its arguments."""
+"""What says which script was run: its name, the digest of its text, its arguments."""
 BLOCK = "a block of Python"
 """Recorded where a script has its name."""
 ENGINE_PROPERTY = "engine"
@@ -168,8 +168,8 @@ ENERGY = "energy"
 ENERGY_RESOLUTION = 1e-10
 """An energy curve that stays within this share of the largest energy is level."""
 SEGMENTS = "segments"
-"""Of a script's bodies: the kind of each sample, as states."""
+"""The kind of each sample of a script's bodies, as states."""
 PANELS = "panels"
-"""Of a script: curves of joints, friction and energy by cause, as its plot has them."""
+"""Curves of joints, friction and energy by cause of a script, as its plot has them."""
 EVENTS = "events"
 FINDINGS = "findings"

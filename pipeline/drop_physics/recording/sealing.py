@@ -78,7 +78,7 @@ def _make_way(sealed: Path, *, force: bool) -> None:
 
 
 def _holds_something(part: Path) -> bool:
-    """Whether at least one chunk of a simulation was written whole."""
+    """Return whether at least one chunk of a simulation was written whole."""
     try:
         chunks = rrd.chunks(part, unfinished=True)
         return any(chunk.entity.startswith(schema.HAPPENED) for chunk in chunks)

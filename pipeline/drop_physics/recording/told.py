@@ -40,7 +40,7 @@ T = TypeVar("T")
 Values = dict[str, Any]
 Row = tuple[At, Values]
 Told = Mapping[str, list[Row]]
-"""By entity, its rows in the order of steps and calls."""
+"""Rows in the order of steps and calls, by entity."""
 Event = (
     Appearance
     | Surface

@@ -31,7 +31,7 @@ LOOKS_EVERY_S = 0.1
 VIEWER_PORT, PAGE_PORT = 9876, 9090
 """Rerun's defaults, used if they are free."""
 PR_SET_PDEATHSIG = 1
-"""From Linux's `sys/prctl.h`."""
+"""A number from Linux's `sys/prctl.h`."""
 
 
 class ViewerError(DropError):

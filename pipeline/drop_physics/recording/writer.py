@@ -145,7 +145,7 @@ def _stream(
 
 
 def _is_short_of_room(part: Path) -> bool:
-    """Whether the disk has too little room for what a growing file still needs."""
+    """Return whether the disk has too little room for what a growing file still needs."""
     return shutil.disk_usage(part.parent).free < 2 * part.stat().st_size + ROOM_BYTES
 
 

@@ -18,15 +18,15 @@ from xml.etree import ElementTree as Xml
 from drop_physics.messages import Message
 
 MOST_URDF_BYTES, MOST_BYTES = 10_000_000, 100_000_000
-"""In a file; of a mesh Bullet takes some twenty times that in memory."""
+"""Largest size of a file; of a mesh Bullet takes some twenty times that in memory."""
 LONGEST_VALUE = 1000
 """Characters in an attribute or a path; Bullet copies them into arrays on its stack."""
 URDF_LINE, MESH_LINE = 8190, 1022
 """Bytes in a line; Bullet splits longer ones anywhere."""
 LARGEST = 1e9
-"""Of a mass [kg], a length [m] or an inertia: Bullet's doubles can still square and add it."""
+"""Largest mass [kg], length [m] or inertia that Bullet's doubles can still square and add."""
 LARGEST_INDEX = 100_000_000
-"""Of a normal or texture in a .obj: three times that still fits in an int."""
+"""Largest index of a normal or texture in a .obj: three times that still fits in an int."""
 MOST_JOINTS = 127
 """With the base MAX_DEGREE_OF_FREEDOM = 128 links (bullet3's `SharedMemoryCommands.h`); with more
 PyBullet reads no pose."""

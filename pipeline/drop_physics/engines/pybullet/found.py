@@ -1,4 +1,4 @@
-"""Which file a body is: a path, or a file of `pybullet_data`."""
+"""Find the file of a body: a path, or a file of `pybullet_data`."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ POINT = 23
 BATCH, MOST_SAMPLES = 1 << 10, 1 << 13
 """Samples that are yielded together, at first and at most."""
 BATCH_BYTES, MOST_BYTES = 1 << 21, 1 << 22
-"""Or this many bytes of them."""
+"""Bytes of samples that are yielded together, at first and at most."""
 OF_ALL = 16
 """Later this part of all samples so far: Rerun holds an index of all pieces in memory."""
 CALLS_TOGETHER = 1 << 14
@@ -45,7 +45,7 @@ class Known:
     def __post_init__(self) -> None:
         widths = [joint.widths for joint in self.body.joints]
         self.widths = [sum(each) for each in zip(*widths, strict=True)] or [0, 0, 0]
-        """Of all its joints: how many positions, velocities and efforts they have."""
+        """How many positions, velocities and efforts each of its joints has."""
 
     def joints_of(self, steps: Int64, times_s: Float64, values: Float64) -> Joints:
         """Return the joints at some steps, a row of numbers each."""
@@ -87,7 +87,7 @@ class World:
         self._calls: list[tuple[int, int, int, bytes]] = []
         """Step, number, site and payload of each call that was not yielded yet."""
         self._results: list[tuple[int, float]] = []
-        """Which of these returned what."""
+        """What each of these returned."""
 
     def lay_out(self, layout: list[tuple[Known, bool]], constraints: list[tuple[int, int]]) -> None:
         """Note what the next samples hold."""

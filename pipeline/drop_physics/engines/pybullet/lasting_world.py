@@ -35,7 +35,7 @@ class LastingWorld(World):
     watch: Callable[[Batch], object] = staticmethod(lambda _: None)
 
     def serves(self, scenario: Scenario) -> bool:
-        """Whether after `restart` this world gives the same bits as a new one.
+        """Return whether after `restart` this world gives the same bits as a new one.
 
         It must have the same bodies, without joints, because these keep their pose. A setting can
         be changed, but not returned to the engine's default. A btRigidBody that starts in contact

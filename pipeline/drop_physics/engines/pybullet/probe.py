@@ -39,11 +39,11 @@ class Verdict:
     files: tuple[Path, ...]
     """The URDF and its meshes."""
     digest: str
-    """Of these files, as they were tried."""
+    """The digest of these files, as they were tried."""
 
 
 Verdicts = Mapping[Path, Verdict]
-"""By the resolved path of a URDF."""
+"""What is known of a URDF, by its resolved path."""
 
 STANDARD_LIMITS = Limits()
 TRIAL = "drop_physics.engines.pybullet.trial:trial"

@@ -52,7 +52,7 @@ def _placed(corners_m: Float64, shape: Collision) -> Float64:
 
 
 def _is_hollow(corners_m: Float64, triangles: Int64, hull_m: Float64) -> bool:
-    """Whether a surface lies below its hull or is open; not where several hulls are held for it."""
+    """Return whether a surface lies below its hull or is open; not where it has several hulls."""
     from scipy.spatial import ConvexHull, QhullError
 
     try:

@@ -14,7 +14,7 @@ from drop_physics.engines.pybullet.engine import p
 from drop_physics.option_types import Quaternion
 
 Distance = Callable[[float], float | None]
-"""From a height of the body's centre to its distance from the floor [m]; None if unknown."""
+"""A function from the height of the body's centre to its distance from the floor [m], or None."""
 
 FAR_M = 1e3
 """A height from which no body reaches the floor."""
@@ -89,4 +89,4 @@ def distances(
 
 
 _DISTANCE = itemgetter(8)
-"""Of a point of `getContactPoints`."""
+"""Takes the distance of a point of `getContactPoints`."""

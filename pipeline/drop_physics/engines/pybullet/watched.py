@@ -67,7 +67,7 @@ class Decoder:
     def __init__(self, finer: int = 1) -> None:
         self._finer = finer
         self._timesteps: dict[int, int] = {}
-        """By site, which of its numbers is a timestep that is divided."""
+        """The number of each site that is a timestep and is divided, by site."""
         self.calls = 0
         self._called = self.raised = -1
         """The sites of the latest call, and of the latest that raised."""

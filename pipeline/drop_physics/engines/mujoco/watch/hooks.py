@@ -40,7 +40,7 @@ POSES = ("mj_forward", "mj_step1", "mj_inverse", "mj_fwdPosition")
 COMPLETE = ("mj_forward", "mj_step1")
 """Those of them that compute all that `mj_step2` and the integrators take."""
 MANY = 64
-"""With so many more states, those that the script has let go of are forgotten."""
+"""Number of further states after which those that the script has let go of are forgotten."""
 MOST_WARNINGS = 100
 """Different texts of warnings that are sent."""
 WARNS_TO_STDERR = (3, 9)

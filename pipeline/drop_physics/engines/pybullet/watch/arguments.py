@@ -26,7 +26,7 @@ MODES = {
     1: ("force", ""),
     2: ("targetPosition", "positionGain"),
 }
-"""By its mode, what its fourth and sixth argument are."""
+"""What the fourth and sixth argument of a motor call are, by its mode."""
 
 
 def names_of(name: str, args: tuple[Any, ...]) -> Sequence[str]:

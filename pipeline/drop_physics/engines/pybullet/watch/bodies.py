@@ -23,7 +23,7 @@ EMPTY_M = 0.0021
 FILE = 4
 """Where `getVisualShapeData` names a shape's file."""
 MOST_CORNERS = 1000
-"""Of a hull; one with more is left out."""
+"""Most corners of a hull; one with more is left out."""
 BASE = 13
 """The numbers of a base: position, orientation, velocity, spin."""
 
@@ -79,11 +79,11 @@ class Body:
         self.base_moves = self.dynamics[0][0] != 0
         """Whether steps may move its base: it has mass, had it, or has got a velocity."""
         self.widths = self._joint_widths()
-        """Of each joint that moves: how many positions, velocities and efforts it has."""
+        """How many positions, velocities and efforts each joint that moves has."""
         self.jointed = sum(map(sum, self.widths))
         """Numbers of its joints."""
         self.pack_joints = packing(len(self.joints))
-        """Not of spherical joints."""
+        """Packs the states of joints that are not spherical."""
         self._pack = Struct(f"<{BASE + self.jointed}d").pack
         self.last = b""
         """The state that was last sent but for samples; empty if none was."""
@@ -96,7 +96,7 @@ class Body:
         return not self.soft and (self.base_moves or bool(self.joints))
 
     def is_carried(self) -> bool:
-        """Whether a call has given a base a velocity that no step moved until now.
+        """Return whether a call has given a base a velocity that no step has moved so far.
 
         Without mass a btMultiBody moves at that velocity, and a btRigidBody not at all.
         """
@@ -175,7 +175,7 @@ class Body:
         return boxes
 
     def _is_empty(self, link: int, edges_m: list[float]) -> bool:
-        """Whether a link with a box of these edges has no collision shapes.
+        """Return whether a link with a box of these edges has no collision shapes.
 
         PyBullet does not list those of a btRigidBody: one that is this small counts as empty.
         """

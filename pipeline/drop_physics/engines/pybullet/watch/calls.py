@@ -39,7 +39,7 @@ LONGEST = 128
 MOST_WHOLE = 1 << 53
 """Whole numbers up to here are the same as doubles."""
 MOST_PLANS = 4096
-"""Of places and forms; beyond, all are made again."""
+"""Most places and forms that are kept; beyond, all are made again."""
 OURS = os.path.dirname(os.path.abspath(__file__)) + os.sep
 
 

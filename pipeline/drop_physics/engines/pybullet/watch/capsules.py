@@ -17,7 +17,7 @@ CAPSULES = (4, 7)
 LINK, KIND, SIZE, POSITION, ORIENTATION = 1, 2, 3, 5, 6
 """Where it names these."""
 UNKNOWN = -1
-"""In place of a kind: how the shape lies is not known."""
+"""What stands in place of a kind where it is not known how the shape lies."""
 UPRIGHT = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]
 
 Ends = tuple[list[float], list[float]]

@@ -23,7 +23,7 @@ from .worlds import ALL, World
 FIELD = 9
 """Type of shape, `GEOM_HEIGHTFIELD`."""
 MERGE_FIXED_LINKS, ENABLE_SLEEPING = 1 << 19, 1 << 11
-"""Of the flags of `loadURDF`."""
+"""Bits of the flags of `loadURDF`."""
 
 
 def before_change(world: World, name: str, arguments: dict[str, Any]) -> None:
@@ -154,6 +154,6 @@ def _set_engine(world: World, name: str, arguments: dict[str, Any]) -> None:
 
 
 def _any(flags: Any) -> bool:
-    """Whether a flag is set, or one of several."""
+    """Return whether a flag is set, or one of several."""
     several = vector(flags)
     return any(several) if several is not None else bool(number(flags))

@@ -142,7 +142,7 @@ class Clock:
         return sleep
 
     def _is_real(self) -> bool:
-        """Whether the caller of our caller keeps the real clock."""
+        """Return whether the caller of our caller keeps the real clock."""
         if not self._theirs or get_ident() != _MAIN:
             return True
         name = _getframe(2).f_code.co_filename

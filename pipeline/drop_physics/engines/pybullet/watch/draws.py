@@ -24,7 +24,7 @@ SILENT = ("getstate", "get_state", "getrandbits")
 OF_NUMPY = ("seed", "sample", "ranf", "set_bit_generator")
 """Functions of numpy's generator that are not its methods."""
 INSTALLED = re.compile(r"[/\\](site|dist)-packages[/\\]")
-"""In the path of a library's module."""
+"""Parts of the path of a library's module."""
 SEEDED_STATE = re.compile(r"RandomState\((?!\s*(None\s*)?\))")
 """A call that gives `numpy.random.RandomState` a seed."""
 
@@ -133,7 +133,7 @@ class Draws:
 
 
 def _is_imported(frame: Any) -> bool:
-    """Whether a library's module is being imported: its own code has called, however deep."""
+    """Return whether a library's module is being imported: its own code called, however deep."""
     while frame is not None:
         code = frame.f_code
         if code.co_name == "<module>" and not code.co_filename.startswith("<"):
@@ -144,6 +144,6 @@ def _is_imported(frame: Any) -> bool:
 
 
 def _gives_seed(frame: Any) -> bool:
-    """Whether a line gives a RandomState a seed; before numpy takes that, it draws its own."""
+    """Return whether a line gives a RandomState a seed; before numpy takes it, it draws its own."""
     line = getline(frame.f_code.co_filename, frame.f_lineno)
     return SEEDED_STATE.search(line) is not None

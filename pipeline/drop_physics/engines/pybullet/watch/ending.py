@@ -19,7 +19,7 @@ LIBRARY = os.path.dirname(os.__file__)
 NOWHERE = "", 0
 """File and line where there is none."""
 PR_SET_PDEATHSIG, SIGKILL = 1, 9
-"""From Linux's `sys/prctl.h` and `signal.h`."""
+"""Numbers from Linux's `sys/prctl.h` and `signal.h`."""
 
 
 def run(watch: Watch, script: Callable[[], None], ours: str) -> None:

@@ -67,7 +67,7 @@ ROLES: dict[str, str] = {
     "asks for the client": "getConnectionInfo getAPIVersion isNumpyEnabled setTimeOut "
     "submitProfileTiming syncBodyInfo",
 }
-"""By role the names of functions; a few have two."""
+"""Names of functions by role; a few have two."""
 
 
 def those_that(*roles: str) -> frozenset[str]:

@@ -73,7 +73,7 @@ class Interventions:
         self._told: dict[tuple[Any, ...], Any] = {}
         """What the script is to read, by client, body, link and argument."""
         self._ours: dict[tuple[Any, ...], Any] = {}
-        """Likewise, what was set in its place."""
+        """What was set in its place, by the same keys."""
         self._steps: dict[int, int] = {}
         self._kept: dict[Any, Any] = {}
         """What an operation remembers: the last push of a place, the last motor of a joint."""

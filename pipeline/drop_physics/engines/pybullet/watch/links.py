@@ -17,7 +17,7 @@ FOLDERS = (
 )
 """Where PyBullet looks for a file (`b3BulletDefaultFileIO::findFile`)."""
 MOST_BYTES = 10_000_000
-"""Of a file that is read; a longer one is read up to here."""
+"""Most bytes that are read of a file."""
 
 MODELS = {
     "loadURDF": (("robot",),),

@@ -41,7 +41,7 @@ IMAGE_HEAD = struct.Struct("<I")
 """Head of an image: length of the JSON before its pixels."""
 
 BLOCK = struct.Struct("=QQ")
-"""At the block's start: bytes sent so far, and bytes in it now."""
+"""What stands at the block's start: bytes sent so far, and bytes in it now."""
 BLOCK_BYTES = 1 << 20
 PLACES, COUNTERS = 1 << 12, 3
 """Behind it are, of so many places that read, so many whole numbers in 64 bits: readings in all;
@@ -50,7 +50,7 @@ MOST_TARGETS = 1024
 """Most bodies, links or pairs of them that are listed of a place that reads."""
 SHARED_BYTES = BLOCK_BYTES + 8 * PLACES * COUNTERS
 CUT_BYTES = 64
-"""Of the block, for the note that it is full and the pipe closed."""
+"""Room in the block for the note that it is full and the pipe closed."""
 LONGEST = 1 << 29
 """No payload is as long; four letters read as a length are longer."""
 FLUSH_BYTES = 1 << 16

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 LEAST_CHANGE = 0.01
-"""If the last iteration changes a velocity by more, further ones were needed [m/s, rad/s].
+"""Largest change of a velocity by a last iteration after which no other is needed [m/s, rad/s].
 """
 ASKED_EVERY = 8
 """One step in this many returns what the solver did: asking takes as long as recording a box."""
@@ -26,7 +26,7 @@ class Solver:
         self._can = True
         """Whether this PyBullet can return it."""
         self._early: dict[int, dict[str, Any]] = {}
-        """By iteration limit: how often the solver was seen to reach it."""
+        """How often the solver was seen to reach each limit of iterations."""
 
     def ask(self, moving: int) -> bool:
         """Have the next step return what the solver did; return whether it will.

@@ -64,9 +64,9 @@ class Variation:
         self._draw = random.Random(seed).uniform
         self._p = SimpleNamespace()
         self._lasting: dict[int, list[tuple[str, Call, Any, Any, Any]]] = {}
-        """By client, calls since its last step that act in one step only."""
+        """Calls since the last step that act in one step only, by client."""
         self._set: dict[int, dict[str, Any]] = {}
-        """By client, what the script has set of what the engine reports."""
+        """What the script has set of what the engine reports, by client."""
         self._links: dict[tuple[int, int | None, int], Any] = {}
         """What the engine would report of each link, by client and body."""
         self._unmoved: set[int] = set()

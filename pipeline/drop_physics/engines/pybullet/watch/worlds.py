@@ -20,7 +20,7 @@ from .solver import Solver
 GEAR = 6
 """Type of constraint, as in `getConstraintInfo`."""
 ALL = None
-"""In place of a body: a call may have moved any of them."""
+"""What stands in place of a body where a call may have moved any of them."""
 SAMPLE_HEAD = SET_HEAD = struct.Struct("<cIqq")
 """Header and head of a sample, and of a state set by calls."""
 SET_BASE = struct.Struct(SET_HEAD.format + "13d")
@@ -40,7 +40,7 @@ class World:
     """
 
     bodies_made = 0
-    """In all simulations of this process."""
+    """Number of bodies in all simulations of this process."""
     search_path = ""
     """Where PyBullet looks for files besides; likewise."""
     varied: Mapping[str, Any] = MappingProxyType({})
