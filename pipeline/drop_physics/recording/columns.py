@@ -15,7 +15,7 @@ from drop_physics.engine_report import LARGEST
 from drop_physics.fields import shown
 from drop_physics.messages import Message
 from drop_physics.recording import schema
-from drop_physics.recording.checks import damaged, twice, wrong_count
+from drop_physics.recording.damage import damaged, twice, wrong_count
 from drop_physics.recording.rrd import Chunk
 from drop_physics.recording.schema import Table
 from drop_physics.trace.events import At, Calls, Impulses

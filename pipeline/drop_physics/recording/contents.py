@@ -10,8 +10,8 @@ from drop_physics.fields import shown
 from drop_physics.files.outputs import free_part_of, is_part
 from drop_physics.messages import Message, shell_command
 from drop_physics.recording import columns, rrd, schema
-from drop_physics.recording.checks import again, damaged
 from drop_physics.recording.columns import Properties
+from drop_physics.recording.damage import again, damaged
 from drop_physics.recording.first_look import check_file, unreadable
 from drop_physics.recording.versions import check_version
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 
 from drop_physics.messages import Message
 from drop_physics.recording import columns, schema
-from drop_physics.recording.checks import damaged
+from drop_physics.recording.damage import damaged
 from drop_physics.recording.digest import FrameDigest
 from drop_physics.recording.reader import Recording
 

@@ -10,8 +10,8 @@ from drop_physics.engine_report import EngineReport
 from drop_physics.errors import ScenarioError
 from drop_physics.messages import Message
 from drop_physics.recording import schema
-from drop_physics.recording.checks import damaged
 from drop_physics.recording.columns import Properties
+from drop_physics.recording.damage import damaged
 from drop_physics.scenario import Camera, Scenario
 
 

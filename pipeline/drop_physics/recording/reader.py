@@ -21,9 +21,9 @@ from drop_physics.errors import RecordingError
 from drop_physics.messages import Message
 from drop_physics.recording import columns, rrd, schema
 from drop_physics.recording import told as saying
-from drop_physics.recording.checks import damaged
 from drop_physics.recording.columns import Properties
 from drop_physics.recording.contents import chunks_of, closing_of, gather
+from drop_physics.recording.damage import damaged
 from drop_physics.recording.digest import (
     Digests,
     RowsDigest,

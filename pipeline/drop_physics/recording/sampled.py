@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.recording import columns, rrd, schema
-from drop_physics.recording.checks import damaged
+from drop_physics.recording.damage import damaged
 from drop_physics.recording.first_look import unreadable
 from drop_physics.recording.rrd import Chunk
 from drop_physics.trace.events import Appearance, Impulses, Raised, Site

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from drop_physics.messages import Message
 from drop_physics.recording import columns
-from drop_physics.recording.checks import damaged, wrong_count
 from drop_physics.recording.contents import chunks_of
+from drop_physics.recording.damage import damaged, wrong_count
 from drop_physics.recording.drawing import FARTHEST_M, part_path
 from drop_physics.recording.rrd import Chunk
 from drop_physics.trace.events import Body, Model

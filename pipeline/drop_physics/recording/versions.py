@@ -16,7 +16,7 @@ from drop_physics.errors import RecordingError
 from drop_physics.fields import shown
 from drop_physics.messages import Message, joined
 from drop_physics.recording import schema
-from drop_physics.recording.checks import again
+from drop_physics.recording.damage import again
 
 
 class Addition(NamedTuple):

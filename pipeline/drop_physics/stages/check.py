@@ -22,7 +22,7 @@ from drop_physics.files.whole import replaced, written_whole
 from drop_physics.messages import Message, shell_command
 from drop_physics.printable import Printable
 from drop_physics.recording import sealing
-from drop_physics.recording.checks import damaged
+from drop_physics.recording.damage import damaged
 from drop_physics.recording.frames import frames, frames_of_cameras
 from drop_physics.recording.reader import Recording, is_recording, read
 

@@ -24,8 +24,8 @@ from drop_physics.files.outputs import check_apart, check_kind, check_target
 from drop_physics.files.whole import written_whole
 from drop_physics.messages import Message
 from drop_physics.printable import Printable
-from drop_physics.recording.checks import damaged
 from drop_physics.recording.contents import is_script
+from drop_physics.recording.damage import damaged
 from drop_physics.recording.reader import Recording, read
 from drop_physics.rules.answer import Finding
 from drop_physics.rules.choice import EVERY, Choice
