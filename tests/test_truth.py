@@ -37,7 +37,7 @@ from drop_physics.rules.answer import LEVELS
 from dropped import analysis_of_world
 from oracle import Drop, Rebound, Truth
 
-CASES = 100
+CASES = 150
 SEED = 13
 CONVERGED: dict[str, Any] = {"solver_residual": 0.0, "solver_iterations": 1000}
 """What lets the contact solver run to its end."""

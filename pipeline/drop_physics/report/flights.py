@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
 from drop_physics.fields import counted
@@ -44,10 +44,15 @@ def falls(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
     names, times, parts_m = zip(*cells, strict=True)
     # Rounding moves no digit that is shown.
     shown = [name for name in parts_m[0] if name != "rounding"]
-    terms = [numbers(TERMS[name], [millimetres(each[name]) for each in parts_m]) for name in shown]
-    yield _titled(
-        Message("Off free fall [mm]"), _names(names), numbers(Message("at"), times), *terms
-    )
+    terms = [
+        replace(
+            numbers(TERMS[name], [millimetres(each[name]) for each in parts_m]),
+            drop=2 if name == "interaction" else 0,
+        )
+        for name in shown
+    ]
+    at = replace(numbers(Message("at"), times), drop=1)
+    yield _titled(Message("Off free fall [mm]"), _names(names), at, *terms)
 
 
 def _begins_in_the_air(body: BodyAnalysis) -> Iterator[tuple[str, float, Vector, VectorTerms]]:
