@@ -44,7 +44,10 @@ def test_a_result_is_shown_once_with_its_plot(outputs: list[list[dict[str, Any]]
     assert max(map(len, text.splitlines())) <= 80
     assert "In[1], line 15\n1  lbr_iiwa_joint_2" in text
     assert '<ol class="findings"' in html
-    assert "style=" not in html.partition("<img")[0]  # its colours are the page's
+    told = html.partition("<img")[0]
+    assert "color" not in told  # its colours are the page's
+    assert "font-family: monospace" in told
+    assert '<td style="text-align: right">+1.294</td>' in told
 
 
 def test_the_arm_holds_with_the_force_that_is_named(outputs: list[list[dict[str, Any]]]) -> None:

@@ -152,7 +152,7 @@ def test_a_notebook_shows_text_table_and_plot(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     shown = standard.analysis._repr_html_()
-    assert re.search("<td>timestep</td><td class=number>-6.1313 mm</td>", shown)
+    assert 'timestep</td><td style="text-align: right">-6.1313 mm</td>' in shown
     assert shown.count('<img style="max-width: 100%" src="data:image/png;base64,iVBOR') == 1
     assert re.findall("data:image/(gif|png)", standard._repr_html_()) == ["gif", "png"]
     swept = sweep({"timestep_s": [1 / 240, 1 / 480]}, "a", record=False, plot="a.svg")

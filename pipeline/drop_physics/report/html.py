@@ -93,7 +93,8 @@ def _(table: DataTable) -> Iterator[str]:
 
 
 def _cell(tag: str, text: str, *, right: bool) -> str:
-    return f"<{tag}{' class=number' * right}>{_said(text).strip()}</{tag}>"
+    side = "right" if right else "left"  # a notebook has a style of its own for tables
+    return f'<{tag} style="text-align: {side}">{_said(text).strip()}</{tag}>'
 
 
 @block_html.register

@@ -45,7 +45,8 @@ def text_of(result: Printable) -> str:
 def html_of(result: Printable) -> str:
     """Return a result's report as HTML, followed by its tables and pictures."""
     report = html.html_of(result.report(), HEADING)
-    return "\n".join([*report, *_tables(result), *_pictures(result)])
+    told = ['<div style="font-family: monospace">', *report, "</div>"]
+    return "\n".join([*told, *_tables(result), *_pictures(result)])
 
 
 def _tables(result: Any) -> Iterator[str]:  # noqa: ANN401 - of any kind
