@@ -402,7 +402,7 @@ def test_record_ends_with_the_next_step(drop: Drop, tmp_path: Path) -> None:
 def test_help_says_what_it_is_for_and_groups_the_commands(drop: Drop) -> None:
     said = drop("--help").stdout
     assert len(said.splitlines()) <= 40
-    assert said.index("a PyBullet script") < said.index("a box")
+    assert said.index("a PyBullet or MuJoCo script") < said.index("a box")
     own, box, recordings = (
         said.index(f"\n{each}:\n") for each in ("Your own script", "The falling box", "Recordings")
     )

@@ -29,7 +29,7 @@ app = App(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["--help", "-h"]},
-    help="Why did my simulation do that? Record a PyBullet script, unchanged, and read what moved "
+    help="Why did my simulation do that? Record a PyBullet or MuJoCo script, and read what moved "
     "its bodies: the worst first, with the line of the script and the call that changes it. Or "
     "drop a box, and learn where each millimetre of error comes from. Everything is kept in one "
     "Rerun recording.",
@@ -384,7 +384,7 @@ def script(context: typer.Context, program: given.Program) -> None:
 
 @app.command(
     rich_help_panel=OWN,
-    short_help="Record anyone's PyBullet script, unchanged.",
+    short_help="Record a PyBullet or MuJoCo script, unchanged.",
     epilog="Example: drop record --duration 10 my_script.py --its-own option",
     context_settings={"allow_interspersed_args": False},
 )
