@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import some
-from drop_physics.explain import commands, judged, steps
+from drop_physics.explain import commands, step_status, steps
 from drop_physics.explain.bodies import Epochs
 from drop_physics.explain.causes import CAUSES, Totals
-from drop_physics.explain.judged import SEGMENTS, Judged
 from drop_physics.explain.recording import Explanation
+from drop_physics.explain.step_status import SEGMENTS, Judged
 from drop_physics.physics.impulses import Forces
 from drop_physics.physics.laws.bullet.tree import BulletTree, Reported
 from drop_physics.trace.history import Piece, Seen
@@ -565,7 +565,7 @@ def test_the_first_that_applies(seen: Callable[[str], Seen]) -> None:
     assert {SEGMENTS[one] for one in cube.segment[held]} == {"constrained"}
     terms = cube.stretches[0].terms
     assert terms["contacts"][:90].any()
-    assert cube.segment[0] == judged.SET
+    assert cube.segment[0] == step_status.SET
     assert (cube.why == -1).all()
     assert (cube.unexplained <= CLOSES).all()
 

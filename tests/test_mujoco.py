@@ -13,7 +13,7 @@ from altered import rows_in
 from conftest import Drop, Recorder, judge, some
 from drop_physics import Scenario, simulate
 from drop_physics.drop.case import case_of
-from drop_physics.drop.engines_apart import apart, flight_of
+from drop_physics.drop.engines_compared import apart, flight_of
 from drop_physics.drop.mechanics import Drift
 from drop_physics.engines import other_world
 from drop_physics.errors import DropError, ScenarioError

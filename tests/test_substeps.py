@@ -15,7 +15,7 @@ import pybullet as p
 import pytest
 from conftest import some
 from drop_physics.analysis.story import Story
-from drop_physics.explain.judged import SEGMENTS
+from drop_physics.explain.step_status import SEGMENTS
 from drop_physics.physics.laws.bullet import substeps as bullet_substeps
 from drop_physics.physics.laws.bullet.substeps import HELD, SubstepSum, sum_of_substeps
 from drop_physics.physics.laws.bullet.tree import Reported

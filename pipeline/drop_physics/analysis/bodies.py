@@ -19,8 +19,8 @@ from drop_physics.analysis.results import (
 )
 from drop_physics.explain.causes import Totals
 from drop_physics.explain.chain import Chain
-from drop_physics.explain.judged import SEGMENTS, Judged
 from drop_physics.explain.rows import SampleRows, rows_of
+from drop_physics.explain.step_status import SEGMENTS, Judged
 from drop_physics.explain.steps import Steps
 from drop_physics.physics.vectors import triple
 from drop_physics.rules.answer import Scene

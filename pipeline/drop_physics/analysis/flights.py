@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from drop_physics.analysis.results import BodyFlight, Moment
 from drop_physics.explain.alone import law_of, motion_of
 from drop_physics.explain.decomposition import error_and_terms
-from drop_physics.explain.judged import FLIGHT, SET, UNEXPLAINED, Judged
+from drop_physics.explain.step_status import FLIGHT, SET, UNEXPLAINED, Judged
 from drop_physics.explain.steps import Steps
 from drop_physics.explain.times import Times
 from drop_physics.physics.base import Law, Motion

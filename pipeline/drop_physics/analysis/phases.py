@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.results import BodyContact, Pusher
-from drop_physics.explain.judged import CONTACT, Judged
+from drop_physics.explain.step_status import CONTACT, Judged
 from drop_physics.explain.steps import Steps
 from drop_physics.explain.times import Times
 from drop_physics.physics.vectors import lengths, summed, triple

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.changes import energy_of
-from drop_physics.explain.judged import SEGMENTS, UNEXPLAINED, WHYS, Judged, Why
+from drop_physics.explain.step_status import SEGMENTS, UNEXPLAINED, WHYS, Judged, Why
 from drop_physics.explain.steps import BodySteps
 from drop_physics.physics.laws.bullet.tree import BulletTree
 from drop_physics.physics.tree import States

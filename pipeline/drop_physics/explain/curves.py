@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from drop_physics.explain.causes import CAUSES, OF_REPLAYS, family
 from drop_physics.explain.contact_points import Pairs
 from drop_physics.explain.joints import Driven, JointTable, target_of
-from drop_physics.explain.judged import Judged
 from drop_physics.explain.recording import Explained
+from drop_physics.explain.step_status import Judged
 from drop_physics.explain.times import Times
 from drop_physics.explain.touches import PRESSED, TouchTable
 from drop_physics.trace.history import Seen

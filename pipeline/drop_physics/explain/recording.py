@@ -13,7 +13,7 @@ from drop_physics.explain.causes import Totals
 from drop_physics.explain.chain import Chain, chain_of, stretches_of
 from drop_physics.explain.commands import Commands
 from drop_physics.explain.joined import Constraints
-from drop_physics.explain.judged import Judged, StepVerdicts, judged
+from drop_physics.explain.step_status import Judged, StepVerdicts, judged
 from drop_physics.explain.steps import (
     Around,
     BodySteps,

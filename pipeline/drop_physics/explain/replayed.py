@@ -18,7 +18,8 @@ from drop_physics.explain.changes import Changes, Transitions, changes_of
 from drop_physics.explain.commands import Commanded
 from drop_physics.explain.driving import asked_of
 from drop_physics.explain.joined import Constraints
-from drop_physics.explain.judged import (
+from drop_physics.explain.recording import LEAST_STEPS, MOST_STEPS, NUMBERS, Explained
+from drop_physics.explain.step_status import (
     CONSTRAINED,
     CONTACT,
     DRIVEN,
@@ -31,7 +32,6 @@ from drop_physics.explain.judged import (
     judged,
     stands,
 )
-from drop_physics.explain.recording import LEAST_STEPS, MOST_STEPS, NUMBERS, Explained
 from drop_physics.explain.steps import EXPLAINED, BodySteps, StepBatch, Steps
 from drop_physics.explain.times import Times
 from drop_physics.explain.touching import Touching, rows_of

@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from drop_physics.explain.judged import SEGMENTS, Judged
+from drop_physics.explain.step_status import SEGMENTS, Judged
 from drop_physics.explain.times import Times
 from drop_physics.trace.events import Body
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.contact_points import Pairs, pairs_of
-from drop_physics.explain.judged import Judged
 from drop_physics.explain.recording import Explained
+from drop_physics.explain.step_status import Judged
 from drop_physics.trace.history import Seen
 
 Float64 = NDArray[np.float64]

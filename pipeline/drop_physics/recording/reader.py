@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from drop_physics.engine_report import EngineReport
 from drop_physics.errors import RecordingError
 from drop_physics.messages import Message
-from drop_physics.recording import columns, rrd, schema
-from drop_physics.recording import told as saying
+from drop_physics.recording import columns, json_rows, rrd, schema
 from drop_physics.recording.columns import Properties
 from drop_physics.recording.contents import chunks_of, closing_of, gather
 from drop_physics.recording.damage import damaged
@@ -32,8 +31,8 @@ from drop_physics.recording.digest import (
     inputs_digest,
 )
 from drop_physics.recording.inputs import Drop, check_inputs, drop_of
+from drop_physics.recording.json_rows import Told
 from drop_physics.recording.sampled import RecordedSamples, is_series
-from drop_physics.recording.told import Told
 from drop_physics.recording.versions import lacking
 from drop_physics.scenario import Camera, Scenario
 from drop_physics.trace.events import (
@@ -257,30 +256,30 @@ def digests(held: Contents) -> dict[str, Any]:
 
 
 def _seen(told: Told, sampled: RecordedSamples, closing: Properties) -> Seen:
-    appearances = saying.events(told, schema.BODIES, Appearance)
-    bodies = saying.bodies_of(appearances)
-    sampled.sites = saying.sites(told)
-    sampled.raised = saying.events(told, schema.RAISED, Raised)
+    appearances = json_rows.events(told, schema.BODIES, Appearance)
+    bodies = json_rows.bodies_of(appearances)
+    sampled.sites = json_rows.sites(told)
+    sampled.raised = json_rows.events(told, schema.RAISED, Raised)
     sampled.appearances = appearances
     sampled.numbers = {
         body.label: number for number, body in bodies.items() if any(map(_moves, body.joints))
     }
-    pairs = saying.events(told, schema.PAIRS, PairFriction)
+    pairs = json_rows.events(told, schema.PAIRS, PairFriction)
     return Seen(
         bodies=bodies,
         appearances=appearances,
-        surfaces=saying.surfaces(told),
-        dynamics=saying.dynamics(told, bodies),
-        settings=saying.settings(told),
-        solvers=saying.events(told, schema.SOLVER, Solver),
-        readings=saying.events(told, schema.READINGS, Reading),
-        puts=saying.puts(told, bodies),
+        surfaces=json_rows.surfaces(told),
+        dynamics=json_rows.dynamics(told, bodies),
+        settings=json_rows.settings(told),
+        solvers=json_rows.events(told, schema.SOLVER, Solver),
+        readings=json_rows.events(told, schema.READINGS, Reading),
+        puts=json_rows.puts(told, bodies),
         samples=dict(enumerate(listed(closing.get("samples_of_clients")))),
         sampled=sampled,
         real_time=bool(closing.get("made_with_real_time", False)),
         unseeded=tuple(listed(closing.get("made_with_unseeded"))),
         machine=str(closing.get("made_with_machine", "")),
-        causes={each.number: each for each in saying.events(told, schema.CAUSES, ImpulseCause)},
+        causes={each.number: each for each in json_rows.events(told, schema.CAUSES, ImpulseCause)},
         frictions={
             (each.body_a, each.link_a, each.body_b, each.link_b): each.friction for each in pairs
         },
@@ -289,8 +288,8 @@ def _seen(told: Told, sampled: RecordedSamples, closing: Properties) -> Seen:
             for each in pairs
             if each.solref
         },
-        warnings=saying.events(told, schema.WARNINGS, EngineWarning),
-        equalities=saying.events(told, schema.EQUALITIES, Equality),
+        warnings=json_rows.events(told, schema.WARNINGS, EngineWarning),
+        equalities=json_rows.events(told, schema.EQUALITIES, Equality),
     )
 
 
@@ -317,7 +316,7 @@ def _told_digest(texts: Mapping[str, list[tuple[At, str]]]) -> str:
 
 
 def _calls_digests(held: Contents) -> str | list[str] | None:
-    sites = saying.sites(held.told)
+    sites = json_rows.sites(held.told)
     sampled, made = held.sampled, Digests()
     for chunk in sampled.chunks(schema.CALLS, 0, sampled.last + 1):
         for calls in columns.calls(chunk, sampled.path):

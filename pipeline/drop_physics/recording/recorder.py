@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.recording import pictures, schema, told, writer
+from drop_physics.recording import json_rows, pictures, schema, writer
 from drop_physics.recording.digest import (
     Digests,
     FrameDigest,
@@ -206,7 +206,7 @@ class Recorder:
             case _:
                 yield from self._tell(event)
 
-    def _tell(self, event: told.Event) -> Iterator[Chunk]:
+    def _tell(self, event: json_rows.Event) -> Iterator[Chunk]:
         """Add a row of JSON; yield rows when there are enough."""
         if isinstance(event, Surface) and not self.drawn:
             return
@@ -219,8 +219,8 @@ class Recorder:
             yield from self._commands.on_appearance(event)
         if isinstance(event, Raised):
             self._commands.on_raised(event)
-        entity, at, values = told.row_of(event)
-        text = told.packed(values)
+        entity, at, values = json_rows.row_of(event)
+        text = json_rows.packed(values)
         self._told_rows.update(entity, at.step, at.call, text)
         yield from self._rows.add(entity, writer.times_of(at), text)
         if self.drawn:

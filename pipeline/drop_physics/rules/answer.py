@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 from drop_physics.explain.actuators import ActuatorTable
 from drop_physics.explain.bodies import Record
 from drop_physics.explain.joints import Driven, JointTable
-from drop_physics.explain.judged import Judged, StepVerdicts
 from drop_physics.explain.recording import Explained
+from drop_physics.explain.step_status import Judged, StepVerdicts
 from drop_physics.explain.steps import BodySteps, StepBatch, Steps
 from drop_physics.explain.times import Times
 from drop_physics.explain.touches import TouchTable
 from drop_physics.fields import counted
 from drop_physics.messages import Message, joined
 from drop_physics.rules.arguments import site_of
-from drop_physics.rules.asked_of_bodies import AskedOfBodies
+from drop_physics.rules.body_properties import AskedOfBodies
 from drop_physics.rules.engines import BULLETS
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.placing import STEPS, Placing

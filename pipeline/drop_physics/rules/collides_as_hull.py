@@ -14,7 +14,7 @@ from drop_physics.physics.columns import rotation
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.tree import BASE
 from drop_physics.rules.answer import Answer, Effect, Finding, Notes, Scene
-from drop_physics.rules.asked_of_bodies import size_m
+from drop_physics.rules.body_properties import size_m
 from drop_physics.trace.events import Surface
 
 Float64 = NDArray[np.float64]

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from drop_physics.messages import Message, joined
 from drop_physics.rules.answer import Effect
-from drop_physics.rules.asked_of_bodies import strained_by
+from drop_physics.rules.body_properties import strained_by
 from drop_physics.rules.rule import Match, Said, Worst, pair_rule
 from drop_physics.rules.tables import PairColumns
 from drop_physics.rules.thresholds import (

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.changes import energy_of
-from drop_physics.explain.judged import DRIVEN, FLIGHT
+from drop_physics.explain.step_status import DRIVEN, FLIGHT
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Effect, Scene
 from drop_physics.rules.rule import Match, Said, Worst, body_rule

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.contact_points import COMMON
-from drop_physics.explain.judged import Judged
+from drop_physics.explain.step_status import Judged
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Answer, Cure, Effect, Finding, Level, Scene, Span
-from drop_physics.rules.asked_of_bodies import size_m
+from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.thresholds import (
     AT_LIMIT_SHARE,

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.explain.judged import FLIGHT
+from drop_physics.explain.step_status import FLIGHT
 from drop_physics.physics.kinematics import kinematics, motion
 from drop_physics.rules.arguments import number as number_of
 from drop_physics.rules.lasting import Lasting

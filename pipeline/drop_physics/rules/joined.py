@@ -17,7 +17,7 @@ from drop_physics.physics.rotations import matrix
 from drop_physics.physics.tree import BASE
 from drop_physics.rules.answer import Answer, Effect, Finding, Scene, Span
 from drop_physics.rules.arguments import given, number, site_of
-from drop_physics.rules.asked_of_bodies import size_m, strained_by
+from drop_physics.rules.body_properties import size_m, strained_by
 from drop_physics.rules.held_off import to_spare
 from drop_physics.rules.thresholds import APART, APART_RAD, CLOSES
 from drop_physics.trace.acts import CONSTRAINS, SETS_TIMESTEP, Act

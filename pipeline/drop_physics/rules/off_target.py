@@ -12,7 +12,7 @@ from drop_physics.explain.joints import Driven
 from drop_physics.explain.targets import Stood, Targets, rings_with
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Answer, Effect, Finding, Scene, Span, and_more
-from drop_physics.rules.asked_of_bodies import size_m
+from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.held_off import MOST, Cause, at_limit, cause_of, give_at_least, holds_off
 from drop_physics.rules.joint import OFF, distance, effort, name_of, place, units_of
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from drop_physics.explain.judged import WHYS
+from drop_physics.explain.step_status import WHYS
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Answer, Cure, Effect, Finding, Level, Noted, Scene, so_many
 from drop_physics.rules.engines import MUJOCOS

@@ -34,7 +34,7 @@ from drop_physics.rules.answer import (
     and_more,
     so_many,
 )
-from drop_physics.rules.asked_of_bodies import size_m
+from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import ANY, BULLETS, engine_of
 from drop_physics.rules.joint import link_of, units
 from drop_physics.rules.runs import Kind, Runs

@@ -15,7 +15,7 @@ from drop_physics.explain.joints import Driven
 from drop_physics.explain.targets import Stood, Targets
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Answer, Cure, Effect, Finding, Scene, Span, and_more
-from drop_physics.rules.asked_of_bodies import size_m
+from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import OFF, distance, effort, link_of, name_of, place, units_of
 from drop_physics.rules.thresholds import EACH_STEP, OWN_SHARE, SPRING_SHARE

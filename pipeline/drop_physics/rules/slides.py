@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Effect, Scene
-from drop_physics.rules.asked_of_bodies import size_m
+from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.rule import Match, Said, Worst, side_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import PairColumns

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.rules.answer import Answer, Cure, Effect, Finding, Noted, Notes, Scene
-from drop_physics.rules.asked_of_bodies import size_m
+from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import effort
 from drop_physics.rules.thresholds import LAG_SHARE, LEFT_M, SINKS_M, SINKS_STEPS, STEADY_SHARE

@@ -6,7 +6,7 @@ import numpy as np
 
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Effect
-from drop_physics.rules.asked_of_bodies import size_m
+from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.rule import Match, Said, Worst, pair_rule
 from drop_physics.rules.tables import PairColumns
 from drop_physics.rules.thresholds import DEEP_M, JUMPED, PUSHED_APART_M_S, STANDARD_M_S2

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.joints import Driven, target_of
-from drop_physics.explain.judged import SET, UNEXPLAINED, StepVerdicts
+from drop_physics.explain.step_status import SET, UNEXPLAINED, StepVerdicts
 from drop_physics.explain.steps import BodySteps, StepBatch, Steps
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.kinematics import kinematics

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.explain.judged import Judged
+from drop_physics.explain.step_status import Judged
 from drop_physics.explain.steps import Steps
 from drop_physics.explain.targets import flips
 from drop_physics.messages import Message

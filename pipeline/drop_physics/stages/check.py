@@ -181,7 +181,7 @@ def _checked(run: Recording, golden: Recording, tolerance_m: float) -> Check:
     engines = None
     if [each.column for each in comparison.differences] == ["engine"]:
         from drop_physics.drop.case import case_seen
-        from drop_physics.drop.engines_apart import apart, flight_of
+        from drop_physics.drop.engines_compared import apart, flight_of
 
         flights = [
             flight_of(*case_seen(each.scenario, each.engine, each.seen)) for each in (run, golden)
