@@ -334,3 +334,24 @@ def _may_sleep(body: Body, calls: Sequence[Given]) -> bool:
 
 def _number(value: float | Sequence[float]) -> float:
     return float(np.ravel(value)[0])
+
+
+def settings_of(seen: Seen) -> dict[int, list[events.Settings]]:
+    """Return what each simulation's engine reported of itself, in order, by client."""
+    found: dict[int, list[events.Settings]] = {}
+    for settings in seen.settings:
+        found.setdefault(settings.client, []).append(settings)
+    return found
+
+
+def epochs_of(
+    records: Mapping[int, Record],
+    settings: Mapping[int, Sequence[events.Settings]],
+    other: Law | None,
+) -> dict[int, Epochs]:
+    """Return the epochs of each body, by its number; equal bodies share their law."""
+    laws: dict[Hashable, BulletTree] = {}
+    return {
+        number: Epochs(record, settings[record.body.client], other, laws)
+        for number, record in records.items()
+    }

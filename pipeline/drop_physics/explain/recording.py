@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.explain.bodies import Epochs, Record, records_of, substeps_of
+from drop_physics.explain.bodies import Record, epochs_of, records_of, settings_of, substeps_of
 from drop_physics.explain.causes import Totals
 from drop_physics.explain.chain import Chain, chain_of, stretches_of
 from drop_physics.explain.commands import Commands
@@ -25,11 +25,10 @@ from drop_physics.explain.steps import (
 from drop_physics.explain.times import Times
 from drop_physics.explain.touching import Touching, rows_of
 from drop_physics.physics.base import EXACT_MACHINES, Law
-from drop_physics.physics.laws.bullet.tree import BulletTree
 from drop_physics.physics.tree import States, Tree
 from drop_physics.trace.acts import CONSTRAINS, Act
 from drop_physics.trace.calls import Call, Push
-from drop_physics.trace.events import Settings, order
+from drop_physics.trace.events import order
 from drop_physics.trace.history import Piece, Seen
 from drop_physics.trace.log import Log
 from drop_physics.trace.states import Rows, by_body
@@ -75,15 +74,9 @@ class Explanation:
     def __init__(self, seen: Seen, other: Law | None = None) -> None:
         self._seen = seen
         self._records = records_of(seen)
-        self._settings: dict[int, list[Settings]] = {}
-        for settings in seen.settings:
-            self._settings.setdefault(settings.client, []).append(settings)
+        self._settings = settings_of(seen)
         self._times = {client: Times(seen, client) for client in self._settings}
-        laws: dict[Hashable, BulletTree] = {}
-        self._epochs = {
-            number: Epochs(record, self._settings[record.body.client], other, laws)
-            for number, record in self._records.items()
-        }
+        self._epochs = epochs_of(self._records, self._settings, other)
         self._soft = {body.client for body in seen.bodies.values() if body.soft}
         self._constraints = Constraints()
         self._commands = Commands(seen)

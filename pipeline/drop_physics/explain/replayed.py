@@ -6,12 +6,12 @@ must close its sum. `Replayed` takes the place of `recording.Explanation`, and y
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.explain.bodies import Epochs, Record, records_of
+from drop_physics.explain.bodies import Record, epochs_of, records_of, settings_of
 from drop_physics.explain.causes import Totals
 from drop_physics.explain.chain import Chain, Stretch, chain_of, stretches_of
 from drop_physics.explain.changes import Changes, Transitions, changes_of
@@ -41,7 +41,7 @@ from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.laws.bullet.tree import BulletTree, Reported
 from drop_physics.physics.rotations import products, rotate, rotate_inverse
 from drop_physics.physics.tree import States
-from drop_physics.trace.events import REPLAYS, Body, ImpulseCause, Impulses, Settings
+from drop_physics.trace.events import REPLAYS, Body, ImpulseCause, Impulses
 from drop_physics.trace.history import Piece, Seen
 from drop_physics.trace.states import by_body
 
@@ -76,15 +76,9 @@ class Replayed:
     def __init__(self, seen: Seen) -> None:
         self._seen = seen
         self._records = records_of(seen)
-        self._settings: dict[int, list[Settings]] = {}
-        for settings in seen.settings:
-            self._settings.setdefault(settings.client, []).append(settings)
+        self._settings = settings_of(seen)
         self._times = {client: Times(seen, client) for client in self._settings}
-        laws: dict[Hashable, BulletTree] = {}
-        self._epochs = {
-            number: Epochs(record, self._settings[record.body.client], None, laws)
-            for number, record in self._records.items()
-        }
+        self._epochs = epochs_of(self._records, self._settings, None)
         self._causes: dict[int, list[ImpulseCause]] = {}
         for cause in seen.causes.values():
             self._causes.setdefault(cause.body, []).append(cause)
