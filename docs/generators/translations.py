@@ -5,18 +5,20 @@ The translations in `drop.po` are written by hand; `drop.mo` is what the program
 
 from __future__ import annotations
 
+import ast
 import io
+from collections.abc import Iterator
 from pathlib import Path
 from typing import ClassVar
 
 from babel.messages.catalog import Catalog
-from babel.messages.extract import extract_from_dir
 from babel.messages.mofile import write_mo
 from babel.messages.pofile import read_po, write_po
 
 from generators.typed import ROOT
 
-MESSAGES = ROOT / "pipeline/drop_physics/locale/ja/LC_MESSAGES/drop.po"
+PACKAGE = ROOT / "pipeline/drop_physics"
+MESSAGES = PACKAGE / "locale/ja/LC_MESSAGES/drop.po"
 TEMPLATES = dict.fromkeys(
     (
         "Message",
@@ -31,9 +33,10 @@ TEMPLATES = dict.fromkeys(
         "ViewerError",
         "StreamError",
         "WorkerDiedError",
-    )
-) | {"counted": (2,)}
-"""What takes a template, and as which of its arguments; the first where none is named."""
+    ),
+    0,
+) | {"counted": 1}
+"""What takes a template, and which of its arguments that is; the first where none is named."""
 
 
 class Translations(Catalog):
@@ -51,6 +54,22 @@ class Translations(Catalog):
         super().__init__("ja", header_comment=comment, fuzzy=False)
 
 
+def templates() -> Iterator[tuple[str, str]]:
+    """Yield the templates of the package, each with the file that says it.
+
+    Found in the syntax tree: which strings Babel's own extraction finds depends on its version.
+    """
+    for path in sorted(PACKAGE.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            match node:
+                case ast.Call(
+                    func=ast.Name(id=name) | ast.Attribute(attr=name), args=arguments
+                ) if name in TEMPLATES:
+                    match arguments[TEMPLATES[name] :]:
+                        case [ast.Constant(value=str(text)), *_]:
+                            yield text, path.relative_to(PACKAGE).as_posix()
+
+
 def made() -> dict[Path, bytes]:
     """Return the messages of the code with their translations, and the same compiled.
 
@@ -62,8 +81,8 @@ def made() -> dict[Path, bytes]:
         for known in read_po(file):
             if known.id:
                 translations[known.id] = known
-    for name, _, text, *_ in extract_from_dir(ROOT / "pipeline/drop_physics", keywords=TEMPLATES):
-        template.add(text, locations=[(name, None)])
+    for text, path in templates():
+        template.add(text, locations=[(path, None)])
     translations.update(template)
     text, compiled = io.BytesIO(), io.BytesIO()
     write_po(text, translations, sort_output=True, ignore_obsolete=True)
