@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from drop_physics.analysis.story import Story
+from drop_physics.engines.cures import call_of
 from drop_physics.rules.answer import Finding
 from drop_physics.trace.history import Seen
 from scenes import ORIGIN, record
@@ -20,7 +21,7 @@ def findings(scene: str, path: Path, **origin: str) -> list[Finding]:
 
 def told_whole(seen: Seen, **origin: str) -> list[Finding]:
     """Return what is found in a recording."""
-    return Story(seen, COMPLETE | origin).analysis().findings
+    return Story(seen, COMPLETE | origin, call_of=call_of(seen.engine)).analysis().findings
 
 
 def codes(scene: str, path: Path) -> list[str]:

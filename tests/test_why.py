@@ -17,7 +17,7 @@ import pybullet_data
 import pytest
 from conftest import Drop
 from drop_physics import Scenario, analyze, simulate
-from drop_physics.engines.pybullet.interventions import Proposed, Scope, applied, proposed
+from drop_physics.engines.pybullet.interventions import applied, call_of
 from drop_physics.engines.pybullet.watch.intervene import Interventions
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.experiments.run_distance import Apart, Track
@@ -29,6 +29,7 @@ from drop_physics.rules.answer import Effect, Finding
 from drop_physics.stages.record import record_script
 from drop_physics.stages.why import Proved, Why, why
 from drop_physics.trace.acts import Act
+from drop_physics.trace.cures import Cure, Scope
 from drop_physics.trace.events import Asked, Body, Calls, Joint, Mimic, Site
 from PIL import Image
 from watching import watched
@@ -291,45 +292,31 @@ def test_an_outcome_moves_at_the_end_or_else_on_the_way() -> None:
     assert moved(far(0.0, 0.5), far(0.1, 0.1)) is None
 
 
-# -- what an advice asks for ----------------------------------------------------------------------
+# -- what a cure asks for --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("advice", "expected"),
+    ("cure", "call"),
     [
+        (Cure("force", "j", 70.0), "p.setJointMotorControl2(…, force=70)"),
+        (Cure("force", "j"), "p.setJointMotorControl2(…, force*10)"),
         (
-            "allow at least 41 N m: p.setJointMotorControl2(…, force=70)",
-            [("force", 70.0, "force=70")],
-        ),
-        (
+            Cure("gains", "j", given={"positionGain": 0.1, "velocityGain": 1.0}),
             "p.setJointMotorControl2(…, positionGain=0.1, velocityGain=1)",
-            [("gains", 0.1, "positionGain=0.1, velocityGain=1")],
         ),
+        (Cure("damping", "b", 0.0), "p.changeDynamics(…, linearDamping=0, angularDamping=0)"),
+        (Cure("timestep", value=5.0), "p.setTimeStep(… / 5)"),
         (
-            "turn it off: p.setJointMotorControl2(…, p.VELOCITY_CONTROL, force=0)",
-            [("default-motor-off", None, "p.VELOCITY_CONTROL, force=0")],
+            Cure("solver", value=0.0, given={"contactERP": 0}),
+            "p.setPhysicsEngineParameter(…, contactERP=0)",
         ),
-        (
-            "p.changeDynamics(body, -1, linearDamping=0, angularDamping=0)",
-            [("damping", 0.0, "linearDamping=0, angularDamping=0")],
-        ),
-        (
-            "use a timestep in which it goes less than that: p.setTimeStep(0.001)",
-            [("timestep", 5.0, "p.setTimeStep(0.0008333)")],
-        ),
-        (
-            "give them less restitution, or no push: p.setPhysicsEngineParameter(contactERP=0)",
-            [("solver", 0.0, "contactERP=0")],
-        ),
-        ("ask for a point within reach", []),
+        (Cure("constraint-force", form="less"), "p.changeConstraint(…, maxForce/10)"),
+        (Cure("lifted", "b", 0.003), "3 mm higher"),
     ],
 )
-def test_an_advice_is_tried_with_its_own_numbers(
-    advice: str, expected: list[tuple[str, float | None, str]]
-) -> None:
-    made = proposed(advice, advice, timestep_s=1 / 240, site=None)
-    assert [(e.name, e.value) for e in made] == [(n, v) for n, v, _ in expected]
-    assert all(text in each.call for each, (_, _, text) in zip(made, expected, strict=True))
+def test_a_cure_is_written_as_its_user_would(cure: Cure, call: str) -> None:
+    assert call_of(cure) == call
+    assert applied(cure, Scope([ARM])) is not None
 
 
 # -- what a run does otherwise --------------------------------------------------------------------
@@ -343,9 +330,11 @@ def client() -> Iterator[int]:
     p.disconnect(made)
 
 
-def intervened(client: int, each: Proposed, body: Body) -> tuple[Any, list[int]]:
+def intervened(
+    client: int, each: Cure, body: Body, site: str | None = None
+) -> tuple[Any, list[int]]:
     """Return PyBullet with an intervention on a body, and what has fired."""
-    run = applied(each, Scope([replace(body, client=client)]))
+    run = applied(each, Scope([replace(body, client=client)], site=site))
     assert run is not None
     fired: list[int] = []
     interventions = Interventions(run.operations, fired.append)
@@ -373,7 +362,7 @@ ARM = Body(
 
 
 def test_the_script_reads_what_it_has_set(client: int) -> None:
-    other, fired = intervened(client, Proposed("friction", "", 4.0), ARM)
+    other, fired = intervened(client, Cure("friction", value=4.0), ARM)
     body = other.loadURDF("cube_small.urdf", physicsClientId=client)
     assert fired
     assert p.getDynamicsInfo(body, -1, client)[1] == 4
@@ -384,14 +373,14 @@ def test_the_script_reads_what_it_has_set(client: int) -> None:
     # What else is changed leaves it alone.
     other.changeDynamics(body, -1, restitution=0.3, physicsClientId=client)
     assert p.getDynamicsInfo(body, -1, client)[1] == pytest.approx(0.4)
-    solver, _ = intervened(client, Proposed("solver", "", 500.0), ARM)
+    solver, _ = intervened(client, Cure("solver", value=500.0), ARM)
     solver.setPhysicsEngineParameter(numSolverIterations=20, physicsClientId=client)
     assert p.getPhysicsEngineParameters(client)["numSolverIterations"] == 500
     assert solver.getPhysicsEngineParameters(client)["numSolverIterations"] == 20
 
 
 def test_a_default_motor_is_turned_off_where_no_call_sets_it(client: int) -> None:
-    other, fired = intervened(client, Proposed("default-motor-off", ""), ARM)
+    other, fired = intervened(client, Cure("default-motor-off"), ARM)
     p.setGravity(0, 0, -9.81, physicsClientId=client)
     body = other.loadURDF("pendulum5.urdf", useFixedBase=True, physicsClientId=client)
     p.resetJointState(body, 0, 0.5, physicsClientId=client)
@@ -403,7 +392,7 @@ def test_a_default_motor_is_turned_off_where_no_call_sets_it(client: int) -> Non
 
 def test_motors_of_several_joints_get_at_least_a_force(client: int) -> None:
     seen: list[Any] = []
-    run = applied(Proposed("force", "", 70.0), Scope([replace(ARM, client=client)]))
+    run = applied(Cure("force", value=70.0), Scope([replace(ARM, client=client)]))
     assert run is not None
     interventions = Interventions(run.operations, lambda _: None)
     calls = {"setJointMotorControlArray": lambda *_, **given: seen.append(given)}
@@ -421,7 +410,7 @@ def test_a_gear_makes_a_finger_follow(client: int) -> None:
         ARM, links=("base", *[each.name for each in joints]), joints=tuple(joints), asked=asked
     )
     gaps = []
-    for proposal in (Proposed("mimic", ""), Proposed("mass", "", 1.0)):
+    for proposal in (Cure("mimic"), Cure("mass", value=1.0)):
         other, _ = intervened(client, proposal, hand)
         p.resetSimulation(client)
         body = other.loadURDF("franka_panda/panda.urdf", useFixedBase=True, physicsClientId=client)
@@ -436,39 +425,60 @@ def test_a_gear_makes_a_finger_follow(client: int) -> None:
 
 
 def test_calls_about_bodies_are_made_otherwise(client: int) -> None:
-    """What an advice about one call asks for: left out, handed on, driven, repeated, carried."""
+    """What a cure of one call asks for: left out, handed on, driven, repeated, carried."""
 
-    def made(advice: str, site: str | None = None) -> tuple[Any, list[int], int]:
-        (each,) = proposed(advice, advice, timestep_s=1 / 240, site=site)
+    def made(cure: Cure, site: str | None = None) -> tuple[Any, list[int], int]:
         p.resetSimulation(client)
-        other, fired = intervened(client, each, ARM)
+        other, fired = intervened(client, cure, ARM, site)
         shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1] * 3, physicsClientId=client)
         return other, fired, other.createMultiBody(1, shape, physicsClientId=client)
 
-    other, fired, box = made(
-        "call p.applyExternalForce before each p.stepSimulation() in which it is to act"
-    )
+    other, fired, box = made(Cure("push-repeated"))
     other.applyExternalForce(box, -1, [1, 0, 0], [0, 0, 0], p.LINK_FRAME, physicsClientId=client)
     for _ in range(3):
         other.stepSimulation(client)
     assert fired
     assert p.getBaseVelocity(box, client)[0][0] == pytest.approx(3 / 240, rel=1e-2)
 
-    other, fired, box = made("hand on its vertical velocity: p.getBaseVelocity(body)[0][2]")
+    other, fired, box = made(Cure("without", form="vertical"))
     p.resetBaseVelocity(box, [0, 0, -2], physicsClientId=client)
     other.resetBaseVelocity(box, [1, 0, 0], physicsClientId=client)
     assert p.getBaseVelocity(box, client)[0] == (1, 0, -2)
 
-    other, fired, box = made("give it the velocity that it moves with: p.resetBaseVelocity(…)")
+    other, fired, box = made(Cure("support-velocity"))
     for x in (0.0, 0.01):
         other.resetBasePositionAndOrientation(box, [x, 0, 0], [0, 0, 0, 1], physicsClientId=client)
     assert p.getBaseVelocity(box, client)[0][0] == pytest.approx(2.4)
 
     line = test_calls_about_bodies_are_made_otherwise.__code__.co_firstlineno
     own = Path(__file__).name
-    other, fired, box = made("give linearDamping in a call of its own", f"{own}:{line}")
-    other.changeDynamics(box, -1, lateralFriction=0.3, linearDamping=0, physicsClientId=client)
+    apart = Cure("right-link", given={"arguments": ["linearDamping"]})
+    given = {"lateralFriction": 0.3, "linearDamping": 0, "physicsClientId": client}
+    other, fired, box = made(apart, f"{own}:{line}")
+    other.changeDynamics(box, -1, **given)
     assert not fired  # it is another line
+
+
+def test_calls_reach_the_link_that_they_name(client: int) -> None:
+    """A call that PyBullet takes for the base, and one by an index among joints that move."""
+    apart, fired = intervened(
+        client, Cure("right-link", given={"arguments": ["linearDamping"]}), ARM
+    )
+    body = apart.loadURDF("r2d2.urdf", physicsClientId=client)
+    given = {"lateralFriction": 0.3, "linearDamping": 0, "physicsClientId": client}
+    apart.changeDynamics(body, 3, **given)
+    assert fired
+    assert [p.getDynamicsInfo(body, link, client)[1] for link in (-1, 3)] == [0.5, 0.3]
+    seen: list[Any] = []
+    run = applied(Cure("right-link", form="joints", given={"links": {0: 1}}), Scope([ARM]))
+    assert run is not None
+    calls = {
+        "setJointMotorControl": lambda *_: None,
+        "setJointMotorControl2": lambda **given: seen.append(given),
+    }
+    older = Interventions(run.operations, lambda _: None).of("setJointMotorControl", calls, p)  # type: ignore[arg-type]
+    older(0, 0, p.POSITION_CONTROL, 0.5, 20)  # takes no names, and is client 0's
+    assert (seen[0]["jointIndex"], seen[0]["targetPosition"], seen[0]["force"]) == (1, 0.5, 20)
 
 
 def test_what_lasts_a_step_is_given_again_from_the_scripts_line(tmp_path: Path) -> None:
@@ -479,7 +489,7 @@ def test_what_lasts_a_step_is_given_again_from_the_scripts_line(tmp_path: Path) 
         "    p.setJointMotorControl2(arm, 0, p.TORQUE_CONTROL, force=1)\n"
         "    p.stepSimulation()\n"
     )
-    run = applied(Proposed("force", "", 1.0), Scope([ARM]))
+    run = applied(Cure("force", value=1.0), Scope([ARM]))
     assert run is not None
     how = {"variation": {"finer": 2}, "interventions": run.operations}
     events, ending, _ = watched(tmp_path, text, **how)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -22,6 +23,7 @@ from drop_physics.explain.touches import TouchTable
 from drop_physics.physics.base import Law
 from drop_physics.rules.answer import Answer, Finding, Scene
 from drop_physics.rules.every import answers_to, ranked
+from drop_physics.trace.cures import Cure
 from drop_physics.trace.history import PYBULLET, Piece, Seen
 
 
@@ -44,6 +46,8 @@ class Story:
         The questions to answer; None for all that the engine's recordings have an answer to.
     other
         The law of one body in flight, where another engine than PyBullet steps it.
+    call_of
+        Returns a cure as its user would write it, in the words of the engine.
     reports
         Whether a finding is reported, or left out.
     also
@@ -60,6 +64,7 @@ class Story:
         whole: bool = False,
         answers: Sequence[type[Answer]] | None = None,
         other: Law | None = None,
+        call_of: Callable[[Cure], str] = lambda cure: cure.call,
         reports: Callable[[Finding], bool] = lambda _: True,
         also: Callable[[Piece], None] | None = None,
     ) -> None:
@@ -81,6 +86,7 @@ class Story:
         self._answers = [question(self.scene) for question in answers]
         self._seen, self._origin = seen, origin
         self._whole, self._also, self._reports = whole, also, reports
+        self._call_of = call_of
         self._rows: list[SampleRows] = []
         ends_s = [
             self.scene.times[body.client].of(seen.samples.get(body.client, 1) - 1)
@@ -137,7 +143,15 @@ class Story:
 
     @cached_property
     def _found(self) -> list[Finding]:
-        return [each for answer in self._answers for each in answer.findings()]
+        return [self._worded(each) for answer in self._answers for each in answer.findings()]
+
+    def _worded(self, finding: Finding) -> Finding:
+        """Return a finding whose cure has a call; that is its advice if it has none."""
+        cure = finding.cure
+        if cure is None:
+            return finding
+        cure = replace(cure, call=cure.call or self._call_of(cure))
+        return replace(finding, cure=cure)
 
     @property
     def table(self) -> pl.DataFrame:

@@ -1,13 +1,15 @@
 """What can be changed in a run: the one table of interventions, and what each of them decides.
 
-An intervention is a value. A finding proposes it, by what its advice or its cure asks for; how a
-run with it is made is the engine's part (`engines/…/interventions`).
+An intervention is a value. A finding proposes it as its cure; how that is written, and how a run
+with it is made, is the engine's part (`engines/…/interventions`).
 """
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+
+from drop_physics.trace.cures import Cure
 
 UNDOES, RAISES, NUMERICS, LEAVES_OUT = "undoes", "raises", "numerics", "leaves out"
 """What an intervention does: it undoes what was not asked for, raises a limit of the script's own,
@@ -55,6 +57,8 @@ KINDS: dict[str, Kind] = {
     "urdf-limits": Kind(UNDOES, decides=True),
     "concave": Kind(UNDOES, decides=True, whole_run=True),
     "gravity": Kind(UNDOES, decides=True, whole_run=True),
+    "right-link": Kind(UNDOES, decides=True),
+    "inertial": Kind(UNDOES),
     "right-client": Kind(UNDOES, decides=True, whole_run=True),
     "lifted": Kind(UNDOES),
     "support-velocity": Kind(UNDOES),
@@ -66,21 +70,34 @@ KINDS: dict[str, Kind] = {
 
 @dataclass(frozen=True)
 class Intervention:
-    """One thing that is changed in a run."""
+    """One thing that is changed in a run: a cure, and what it is made on."""
 
-    name: str
-    value: float | None
-    call: str
-    """What its user would write."""
-    arguments: tuple[tuple[str, float], ...] = ()
-    """What is given, by the engine's names."""
+    cure: Cure
     bodies: tuple[int, ...] | None = None
     """Numbers of the bodies that it is made on; None for the whole run."""
     joint: str | None = None
-    target: str | None = None
-    """The body or joint, as findings name it; None if on the whole run."""
     site: str | None = field(default=None, compare=False)
     """File and line of the call that it changes."""
+
+    @property
+    def name(self) -> str:
+        """Its name, as `--try` takes it."""
+        return self.cure.name
+
+    @property
+    def value(self) -> float | None:
+        """What is given; None where it has no number."""
+        return self.cure.value
+
+    @property
+    def target(self) -> str | None:
+        """The body or joint, as findings name it; None if on the whole run."""
+        return self.cure.target
+
+    @property
+    def call(self) -> str:
+        """What its user would write."""
+        return self.cure.call
 
     @property
     def kind(self) -> Kind:

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, is_dataclass
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
 
 def jsonable(value: Any) -> Any:  # noqa: ANN401
-    """Return a value as plain objects and lists; nan and infinities become null."""
+    """Return a value as plain objects and lists; nan and infinities become null.
+
+    A field of a dataclass whose metadata say `json` is False is left out.
+    """
     if is_dataclass(value) and not isinstance(value, type):
-        return jsonable(asdict(value))
+        shown = [each.name for each in fields(value) if each.metadata.get("json", True)]
+        return {name: jsonable(getattr(value, name)) for name in shown}
     if isinstance(value, Path):
         return str(value)
     if isinstance(value, dict):

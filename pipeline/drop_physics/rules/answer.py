@@ -28,6 +28,7 @@ from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.placing import STEPS, Placing
 from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import BODY_NAMES, Call
+from drop_physics.trace.cures import Cure as Cure  # part of a finding
 from drop_physics.trace.events import Body, Site
 from drop_physics.trace.history import Piece, Seen
 
@@ -59,20 +60,6 @@ class Span:
     """The last of them."""
     count: int
     """Of these, how many it holds in."""
-
-
-@dataclass(frozen=True)
-class Cure:
-    """What would change it: an intervention, which a trial can make."""
-
-    name: str
-    """Of the intervention: `force`, `gains`, `timestep-first` …"""
-    target: str | None
-    """The body or joint that it is made on; None if on the whole run."""
-    value: float | None
-    """What is given; None where the intervention has no number."""
-    call: str
-    """What its user would write."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,7 +6,7 @@ import numpy as np
 
 from drop_physics.explain.commands import DEFAULT
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Effect
+from drop_physics.rules.answer import Cure, Effect
 from drop_physics.rules.joint import effort
 from drop_physics.rules.rule import Match, Said, Worst, joint_rule
 from drop_physics.rules.tables import JointColumns
@@ -34,6 +34,7 @@ def beyond_urdf(joints: JointColumns) -> Match:
 @beyond_urdf.says
 def _(worst: Worst) -> Said:
     unit = worst.effort if worst.force else f"{worst.unit}/s"
+    name = "force" if worst.force else "maxVelocity"
     return Said(
         message=Message(
             "{joint} reaches {most} where its file allows {limit}, in {steps}: PyBullet's "
@@ -44,7 +45,8 @@ def _(worst: Worst) -> Said:
             steps=worst.steps,
             count=worst.joints,
         ),
-        values={"name": "force" if worst.force else "maxVelocity"},
+        values={"name": name},
         advice=Message("p.setJointMotorControl2(…, {name}={limit:g})"),
+        cure=Cure("urdf-limits", worst.joint, worst.limit, given={name: worst.limit}),
         effect=Effect(worst.most - worst.limit, unit),
     )

@@ -13,7 +13,7 @@ from drop_physics.messages import Message
 from drop_physics.physics.columns import rotation
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.tree import BASE
-from drop_physics.rules.answer import Answer, Effect, Finding, Notes, Scene
+from drop_physics.rules.answer import Answer, Cure, Effect, Finding, Notes, Scene
 from drop_physics.rules.body_properties import size_m
 from drop_physics.trace.events import Surface
 
@@ -126,6 +126,7 @@ class CollidesAsHull(Answer):
                     'flags=p.GEOM_FORCE_CONCAVE_TRIMESH), in a URDF <collision concave="yes">; '
                     "else split it into convex parts, as p.vhacd(…) does"
                 ),
+                cure=Cure("concave"),
                 body=body.label,
                 other=self.scene.body(other).label,
                 effect=Effect(found.most, "m"),

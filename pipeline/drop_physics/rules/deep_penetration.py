@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.messages import Message, joined
-from drop_physics.rules.answer import Effect
+from drop_physics.rules.answer import Cure, Effect
 from drop_physics.rules.body_properties import strained_by
 from drop_physics.rules.rule import Match, Said, Worst, pair_rule
 from drop_physics.rules.tables import PairColumns
@@ -55,7 +55,7 @@ def _(worst: Worst) -> Said | None:
         return None  # the first is `starts-in-contact`
     thin_m = max(min(_edges_m(worst)), 1e-9)
     took, share = worst.deepest - worst.first, worst.size / thin_m
-    cause, advice = _cause(worst, took)
+    cause, advice, cure = _cause(worst, took)
     # What comes fast goes deeper; without a cause, only what is no physics any more is said.
     least = DEEP_LASTING if took >= GROWS_STEPS else DEEP_IMPACT
     if share <= (least if cause else max(least, OVER_HALF)):
@@ -74,13 +74,16 @@ def _(worst: Worst) -> Said | None:
     return Said(
         message=message if cause is None else joined(": ", [message, cause]),
         advice=advice,
+        cure=cure,
         effect=Effect(worst.size, "m"),
         share=share,
         level="broken" if broken else None,
     )
 
 
-def _cause(worst: Worst, took: int) -> tuple[Message, Message] | tuple[None, None]:
+def _cause(
+    worst: Worst, took: int
+) -> tuple[Message, Message, Cure | None] | tuple[None, None, None]:
     """Return why, and what changes it; None where that is not sure."""
     lasts = took >= GROWS_STEPS
     grows = lasts and worst.size > 2 * worst.began
@@ -95,6 +98,7 @@ def _cause(worst: Worst, took: int) -> tuple[Message, Message] | tuple[None, Non
         return (
             Message("a call moves one of them in each step, and it has no velocity"),
             Message("give it the velocity that it moves with: p.resetBaseVelocity(…)"),
+            Cure("support-velocity", bodies=(worst.body, worst.other)),
         )
     if grows and worst.constraints:
         return (
@@ -103,16 +107,19 @@ def _cause(worst: Worst, took: int) -> tuple[Message, Message] | tuple[None, Non
                 "tell which of both has to give"
             ),
             Message("give it less force: p.changeConstraint(…, maxForce=…)"),
+            Cure("constraint-force", form="less"),
         )
     if stiffness_n_m and lasts:
         return (
             Message("contact there is as soft as {stiffness:.3g} N/m", stiffness=stiffness_n_m),
             Message("raise p.changeDynamics(…, contactStiffness=…), or do without"),
+            None,
         )
     if took < IMPACT_STEPS and not stiffness_n_m and worst.size <= 1.05 * worst.until_came:
         return (
             Message("they approach by {way:.3g} mm in one step", way=worst.fastest * 1e3),
             Message("use a shorter timestep: p.setTimeStep(…)"),
+            Cure("timestep", value=4.0),
         )
     if grows and worst.motors:
         return (
@@ -124,6 +131,7 @@ def _cause(worst: Worst, took: int) -> tuple[Message, Message] | tuple[None, Non
                 "give the motors less force, or raise "
                 "p.setPhysicsEngineParameter(numSolverIterations=500)"
             ),
+            Cure("solver", value=500.0),
         )
     ratio = strained_by(worst.scene.seen, both)
     if RATIO <= ratio <= MOST_RATIO and lasts:
@@ -134,8 +142,9 @@ def _cause(worst: Worst, took: int) -> tuple[Message, Message] | tuple[None, Non
                 ratio=ratio,
             ),
             Message("raise p.setPhysicsEngineParameter(numSolverIterations=500)"),
+            Cure("solver", value=500.0),
         )
-    return None, None
+    return None, None, None
 
 
 def _edges_m(worst: Worst) -> list[float]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from drop_physics.explain.changes import energy_of
 from drop_physics.explain.step_status import DRIVEN, FLIGHT
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Effect, Scene
+from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.rule import Match, Said, Worst, body_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import BodyColumns
@@ -50,6 +50,7 @@ def _(worst: Worst) -> Said:
         ),
         values={"largest": worst.size},
         advice=Message("p.changeDynamics(body, -1, linearDamping=0, angularDamping=0)"),
+        cure=Cure("damping", worst.body, 0.0),
         effect=Effect(worst.taken, "J"),
         share=min(worst.taken / worst.size, 1),
     )

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from drop_physics.explain.commands import DEFAULT
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Effect, Scene
+from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.joint import effort
 from drop_physics.rules.rule import Match, Said, Worst, joint_rule
 from drop_physics.rules.runs import Runs
@@ -97,11 +97,13 @@ def _(worst: Worst) -> Said:
             "what touches it, up to {most} of the {limit} that it may"
         )
     advice = Message("turn it off: p.setJointMotorControl2(…, p.VELOCITY_CONTROL, force=0)")
-    if worst.subject.joints[worst.link].kind == "spherical":
+    ball = worst.subject.joints[worst.link].kind == "spherical"
+    if ball:
         advice = Message(
             "turn it off: p.setJointMotorControlMultiDof(…, p.POSITION_CONTROL, "
             "targetPosition=[0, 0, 0, 1], force=[0, 0, 0])"
         )
+    cure = Cure("default-motor-off", worst.joint, form="ball" if ball else "")
     scene, share = worst.scene, min(worst.taken / worst.acting, 1.0)
     commanded = scene.inputs.commanded.get(worst.subject.number)
     return Said(
@@ -115,6 +117,7 @@ def _(worst: Worst) -> Said:
             "weight": effort(worst.gravity / max(worst.time, 1e-300), worst.effort),
         },
         advice=advice,
+        cure=cure,
         effect=Effect(worst.most, worst.effort),
         share=share,
         site=scene.site(worst.torque_site),

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Effect
+from drop_physics.rules.answer import Cure, Effect
 from drop_physics.rules.placing import NEAR
 from drop_physics.rules.rule import Match, Said, Worst, side_rule
 from drop_physics.rules.tables import PairColumns
@@ -49,6 +49,7 @@ def _(worst: Worst) -> Said | None:
         ),
         values={"ahead": float(ahead)},
         advice=Message("set the velocity, too: p.resetBaseVelocity({other}, …), each step"),
+        cure=Cure("support-velocity", worst.other, bodies=(worst.other,)),
         effect=Effect(behind, "m"),
         share=behind / size,
         site=worst.scene.placing.site(worst.partner, worst.last),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from drop_physics.explain.changes import energy_of
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Effect, Scene
+from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.rule import Match, Said, Worst, pair_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import PairColumns
@@ -58,9 +58,11 @@ def _(worst: Worst) -> Said | None:
             "give them less restitution, or no push: p.setPhysicsEngineParameter(contactERP=0)"
         ),
     )
+    cure = Cure("solver", value=0.0, given={"contactERP": 0})
     if worst.subject.client in scene.clients_with("set_contactERP", 0):
         why = Message("it turns the speed around that gravity gives them in that step, too")
         advice = Message("give them less restitution, or use a shorter timestep: p.setTimeStep(…)")
+        cure = Cure("timestep", value=4.0)
     return Said(
         message=Message(
             "contact of {body} with {other} adds {gained:.3g} J to {brought:.3g} J of motion: "
@@ -69,6 +71,7 @@ def _(worst: Worst) -> Said | None:
         ),
         values={"why": why},
         advice=advice,
+        cure=cure,
         effect=Effect(worst.gained, "J"),
         share=worst.gained / worst.brought,
     )

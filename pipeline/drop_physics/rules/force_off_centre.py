@@ -14,7 +14,7 @@ from drop_physics.explain.steps import Steps
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.tree import BASE
-from drop_physics.rules.answer import Answer, Effect, Finding, Notes, Scene
+from drop_physics.rules.answer import Answer, Cure, Effect, Finding, Notes, Scene
 from drop_physics.rules.arguments import given, number, site_of
 from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import WORLD_FRAME, Call
@@ -115,6 +115,7 @@ class ForceOffCentre(Answer):
                 message=message,
                 body=body,
                 advice=ADVICE[each.at["world"]],
+                cure=Cure("push-at-centre", body),
                 effect=Effect(arm, "m"),
                 share=arm / each.at["size"],
                 steps=each.span,

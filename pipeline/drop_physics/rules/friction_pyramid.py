@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Effect, Scene
+from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.rule import Match, Said, Worst, pair_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import PairColumns
@@ -39,5 +39,6 @@ def _(worst: Worst) -> Said:
         ),
         values={"most": worst.size},
         advice=Message("call p.setPhysicsEngineParameter(enableConeFriction=1)"),
+        cure=Cure("cone", value=1.0),
         effect=Effect(worst.size, "1"),
     )

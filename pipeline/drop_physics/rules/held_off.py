@@ -13,7 +13,7 @@ from drop_physics.explain.targets import Stood
 from drop_physics.messages import Message
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.kinematics import kinematics
-from drop_physics.rules.answer import Level, Scene
+from drop_physics.rules.answer import Cure, Level, Scene
 from drop_physics.rules.joint import effort, units_of
 from drop_physics.trace.motors import POSITION
 
@@ -31,6 +31,7 @@ class Cause:
 
     why: Message
     advice: Message | None = None
+    cure: Cure | None = None
     level: Level = "asked"
     other: str | None = None
 
@@ -48,7 +49,7 @@ def cause_of(scene: Scene, driven: Driven, held: Holding, stood: Stood) -> Cause
         return _too_weak(driven, held, stood, abs(here))
     holds = _held(scene, driven, held, row, k, away)
     if holds is None and math.isnan(held.needs[k]):  # others share its load
-        return Cause(_weak(driven, stood), Message("give it more force"))
+        return Cause(_weak(driven, stood), Message("give it more force"), Cure("force"))
     return holds
 
 
@@ -99,22 +100,26 @@ def _too_weak(driven: Driven, held: Holding, stood: Stood, here: float) -> Cause
             there=effort(there, unit),
             here=effort(here, unit),
         )
-    return Cause(why, give_at_least(need, unit, float(driven.asked.force[row, k])))
+    return Cause(why, *give_at_least(need, unit, float(driven.asked.force[row, k])))
 
 
-def give_at_least(need: float, unit: str, force: float) -> Message:
-    """Return the advice to give a motor a round force limit that leaves some to spare.
+def give_at_least(need: float, unit: str, force: float) -> tuple[Message, Cure]:
+    """Return the advice to give a motor a round force limit with some to spare, and the cure.
 
     `force` is what it was given: if that is enough, its call came before that of the timestep.
     """
     if force > abs(need):
-        return Message("call p.setTimeStep before the motors are commanded")
+        return (
+            Message("call p.setTimeStep before the motors are commanded"),
+            Cure("timestep-first"),
+        )
     digit = 10.0 ** min(0, math.floor(math.log10(abs(need))) - 1)  # the last that is written
-    return Message(
+    advice = Message(
         "allow at least {need}: p.setJointMotorControl2(…, force={force})",
         need=effort(math.ceil(abs(need) / digit) * digit, unit),
         force=to_spare(need),
     )
+    return advice, Cure("force", value=float(to_spare(need)))
 
 
 def to_spare(need: float) -> str:
@@ -143,8 +148,10 @@ def _held(
             return Cause(why, other=body.label)
         load = held.from_one_side(most, k)
         if load is not None:
-            advice = None if load.anchored else Message("give it more force")
-            return Cause(why, advice, other=body.label)
+            if load.anchored:
+                return Cause(why, other=body.label)
+            more = Message("give it more force")
+            return Cause(why, more, Cure("force"), other=body.label)
         if abs(float(held.contacts[most][k])) > torque * (1 + CLOSE):
             return None  # what lies on it is more than its motor can press with
         force = effort(float(held.contacts[most][k]), unit)
@@ -163,7 +170,8 @@ def _gains(driven: Driven, row: int, k: int, gap: float) -> Cause | None:
     kp, kd, rate = (float(getattr(asked, name)[row, k]) for name in ("kp", "kd", "target_velocity"))
     if kp == 0:
         advice = Message("p.setJointMotorControl2(…, positionGain=0.1)")
-        return Cause(Message("its positionGain is {kp:g}", kp=kp), advice)
+        cure = Cure("gains", value=0.1, given={"positionGain": 0.1})
+        return Cause(Message("its positionGain is {kp:g}", kp=kp), advice, cure)
     timestep_s = float(steps.reported.timestep_s[row])
     (matrix,) = mass_matrix(kinematics(steps.law.tree, steps.before.at(np.array([row]))))
     pull = sum(steps.terms[name][row] for name in FREE)
@@ -177,8 +185,10 @@ def _gains(driven: Driven, row: int, k: int, gap: float) -> Cause | None:
         return Cause(
             Message("its targetVelocity of {rate:.3g} pushes it past", rate=rate),
             Message("p.setJointMotorControl2(…, targetVelocity=0)"),
+            Cure("gains", value=0.0, given={"targetVelocity": 0.0}),
         )
     return Cause(
         Message("with a velocityGain of {kd:.3g} its motor gives way to the load", kd=kd),
         Message("p.setJointMotorControl2(…, velocityGain=1)"),
+        Cure("gains", value=1.0, given={"velocityGain": 1.0}),
     )

@@ -14,7 +14,7 @@ from drop_physics.explain.joints import Driven, target_of
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.tree import States, Tree
-from drop_physics.rules.answer import Answer, Effect, Finding, Scene, Span
+from drop_physics.rules.answer import Answer, Cure, Effect, Finding, Scene, Span
 from drop_physics.rules.arguments import given, number, site_of
 from drop_physics.rules.joint import distance
 from drop_physics.trace.acts import Act
@@ -159,6 +159,7 @@ class IkOff(Answer):
                 "away": worst.away_m,
                 "reach": worst.reach_m,
             }
+            solves = False
             if worst.away_m > worst.reach_m:
                 message = Message(
                     "{joint}: the hand rests {off} from the point ({point}) with its joints on "
@@ -175,7 +176,8 @@ class IkOff(Answer):
                     "p.calculateInverseKinematics(…, maxNumIterations=1000, "
                     "residualThreshold=1e-6), or ask again from where the arm has got to"
                 )
-                if number(sent.call, "maxNumIterations", 0.0) >= ENOUGH:
+                solves = number(sent.call, "maxNumIterations", 0.0) < ENOUGH
+                if not solves:
                     advice = Message("ask again from where the arm has got to")
             else:
                 message = Message(
@@ -184,12 +186,14 @@ class IkOff(Answer):
                     "finds no way there"
                 )
                 advice = Message("ask for a point within reach")
+            cure = Cure("ik", value=1000.0) if solves else None
             size_m = np.ptp(np.reshape(body.bounds_m, (-1, 3)), axis=0).max(initial=0.0)
             yield Finding(
                 code="ik-off",
                 level="asked",
                 message=Message(message, **values),
                 advice=advice,
+                cure=cure,
                 body=body.label,
                 joint=worst.joint,
                 effect=Effect(worst.off_m, "m"),

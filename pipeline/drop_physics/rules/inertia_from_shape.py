@@ -16,7 +16,7 @@ from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.kinematics import Kinematics, kinematics
 from drop_physics.physics.rotations import matrix
 from drop_physics.physics.tree import BASE, Tree
-from drop_physics.rules.answer import Effect, Finding, Scene, and_more
+from drop_physics.rules.answer import Cure, Effect, Finding, Scene, and_more
 from drop_physics.rules.arguments import given, site_of
 from drop_physics.rules.first_look import FirstLook, told_links
 from drop_physics.trace.acts import Act
@@ -146,6 +146,7 @@ class OtherInertia:
         if self.changed is not None:
             cause = Message("p.changeDynamics(mass=…) computes it anew from the collision shape")
             advice = Message("give p.changeDynamics localInertiaDiagonal together with the mass")
+        cure = Cure("inertia-from-file", body.label) if self.changed is None else None
         values = {"more": and_more(count), "ratio": self.ratios[row], "cause": cause}
         message = Message(
             "with the file's <inertia>, the moment of inertia of {body} about {axis}{more} would "
@@ -166,6 +167,7 @@ class OtherInertia:
             level="model",
             message=message,
             advice=advice,
+            cure=cure,
             body=body.label,
             joint=joint,
             effect=Effect(float(self.ratios[row]), "1"),

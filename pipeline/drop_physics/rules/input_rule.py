@@ -81,7 +81,7 @@ class InputRules(Answer):
                     level=said.level or rule.level,
                     reason=said.reason or rule.reason,
                     message=said.message,
-                    advice=said.advice if said.cure is None else said.cure.call,
+                    advice=said.advice or (said.cure and said.cure.call) or None,
                     cure=said.cure,
                     body=None if subject.body is None else subject.body.label,
                     joint=subject.joint,

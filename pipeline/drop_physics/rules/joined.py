@@ -15,7 +15,7 @@ from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.laws.bullet.reports import frame_axes
 from drop_physics.physics.rotations import matrix
 from drop_physics.physics.tree import BASE
-from drop_physics.rules.answer import Answer, Effect, Finding, Scene, Span
+from drop_physics.rules.answer import Answer, Cure, Effect, Finding, Scene, Span
 from drop_physics.rules.arguments import given, number, site_of
 from drop_physics.rules.body_properties import size_m, strained_by
 from drop_physics.rules.held_off import to_spare
@@ -366,6 +366,7 @@ def _apart(joined: _Joined) -> Finding | None:
         body=held,
         other=other,
         advice=advice,
+        cure=Cure("constraint-frames"),
         effect=effect,
         share=share,
         steps=Span(step, step, 1),
@@ -394,16 +395,17 @@ def _weak(joined: _Joined, ratio: float) -> Finding | None:
             count=joined.full,
         )
         advice = Message("give it more: p.changeConstraint(…, maxForce=…)")
+        cure = Cure("constraint-force")
         if joined.weight_n > limit_n:
             why = Message(
                 "{why}, and the weight is {weight:.3g} N", why=why, weight=joined.weight_n
             )
-            advice = Message(
-                "give it more: p.changeConstraint(…, maxForce={force})",
-                force=to_spare(joined.weight_n),
-            )
+            enough = to_spare(joined.weight_n)
+            advice = Message("give it more: p.changeConstraint(…, maxForce={force})", force=enough)
+            cure = Cure("constraint-force", value=float(enough))
             if joined.force_call and number(joined.force_call, "maxForce") > joined.weight_n:
                 advice = Message("call p.setTimeStep before p.changeConstraint(…, maxForce=…)")
+                cure = Cure("timestep-first")
     elif ratio >= RATIO and gap_m > APART * size:
         why = Message(
             "of what constraints join, one is {ratio:.3g} times as heavy as another, and the "
@@ -411,6 +413,7 @@ def _weak(joined: _Joined, ratio: float) -> Finding | None:
             ratio=ratio,
         )
         advice = Message("raise p.setPhysicsEngineParameter(numSolverIterations=500)")
+        cure = Cure("solver", value=500.0)
         span = Span(joined.last - TAIL + 1, joined.last, TAIL)
     else:
         return None
@@ -428,6 +431,7 @@ def _weak(joined: _Joined, ratio: float) -> Finding | None:
         body=held,
         other=other,
         advice=advice,
+        cure=cure,
         effect=Effect(gap_m, "m"),
         share=gap_m / size,
         steps=span,

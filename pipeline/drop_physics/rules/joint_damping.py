@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Effect, Scene
+from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.joint import effort
 from drop_physics.rules.rule import Match, Said, Worst, joint_rule
 from drop_physics.rules.runs import Runs
@@ -62,6 +62,7 @@ def _(worst: Worst) -> Said:
             "p.changeDynamics(body, {link}, jointDamping=0), or give torques that make up "
             "for it: p.calculateInverseDynamics leaves it out"
         ),
+        cure=Cure("joint-damping", worst.body, 0.0),
         effect=Effect(worst.taken, unit),
         share=min(worst.taken / worst.driven, 1.0),
         site=worst.scene.site(worst.torque_site),

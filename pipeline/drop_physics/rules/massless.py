@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Answer, Finding, Scene
+from drop_physics.rules.answer import Answer, Cure, Finding, Scene
 from drop_physics.rules.arguments import given, number, site_of
 from drop_physics.trace.acts import PUSHES, Act
 
@@ -49,6 +49,7 @@ class Massless(Answer):
                 level="asked" if pushed else "note",
                 message=message,
                 advice=Message("p.createMultiBody(baseMass=…): without it a body is static"),
+                cure=Cure("mass", body.label, 1.0, form="made"),
                 body=body.label,
                 site=site_of(call),
             )

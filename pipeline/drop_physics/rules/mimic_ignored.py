@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from drop_physics.explain.commands import DEFAULT
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Effect, Scene
+from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.joint import distance
 from drop_physics.rules.rule import Match, Said, Worst, joint_rule
 from drop_physics.rules.runs import Runs
@@ -80,6 +80,7 @@ def _(worst: Worst) -> Said:
             "p.changeConstraint(c, gearRatio={ratio}, maxForce=…)",
             ratio={1.0: "-1", -1.0: "1"}.get(mimic.multiplier, "…"),
         ),
+        cure=Cure("mimic", worst.body),
         effect=Effect(gap, worst.unit),
         share=gap / worst.extent,
     )

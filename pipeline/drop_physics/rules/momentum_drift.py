@@ -11,7 +11,7 @@ from drop_physics.messages import Message
 from drop_physics.physics.dynamics import angular_momenta
 from drop_physics.physics.kinematics import kinematics, motion
 from drop_physics.physics.tree import BASE, States, Tree
-from drop_physics.rules.answer import Effect, Scene
+from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.rule import Match, Said, Worst, body_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import BodyColumns
@@ -103,6 +103,7 @@ def _(worst: Worst) -> Said:
         message=message,
         values={"drift": effect.value, **{name: float(each) for name, each in sizes.items()}},
         advice=Message("it halves with the timestep: p.setTimeStep(…)"),
+        cure=Cure("timestep", value=4.0),
         effect=effect,
         share=float(max(linear[0], 0.0 if linear[0] > 0 else angular[0])),
     )

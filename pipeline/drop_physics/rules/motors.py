@@ -38,18 +38,14 @@ def _(worst: Worst) -> Said:
             side=Message("upper") if over else Message("lower"),
             limit=high if over else low,
         ),
-        cure=Cure(
-            "limits",
-            worst.joint,
-            None,
-            Message(
-                "give a target within {low:.4g} and {high:.4g}, or other limits by "
-                "p.changeDynamics(body, {link}, jointLowerLimit=…, jointUpperLimit=…)",
-                low=low,
-                high=high,
-                link=worst.link,
-            ),
+        advice=Message(
+            "give a target within {low:.4g} and {high:.4g}, or other limits by "
+            "p.changeDynamics(body, {link}, jointLowerLimit=…, jointUpperLimit=…)",
+            low=low,
+            high=high,
+            link=worst.link,
         ),
+        cure=Cure("limits", worst.joint if worst.joints == 1 else worst.body),
         effect=Effect(worst.size, unit),
         share=worst.size if unit == "rad" else worst.size / (high - low),
     )
@@ -86,6 +82,8 @@ def _(worst: Worst) -> Said:
         each = Message("each step makes the gap {left:.3g} times as large", left=left)
     elif half**2 < 4 * last:
         each = Message("a swing keeps {left:.2g} of its size from step to step", left=left)
+    gains = {"positionGain": 0.1} if worst.at_place else {}
+    gains["velocityGain"] = 1.0
     values = {
         "joint": worst.joint,
         "off": distance(worst.size, unit),
@@ -110,14 +108,10 @@ def _(worst: Worst) -> Said:
         )
     return Said(
         message=Message(template, **values),
-        cure=Cure(
-            "gains",
-            worst.joint,
-            None,
-            Message("p.setJointMotorControl2(…, positionGain=0.1, velocityGain=1)")
-            if worst.at_place
-            else Message("p.setJointMotorControl2(…, velocityGain=1)"),
-        ),
+        advice=Message("p.setJointMotorControl2(…, positionGain=0.1, velocityGain=1)")
+        if worst.at_place
+        else Message("p.setJointMotorControl2(…, velocityGain=1)"),
+        cure=Cure("gains", worst.joint, given=gains),
         effect=Effect(worst.size, unit),
     )
 
@@ -143,12 +137,8 @@ def _(worst: Worst) -> Said:
             limit=effort(worst.limit, worst.effort),
             force=effort(worst.force, worst.effort),
         ),
-        cure=Cure(
-            "timestep-first",
-            None,
-            None,
-            Message("call p.setTimeStep before the motors are commanded"),
-        ),
+        advice=Message("call p.setTimeStep before the motors are commanded"),
+        cure=Cure("timestep-first"),
         effect=Effect(abs(worst.limit - worst.force), worst.effort),
     )
 
@@ -175,15 +165,11 @@ def _(worst: Worst) -> Said:
             force=effort(worst.force, worst.effort),
             substeps=substeps,
         ),
-        cure=Cure(
-            "substeps",
-            None,
-            1.0,
-            Message(
-                "in place of substeps set the timestep to 1/{substeps} of it, before the motors "
-                "are commanded, and step {substeps} times",
-                substeps=substeps,
-            ),
+        advice=Message(
+            "in place of substeps set the timestep to 1/{substeps} of it, before the motors "
+            "are commanded, and step {substeps} times",
+            substeps=substeps,
         ),
+        cure=Cure("substeps", value=float(substeps)),
         effect=Effect(worst.given - worst.force, worst.effort),
     )

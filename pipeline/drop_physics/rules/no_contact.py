@@ -244,7 +244,7 @@ class NoContact(Answer):
             reason=passing.reason,
             message=message,
             advice=advice,
-            cure=None if cure is None else Cure(cure, body.label, None, advice),
+            cure=None if cure is None else Cure(cure, body.label),
             body=body.label,
             other=None if one == two else other.label,
             share=len(passing.steps) / max(made, 1),

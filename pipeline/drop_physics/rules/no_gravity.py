@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Answer, Finding, Notes, Scene
+from drop_physics.rules.answer import Answer, Cure, Finding, Notes, Scene
 from drop_physics.rules.arguments import number, site_of
 from drop_physics.trace.acts import PUSHES, Act
 from drop_physics.trace.calls import Call
@@ -88,6 +88,7 @@ def _floats(floats: Notes[str], call: Call | None, before: float) -> Finding:
         message=message,
         body=body,
         advice=advice,
+        cure=Cure("gravity", value=-9.81),
         steps=first.span,
         site=site_of(call) if lost and call else None,
     )

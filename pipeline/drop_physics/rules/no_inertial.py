@@ -6,7 +6,7 @@ import numpy as np
 
 from drop_physics.explain.steps import Steps
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Effect, Finding, and_more
+from drop_physics.rules.answer import Cure, Effect, Finding, and_more
 from drop_physics.rules.first_look import FirstLook, moving_links, told_links
 from drop_physics.trace.events import Body
 
@@ -48,6 +48,7 @@ class NoInertial(FirstLook):
                     "give the link an <inertial>, or p.changeDynamics(body, {link}, mass=…)",
                     link=links[0],
                 ),
+                cure=Cure("inertial", body.label, given={"links": links}),
                 effect=Effect(float(len(links)), "kg"),
                 share=len(links) / total_kg,
                 site=self.scene.asked.loaded(body),

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Answer, Effect, Finding, Scene, Span
+from drop_physics.rules.answer import Answer, Cure, Effect, Finding, Scene, Span
 
 THRESHOLD_M_S = 0.2
 """Bullet's own: slower contacts do not bounce."""
@@ -81,7 +81,11 @@ class NoRestitution(Answer):
             # What moves is what bounces.
             body, on = (springy, none) if self.scene.body(springy).moving else (none, springy)
             label = self.scene.body(none).label
-            why, advice = _early(gap_m) if early else _cause(asked, label, slow=slow)
+            why, advice, cure = (
+                _early(gap_m, (self.scene.body(body).label, self.scene.body(on).label))
+                if early
+                else _cause(asked, label, slow=slow)
+            )
             yield Finding(
                 code="no-restitution",
                 level="asked",
@@ -95,6 +99,7 @@ class NoRestitution(Answer):
                     why=why,
                 ),
                 advice=advice,
+                cure=cure,
                 body=self.scene.body(body).label,
                 other=self.scene.body(on).label,
                 effect=Effect(wanted * approach, "m/s"),
@@ -114,25 +119,32 @@ class NoRestitution(Answer):
         return bool(body(springy).moving) or none in chosen or not (body(none).joints or chosen)
 
 
-def _early(gap_m: float) -> tuple[Message, Message]:
+def _early(gap_m: float, both: tuple[str, str]) -> tuple[Message, Message, Cure]:
     """Return why it does not bounce where a contact acts before it touches, and what helps."""
-    return Message(
-        "PyBullet stops it {gap:.3g} mm before they touch, and takes that distance over the "
-        "timestep off its rebound",
-        gap=gap_m * 1e3,
-    ), Message(
-        "p.changeDynamics(body, -1, contactProcessingThreshold=0) on both lets contacts act only "
-        "where they touch"
+    return (
+        Message(
+            "PyBullet stops it {gap:.3g} mm before they touch, and takes that distance over the "
+            "timestep off its rebound",
+            gap=gap_m * 1e3,
+        ),
+        Message(
+            "p.changeDynamics(body, -1, contactProcessingThreshold=0) on both lets contacts act "
+            "only where they touch"
+        ),
+        Cure("restitution", given={"contactProcessingThreshold": 0}, bodies=both),
     )
 
 
-def _cause(asked: float, none: str, *, slow: bool) -> tuple[Message, Message | None]:
+def _cause(asked: float, none: str, *, slow: bool) -> tuple[Message, Message, Cure]:
     """Return why it does not bounce, and what changes it."""
     if slow:
-        return Message("PyBullet lets nothing bounce that comes slower than 0.2 m/s"), Message(
-            "p.setPhysicsEngineParameter(restitutionVelocityThreshold=…) sets that speed"
+        return (
+            Message("PyBullet lets nothing bounce that comes slower than 0.2 m/s"),
+            Message("p.setPhysicsEngineParameter(restitutionVelocityThreshold=…) sets that speed"),
+            Cure("restitution", given={"restitutionVelocityThreshold": 0}),
         )
     return (
         Message("restitution is the product of both bodies', {asked:.3g} × 0", asked=asked),
         Message("give {other} restitution, too: p.changeDynamics(…, restitution=1)", other=none),
+        Cure("restitution", none, 1.0, bodies=(none,)),
     )

@@ -37,18 +37,14 @@ def _(worst: Worst) -> Said:
             joint=worst.joint,
             friction=worst.friction,
         ),
-        cure=Cure(
-            "force",
-            worst.joint,
-            worst.friction,
-            Message(
-                "p.setJointMotorControl2(…, {link}, p.VELOCITY_CONTROL, targetVelocity=0, "
-                "force={friction:g}) resists with {force}",
-                link=worst.link,
-                friction=worst.friction,
-                force=effort(worst.friction, worst.effort),
-            ),
+        advice=Message(
+            "p.setJointMotorControl2(…, {link}, p.VELOCITY_CONTROL, targetVelocity=0, "
+            "force={friction:g}) resists with {force}",
+            link=worst.link,
+            friction=worst.friction,
+            force=effort(worst.friction, worst.effort),
         ),
+        cure=Cure("force", worst.joint, worst.friction),
     )
 
 
@@ -70,16 +66,12 @@ def _(worst: Worst) -> Said:
             joint=worst.joint,
             asked=worst.asked,
         ),
-        cure=Cure(
-            "default-motor-off",
-            worst.joint,
-            None,
-            Message(
-                "switch its motor off with p.setJointMotorControlMultiDof(…, "
-                "p.POSITION_CONTROL, targetPosition=[0, 0, 0, 1], force=[0, 0, 0]), and turn it "
-                "with p.TORQUE_CONTROL, or give target positions"
-            ),
+        advice=Message(
+            "switch its motor off with p.setJointMotorControlMultiDof(…, "
+            "p.POSITION_CONTROL, targetPosition=[0, 0, 0, 1], force=[0, 0, 0]), and turn it "
+            "with p.TORQUE_CONTROL, or give target positions"
         ),
+        cure=Cure("default-motor-off", worst.joint, form="ball"),
     )
 
 
@@ -106,7 +98,7 @@ def ik_lists(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
         advice = Message("give lists with one number for each joint that moves: {n}", n=movable)
         yield (
             InputSubject(use.first, use.body),
-            Said(message=message, cure=Cure("ik", use.body.label, float(movable), advice)),
+            Said(message=message, advice=advice),
         )
 
 
@@ -128,8 +120,9 @@ def other_client(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
         advice = Message(
             "p.{function}(…, physicsClientId={client})", function=act.function, client=left[0]
         )
-        cure = Cure("right-client", str(left[0]), None, advice)
-        yield InputSubject(mine[0].first), Said(message=message, cure=cure)
+        given = {"function": act.function, "client": left[0]}
+        cure = Cure("right-client", str(left[0]), given=given)
+        yield InputSubject(mine[0].first), Said(message=message, advice=advice, cure=cure)
 
 
 @input_rule("not-taken", "asked", "scale-keeps-mass")
@@ -154,9 +147,10 @@ def scale_keeps_mass(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
         )
         advice = Message("p.changeDynamics(body, -1, mass={dense:.2g})", dense=mass_kg * scale**3)
         load = inputs.load_of(body)
-        cure = Cure("mass", body.label, mass_kg * scale**3, advice)
-        share = abs(np.log10(scale**3))
-        yield InputSubject(load, body), Said(message=message, cure=cure, share=float(share))
+        cure = Cure("mass", body.label, float(f"{mass_kg * scale**3:.2g}"))
+        share = float(abs(np.log10(scale**3)))
+        said = Said(message=message, advice=advice, cure=cure, share=share)
+        yield InputSubject(load, body), said
 
 
 def _moving(inputs: Inputs, pair: tuple[int, int]) -> bool:
@@ -197,6 +191,6 @@ def contact_despite_filter(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]
         )
         advice = Message("p.setPhysicsEngineParameter(collisionFilterMode=0) asks both masks")
         subject = InputSubject(masks[off.number].last if off else None, off)
-        cure = Cure("collision-off", off.label if off else None, None, advice)
+        cure = Cure("collision-off", form="both-masks")
         other = on.label if on else None
-        yield subject, Said(message=message, cure=cure, other=other)
+        yield subject, Said(message=message, advice=advice, cure=cure, other=other)

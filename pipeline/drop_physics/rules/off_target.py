@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from drop_physics.explain.joints import Driven
 from drop_physics.explain.targets import Stood, Targets, rings_with
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Answer, Effect, Finding, Scene, Span, and_more
+from drop_physics.rules.answer import Answer, Cure, Effect, Finding, Scene, Span, and_more
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.held_off import MOST, Cause, at_limit, cause_of, give_at_least, holds_off
 from drop_physics.rules.joint import OFF, distance, effort, name_of, place, units_of
@@ -197,7 +197,7 @@ class OffTarget(Answer):
             yield joint.rested
         if joint.behind is not None and joint.at_limit > OFTEN * joint.steps:
             weak = at_limit(joint.behind.limit, joint.at_limit, joint.steps)
-            yield replace(joint.behind, cause=Cause(weak, GIVE_MORE))
+            yield replace(joint.behind, cause=Cause(weak, GIVE_MORE, Cure("force")))
 
 
 def _reached(stood: Stood, least: float) -> Flags:
@@ -222,7 +222,10 @@ def _finding(label: str, found: list[Missed]) -> Finding:
         if worst.last
         else Message("{joint}{more} misses a target of {target} by {off}: {why}", **values)
     )
-    return _of(label, worst, worst.cause, message)
+    cure = worst.cause.cure
+    if cure is not None and cure.name in ("force", "gains"):
+        cure = replace(cure, target=worst.joint if len(found) == 1 else label)
+    return _of(label, worst, worst.cause, message, cure)
 
 
 def _lag(label: str, joint: _Joint, lag: Missed) -> Finding:
@@ -237,16 +240,18 @@ def _lag(label: str, joint: _Joint, lag: Missed) -> Finding:
         left=(1 - float(lag.stood.kp[0])) ** every,
     )
     advice = Message("p.setJointMotorControl2(…, positionGain=1) leaves nothing of it")
-    return _of(label, lag, Cause(message, advice, "note"), message)
+    cure = Cure("gains", lag.joint, 1.0, given={"positionGain": 1.0})
+    return _of(label, lag, Cause(message, advice, cure, "note"), message, cure)
 
 
-def _of(label: str, missed: Missed, cause: Cause, message: Message) -> Finding:
+def _of(label: str, missed: Missed, cause: Cause, message: Message, cure: Cure | None) -> Finding:
     first, last = int(missed.stood.first[0]), int(missed.stood.last[0])
     return Finding(
         code="off-target",
         level=cause.level,
         message=message,
         advice=cause.advice,
+        cure=cure,
         body=label,
         joint=missed.joint,
         other=cause.other,
@@ -279,5 +284,5 @@ def _moving(driven: Driven, last: Missed, takes: float | None) -> Cause | None:
     if takes is not None and abs(takes) > driven.limit[row, k]:
         unit = units_of(driven, k)[1]
         why = Message("{weak}; the target takes {need}", weak=weak, need=effort(takes, unit))
-        return Cause(why, give_at_least(takes, unit, float(driven.asked.force[row, k])))
-    return Cause(Message("{why}, and {weak}", why=why, weak=weak), GIVE_MORE)
+        return Cause(why, *give_at_least(takes, unit, float(driven.asked.force[row, k])))
+    return Cause(Message("{why}, and {weak}", why=why, weak=weak), GIVE_MORE, Cure("force"))

@@ -44,8 +44,9 @@ def velocity_set_each_step(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]
         )
         advice = Message("hand on its vertical velocity: p.getBaseVelocity(body)[0][2]")
         subject = InputSubject(use.first, body, steps=Span(falls[0], falls[-1], len(falls)))
-        cure = Cure("without", body.label, None, advice)
-        yield subject, Said(message=message, cure=cure, share=len(falls) / motion.samples)
+        cure = Cure("without", body.label, form="vertical")
+        share = len(falls) / motion.samples
+        yield subject, Said(message=message, advice=advice, cure=cure, share=share)
 
 
 def _falls(inputs: Inputs, client: int) -> tuple[float, float]:
@@ -88,7 +89,8 @@ def pose_set_each_step(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
             subject,
             Said(
                 message=message,
-                cure=Cure("without", joint or body.label, None, advice),
+                advice=advice,
+                cure=Cure("without", joint or body.label, form="driven") if joint else None,
                 effect=Effect(most, "m"),
                 share=most / DEEP_M,
             ),
@@ -124,8 +126,7 @@ def drive_lags(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
             share=made_m / gap_m,
         )
         advice = Message("set each target from the last target, not from the body")
-        cure = Cure("targets-held", drive.body.label, None, advice)
         yield (
             InputSubject(drive.call, drive.body),
-            Said(message=message, cure=cure, share=1 - made_m / gap_m),
+            Said(message=message, advice=advice, share=1 - made_m / gap_m),
         )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drop_physics.explain.steps import Steps
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Answer, Effect, Finding, Noted, Scene
+from drop_physics.rules.answer import Answer, Cure, Effect, Finding, Noted, Scene
 from drop_physics.rules.arguments import given, number, site_of
 from drop_physics.trace.acts import PUSHES, Act
 from drop_physics.trace.calls import Call
@@ -139,6 +139,7 @@ class PushLastedAStep(Answer):
                     "call p.{function} before each p.stepSimulation() in which it is to act",
                     function=each.call.function,
                 ),
+                cure=Cure("push-repeated"),
                 body=each.body.label,
                 effect=Effect(lost, "1") if lost else None,
                 share=lost,

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Cure
 from drop_physics.rules.input_rule import InputSubject, input_rule
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.rule import Said
@@ -44,10 +43,9 @@ def stale(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
             "p.{function}(…, computeForwardKinematics=True) gives that of now",
             function=each.function,
         )
-        cure = Cure("right-link", body.label, 1.0, advice)
         yield (
             InputSubject(None, body, site=_site(each)),
-            Said(message=message, cure=cure, share=way_m / STALE_M),
+            Said(message=message, advice=advice, share=way_m / STALE_M),
         )
 
 
@@ -72,10 +70,9 @@ def static(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
                 body=body.label,
             )
             advice = Message("p.resetBaseVelocity(body, …) beside the pose gives it one")
-            cure = Cure("support-velocity", body.label, None, advice)
             yield (
                 InputSubject(None, body, site=_site(each)),
-                Said(message=message, cure=cure, share=1.0),
+                Said(message=message, advice=advice, share=1.0),
             )
 
 

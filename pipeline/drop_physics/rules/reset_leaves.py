@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.joints import Driven, target_of
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Answer, Effect, Finding, Level, Scene, Span
+from drop_physics.rules.answer import Answer, Cure, Effect, Finding, Level, Scene, Span
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import OFF, distance, name_of, place, units_of
 from drop_physics.trace.acts import Act
@@ -66,6 +67,9 @@ class _Joint:
 class ResetLeaves(Answer):
     """`resetJointState` and `restoreState` set positions and rates, and no motors."""
 
+    cure: ClassVar[str | None] = "targets-held"
+    """What gives motors new targets."""
+
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
         self._joints: dict[int, dict[int, _Joint]] = {}
@@ -100,6 +104,7 @@ class ResetLeaves(Answer):
                 level=level,
                 message=message,
                 advice=advice,
+                cure=None if self.cure is None else Cure(self.cure, self.scene.body(number).label),
                 body=self.scene.body(number).label,
                 joint=worst.joint,
                 effect=Effect(worst.off, worst.unit),
@@ -191,6 +196,7 @@ class StateLeavesControl(ResetLeaves):
     """Writing `qpos` sets positions, and not what actuators are given."""
 
     engines = MUJOCOS
+    cure = None
 
     def _words(self, put: _Put, count: int) -> tuple[Message, Message, Level]:
         """Return what is said; a script that sends it there again on purpose looks the same."""

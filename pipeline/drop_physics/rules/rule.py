@@ -124,9 +124,9 @@ class Said:
     values: Mapping[str, object] = field(default_factory=dict)
     """What texts name besides."""
     cure: Cure | None = None
-    """What would change it; its call is the advice."""
+    """What would change it, to be tried."""
     advice: Message | None = None
-    """The advice where no call makes the cure."""
+    """The advice; the cure's call if it is None."""
     effect: Effect | None = None
     share: float | None = None
     """The effect over what is normal for it; the size, if it is None."""
@@ -242,16 +242,17 @@ class Rule:
         said = self.words(worst)
         if said is None:
             return None
-        cure = said.cure
-        advice = said.advice if cure is None else cure.call
-        advice = None if advice is None else filled(advice, said.values, worst)
+        cure, advice = said.cure, said.advice
+        if cure is not None and cure.call:
+            cure = replace(cure, call=filled(cure.call, said.values, worst))
+        told = cure.call if advice is None and cure is not None else advice
         return Finding(
             code=said.code or self.code,
             level=said.level or self.level,
             reason=said.reason or self.reason,
             message=filled(said.message, said.values, worst),
-            advice=advice,
-            cure=None if cure is None or advice is None else replace(cure, call=advice),
+            advice=filled(told, said.values, worst) if told else None,
+            cure=cure,
             effect=said.effect,
             share=worst.size if said.share is None else said.share,
             steps=worst.span,

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Effect, Scene
+from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.rule import Match, Said, Worst, side_rule
 from drop_physics.rules.runs import Runs
@@ -52,6 +52,7 @@ def _(runs: Runs, scene: Scene) -> Float64:
 
 @slides.says
 def _(worst: Worst) -> Said:
+    cure = None
     seconds, pressed = worst.until_time, worst.until_normal
     if worst.until_against <= worst.until_available:
         message = Message(
@@ -61,6 +62,8 @@ def _(worst: Worst) -> Said:
         )
         advice = Message("grip it at its centre of mass, or with more force or friction")
     else:
+        factor = max(2.0, 2 * worst.until_against / max(worst.until_available, 1e-300))
+        cure = Cure("friction", worst.body, float(f"{factor:.3g}"))
         message = Message(
             "{body} slides {slid:.3g} m on {on}: friction there gives at most "
             "{available:.3g} N (coefficient {given:.3g}), staying takes {needed:.3g} N "
@@ -82,6 +85,7 @@ def _(worst: Worst) -> Said:
             "wanted": worst.until_against / pressed,
         },
         advice=advice,
+        cure=cure,
         effect=Effect(worst.slid, "m"),
         share=worst.slid / worst.body_size_m,
     )
@@ -121,6 +125,9 @@ def _(worst: Worst) -> Said:
         },
         advice=Message(
             "call p.setPhysicsEngineParameter(solverResidualThreshold=0, numSolverIterations=500)"
+        ),
+        cure=Cure(
+            "solver", given={"solverResidualThreshold": 0, "numSolverIterations": 500}, value=500.0
         ),
         effect=Effect(went, "m"),
         share=went / worst.body_size_m,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Effect
+from drop_physics.rules.answer import Cure, Effect
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.rule import Match, Said, Worst, pair_rule
 from drop_physics.rules.tables import PairColumns
@@ -60,6 +60,8 @@ def _(worst: Worst) -> Said:
     body, other = worst.subject, worst.partner
     size, itself = min(size_m(body), size_m(other)), body is other
     advice = Message("place it at least {depth:.3g} mm farther away from {other}")
+    came = worst.scene.placing.came(body.number, worst.step)
+    cure = Cure("lifted", worst.body, worst.depth_m, form="" if came else "set")
     if itself:
         message = Message(
             "{body} collides with itself as it starts: it is {depth:.3g} mm inside {other}, "
@@ -69,7 +71,8 @@ def _(worst: Worst) -> Said:
             "load it without URDF_USE_SELF_COLLISION, or call p.setCollisionFilterPair(…, 0) "
             "for these links"
         )
-    elif worst.scene.placing.came(body.number, worst.step):
+        cure = Cure("collision-off", worst.body)
+    elif came:
         message = Message(
             "{body} is loaded {depth:.3g} mm inside {other} at {time:.4g} s: they are pushed "
             "apart at {speed:.3g} m/s"
@@ -92,6 +95,7 @@ def _(worst: Worst) -> Said:
             "time": worst.time_s(worst.step - 1),
         },
         advice=advice,
+        cure=cure,
         effect=Effect(worst.depth_m, "m"),
         share=worst.depth_m / size,
         site=worst.placed_at,

@@ -55,8 +55,10 @@ def call_elsewhere(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
                 base=told.elsewhere[0],
             )
         advice = Message("give {carrier} in a call of its own", carrier=carrier)
-        cure = Cure("right-link", link, None, advice)
-        yield InputSubject(call, body), Said(message=message, cure=cure, share=float(len(found)))
+        carriers = [name for name in _CARRIERS if name in call.values]
+        cure = Cure("right-link", link, given={"arguments": carriers})
+        said = Said(message=message, advice=advice, cure=cure, share=float(len(found)))
+        yield InputSubject(call, body), said
 
 
 _CARRIERS = (
@@ -91,7 +93,8 @@ def wrong_body(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
             InputSubject(each.call, body),
             Said(
                 message=message,
-                cure=Cure("without", body.label, None, advice),
+                advice=advice,
+                cure=Cure("without", body.label, given={"function": each.call.function}),
                 effect=Effect(moved_m, "m"),
                 share=moved_m,
             ),
@@ -133,9 +136,10 @@ def ik_index(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
         advice = Message(
             "send the answers to the joints for which p.getJointInfo(body, joint)[3] > -1"
         )
-        cure = Cure("ik", body.label, None, advice)
+        sent = dict(zip(sorted(commanded), movable, strict=True))
+        cure = Cure("right-link", body.label, form="joints", given={"links": sent})
         subject = InputSubject(use.first, body, body.joints[left[0]].name)
-        yield subject, Said(message=message, cure=cure, share=float(len(left)))
+        yield subject, Said(message=message, advice=advice, cure=cure, share=float(len(left)))
 
 
 @input_rule("taken-elsewhere", "asked", "reset-frame")
@@ -166,9 +170,9 @@ def reset_frame(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
             "p.multiplyTransforms(position, orientation, *p.getDynamicsInfo(body, -1)[3:5]) is "
             "where its centre of mass belongs"
         )
-        cure = Cure("lifted", body.label, float(frame_m[2]), advice)
+        cure = Cure("lifted", body.label, float(frame_m[2]), form="frame")
         effect = Effect(apart_m, "m")
         yield (
             InputSubject(use.first, body),
-            Said(message=message, cure=cure, effect=effect, share=1.0),
+            Said(message=message, advice=advice, cure=cure, effect=effect, share=1.0),
         )

@@ -8,7 +8,7 @@ import numpy as np
 
 from drop_physics.fields import fraction
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Answer, Effect, Finding, Notes, Scene
+from drop_physics.rules.answer import Answer, Cure, Effect, Finding, Notes, Scene
 from drop_physics.rules.arguments import site_of
 from drop_physics.trace.acts import SETS_TIMESTEP
 
@@ -73,6 +73,7 @@ class TimestepChanged(Answer):
                 level="model",
                 message=message,
                 advice=Message("call p.setTimeStep once, before the first motor"),
+                cure=Cure("timestep-first"),
                 effect=Effect(ratio, "1"),
                 share=ratio,
                 steps=each.span,

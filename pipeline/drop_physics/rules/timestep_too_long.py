@@ -7,7 +7,7 @@ import numpy as np
 from drop_physics.explain.steps import BodySteps
 from drop_physics.fields import fraction
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Effect
+from drop_physics.rules.answer import Cure, Effect
 from drop_physics.rules.rule import Match, Said, Worst, body_rule
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import ENDLESS_M, LONG_S
@@ -37,6 +37,7 @@ def _(worst: Worst) -> Said:
         ),
         values={"way": worst.size, "step_s": fraction(worst.step)},
         advice=ADVICE,
+        cure=Cure("timestep", value=4.0),
         effect=Effect(worst.size, "m"),
         share=worst.size / worst.thick,
     )
@@ -59,6 +60,7 @@ def _(worst: Worst) -> Said:
         ),
         values={"step_s": fraction(worst.size)},
         advice=ADVICE,
+        cure=Cure("timestep", value=4.0),
         effect=Effect(worst.size, "s"),
         share=worst.size / LONG_S,
     )

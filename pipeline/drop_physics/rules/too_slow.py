@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -77,12 +78,14 @@ class TooSlow(JointAnswer):
         weak = at_limit(
             effort(at["limit"], force_unit), worst.count, self._told[at["number"], at["k"]][0]
         )
-        advice = None
+        advice = cure = None
         if takes > at["limit"]:
             weak = Message(
                 "{weak}; holding it here takes {here}", weak=weak, here=effort(takes, force_unit)
             )
-            advice = give_at_least(takes, force_unit, at["force"])
+            advice, cure = give_at_least(takes, force_unit, at["force"])
+            if cure.name == "force":
+                cure = replace(cure, target=at["joint"] if at["joints"] == 1 else None)
         message = Message(
             "{joint}{more} ends at {rate:.2g} {unit}, its target is {target:.3g}: {weak}",
             joint=at["joint"],
@@ -96,6 +99,7 @@ class TooSlow(JointAnswer):
         return {
             "message": message,
             "advice": advice,
+            "cure": cure,
             "effect": Effect(gap, f"{unit}/s"),
             "share": gap / abs(target),
         }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from drop_physics.messages import Message
 from drop_physics.physics.columns import rotation
-from drop_physics.rules.answer import Effect, Scene
+from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.rule import Match, Said, Worst, body_rule
 from drop_physics.rules.tables import BodyColumns
@@ -67,17 +68,21 @@ def _(worst: Worst) -> Said | None:
         "{way:.3g} m in one step, and {other} is {thick:.3g} m thick there"
     )
     advice = Message("use a timestep in which it goes less than that: p.setTimeStep({shorter:.1g})")
+    finer = min(max(2, math.ceil(2 / worst.part - 1e-6)), 64)
+    cure: Cure | None = Cure("timestep", value=float(finer))
     if isinstance(why, Call):
         message = Message(
             "{body} passes through {other} at {time:.4g} s: a call of "
             "p.setCollisionFilterPair switched this pair off"
         )
         advice = Message("p.setCollisionFilterPair(…, enableCollision=1)")
+        cure = Cure("without", given={"function": why.function})
     elif why is not None:
         message = Message(
             "{body} passes through {other} at {time:.4g} s: it has no collision shape"
         )
         advice = Message("give it one: p.createCollisionShape(…), in a URDF <collision>")
+        cure = None
     return Said(
         level="broken" if why is None else "note" if isinstance(why, Call) else "asked",
         message=message,
@@ -88,6 +93,7 @@ def _(worst: Worst) -> Said | None:
             "shorter": worst.timestep * worst.part / 2,
         },
         advice=advice,
+        cure=cure,
         effect=Effect(worst.size, "m"),
         share=worst.size / worst.body_size_m,
         site=site_of(why) if isinstance(why, Call) else None,

@@ -15,6 +15,7 @@ from drop_physics.messages import Message
 from drop_physics.physics.tree import Tree
 from drop_physics.rules.answer import (
     Answer,
+    Cure,
     Effect,
     Finding,
     Noted,
@@ -61,6 +62,8 @@ ADVICE: Mapping[str, Message] = {
 }
 """Terms that answer to rates and act at once. The solver's react to others: what lies on something
 trembles so, and what a motor's own gains turn around is `motor-gain`."""
+CURES = {"joint damping": "joint-damping", "damping": "damping"}
+"""What takes such a term away."""
 
 
 @dataclass
@@ -224,6 +227,7 @@ def _unstable(known: _Rates, rings: dict[int, Noted]) -> Finding | None:
         body=known.body.label,
         joint=joint,
         advice=ADVICE[most],
+        cure=Cure(CURES[most], known.body.label, 0.0) if most in CURES else None,
         effect=Effect(worst.most, unit),
         share=worst.most / float(known.greatest[row]),
         steps=worst.span,
@@ -251,6 +255,7 @@ def _clamped(known: _Rates) -> Finding:
         body=known.body.label,
         joint=joint,
         advice=Message("p.changeDynamics(body, -1, maxJointVelocity=…) raises the limit"),
+        cure=Cure("limits", known.body.label, given={"maxJointVelocity": 1e5}),
         share=worst.count / known.steps,
         effect=taken,
         steps=worst.span,

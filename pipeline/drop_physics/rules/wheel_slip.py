@@ -10,7 +10,7 @@ from drop_physics.explain.steps import Steps
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.tree import BASE, Tree
-from drop_physics.rules.answer import Effect, Scene
+from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.rule import Match, Said, Worst, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
@@ -130,6 +130,7 @@ def _(worst: Worst) -> Said:
             "friction": worst.available / worst.normal,
         },
         advice=None if turns else advice,
+        cure=None if turns else Cure("friction", worst.body),
         other=ground.label,
         effect=Effect(slipped, "m"),
         share=slipped / abs(worst.rolled),

@@ -11,6 +11,7 @@ from drop_physics import colours
 from drop_physics.analysis.results import Analysis
 from drop_physics.analysis.story import Story
 from drop_physics.drop.story import drop_analysis_of
+from drop_physics.engines.cures import call_of
 from drop_physics.errors import ScenarioError, check_suffix
 from drop_physics.explain.times import Times
 from drop_physics.files.outputs import check_apart, check_target, refused
@@ -157,6 +158,7 @@ def analysis_of(
         at_s=at_s or DEFAULT_AT_S,
         sums_at_s=at_s,
         whole=whole,
+        call_of=call_of(seen.engine),
         reports=reports,
     ).analysis()
 

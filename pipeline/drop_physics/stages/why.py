@@ -209,7 +209,7 @@ def why(
     from drop_physics.recording.reader import read
 
     base = read(recorded.recording)
-    check_varied(target, base.seen)
+    cures = check_varied(target, base.seen)
     reached = dict(reversed(recorded.outside))
     kept = reached.pop(KEEPS, None)
     if kept is not None and jobs != 1 and ray is None:
@@ -232,7 +232,7 @@ def why(
 
     analysis = analyze(recorded.recording, choice=choice or EVERY, script=Path(target))
     findings = analysis.findings
-    proposals = Proposals(base.seen, findings)
+    proposals = Proposals(base.seen, findings, cures)
     chosen = _about(findings, about)
     if tries:
         candidates = proposals.asked(tries, chosen)

@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from drop_physics.engines.pybullet.interventions import Run
 from drop_physics.experiments.interventions import Intervention
 from drop_physics.experiments.shares import FINER, TIMESTEP, Shares, coordinate_of, shares_of
 from drop_physics.experiments.verdicts import Outcome, judged, moved
 from drop_physics.stages.why_trials import Candidate, RunTrial, TrialRun
+from drop_physics.trace.cures import ChangedRun, Cure
 
 if TYPE_CHECKING:
     from drop_physics.experiments.run_distance import Apart
@@ -48,7 +48,7 @@ def shares(
     coordinate = coordinate_of(alone, {each.unit: each.value for each in nudge.apart.end})
     if coordinate is None or (len(alone) < 2 and timed is None):
         return None
-    operations = [each for _, one in causes for each in (one.run or Run([])).operations]
+    operations = [each for _, one in causes for each in (one.run or ChangedRun([])).operations]
     by = FINER if timed is not None else FINER[:1]
     tries = [_switched_off(operations, finer) for finer in by]
     if timed is not None:
@@ -103,5 +103,5 @@ def _apart(made: TrialRun) -> Apart:
 
 
 def _switched_off(operations: Sequence[dict[str, object]], finer: int) -> Candidate:
-    what = Intervention("shares", float(finer), f"all of it, timestep/{finer}")
-    return Candidate(what, Run([*operations], finer))
+    what = Cure("shares", value=float(finer), call=f"all of it, timestep/{finer}")
+    return Candidate(Intervention(what), ChangedRun([*operations], finer))

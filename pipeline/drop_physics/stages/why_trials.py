@@ -13,14 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drop_physics.engines.pybullet.interventions import (
-    Proposed,
-    Run,
-    Scope,
-    applied,
-    left_out,
-    proposed,
-)
 from drop_physics.errors import ScenarioError
 from drop_physics.experiments.interventions import KINDS, Intervention
 from drop_physics.experiments.verdicts import Outcome
@@ -29,6 +21,7 @@ from drop_physics.option_types import number
 from drop_physics.stages.runs import RunsUnderWay
 from drop_physics.stages.variations import NUDGE
 from drop_physics.trace.acts import FILTERS, PUSHES, Act
+from drop_physics.trace.cures import ChangedRun, Cure, EngineCures, Scope
 from drop_physics.trace.events import Body, located
 
 if TYPE_CHECKING:
@@ -38,8 +31,6 @@ if TYPE_CHECKING:
     from drop_physics.rules.answer import Finding
     from drop_physics.trace.history import Seen
 
-SEVERAL = re.compile(r" \(and \d+ more\)")
-"""Where a finding is about more joints than the one that it names."""
 READING = "reading"
 """The code of what is about a number that a script reads: no run can show it."""
 LONGEST = 10.0
@@ -71,48 +62,47 @@ class Candidate:
     """An intervention that is to be tried, and the findings that propose it, by their places."""
 
     intervention: Intervention
-    run: Run | None
+    run: ChangedRun | None
     """None where the engine has no such intervention."""
     findings: list[int] = field(default_factory=list)
 
 
 class Proposals:
-    """What is to be tried of a script, by its own run."""
+    """What is to be tried of a script, by its own run.
 
-    def __init__(self, seen: Seen, findings: Sequence[Finding]) -> None:
-        self._seen, self._findings = seen, findings
+    Parameters
+    ----------
+    seen
+        The script's own run.
+    findings
+        What is found in it.
+    cures
+        What is known of cures for its engine.
+    """
+
+    def __init__(self, seen: Seen, findings: Sequence[Finding], cures: EngineCures) -> None:
+        self._seen, self._findings, self._cures = seen, findings, cures
         settings = [each.values.get("fixedTimeStep") for each in seen.settings]
         self._timestep_s = float(np.ravel(settings[-1])[0]) if settings else 1 / 240  # type: ignore[arg-type]
         self._commanded: frozenset[tuple[int, int]] | None = None
 
     def of_findings(self) -> list[Candidate]:
-        """Return what the findings propose, in their order; the same thing is tried once."""
+        """Return the cures of the findings, in their order; the same thing is tried once."""
         found: dict[Any, Candidate] = {}
         for place, finding in enumerate(self._findings):
-            if finding.code == READING:  # which is not about what the bodies do
+            if finding.cure is None or finding.code == READING:  # not about what the bodies do
                 continue
-            advice = str(finding.advice or "")
-            about = f"{finding.message} {advice}"
-            for each in proposed(advice, about, timestep_s=self._timestep_s, site=finding.site):
-                candidate = self._candidate(each, finding)
-                key = replace(candidate.intervention, site=None, call="")
-                places = found.setdefault(key, candidate).findings
-                if place not in places:
-                    places.append(place)
+            candidate = self._candidate(finding.cure, finding)
+            places = found.setdefault(candidate.intervention, candidate).findings
+            if place not in places:
+                places.append(place)
         return [*found.values()]
 
     def always(self) -> list[Candidate]:
         """Return what is tried of every script, since every outcome may hang on it."""
         return [
-            self._whole(Proposed("timestep", "p.setTimeStep(…) / 2", 2.0)),
-            self._whole(
-                Proposed(
-                    "solver",
-                    "p.setPhysicsEngineParameter(…, numSolverIterations=500)",
-                    500.0,
-                    {"numSolverIterations": 500.0},
-                )
-            ),
+            self._whole(Cure("timestep", value=2.0)),
+            self._whole(Cure("solver", value=500.0)),
         ]
 
     def asked(self, texts: Sequence[str], about: Sequence[int]) -> list[Candidate]:
@@ -140,9 +130,10 @@ class Proposals:
                 raise ScenarioError(
                     "--try timestep/K takes a whole number from 2 to 1000, got {text!r}", text=text
                 )
-            each = Proposed(name, text, given)
             of = [self._findings[place] for place in about if not KINDS[name].whole_run]
-            candidates = [self._candidate(each, one) for one in of] or [self._whole(each)]
+            candidates = [
+                self._candidate(Cure(name, one.joint or one.body, given, text), one) for one in of
+            ] or [self._whole(Cure(name, value=given, call=text))]
             for candidate in candidates:
                 candidate.findings += about
             found += (
@@ -159,55 +150,47 @@ class Proposals:
                 for argument in (None, *(each for each in names if not NEEDED.match(each))):
                     key = call.function, call.file, call.line, argument
                     if key not in found:
-                        found[key] = _without(*key)
+                        found[key] = self._without(*key)
         return [*found.values()]
 
-    def _whole(self, each: Proposed) -> Candidate:
-        bodies = [*self._seen.bodies.values()]
-        return self._made(each, bodies, joint=None, target=None, site=None, whole=True)
+    def _without(self, function: str, file: str, line: int, argument: str | None) -> Candidate:
+        call = f"p.{function}(…)" if argument is None else f"p.{function}(…, {argument}=…)"
+        cure = Cure("without", call=f"without {call}", given={"function": function})
+        intervention = Intervention(cure, site=located(file, line))
+        return Candidate(intervention, self._cures.left_out(function, file, line, argument))
 
-    def _candidate(self, each: Proposed, finding: Finding) -> Candidate:
+    def _whole(self, cure: Cure) -> Candidate:
+        return self._made(cure, [*self._seen.bodies.values()], joint=None, site=None, whole=True)
+
+    def _candidate(self, cure: Cure, finding: Finding) -> Candidate:
         labels = {body.label: body for body in self._seen.bodies.values()}
-        named = [labels[text] for text in (finding.body, finding.other) if text in labels]
-        told = str(finding.advice)
-        advised = [b for b in named if f"give {b.label} " in told or f"({b.label}, " in told]
-        if "on both" in str(finding.advice):
-            bodies = named
-        elif finding.bodies > 1 or not named:
+        bodies = [labels[each] for each in cure.bodies or (finding.body,) if each in labels]
+        if not bodies or (finding.bodies > 1 and not cure.bodies):
             bodies = [*labels.values()]
-        else:
-            bodies = advised[:1] or named[:1]
-        several = SEVERAL.search(str(finding.message)) is not None
-        joint = None if several or len(bodies) != 1 else finding.joint
+        joint = cure.target if len(bodies) == 1 and cure.target == finding.joint else None
         target = joint or (bodies[0].label if len(bodies) == 1 else None)
-        return self._made(each, bodies, joint=joint, target=target, site=finding.site, whole=False)
+        return self._made(
+            replace(cure, target=target), bodies, joint=joint, site=finding.site, whole=False
+        )
 
     def _made(
         self,
-        each: Proposed,
+        cure: Cure,
         bodies: Sequence[Body],
         *,
         joint: str | None,
-        target: str | None,
         site: str | None,
         whole: bool,
     ) -> Candidate:
-        whole |= KINDS[each.name].whole_run
-        intervention = Intervention(
-            each.name,
-            each.value,
-            each.call,
-            tuple(each.arguments.items()),
-            None if whole else tuple(body.number for body in bodies),
-            None if whole else joint,
-            None if whole else target,
-            site,
-        )
+        if whole or KINDS[cure.name].whole_run:
+            whole, joint, cure = True, None, replace(cure, target=None)
+        cure = replace(cure, call=cure.call or self._cures.call_of(cure))
+        numbers = None if whole else tuple(body.number for body in bodies)
         commanded: frozenset[tuple[int, int]] = frozenset()
-        if each.name == "default-motor-off":
+        if cure.name == "default-motor-off":
             commanded = self._motors()
-        scope = Scope(bodies, None if whole else joint, commanded, self._timestep_s)
-        return Candidate(intervention, applied(each, scope))
+        scope = Scope(bodies, joint, site, commanded, self._timestep_s)
+        return Candidate(Intervention(cure, numbers, joint, site), self._cures.applied(cure, scope))
 
     def _motors(self) -> frozenset[tuple[int, int]]:
         """Return body and link of each joint that a call gives a motor, but no torque."""
@@ -227,13 +210,6 @@ class Proposals:
                         found |= {(n, link) for n in bodies for link in np.unique(links).tolist()}
             self._commanded = frozenset(found)
         return self._commanded
-
-
-def _without(function: str, file: str, line: int, argument: str | None) -> Candidate:
-    site = located(file, line)
-    call = f"p.{function}(…)" if argument is None else f"p.{function}(…, {argument}=…)"
-    intervention = Intervention("without", None, f"without {call}", site=site)
-    return Candidate(intervention, left_out(function, file, line, argument))
 
 
 @dataclass(frozen=True)
@@ -274,7 +250,7 @@ class RunTrial:
         from drop_physics.recording.reader import read
 
         nudges = number == self.nudge
-        run = Run([]) if nudges else self.candidates[number].run
+        run = ChangedRun([]) if nudges else self.candidates[number].run
         now = time.time()
         if run is None or (now > self.until and not nudges):
             return TrialRun(None, None)

@@ -13,7 +13,7 @@ from sys import _getframe
 from types import SimpleNamespace
 from typing import Any
 
-from .arguments import CLIENT, body_of, client_of, named, number
+from .arguments import BODY_NAMES, CLIENT, UNNAMED, body_of, client_of, named, number
 from .calls import caller_of, shown_file
 from .functions import MAKES_BODIES, PUSHES
 from .hidden import hide
@@ -101,7 +101,7 @@ class Interventions:
                     changed = made
             # As the script wrote it where nothing is changed: its form is recorded.
             same = changed is arguments
-            result = call(*args, **kwargs) if same else call(**changed)
+            result = call(*args, **kwargs) if same else self._called(name, call, changed)
             client = result if name == "connect" else client
             self._came(name, client, result)
             for which, operation in mine:
@@ -111,6 +111,13 @@ class Interventions:
             return result
 
         return _hidden(intervened)
+
+    def _called(self, name: str, call: Call, arguments: Mapping[str, Any]) -> Any:
+        """Make a call by the names of its arguments; the older motor call takes none by name."""
+        if name == UNNAMED:
+            call = self._calls["setJointMotorControl2"]
+            arguments = {each: value for each, value in arguments.items() if each}
+        return call(**arguments)
 
     def _came(self, name: str, client: Any, result: Any) -> None:
         if name in ("connect", "resetSimulation"):
@@ -166,6 +173,15 @@ class Interventions:
         self._fire(which)
         return made
 
+    def _apart(self, which: int, operation: Operation, arguments: Any, _: int) -> Any:
+        """Give some arguments of a call in a call of their own, for the same link."""
+        own = {n: v for n, v in arguments.items() if n in operation["arguments"]}
+        about = {n: v for n, v in arguments.items() if n in (*BODY_NAMES, "linkIndex", CLIENT)}
+        if own:
+            self._fire(which)
+            self._calls["changeDynamics"](**about, **own)
+        return {n: v for n, v in arguments.items() if n not in own}
+
     def _set(self, which: int, operation: Operation, arguments: Any, client: int) -> Any:
         """Give arguments other values: all of them, or with `given` only where they are given."""
         values, given = operation.get("values", {}), operation.get("given")
@@ -214,6 +230,19 @@ class Interventions:
                 ]
         if made != arguments:
             self._fire(which)
+        return made
+
+    def _redirect(self, which: int, operation: Operation, arguments: Any, _: int) -> Any:
+        """Send the motor calls of joints to others."""
+        to = dict(operation["links"])
+        made = dict(arguments)
+        if "jointIndices" in arguments:
+            joints = [number(each) for each in arguments["jointIndices"]]
+            made["jointIndices"] = [to.get(each, each) for each in joints]
+        else:
+            joint = number(arguments.get("jointIndex"))
+            made["jointIndex"] = to.get(joint, joint)
+        self._fire(which)
         return made
 
     def _centre(self, which: int, _: Operation, arguments: Any, client: int) -> Any:

@@ -1,0 +1,23 @@
+"""Which engine's room writes a cure as a call, and makes a run with it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from drop_physics.engines.pybullet import interventions as pybullet
+from drop_physics.trace.cures import Cure, EngineCures
+from drop_physics.trace.history import PYBULLET
+
+ROOMS: dict[str, EngineCures] = {PYBULLET: pybullet}
+"""By the name of an engine."""
+
+
+def cures_of(engine: str) -> EngineCures | None:
+    """Return what is known of cures for a recording's engine; None if its runs are not varied."""
+    return ROOMS.get(engine.partition(" ")[0])
+
+
+def call_of(engine: str) -> Callable[[Cure], str]:
+    """Return what writes a cure as a user of an engine would."""
+    cures = cures_of(engine)
+    return (lambda cure: cure.call) if cures is None else cures.call_of

@@ -1,0 +1,79 @@
+"""A cure as data: what a rule proposes, whatever the engine; and a run with it.
+
+An engine's room writes the call that makes a cure (`words`) and the run in which it is made
+(`interventions`); `engines.cures` finds both by the name of the engine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from drop_physics.trace.events import Body
+
+
+@dataclass(frozen=True)
+class Cure:
+    """What would change it: an intervention, which a trial can make."""
+
+    name: str
+    """Of the intervention: `force`, `gains`, `timestep-first` …"""
+    target: str | None = None
+    """The body or joint that it is made on; None if on the whole run."""
+    value: float | None = None
+    """What is given; None where the intervention has no number."""
+    call: str = field(default="", compare=False)
+    """What its user would write; the engine writes it where a rule leaves it empty."""
+    form: str = field(default="", metadata={"json": False})
+    """Which way of making it is meant, where there are several."""
+    given: Mapping[str, Any] = field(default_factory=dict, hash=False, metadata={"json": False})
+    """What the call and the trial are given besides: numbers and names by argument."""
+    bodies: tuple[str, ...] = field(default=(), metadata={"json": False})
+    """Labels of the bodies that it is made on, where that is not the finding's own."""
+
+
+@dataclass(frozen=True)
+class Scope:
+    """What an intervention is made on."""
+
+    bodies: Sequence[Body]
+    joint: str | None = None
+    """The joint of the only body; None for all of its joints."""
+    site: str | None = None
+    """File and line of the call that a finding is about."""
+    commanded: frozenset[tuple[int, int]] = frozenset()
+    """Numbers of bodies and links of the joints whose motors a call commands."""
+    timestep_s: float = 1 / 240
+    """The last one of the run."""
+
+    def links(self, body: Body) -> list[int]:
+        """Return the joints that are meant, of those that move, by their links."""
+        return [
+            joint.link
+            for joint in body.joints
+            if joint.widths[0] and self.joint in (None, joint.name)
+        ]
+
+
+@dataclass(frozen=True)
+class ChangedRun:
+    """What a run does otherwise."""
+
+    operations: list[dict[str, Any]]
+    """The operations, as the engine's hooks take them."""
+    finer: int = 1
+    """Steps of the engine for each of the script's."""
+
+
+class EngineCures(Protocol):
+    """What an engine's room knows of cures."""
+
+    def call_of(self, cure: Cure) -> str:
+        """Return the call or attribute that its user would write."""
+
+    def applied(self, cure: Cure, scope: Scope) -> ChangedRun | None:
+        """Return what a run with it does otherwise; None if the engine has none such."""
+
+    def left_out(self, function: str, file: str, line: int, argument: str | None) -> ChangedRun:
+        """Return a run without a call, or without an argument of it."""
