@@ -10,6 +10,7 @@ from __future__ import annotations
 import atexit
 import contextlib
 import functools
+import gc
 import json
 import os
 import runpy
@@ -24,8 +25,8 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any, BinaryIO
 
-STARTS = ("MALLOC_PERTURB_", "PYTHONHASHSEED", "PYTHONPATH", "LD_PRELOAD")
-"""Variables that count when Python starts."""
+STARTS = ("MALLOC_PERTURB_", "PYTHONHASHSEED", "LD_PRELOAD")
+"""Variables that count when Python starts; `PYTHONPATH` does, too, but can be made up for."""
 PERTURB = "85"
 """What `Script` sets the first of them to."""
 STATUS = struct.Struct("i")
@@ -111,7 +112,7 @@ def popen(command: Sequence[str], *, also: str = "", **how: Any) -> Any:
     """Start a program, forked where that comes to the same; `also` is imported, too."""
     same = command[0] == sys.executable and not command[1].startswith("-")
     then, env = _started_with(), {"MALLOC_PERTURB_": PERTURB, **how["env"]}
-    if not same or any(env.get(name) != then.get(name) for name in STARTS):
+    if not same or any(env.get(name) != then.get(name) for name in STARTS) or _customized(env):
         return subprocess.Popen(command, **how)
     return Forked(command, also=also, **how)
 
@@ -125,6 +126,18 @@ def run(
         for file in (out, err):
             file.seek(0)
         return subprocess.CompletedProcess(command, code, out.read().decode(), err.read().decode())
+
+
+def _paths(environment: Mapping[str, str] = os.environ) -> list[str]:
+    """Return the folders of `PYTHONPATH`, as Python puts them behind the script's."""
+    named = environment.get("PYTHONPATH", "").split(os.pathsep)
+    return [*dict.fromkeys(map(os.path.abspath, filter(None, named)))]
+
+
+def _customized(environment: Mapping[str, str]) -> bool:
+    """Return whether Python runs a module of the user's when it starts."""
+    names = ("sitecustomize.py", "usercustomize.py")
+    return any(Path(folder, name).exists() for folder in _paths(environment) for name in names)
 
 
 def _started_with() -> dict[str, str]:
@@ -220,10 +233,11 @@ def _become(request: dict[str, Any], files: list[int]) -> None:
         os.dup2(each, number)
         os.close(each)
     os.chdir(request["folder"])
+    ours = _paths()
     os.environ.clear()
     os.environ.update(request["env"])
     sys.argv = request["arguments"]
-    sys.path[0] = sys.argv[0]
+    sys.path[:] = [sys.argv[0], *_paths(), *sys.path[1 + len(ours) :]]
     runpy.run_path(sys.argv[0], run_name="__main__")
 
 
@@ -232,4 +246,5 @@ if __name__ == "__main__":
         __import__(name)
     for name in [name for name in sys.modules if name.partition(".")[0] == "drop_physics"]:
         del sys.modules[name]  # what runs loads them under a name of its own, or not at all
+    gc.freeze()
     _serve(socket.socket(fileno=int(sys.argv[1])))()
