@@ -185,11 +185,39 @@ def test_what_reaches_outside_is_not_run_again_unasked(
     with pytest.raises(DropError, match=r"writes \S+other\.txt.*again"):
         proved(tmp_path / "here", text, tries=["damping"])
     assert (tmp_path / "other.txt").read_text() == "x"
-    said: list[str] = []
-    proved(tmp_path / "here", text, tries=["damping"], again=True, force=True, note=said.append)
-    # Two runs at once would write the same file; a temporary one is each run's own.
-    assert any("mine.txt: its runs are made one after another" in each for each in said)
+    proved(tmp_path / "here", text, tries=["damping"], again=True, force=True)
     assert (tmp_path / "other.txt").read_text() == "xxxx"  # its own run, the nudge and the trial
+
+
+def test_trials_write_in_a_copy_and_draw_what_the_script_drew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A site is the script's own there; a trial that changes no bit has drawn the same."""
+    monkeypatch.chdir(tmp_path)
+    library = tmp_path / "site-packages"
+    library.mkdir()
+    library.joinpath("starter.py").write_text(
+        "import subprocess, sys\nsubprocess.run([sys.executable, '-c', ''])\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", str(library))
+    Path("sub").mkdir()
+    Path("sub/script.py").write_text(
+        HEAD + "import random, starter, numpy as np\n"
+        "x = random.random() + np.random.rand() + np.random.default_rng().random()\n"
+        "b = p.loadURDF('cube_small.urdf', [x, 0, 1])\n"
+        "p.changeDynamics(b, -1, lateralFriction=0.7)\nsteps(9)\n"
+        "open('log.txt', 'a').write('x')\n"
+    )
+    said: list[str] = []
+    result = why("sub/script.py", ablate=True, stdout=2, note=said.append)
+    assert Path("log.txt").read_text() == "x"  # of its own run
+    assert said == []
+    idle = {(each.call, each.site) for each in result.no_effect}
+    assert ("without p.changeDynamics(…)", f"sub/script.py:{HEAD.count(chr(10)) + 4}") in idle
+    text = Path("sub/script.py").read_text().replace("'log.txt'", "__file__ + '.log'")
+    Path("sub/script.py").write_text(text)
+    why("sub/script.py", tries=["damping"], stdout=2, note=said.append)
+    assert "script.py.log: its runs are made one after another" in said[-1]
 
 
 def test_what_is_asked_with_try_is_tried_and_nothing_else(tmp_path: Path) -> None:

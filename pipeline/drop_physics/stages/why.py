@@ -21,6 +21,7 @@ from drop_physics.recording.layer_file import VERDICTS, forget_trials, trials_of
 from drop_physics.stages.program import SEEDED_CLOCK_S, STOPPED
 from drop_physics.stages.record import record_script
 from drop_physics.stages.runs import Progress, check_varied, run_all
+from drop_physics.stages.scratch import can_be_copied
 from drop_physics.stages.why_shares import shares
 from drop_physics.stages.why_trials import Candidate, Proposals, RunTrial, TrialRun, first_tried
 from drop_physics.workers import cores
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
     from drop_physics.rules.answer import Finding
     from drop_physics.rules.choice import Choice
 
+MOST = 8
+"""As many things are told of a script at most."""
 BUDGET_S = 60.0
 """No trial begins later [s]."""
 
@@ -44,8 +47,8 @@ OUTSIDE = {
     "removes": Message("removes {name}"),
 }
 """What a script may reach beside its simulation."""
-KEEPS = "keeps"
-"""A file in its working directory: runs beside each other would write it at once."""
+KEEPS, THERE = "keeps", "keeps there"
+"""A file in its working directory that it writes: in a copy of that, or only where it is."""
 
 
 @dataclass(frozen=True)
@@ -211,7 +214,13 @@ def why(
     base = read(recorded.recording)
     cures = check_varied(target, base.seen)
     reached = dict(reversed(recorded.outside))
-    kept = reached.pop(KEEPS, None)
+    written = [Path(name) for how, name in recorded.outside if how == KEEPS]
+    kept, there = reached.pop(KEEPS, None), reached.pop(THERE, None)
+    here = Path.cwd().resolve()
+    if not (there or reached) and len(recorded.outside) < MOST and can_be_copied(here):
+        kept = None
+    else:
+        kept, written = there or kept, []
     if kept is not None and jobs != 1 and ray is None:
         note(
             Message(
@@ -263,6 +272,7 @@ def why(
         time.time() + budget_s - (time.monotonic() - began),
         recorded.wall_s,
         drawn,
+        written,
     )
 
     def run(which: RunTrial, numbers: Sequence[int]) -> dict[int, TrialRun]:

@@ -7,6 +7,7 @@ import os
 import re
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,7 @@ from drop_physics.experiments.verdicts import Outcome
 from drop_physics.fields import alternatives
 from drop_physics.option_types import number
 from drop_physics.stages.runs import RunsUnderWay
+from drop_physics.stages.scratch import scratch_copy
 from drop_physics.stages.variations import NUDGE
 from drop_physics.trace.acts import FILTERS, PUSHES, Act
 from drop_physics.trace.cures import ChangedRun, Cure, EngineCures, Scope
@@ -237,6 +239,8 @@ class RunTrial:
     """By the script's own run."""
     drawn: bool = False
     """Whether what is only for looking is recorded, too."""
+    written: Sequence[Path] = ()
+    """Files of the working directory that the script writes: it then runs in a copy of that."""
     runs: RunsUnderWay = field(default_factory=RunsUnderWay)
 
     @property
@@ -258,7 +262,11 @@ class RunTrial:
         program = replace(self.program, variation=variation, interventions=run.operations)
         path, until = self._path(number), now + LEAST_S + LONGEST * self.took_s * run.finer
         name, base = path.stem, self.base or read(self.recording)
-        with Path(os.devnull).open("wb") as null:
+        with ExitStack() as stack:
+            if self.written:
+                copy = stack.enter_context(scratch_copy(Path.cwd().resolve(), self.written))
+                program = replace(program, scratch=str(copy), target=_from_home(program))
+            null = stack.enter_context(Path(os.devnull).open("wb"))
             ended = self.runs.record(
                 program,
                 path,
@@ -299,6 +307,11 @@ class RunTrial:
             text = f"{number + 1}-{each.name}" + ("" if each.value is None else f"={each.value:g}")
             name = "".join(c if c.isalnum() or c in "=.-+" else "_" for c in text)
         return self.folder / f"{name}.rrd"
+
+
+def _from_home(program: Program) -> str:
+    """Return a script as it is named from anywhere."""
+    return program.target if program.is_module else str(Path(program.target).absolute())
 
 
 def _began(base: Recording, other: Recording) -> Distance | None:

@@ -74,6 +74,8 @@ class Program:
     """Whether it is told what it reaches beside its simulation, which slows it down."""
     interventions: Sequence[Mapping[str, Any]] = ()
     """What its calls do otherwise, as `interventions` makes it."""
+    scratch: str | None = None
+    """A copy of the working directory, in which it runs."""
 
 
 def _seeded(seed: int | None) -> dict[str, str]:
@@ -255,6 +257,7 @@ class Script(Listener):
             "variation": program.variation,
             "listens": program.listens,
             "interventions": program.interventions,
+            "scratch": program.scratch,
         }
         command = [program.python, str(WATCHING), json.dumps(options), program.target]
         try:

@@ -83,8 +83,8 @@ class Decoder:
         self.real_time = False
         self.unseeded: list[str] = []
         self.outside: list[tuple[str, str]] = []
-        """What it reached beside its simulation: `connects`, `starts`, `writes`, `removes` or
-        `keeps`, and a name."""
+        """What it reached beside its simulation: `connects`, `starts`, `writes`, `removes`, `keeps`
+        or `keeps there`, and a name."""
         self.intervened: set[int] = set()
         """The interventions that have changed something, by number."""
         self.timing = ""

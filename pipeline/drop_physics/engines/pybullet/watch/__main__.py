@@ -90,6 +90,7 @@ def main() -> None:
     arguments = json.loads(options)
     start, ending = _load()
     is_module, listens = arguments.pop("module"), arguments.pop("listens")
+    start.enter(arguments.pop("scratch"))
     sys.argv = rest
     watch = start.watch(**arguments)
     if listens:

@@ -242,6 +242,10 @@ def _escaped(text: str) -> str:
     return text.replace("{", "{{").replace("}", "}}")
 
 
+HOME: list[str] = []
+"""The script's working directory, where it runs in a copy of that."""
+
+
 def shown_file(name: str) -> str:
     """Return a file's name, relative to the working directory or the module path.
 
@@ -255,7 +259,7 @@ def shown_file(name: str) -> str:
         here = os.getcwd()
     except OSError:  # it was removed
         here = ""
-    for folder in (here, *sorted(sys.path, key=len, reverse=True)):
+    for folder in (here, *HOME, *sorted(sys.path, key=len, reverse=True)):
         if folder and name.startswith(os.path.join(folder, "")):
             return os.path.relpath(name, folder)
     return os.path.basename(name) or name

@@ -127,12 +127,12 @@ class Draws:
         return notice
 
     def _drawn(self, called: str, frame: Any, name: str = "") -> None:
-        if (name or called) not in self._quiet and not _is_imported(frame):
+        if (name or called) not in self._quiet and not is_imported(frame):
             self._quiet.add(name or called)
             self._tell(called, frame)
 
 
-def _is_imported(frame: Any) -> bool:
+def is_imported(frame: Any) -> bool:
     """Return whether a library's module is being imported: its own code called, however deep."""
     while frame is not None:
         code = frame.f_code

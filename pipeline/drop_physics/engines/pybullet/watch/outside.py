@@ -2,20 +2,23 @@
 
 Sockets, other programs, devices, and files that it writes elsewhere than in its working directory
 or in the system's folder for temporary ones; of the files there, those that another run of it would
-write, too. Python tells an audit hook, which cannot be taken off again: it is for an interpreter
-that is the script's own.
+write, too. What a library starts while it is imported is its own. Python tells an audit hook, which
+cannot be taken off again: it is for an interpreter that is the script's own.
 """
 
 from __future__ import annotations
 
 import os
 import sys
-import tempfile
 from collections.abc import Callable
 from typing import Any
 
+from .draws import is_imported
+
 CONNECTS = ("socket.connect", "socket.bind", "socket.sendto")
 STARTS = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.spawn")
+TEMPORARY = ("/tmp", "/var/tmp", "/usr/tmp")
+"""Where Python makes temporary files, unless the environment names a folder."""
 MAKES = ("tempfile.mkstemp", "tempfile.mkdtemp")
 REMOVES = ("os.remove", "os.rename", "os.rmdir", "os.truncate")
 WRITES = os.O_WRONLY | os.O_RDWR | os.O_APPEND
@@ -34,7 +37,8 @@ class Outside:
     ----------
     tell
         Called with what it is, `connects`, `starts`, `removes`, `writes` or, in those folders,
-        `keeps`, and its name.
+        `keeps` where a copy of the working directory would take it, else `keeps there`, and its
+        name.
     """
 
     def __init__(self, tell: Callable[[str, str], None]) -> None:
@@ -43,7 +47,10 @@ class Outside:
         self._own: set[str] = set()
         """Temporary files and folders, whose names no other run has."""
         self.on = True
-        temporary = {tempfile.gettempdir(), os.path.realpath(tempfile.gettempdir())}
+        self._began = os.path.realpath(os.getcwd())
+        # `tempfile` itself would draw a name, and with it what the script draws next.
+        told = [os.environ.get(name) for name in ("TMPDIR", "TEMP", "TMP")]
+        temporary = {os.path.realpath(each) for each in (*told, *TEMPORARY) if each}
         self._allowed = tuple(os.path.join(each, "") for each in temporary)
 
     def listen(self) -> None:
@@ -61,7 +68,7 @@ class Outside:
             self._own.add(os.path.realpath(os.fsdecode(arguments[0])))
         elif event in CONNECTS:
             self._note("connects", str(arguments[1])[:80])
-        elif event in STARTS:
+        elif event in STARTS and not is_imported(sys._getframe(1)):
             self._note("starts", str(arguments[0])[:80])
         elif event in REMOVES and type(arguments[0]) is str:
             self._file("removes", arguments[0])
@@ -81,7 +88,8 @@ class Outside:
         elif os.path.isdir(whole):
             return
         elif what == "writes" and not whole.startswith(tuple(self._own)):
-            self._note("keeps", whole)
+            copied = not os.path.isabs(path) and os.path.realpath(os.getcwd()) == self._began
+            self._note("keeps" if copied else "keeps there", whole)
 
     def _note(self, what: str, name: str) -> None:
         key = what, name

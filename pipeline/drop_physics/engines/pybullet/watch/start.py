@@ -13,6 +13,7 @@ from functools import partial
 from types import ModuleType
 from typing import Any
 
+from .calls import HOME
 from .clock import Clock
 from .draws import Draws
 from .hidden import hide
@@ -84,6 +85,13 @@ def watch(
     _on_extension("pybullet", started)
     on_import("mujoco", partial(_on_mujoco, started, on_import, []), once=False)
     return started
+
+
+def enter(scratch: str | None) -> None:
+    """Work in a copy of the working directory; files are named as in that."""
+    if scratch is not None:
+        HOME.append(os.getcwd())
+        os.chdir(scratch)
 
 
 def _on_extension(name: str, started: Watch) -> None:

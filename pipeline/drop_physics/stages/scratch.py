@@ -1,0 +1,49 @@
+"""A scratch copy of a working directory, for a script that writes files there.
+
+Folders are made anew, files are links to the script's own; what it writes is a copy. So its runs go
+on beside each other, and what they write is nobody's.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+MOST_ENTRIES = 5000
+"""A folder with more files and folders is not copied."""
+LEFT_OUT = (".git", "recordings", "__pycache__")
+"""Folders that no run needs."""
+
+
+def can_be_copied(folder: Path) -> bool:
+    """Return whether a folder is small enough for a copy per run."""
+    count = 0
+    for _, folders, files in os.walk(folder):
+        folders[:] = [each for each in folders if each not in LEFT_OUT]
+        count += len(folders) + len(files)
+        if count > MOST_ENTRIES:
+            return False
+    return True
+
+
+@contextmanager
+def scratch_copy(folder: Path, written: Collection[Path]) -> Iterator[Path]:
+    """Give a copy of a folder, in which the files that a script writes are its own."""
+    with tempfile.TemporaryDirectory(prefix="drop-") as name:
+        copy = Path(name)
+        for at, folders, files in os.walk(folder):
+            folders[:] = [each for each in folders if each not in LEFT_OUT]
+            here = copy / Path(at).relative_to(folder)
+            for each in folders:
+                here.joinpath(each).mkdir()
+            for each in files:
+                own = Path(at, each)
+                if own in written:
+                    shutil.copy2(own, here / each)
+                else:
+                    here.joinpath(each).symlink_to(own)
+        yield copy
