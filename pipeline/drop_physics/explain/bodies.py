@@ -283,9 +283,11 @@ def law_of(body: Body, reported: Mapping[str, Float64], calls: Sequence[Given]) 
     one (`pybullet_changeDynamicsInfo`). Damping of joints and their limits are those of the link
     that a call reached, and lost on a base; all else is the whole body's.
     """
+    # An engine that reports armature moves a base without mass by what hangs on it.
+    carried = body.base_moves and "armature" in reported
     tree: Tree = replace(
         tree_of(body.joints, inertial_frames(reported)),
-        fixed=bool(reported["mass_kg"][0] == 0),
+        fixed=bool(reported["mass_kg"][0] == 0 and not carried),
         masses_kg=np.asarray(reported["mass_kg"], np.float64),
         inertias_kg_m2=np.asarray(reported["inertia_kg_m2"], np.float64),
         armature=_armature(reported),

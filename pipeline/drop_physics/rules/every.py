@@ -9,6 +9,7 @@ from drop_physics.messages import Message
 from drop_physics.rules import (  # noqa: F401 - their rules are registered
     asleep,
     beyond_urdf,
+    control_clamped,
     deep_penetration,
     default_damping,
     default_motor,
@@ -16,6 +17,7 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
     energy_gained,
     friction_pyramid,
     joint_damping,
+    keyframe,
     memory,
     mimic_ignored,
     momentum_drift,
@@ -23,6 +25,7 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
     not_taken,
     overwritten,
     reading,
+    replays,
     slides,
     starts_in_contact,
     taken_elsewhere,
@@ -34,7 +37,6 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
 )
 from drop_physics.rules.answer import Answer, Finding
 from drop_physics.rules.collides_as_hull import CollidesAsHull
-from drop_physics.rules.control_clamped import ControlClamped
 from drop_physics.rules.engines import engine_of
 from drop_physics.rules.filtered_out import FilteredOut
 from drop_physics.rules.force_off_centre import ForceOffCentre
@@ -45,7 +47,6 @@ from drop_physics.rules.inertia_from_shape import InertiaFromShape
 from drop_physics.rules.inertia_without_mass import InertiaWithoutMass
 from drop_physics.rules.input_rule import InputRules
 from drop_physics.rules.joined import Joined
-from drop_physics.rules.keyframe import KeyframeWithoutControl
 from drop_physics.rules.massless import Massless
 from drop_physics.rules.no_contact import NoContact
 from drop_physics.rules.no_gravity import NoGravity
@@ -57,7 +58,6 @@ from drop_physics.rules.off_target import OffTarget
 from drop_physics.rules.push_lasted_a_step import PushLastedAStep
 from drop_physics.rules.rates_left import RatesLeft
 from drop_physics.rules.real_time import RealTime
-from drop_physics.rules.replays import FloatsWithoutGravity, NotReplayed
 from drop_physics.rules.reset_leaves import ResetLeaves, StateLeavesControl
 from drop_physics.rules.restore_differs import RestoreDiffers
 from drop_physics.rules.rule import TableRules
@@ -77,11 +77,9 @@ ANSWERS: tuple[type[Answer], ...] = (
     TableRules,
     OffTarget,
     ServoOff,
-    ControlClamped,
     TooSlow,
     ResetLeaves,
     StateLeavesControl,
-    KeyframeWithoutControl,
     RatesLeft,
     IkOff,
     # contacts
@@ -99,8 +97,6 @@ ANSWERS: tuple[type[Answer], ...] = (
     ScriptFailed,
     NotStepped,
     NoGravity,
-    FloatsWithoutGravity,
-    NotReplayed,
     TimestepChanged,
     RealTime,
     Unseeded,

@@ -2,132 +2,96 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from drop_physics.explain.step_status import WHYS
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Answer, Cure, Effect, Finding, Level, Noted, Scene, so_many
+from drop_physics.rules.answer import Cure, Effect
 from drop_physics.rules.engines import MUJOCOS
+from drop_physics.rules.rule import Match, Said, Worst, body_rule
+from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import FALLS_STEPS
 from drop_physics.trace.acts import Act
 
-STALE, ELSEWHERE = WHYS.index("stale"), WHYS.index("not replayed")
+
+def _of_steps(bodies: BodyColumns, why: str) -> Match:
+    """Return the steps of simulations that were replayed which have some reason."""
+    piece = bodies.scene.piece
+    client = bodies.of_each(lambda each: each.body.client)
+    replayed = np.isin(client, [each for each, held in piece.impulses.items() if held])
+    writes = [(each.client, each.at.step + 1) for each in piece.calls.of(Act.SET_STATE)]
+    written = [pair in writes for pair in zip(client.tolist(), bodies.step.tolist(), strict=True)]
+    return Match(
+        replayed & (bodies.verdict.why == WHYS.index(why)),
+        np.ones(len(client)),
+        firsts={"written": np.array(written)},
+    )
 
 
-class NotReplayed(Answer):
-    """A step that leads elsewhere than its state does: it was taken with data of another state."""
-
-    engines = MUJOCOS
-
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self._found: dict[tuple[int, int], Noted] = {}
-        """The steps, by client and why."""
-        self._written: set[tuple[int, int]] = set()
-        """Clients, and steps before which a call wrote positions."""
-
-    def see(self) -> None:
-        """Take a piece."""
-        seen: set[tuple[int, int]] = set()
-        for call in self.scene.piece.calls.of(Act.SET_STATE):
-            self._written.add((call.client, call.at.step + 1))
-        for judged in self.scene.judged.values():
-            for why in (STALE, ELSEWHERE):
-                steps = judged.steps[judged.why == why]
-                key = judged.body.client, why
-                replayed = self.scene.piece.impulses.get(judged.body.client)
-                if (
-                    replayed and len(steps) and key not in seen
-                ):  # one of its bodies speaks for a simulation
-                    seen.add(key)
-                    self._found.setdefault(key, Noted(int(steps[0]))).go_on(steps)
-
-    def findings(self) -> Iterator[Finding]:
-        """Yield why, per simulation."""
-        for (client, why), noted in self._found.items():
-            level: Level = "asked"
-            message = Message(
-                "{steps} from step {first:,} on used what had been computed for another state: "
-                "mj_step2 takes positions, contacts and forces as mj_step1 left them",
-                steps=so_many(noted.count),
-                first=noted.first,
-            )
-            if (client, noted.first) in self._written:
-                message = Message(
-                    "{steps} from step {first:,} on used what had been computed for the state "
-                    "before qpos was written: mj_step2 takes positions, contacts and forces as "
-                    "mj_step1 left them",
-                    steps=so_many(noted.count),
-                    first=noted.first,
-                )
-            advice: Message | None = Message(
-                "mujoco.mj_step1(model, data) after qpos is written and before mj_step2, or mj_step"
-            )
-            if why == ELSEWHERE:
-                level, advice = "note", None
-                message = Message(
-                    "{steps} from step {first:,} on lead elsewhere than the recorded state and "
-                    "model do when they are taken again: what acted in them is not known",
-                    steps=so_many(noted.count),
-                    first=noted.first,
-                )
-            yield Finding(
-                code="not-replayed",
-                level=level,
-                reason="stale" if why == STALE else None,
-                message=message,
-                advice=advice,
-                effect=Effect(float(noted.count), "steps"),
-                share=float(noted.count),
-                steps=noted.span,
-                site=self.scene.only_site(Act.SET_STATE) if why == STALE else None,
-            )
+@body_rule("not-replayed", "asked", reason="stale", subject=0, engines=MUJOCOS)
+def stale_step(bodies: BodyColumns) -> Match:
+    """A step that leads elsewhere than its state does was taken with data of another state."""
+    return _of_steps(bodies, "stale")
 
 
-class FloatsWithoutGravity(Answer):
+@stale_step.says
+def _(worst: Worst) -> Said:
+    message = Message(
+        "{steps} from step {first:,} on used what had been computed for another state: mj_step2 "
+        "takes positions, contacts and forces as mj_step1 left them"
+    )
+    if worst.written:
+        message = Message(
+            "{steps} from step {first:,} on used what had been computed for the state before qpos "
+            "was written: mj_step2 takes positions, contacts and forces as mj_step1 left them"
+        )
+    return Said(
+        message=message,
+        advice=Message(
+            "mujoco.mj_step1(model, data) after qpos is written and before mj_step2, or mj_step"
+        ),
+        effect=Effect(float(worst.count), "steps"),
+        share=float(worst.count),
+        site=worst.scene.only_site(Act.SET_STATE),
+    )
+
+
+@body_rule("not-replayed", "note", subject=0, engines=MUJOCOS)
+def not_replayed(bodies: BodyColumns) -> Match:
+    """Steps that are taken again from what was recorded lead elsewhere."""
+    return _of_steps(bodies, "not replayed")
+
+
+@not_replayed.says
+def _(worst: Worst) -> Said:
+    return Said(
+        message=Message(
+            "{steps} from step {first:,} on lead elsewhere than the recorded state and model do "
+            "when they are taken again: what acted in them is not known"
+        ),
+        effect=Effect(float(worst.count), "steps"),
+        share=float(worst.count),
+    )
+
+
+@body_rule("no-gravity", "model", least_count=FALLS_STEPS, engines=MUJOCOS)
+def floats_without_gravity(bodies: BodyColumns) -> Match | None:
     """A free body that nothing holds, and that does not fall: the model's gravity is zero."""
+    if not bodies.batch.bodies[0].body.base_moves:
+        return None
+    acts = bodies.after.velocity.any(axis=1) | bodies.reported.gravity_m_s2.any(axis=1)
+    acts[bodies.reported.contacts.step] = True
+    for term in bodies.terms.values():
+        acts |= term.any(axis=1)
+    return Match(~acts, np.ones(len(acts)))
 
-    engines = MUJOCOS
 
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self._stands: dict[int, Noted] = {}
-        self._moves: set[int] = set()
-
-    def see(self) -> None:
-        """Take a piece."""
-        for judged, steps in self.scene.stretches():
-            number = judged.body.number
-            if not judged.body.base_moves or number in self._moves:
-                continue
-            pulled = steps.reported.gravity_m_s2.any() or steps.reported.contacts.step.size
-            moved = np.abs(steps.after.velocity).any()
-            acted = any(np.any(term) for term in steps.terms.values())
-            if pulled or moved or acted:
-                self._moves.add(number)
-                continue
-            self._stands.setdefault(number, Noted(int(steps.steps[0]))).go_on(steps.steps)
-
-    def findings(self) -> Iterator[Finding]:
-        """Yield the first body of each simulation."""
-        told: set[int] = set()
-        for number, noted in self._stands.items():
-            body = self.scene.body(number)
-            if number in self._moves or body.client in told or noted.count < FALLS_STEPS:
-                continue
-            told.add(body.client)
-            call = Message('<option gravity="0 0 -9.81"/>, or model.opt.gravity[2] = -9.81')
-            yield Finding(
-                code="no-gravity",
-                level="model",
-                message=Message(
-                    "the model's gravity is 0, so {body} does not fall", body=body.label
-                ),
-                advice=call,
-                cure=Cure("gravity", None, -9.81, call),
-                body=body.label,
-                share=1.0,
-                steps=noted.span,
-            )
+@floats_without_gravity.says
+def _(worst: Worst) -> Said | None:
+    if worst.count < worst.scene.ends[worst.subject.number]:
+        return None  # it moves at some time
+    call = Message('<option gravity="0 0 -9.81"/>, or model.opt.gravity[2] = -9.81')
+    return Said(
+        message=Message("the model's gravity is 0, so {body} does not fall"),
+        cure=Cure("gravity", None, -9.81, call),
+    )

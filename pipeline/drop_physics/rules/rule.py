@@ -7,8 +7,8 @@
     def _(worst: Worst) -> Said: ...                      # a sentence, and the cure
 
 Chunks, runs of consecutive steps, the worst row, how often, in which steps, which joints of which
-body and which line of the script belong to the mechanism here. Tables are of joints, of pairs of
-bodies that touch, and of bodies (`tables`); rules of what calls set are `input_rule`.
+body and which line of the script belong to the mechanism here. Tables are of joints, of actuators,
+of pairs of bodies that touch, and of bodies (`tables`); rules of what calls set are `input_rule`.
 """
 
 from __future__ import annotations
@@ -145,7 +145,8 @@ class Worst:
 
     `size`, `count`, `first` and `last` step, and what the rule noted; labels of the `body` and of
     the `other`, and both as they are, `subject` and `partner`; of joints `joint`, `link`, `unit`,
-    `effort`, and how many `joints` of the body it holds for.
+    `effort`, and how many `joints` of the body it holds for; of actuators `actuator` and
+    its `joint`.
     """
 
     size: float
@@ -212,7 +213,7 @@ class Rule:
     """Whether runs of consecutive steps are told apart, and the worst of each key counts."""
     subject: int | None = None
     """How many of a key's columns tell subjects apart, of each of which the worst is said; all, if
-    it is None."""
+    it is None. With 0 one thing is said of the run, and of no body."""
     reason: str | None = None
     """Which of the code's causes it is."""
     argument: str | None = None
@@ -256,13 +257,15 @@ class Rule:
             effect=said.effect,
             share=worst.size if said.share is None else said.share,
             steps=worst.span,
-            body=worst.body,
+            body=None if self.subject == 0 else worst.body,
             joint=vars(worst).get("joint"),
             other=said.other or vars(worst).get("other"),
             site=said.site or site,
         )
 
 
+PARTS = "joints", "actuators"
+"""Tables whose columns are parts of a body: of each body the worst part is told."""
 RULES: list[Rule] = []
 """All rules of tables, in the order in which their modules are read."""
 
@@ -280,6 +283,8 @@ def _maker(table: TableName, code: str, level: Level, **options: Any) -> RuleMak
 
 joint_rule = partial(_maker, "joints")
 """Makes a function from joints to a match a rule: of each robot its worst joint is told."""
+actuator_rule = partial(_maker, "actuators")
+"""The same of actuators."""
 pair_rule = partial(_maker, "pairs")
 """The same of pairs of bodies that touch: what is told is about the one with the higher number."""
 side_rule = partial(_maker, "sides")
@@ -339,7 +344,7 @@ class TableRules(Answer):
                 continue
             sizes = self._sizes(place, runs)
             runs, sizes = runs.at(sizes > 0), sizes[sizes > 0]
-            subjects = runs.keys[:, : 1 if rule.table == "joints" else rule.subject]
+            subjects = runs.keys[:, : 1 if rule.table in PARTS else rule.subject]
             for subject in np.unique(subjects, axis=0):
                 its = np.flatnonzero((subjects == subject).all(axis=1))
                 mine = runs.at(its)
@@ -359,6 +364,10 @@ class TableRules(Answer):
             about = {"joint": body.joints[link].name, "link": link, "unit": unit, "effort": effort}
             about |= {"joints": among, "more": and_more(among)}
             site = self.scene.site(worst.site[0])
+        elif rule.table == "actuators":
+            actuator = body.actuators[keys[1]]
+            joint = actuator.target if actuator.acts_on == "joint" else None
+            about = {"actuator": actuator, "joint": joint}
         elif len(subject) > 1:
             partner = self.scene.body(keys[1])
             about = {"partner": partner, "other": partner.label}

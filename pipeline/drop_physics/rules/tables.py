@@ -1,4 +1,4 @@
-"""The tables of a piece that rules read: joints, pairs of bodies that touch, bodies."""
+"""The tables of a piece that rules read: joints, actuators, pairs of bodies that touch, bodies."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any, Literal, Protocol, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.explain.driving import given_to
 from drop_physics.explain.joints import Driven, target_of
 from drop_physics.explain.step_status import SET, UNEXPLAINED, StepVerdicts
 from drop_physics.explain.steps import BodySteps, StepBatch, Steps
@@ -24,7 +25,7 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 Rows = NDArray[np.intp]
 
-TableName = Literal["joints", "pairs", "sides", "bodies"]
+TableName = Literal["joints", "actuators", "pairs", "sides", "bodies"]
 TABLES: tuple[TableName, ...] = get_args(TableName)
 
 
@@ -49,6 +50,10 @@ def tables(name: TableName, scene: Scene) -> Iterator[RuleTable]:
     touching = len(scene.touches.pairs.starts) > 0
     if name == "joints":
         yield from (JointColumns(scene, each) for each in scene.driven())
+    elif name == "actuators":
+        yield from (
+            ActuatorColumns(scene, each) for _, each in scene.stretches() if each.body.actuators
+        )
     elif name == "bodies":
         yield from (BodyColumns(scene, *each) for each in scene.batches if len(each[0].whole))
     elif name == "sides" and touching:
@@ -112,6 +117,23 @@ class JointColumns:
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - a column of either
         return getattr(self.driven if hasattr(self.driven, name) else self.asked, name)
+
+
+class ActuatorColumns:
+    """The actuators of a body in n of its steps: columns of shape (n, actuators)."""
+
+    def __init__(self, scene: Scene, steps: BodySteps) -> None:
+        self.actuators, self.step = steps.body.actuators, steps.steps
+        self.noted: dict[str, Float64] = {}
+        self.keys = np.full((len(steps), 1), steps.body.number)
+        self.given = np.column_stack(
+            [given_to(each, steps.body, scene.piece, steps.steps) for each in self.actuators]
+        )
+        """What each was given, before it is clamped; nan if it is not known."""
+        ranges = [each.ctrl_range or (-np.inf, np.inf) for each in self.actuators]
+        self.lower, self.upper = np.broadcast_to(
+            np.array(ranges).T[:, None], (2, *self.given.shape)
+        )
 
 
 class PairColumns:
