@@ -17,7 +17,7 @@ from .draws import is_imported
 
 CONNECTS = ("socket.connect", "socket.bind", "socket.sendto")
 STARTS = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.spawn")
-TEMPORARY = ("/tmp", "/var/tmp", "/usr/tmp")
+TEMPORARY = ("/tmp", "/var/tmp", "/usr/tmp", os.curdir)
 """Where Python makes temporary files, unless the environment names a folder."""
 MAKES = ("tempfile.mkstemp", "tempfile.mkdtemp")
 REMOVES = ("os.remove", "os.rename", "os.rmdir", "os.truncate")
@@ -50,7 +50,8 @@ class Outside:
         self._began = os.path.realpath(os.getcwd())
         # `tempfile` itself would draw a name, and with it what the script draws next.
         told = [os.environ.get(name) for name in ("TMPDIR", "TEMP", "TMP")]
-        temporary = {os.path.realpath(each) for each in (*told, *TEMPORARY) if each}
+        folder = next(each for each in (*told, *TEMPORARY) if each and os.path.isdir(each))
+        temporary = {folder, os.path.realpath(folder)}
         self._allowed = tuple(os.path.join(each, "") for each in temporary)
 
     def listen(self) -> None:
