@@ -495,10 +495,11 @@ def trust(
     force: given.Force = False,
     json: given.Json = False,
 ) -> None:
-    """Run a PyBullet script again with variations, and tell what of its result stands.
+    """Run a script again with variations, and tell what of its result stands.
 
-    Half and a quarter of the timestep, four times the solver's iterations, its residual threshold
-    at 0, everything moved by 1e-9 before the first step, and another random seed.
+    Half and a quarter of the timestep, four times the solver's iterations, everything moved by 1e-9
+    before the first step, and another random seed; of PyBullet a residual threshold of 0, of MuJoCo
+    another solver, the other cone and impratio 10.
     """
     import sys
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from drop_physics.experiments.run_distance import Apart, Track, joints_of
 from drop_physics.explain.recording import Explanation
+from drop_physics.explain.replayed import Replayed
 from drop_physics.explain.steps import Steps
 from drop_physics.explain.times import Times
 from drop_physics.physics.dynamics import mass_matrix
@@ -23,7 +24,7 @@ from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.rotations import same_way
 from drop_physics.physics.tree import States, Tree
 from drop_physics.trace.events import Body
-from drop_physics.trace.history import Seen
+from drop_physics.trace.history import PYBULLET, Seen
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -94,7 +95,7 @@ def first_term(base: Seen, other: Seen, found: Apart, *, finer: int = 1) -> str 
 def _way(seen: Seen, number: int, track: Track, end: int, times: Times, *, finer: int) -> _Way:
     """Return how a position came about until a step of the script, which has so many here."""
     part, way = _Part(seen.bodies[number], track.joint, track.unit), _Way()
-    whole = Explanation(seen)
+    whole = Explanation(seen) if seen.engine == PYBULLET else Replayed(seen)
     for explained in whole.pieces(min(MOST, max(LEAST, end + 2))):
         judged = explained.bodies.get(number)
         if judged is not None:
@@ -149,6 +150,7 @@ def _shares(mine: _Way, theirs: _Way, times: Times, end: int) -> Mapping[str, fl
     off[SET] = _between(mine.start[0], theirs.start[0]) + (ends[1] - ends[0]) * (
         theirs.start[1] - mine.start[1]
     )
+    off.pop(INTEGRATOR, None)  # what an engine's own sum has of it is in what is left, too
     off[INTEGRATOR] = _between(mine.end, theirs.end) - sum(off.values())
     return {name: float(np.linalg.norm(each)) for name, each in off.items()}
 

@@ -25,9 +25,10 @@ from drop_physics.report.blocks import (
     Section,
     Words,
 )
-from drop_physics.report.words import MISSING
+from drop_physics.report.words import MISSING, cause_in_words
 from drop_physics.stages.trust_findings import BY_STEP, TERMS, part_of, readable
 from drop_physics.stages.trust_outputs import distances_of
+from drop_physics.trace.history import PYBULLET
 
 if TYPE_CHECKING:
     from drop_physics.experiments.robustness import Standing
@@ -175,7 +176,7 @@ def _distances(each: Varied, trust: Trust, part: Part) -> list[str]:
     first = each.apart.first
     end, most = (_farthest(found, part) for found in (each.apart.end, each.apart.most))
     since = MISSING if first is None else f"{first.from_s:.4g} s"
-    term = MISSING if each.term is None else translated(TERMS[each.term])
+    term = MISSING if each.term is None else translated(_term(each.term))
     return [*end, *most, since, term]
 
 
@@ -219,11 +220,16 @@ def _table(
     )
 
 
+def _term(term: str) -> Message:
+    """Return what a term of the sum is called."""
+    return TERMS[term] if term in TERMS else cause_in_words(term)
+
+
 def _sentences(trust: Trust) -> Iterator[str]:
     """Yield what no table says: the terms in words, growth, convergence, ends of runs."""
     terms = dict.fromkeys(each.term or "" for each in trust.variations if "/" in each.name)
     for term in terms:
-        if term in BY_STEP:
+        if term in BY_STEP and trust.made.engine == PYBULLET:
             yield BY_STEP[term]
     codes: dict[str, list[Finding]] = {}
     for finding in trust.findings:

@@ -13,7 +13,7 @@ from drop_physics.errors import DropError
 from drop_physics.messages import Message
 from drop_physics.printable import Printable
 from drop_physics.stages.program import SEEDED_CLOCK_S, STOPPED, checked_limits
-from drop_physics.stages.runs import Progress, check_varied
+from drop_physics.stages.runs import Progress
 from drop_physics.stages.trust_runs import (
     BASE,
     Made,
@@ -24,7 +24,7 @@ from drop_physics.stages.trust_runs import (
     made_of,
     run_varied,
 )
-from drop_physics.stages.variations import Variations, variations_of
+from drop_physics.stages.variations import Variations, of_engine, variations_of
 
 if TYPE_CHECKING:
     from drop_physics.experiments.robustness import Converging, Growth, Standing
@@ -136,24 +136,25 @@ def trust(
         duration_s,
         seed=seed,
         begins_s=SEEDED_CLOCK_S,
+        explain=True,
     )
     place = Path("recordings") / f"{Path(target).stem}-trust" if out is None else Path(out)
     folder = TrustFolder(place.resolve(), identity_of(program), force)
     with folder.claimed((BASE, *variations)):
-        work, base = _begun(program, variations, folder, stdout=stdout)
+        work, base = _begun(program, variations, folder, usual=not vary, stdout=stdout)
         try:
             varied = run_varied(work, jobs=jobs, ray=ray, progress=progress)
         except BaseException as stop:
             stop.add_note(Message("run the same command again to resume it"))
             raise
-    result = _trust(target, base, varied, variations)
+    result = _trust(target, base, varied, work.variations)
     if any(outputs):
         write_outputs(result, *outputs, dark=dark, force=force)
     return result
 
 
 def _begun(
-    program: Program, variations: Variations, folder: TrustFolder, *, stdout: int
+    program: Program, variations: Variations, folder: TrustFolder, *, usual: bool, stdout: int
 ) -> tuple[RunVariation, Made]:
     """Run the script itself, and return what runs its variations, and what it was."""
     steps = folder.run(BASE, program, stdout=stdout)
@@ -166,8 +167,9 @@ def _begun(
     from drop_physics.recording.reader import read  # while the script ran
 
     base = read(folder.recording(BASE))
-    check_varied(program.target, base.seen)
     made = made_of(BASE, base)
+    settings = base.seen.settings[-1].values
+    variations = of_engine(variations, settings, engine=made.engine, usual=usual)
     limited = replace(program, steps=steps + (made.ended not in STOPPED), duration_s=None)
     return RunVariation(limited, variations, folder, base), made
 

@@ -46,6 +46,8 @@ class Made:
     error: str
     steps: int
     """Of the script."""
+    engine: str
+    """That steps it."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +109,14 @@ def made_of(name: str, recording: Recording, *, finer: int = 1) -> Made:
     """Return what a run was, of its recording with so many steps for one of the script's."""
     steps = sum(samples - 1 for samples in recording.seen.samples.values()) // finer
     ended = recording.ended or {}
-    return Made(name, recording.path, str(ended["ended"]), str(ended.get("error") or ""), steps)
+    return Made(
+        name,
+        recording.path,
+        str(ended["ended"]),
+        str(ended.get("error") or ""),
+        steps,
+        recording.seen.engine,
+    )
 
 
 def run_varied(

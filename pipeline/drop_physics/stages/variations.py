@@ -8,15 +8,29 @@ from typing import Any
 
 from drop_physics.engines.pybullet.watch.arguments import ARGUMENTS, CLIENT
 from drop_physics.errors import ScenarioError
-from drop_physics.fields import shown
+from drop_physics.fields import alternatives, shown
 from drop_physics.option_types import number
+from drop_physics.trace.history import PYBULLET
 
 NUDGE = 1e-9
 """How far bodies and joints are moved before the first step [m, rad]."""
-USUAL = ("timestep/2", "timestep/4", "iterations*4", "residual 0", "nudge", "seed")
+USUAL = (
+    *("timestep/2", "timestep/4", "iterations*4", "residual 0"),
+    *("solver=CG", "solver=Newton", "cone=pyramidal", "cone=elliptic", "impratio=10"),
+    *("nudge", "seed"),
+)
+"""Of these, a script's engine has some, and its model may have others already."""
 FACTORS = ("gravity", "friction", "mass")
 """What `--vary` takes besides parameters of the engine."""
 PARAMETERS = {*ARGUMENTS["setPhysicsEngineParameter"]} - {CLIENT, "fixedTimeStep", "numSubSteps"}
+OPTIONS: dict[str, tuple[str, ...]] = {
+    "solver": ("PGS", "CG", "Newton"),
+    "cone": ("pyramidal", "elliptic"),
+    "integrator": ("Euler", "RK4", "implicit", "implicitfast"),
+    **dict.fromkeys(("impratio", "tolerance", "ls_tolerance", "ls_iterations"), ()),
+    **dict.fromkeys(("noslip_iterations", "noslip_tolerance", "ccd_iterations"), ()),
+}
+"""Fields of MuJoCo's `model.opt`; where they are a choice, its names by their numbers."""
 MOST_FINER = 1000
 
 UNITS = {
@@ -34,7 +48,8 @@ UNITS = {
 LENGTH = re.compile(r"([^\s]*?[\d.])\s*([^\d\s.]+)?")
 
 Variations = dict[str, dict[str, Any]]
-"""By name, the arguments of a `Variation`, and `draws`, a seed in place of the script's own."""
+"""By name, what is varied: arguments of PyBullet's `Variation`, `options` of MuJoCo's model, and
+`draws`, a seed in place of the script's own."""
 
 
 def variations_of(texts: Sequence[str] | None) -> Variations:
@@ -48,6 +63,43 @@ def variations_of(texts: Sequence[str] | None) -> Variations:
     found: Variations = {}
     for text in texts or USUAL:
         found |= _named(text)
+    return found
+
+
+def of_engine(
+    variations: Variations, settings: Mapping[str, Any], *, engine: str, usual: bool
+) -> Variations:
+    """Return the variations that a script's engine has.
+
+    Parameters
+    ----------
+    variations
+        By name.
+    settings
+        Of the script's own run, by name.
+    engine
+        That steps it.
+    usual
+        Whether those of other engines, and what the model has already, are left out silently.
+
+    Raises
+    ------
+    ScenarioError
+        If one is another engine's.
+    """
+    others = "engine" if engine != PYBULLET else "options"
+    found: Variations = {}
+    for name, given in variations.items():
+        if others in given and not usual:
+            raise ScenarioError(
+                "--vary {name} is no option of {engine}, which steps the script",
+                name=name,
+                engine=engine,
+            )
+        options = given.get("options", {})
+        has_it = options and all(settings.get(key) == value for key, value in options.items())
+        if others not in given and not (usual and has_it):
+            found[name] = given
     return found
 
 
@@ -67,6 +119,18 @@ def _named(text: str) -> Variations:
     name, equals, values = text.partition("=")
     if not equals or not name:
         raise _refused(text)
+    if OPTIONS.get(name):
+        chosen = [each for each in values.split(",") if each in OPTIONS[name]]
+        if chosen == values.split(","):
+            return {
+                f"{name}={each}": {"options": {name: OPTIONS[name].index(each)}} for each in chosen
+            }
+        raise ScenarioError(
+            "--vary {name} takes {choices}, got {text!r}",
+            name=name,
+            choices=alternatives(OPTIONS[name]),
+            text=text,
+        )
     if name in ("fixedTimeStep", "numSubSteps", "timestep"):
         raise ScenarioError("--vary takes no {name}; vary it with timestep/2", name=name)
     return {f"{name}={each:g}": _with(name, each, text) for each in _numbers(values, text)}
@@ -79,6 +143,8 @@ def _with(name: str, value: float, text: str) -> dict[str, Any]:
         return {"draws": int(value)}
     if name in FACTORS and value >= 0:
         return {name: value}
+    if name in OPTIONS:
+        return {"options": {name: int(value) if value.is_integer() else value}}
     if name in PARAMETERS:
         return {"engine": {name: int(value) if value.is_integer() else value}}
     raise _refused(text)
@@ -94,8 +160,8 @@ def _numbers(values: str, text: str) -> list[float]:
 def _refused(text: str) -> ScenarioError:
     return ScenarioError(
         "--vary must be timestep/K, iterations*K, residual=0, nudge, seed or NAME=V,… with a "
-        "parameter of p.setPhysicsEngineParameter, gravity [m/s2], or factors of friction or "
-        "mass, got {text!r}",
+        "parameter of p.setPhysicsEngineParameter or of MuJoCo's model.opt, gravity [m/s2], or "
+        "factors of friction or mass, got {text!r}",
         text=text,
     )
 

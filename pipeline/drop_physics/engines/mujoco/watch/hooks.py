@@ -9,7 +9,7 @@ from __future__ import annotations
 import operator
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from sys import _getframe
 from threading import get_ident
@@ -19,6 +19,7 @@ from typing import Any
 from ..frames import CALLBACKS, CAUSES, STEPS, note_bytes
 from . import uncaught
 from .followed import WatchedData, WatchedModel
+from .intervene import ModelChanges
 from .viewer import install_viewer
 
 RESETS = (
@@ -63,6 +64,8 @@ class MujocoWatch:
         What makes a frame of a kind and a payload.
     on_import
         What calls a function with a module once that is imported.
+    operations, variation
+        What differs in the run, as `ModelChanges` takes it.
     """
 
     def __init__(
@@ -71,6 +74,8 @@ class MujocoWatch:
         letter: bytes,
         frame: Callable[[bytes, bytes], bytes],
         on_import: Callable[[str, Callable[[ModuleType], None]], None],
+        operations: Sequence[Mapping[str, Any]] = (),
+        variation: Mapping[str, Any] | None = None,
     ) -> None:
         self.host, self.pipe, self.letter = host, host.pipe, letter
         self._frame, self._on_import = frame, on_import
@@ -84,6 +89,11 @@ class MujocoWatch:
         """The digests of models whose binary form was sent."""
         self.callbacks: dict[str, Any] = {}
         """The script's own, by name."""
+        self._changes = ModelChanges(self, operations, variation or {}, host.tell_intervention)
+        self.depth = 2 if self._changes.any else 1
+        """How many calls a function of the script is away from a hook."""
+        self.uncounted: set[int] = set()
+        """Threads that make more steps than the script asks for."""
         self.stepping: dict[int, WatchedData] = {}
         """The state that a thread makes a step of, while there are callbacks."""
         self.sites: dict[tuple[int, int], int] = {}
@@ -112,7 +122,11 @@ class MujocoWatch:
             if original is None or getattr(original, "drop_watch", None) is self:
                 continue
             self.originals[name] = getattr(original, "drop_plain", original)
-            self._replace(module, name, maker(self, name, self.originals[name]))
+            hook = maker(self, name, self.originals[name])
+            if self._changes.any:
+                hook = self._changes.around(name, hook)
+            self._replace(module, name, hook)
+        self._changes.install(module)
         for name in CALLBACKS:
             self._hook_callback(module, f"mjcb_{name}")
         self._hook_warnings(module)
@@ -144,6 +158,12 @@ class MujocoWatch:
                 setattr(owner, name, hook)
                 self.host.on_removal(partial(setattr, owner, name, original))
 
+    def replace_static(self, owner: Any, name: str, made: Callable[[Any], Any]) -> None:
+        """Replace a static method of a class of mujoco by what is made of it."""
+        original = getattr(owner, name)
+        setattr(owner, name, staticmethod(made(original)))
+        self.host.on_removal(partial(setattr, owner, name, staticmethod(original)))
+
     # -- what is sent -----------------------------------------------------------------------------
 
     def send(self, payload: bytes) -> None:
@@ -157,7 +177,7 @@ class MujocoWatch:
 
     def tell_uncaught(self, name: str, place: Any) -> None:
         """Name something that steps models and is not recorded."""
-        file, line = ("", 0) if place is None else self.host.calls.place(self._outside(place))
+        file, line = ("", 0) if place is None else self.host.calls.place(self.outside(place))
         self.tell("uncaught", name=name, file=file, line=line)
 
     def site_of(self, place: Any) -> int:
@@ -168,7 +188,7 @@ class MujocoWatch:
         code = place.f_code
         outer = place
         if self._libraries.get(id(code)) is not False:
-            outer = self._outside(place)
+            outer = self.outside(place)
         key = (id(code), place.f_lasti, id(outer.f_code), outer.f_lasti)
         site = self._sites.get(key)
         if site is None:
@@ -181,7 +201,7 @@ class MujocoWatch:
                 self.sites[key[:2]] = site
         return site
 
-    def _outside(self, place: Any) -> Any:
+    def outside(self, place: Any) -> Any:
         """Return the innermost frame that is not a library's."""
         outer = place
         while outer is not None:
@@ -340,6 +360,7 @@ def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
     host, states, callbacks, sites = watch.host, watch.data, watch.callbacks, watch.sites
     lock, pipe, now = host.lock, host.pipe, watch.stepping
     acquire, release, kept, frame = lock.acquire, lock.release, lock.kept, _getframe
+    uncounted = watch.uncounted
     number, takes_steps = STEPS.index(name), name == "mj_step"
 
     def step(*args: Any, **kwargs: Any) -> Any:
@@ -353,7 +374,7 @@ def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
                 if given is None:
                     return original(*args, **kwargs)  # which raises MuJoCo's own error
                 m, d, count, rest = given
-            place, function = frame(1), number
+            place, function = frame(watch.depth), number
             site = sites.get((id(place.f_code), place.f_lasti))
             state = states.get(id(d))
             if site is None or state is None or state.ref() is not d or state.model.ref() is not m:
@@ -389,7 +410,8 @@ def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
                 acquire()
                 try:
                     state.after(d, site, function)
-                    host.count(state.elapsed_s)
+                    if not uncounted or get_ident() not in uncounted:
+                        host.count(state.elapsed_s)
                 except Exception as error:  # noqa: BLE001 - likewise
                     watch.lose(state, error)
                 finally:
@@ -435,7 +457,7 @@ def _resetting(watch: MujocoWatch, name: str, original: Any) -> Any:
                 host.check()
                 if len(given) > max(of_model, of_data):
                     d = given[of_data]
-                    state, site = watch.seen(given[of_model], d, _getframe(1))
+                    state, site = watch.seen(given[of_model], d, _getframe(watch.depth))
                 if state is not None and name in PARTLY:
                     watch.guarded(state, state.before, d, site)
             result = original(*args, **kwargs)
@@ -464,7 +486,7 @@ def _posing(watch: MujocoWatch, name: str, original: Any) -> Any:
             m, d = given[:2]
             with host.lock:
                 host.check()
-                state, site = watch.seen(m, d, _getframe(1))
+                state, site = watch.seen(m, d, _getframe(watch.depth))
                 if state is not None:
                     watch.guarded(state, state.pose, d, site, cause, complete)
                     if callbacks and name == "mj_step1":

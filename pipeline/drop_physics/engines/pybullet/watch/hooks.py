@@ -142,7 +142,7 @@ class Watch:
     ) -> None:
         self.pipe, self.clock, self._variation = pipe, clock, variation
         World.varied = {} if variation is None else variation.engine
-        self._interventions = Interventions(interventions, self._tell_intervention)
+        self._interventions = Interventions(interventions, self.tell_intervention)
         self.on = True
         self.lock = Turn()
         self.calls, self.readings = Calls(pipe), Readings(self)
@@ -237,7 +237,7 @@ class Watch:
             with self.lock:
                 self.pipe.note("outside", how=what, name=name)
 
-    def _tell_intervention(self, number: int) -> None:
+    def tell_intervention(self, number: int) -> None:
         """Report that an intervention has changed something for the first time."""
         with self.lock:
             self.pipe.note("intervened", number=number)

@@ -57,13 +57,13 @@ class Interventions:
     Parameters
     ----------
     operations
-        As `interventions` makes them.
+        As `interventions` makes them, those of other engines among them.
     tell
         Called with the number of an operation when it first does something.
     """
 
     def __init__(self, operations: Sequence[Operation], tell: Callable[[int], None]) -> None:
-        self._operations = [*enumerate(operations)]
+        self._operations = [each for each in enumerate(operations) if "functions" in each[1]]
         self._tell = tell
         self._fired: set[int] = set()
         self._calls: dict[str, Call] = {}

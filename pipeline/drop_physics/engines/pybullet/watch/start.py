@@ -58,7 +58,7 @@ def watch(
         Clock(real=keep_sleeping, begins_s=begins_s),
         steps=steps,
         duration_s=duration_s,
-        variation=None if variation is None else Variation(**variation),
+        variation=None if variation is None else Variation(**_for_bullet(variation)),
         interventions=interventions,
     )
     version = ".".join(map(str, sys.version_info[:3]))
@@ -83,7 +83,8 @@ def watch(
     on_import("numpy.random", draws.on_numpy)
     # A script may forget an engine, and import it again.
     _on_extension("pybullet", started)
-    on_import("mujoco", partial(_on_mujoco, started, on_import, []), once=False)
+    differs = interventions, variation
+    on_import("mujoco", partial(_on_mujoco, started, on_import, differs, []), once=False)
     return started
 
 
@@ -92,6 +93,11 @@ def enter(scratch: str | None) -> None:
     if scratch is not None:
         HOME.append(os.getcwd())
         os.chdir(scratch)
+
+
+def _for_bullet(variation: dict[str, Any]) -> dict[str, Any]:
+    """Return what is varied without what only MuJoCo has."""
+    return {name: value for name, value in variation.items() if name != "options"}
 
 
 def _on_extension(name: str, started: Watch) -> None:
@@ -121,11 +127,13 @@ def _on_extension(name: str, started: Watch) -> None:
             started.install(module)
 
 
-def _on_mujoco(host: Watch, on_import: Any, known: list[Any], module: ModuleType) -> None:
+def _on_mujoco(
+    host: Watch, on_import: Any, differs: Any, known: list[Any], module: ModuleType
+) -> None:
     """Watch mujoco; what does so needs numpy, and is loaded when mujoco is."""
     if not known:
         watch = importlib.import_module(f"{_mujoco_package()}.watch.hooks")
-        known.append(watch.MujocoWatch(host, MUJOCO, frame, on_import))
+        known.append(watch.MujocoWatch(host, MUJOCO, frame, on_import, *differs))
     known[0].install(module)
 
 

@@ -1,0 +1,635 @@
+"""An experiment in a MuJoCo script: what a step finds in the model, or in the state, is another.
+
+The model holds what is changed only while a function of MuJoCo runs: so it is what is recorded and
+replayed, and the script reads, and edits, its own. What is changed arrives as data; the words of
+MuJoCo are in `interventions`, beside this folder.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import random
+import re
+import weakref
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from sys import _getframe
+from threading import Lock, get_ident
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..frames import STEPS
+
+if TYPE_CHECKING:
+    from .hooks import MujocoWatch
+
+Operation = Mapping[str, Any]
+"""What is done: `do` names it."""
+Write = tuple[str, Any, Callable[[Any], Any]]
+"""A field, as a script writes it: `geom_friction`, `opt.timestep`; which of its elements, None for
+all; and what they become."""
+
+ENGINE = "mujoco"
+"""What operations for this engine have as `engine`."""
+DERIVED = (
+    *("body_subtreemass", "body_invweight0", "dof_M0", "dof_invweight0"),
+    *("tendon_length0", "tendon_invweight0", "actuator_acc0", "actuator_length0"),
+)
+"""What MuJoCo derives from masses, inertias and armatures (`mj_setConst`)."""
+SOURCES = ("body_mass", "body_inertia", "body_ipos", "body_iquat", "dof_armature", "body_gravcomp")
+"""What it derives them from."""
+FREE, BALL = 0, 1
+"""Types of joints (`mjtJoint`); those above have one coordinate."""
+BITS = 31
+"""Bits of `contype` and `conaffinity` that are used."""
+NOT_A_PAIR = 0
+"""A signature that no pair of bodies has: the world's with itself."""
+BY_JOINT = (0, 1)
+"""Transmissions of an actuator that acts on a joint (`mjtTrn`)."""
+SAME = 1e-6
+"""A pose is that of a keyframe where no coordinate differs by more."""
+RESETS = ("mj_resetData", "mj_resetDataKeyframe", "mj_resetDataDebug", "mj_setState")
+"""Functions that set a state, as a script's own writes do not."""
+LOADS = ("from_xml_path", "from_xml_string", "from_binary_path")
+"""What makes a model of a file or a text."""
+
+
+class ModelChanges:
+    """What differs in a run.
+
+    Parameters
+    ----------
+    watch
+        What hooks the functions of mujoco.
+    operations
+        As `interventions` makes them, those of other engines among them.
+    variation
+        What is varied: `finer`, steps of the engine for each of the script's; `iterations`, a
+        factor of the solver's; `options`, fields of `model.opt`; `gravity` [m/s2]; factors of
+        `friction` and `mass`; `nudge`, the largest displacement before the first step [m, rad],
+        and `seed`, what draws it.
+    tell
+        Called with the number of an operation when it first does something.
+    """
+
+    def __init__(
+        self,
+        watch: MujocoWatch,
+        operations: Sequence[Operation],
+        variation: Mapping[str, Any],
+        tell: Callable[[int], None],
+    ) -> None:
+        self._watch, self._tell = watch, tell
+        self.finer = int(variation.get("finer", 1))
+        self._nudge = float(variation.get("nudge", 0.0))
+        self._draw = random.Random(variation.get("seed", 0)).uniform
+        mine = [each for each in enumerate(operations) if each[1].get("engine") == ENGINE]
+        self._operations = [*mine, *((-1, each) for each in _varied(variation))]
+        """By number; what is varied has none."""
+        self._fired: set[int] = set()
+        self._models: dict[int, ChangedModel] = {}
+        """By the `id` of the MjModel, which is used again."""
+        self._data: dict[int, ChangedData] = {}
+        self._calls: dict[str, Callable[..., Any]] = {}
+
+    @property
+    def any(self) -> bool:
+        """Whether anything differs."""
+        return bool(self._operations) or self.finer > 1 or self._nudge > 0
+
+    def fire(self, number: int) -> None:
+        """Note that an operation has changed something."""
+        if number >= 0 and number not in self._fired:
+            self._fired.add(number)
+            self._tell(number)
+
+    def of(self, do: str) -> Iterator[tuple[int, Operation]]:
+        """Yield the operations that do something, by number."""
+        return ((number, each) for number, each in self._operations if each["do"] == do)
+
+    # -- in place of mujoco's functions -----------------------------------------------------------
+
+    def around(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        """Return what stands before a watched function."""
+        self._calls[name] = call
+        return self._stepping(name, call) if name in STEPS else self._other(name, call)
+
+    def _other(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        skips = [each for each in self.of("skip") if each[1]["function"] == name]
+
+        def changed(*args: Any, **kwargs: Any) -> Any:
+            try:
+                found = self._of(args, kwargs) if self._watch.host.on else None
+                if found is None:
+                    return call(*args, **kwargs)
+                model, m, d = found
+                for number, each in skips:
+                    if each["site"] == self._site(_getframe(1)):
+                        self.fire(number)
+                        return None
+                if name == "mj_step1":
+                    d.before()
+                m.enter(model)
+                try:
+                    result = call(*args, **kwargs)
+                finally:
+                    m.leave(model)
+                d.after(name)
+                return result
+            except BaseException as error:
+                self._watch.host.hide(error)
+                raise
+
+        return changed
+
+    def _stepping(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        def changed(*args: Any, **kwargs: Any) -> Any:
+            try:
+                found = self._of(args, kwargs) if self._watch.host.on else None
+                if found is None:
+                    return call(*args, **kwargs)
+                model, m, d = found
+                given = {**dict(zip(("m", "d", "nstep"), args)), **kwargs}
+                repeats = given.pop("nstep", 1) if name == "mj_step" else 1
+                for _ in range(repeats):
+                    d.before()
+                    m.enter(model)
+                    try:
+                        if name == "mj_step2":
+                            self._pose(model, d)
+                        uncounted = self._watch.uncounted
+                        for left in range(self.finer - 1, -1, -1):
+                            if left:
+                                uncounted.add(get_ident())
+                            else:
+                                uncounted.discard(get_ident())
+                            if left == self.finer - 1 and name != "mj_step":
+                                call(*args, **kwargs)
+                            else:
+                                self._calls["mj_step"](given["m"], given["d"])
+                    finally:
+                        m.leave(model)
+                    d.after(name)
+                return None
+            except BaseException as error:
+                self._watch.host.hide(error)
+                raise
+
+        return changed
+
+    def _pose(self, m: Any, data: ChangedData) -> None:
+        """Make data current before a step that takes them as they are."""
+        for number, _ in self.of("pose"):
+            if not data.is_posed:
+                self.fire(number)
+                self._calls["mj_step1"](m, data.ref())
+
+    def _site(self, frame: Any) -> list[Any]:
+        file, line = self._watch.host.calls.place(self._watch.outside(frame))
+        return [file, line]
+
+    def _of(self, args: Any, kwargs: Any) -> tuple[Any, ChangedModel, ChangedData] | None:
+        """Return the MjModel and what changes it and the state of a call; None if it has none."""
+        module, given = self._watch.mujoco, (*args, *kwargs.values())
+        m = next((each for each in given if isinstance(each, module.MjModel)), None)
+        d = next((each for each in given if isinstance(each, module.MjData)), None)
+        if m is None or d is None:
+            return None
+        model, data = self._models.get(id(m)), self._data.get(id(d))
+        if model is None or model.ref() is not m:
+            model = self._models[id(m)] = ChangedModel(self, self._watch, m)
+        if data is None or data.ref() is not d:
+            data = self._data[id(d)] = ChangedData(self, self._watch, m, d)
+        return m, model, data
+
+    def displace(self, m: Any, d: Any) -> None:
+        """Move all joints before their first step."""
+        most = self._nudge
+        if not most:
+            return
+        for joint in range(m.njnt):
+            at, kind = m.jnt_qposadr[joint], m.jnt_type[joint]
+            if kind == FREE:
+                d.qpos[at : at + 3] += [self._draw(-most, most) for _ in range(3)]
+            elif kind == BALL:
+                self._watch.mujoco.mju_quatIntegrate(
+                    d.qpos[at : at + 4], np.array([self._draw(-most, most) for _ in range(3)]), 1.0
+                )
+            else:
+                d.qpos[at] += self._draw(-most, most)
+
+    # -- as a model is loaded ---------------------------------------------------------------------
+
+    def install(self, module: Any) -> None:
+        """Change what a model is loaded with, where that is asked."""
+        for number, each in self.of("arena"):
+            for name in LOADS:
+                self._watch.replace_static(module.MjModel, name, self._loading(number, each))
+
+    def _loading(self, number: int, operation: Operation) -> Callable[..., Any]:
+        def after(original: Callable[..., Any]) -> Callable[..., Any]:
+            def load(*args: Any, **kwargs: Any) -> Any:
+                m = original(*args, **kwargs)
+                address = _address_of(m, "narena")
+                if address is not None:
+                    held = ctypes.c_int64.from_address(address)
+                    held.value = int(held.value * operation["factor"])
+                    self.fire(number)
+                return m
+
+            return load
+
+        return after
+
+
+class ChangedModel:
+    """A model that holds something else while a function of MuJoCo runs.
+
+    Parameters
+    ----------
+    changes
+        What differs.
+    watch
+        What hooks the functions of mujoco.
+    m
+        The MjModel; nothing here keeps it alive.
+    """
+
+    def __init__(self, changes: ModelChanges, watch: MujocoWatch, m: Any) -> None:
+        self._changes, self._watch, self.ref = changes, watch, weakref.ref(m)
+        self._lock, self._inside = Lock(), 0
+        """Several threads may run functions of one model."""
+        self._writes: list[tuple[int, Write]] = []
+        for number, each in changes._operations:
+            self._writes += [(number, write) for write in _writes_of(watch.mujoco, m, each)]
+        if changes.finer > 1:
+            self._writes.append((-1, ("opt.timestep", None, lambda held: held / changes.finer)))
+        self._derives = [
+            number
+            for number, each in changes._operations
+            if each.get("derived") or each["do"] == "derive"
+        ]
+        self._kept: list[tuple[str, Any, Any]] = []
+        """What the script has there: field, elements, and their values."""
+        self._derived: tuple[bytes, dict[str, Any]] | None = None
+        """What was derived last: of what, and the arrays."""
+
+    def enter(self, m: Any) -> None:
+        """Write what differs into the model."""
+        with self._lock:
+            self._inside += 1
+            if self._inside > 1:
+                return
+            for number, (name, where, become) in self._writes:
+                held = _field(m, name)
+                before = held if np.isscalar(held) else np.array(held[where])
+                new = become(before)
+                if not np.array_equal(new, before):
+                    self._kept.append((name, where, before))
+                    _set(m, name, where, new)
+                    self._changes.fire(number)
+            if self._derives:
+                self._derive(m)
+
+    def leave(self, m: Any) -> None:
+        """Write back what the script has there."""
+        with self._lock:
+            self._inside -= 1
+            while self._kept and not self._inside:
+                _set(m, *self._kept.pop())
+
+    def _derive(self, m: Any) -> None:
+        """Let what is derived be that of the masses as they are."""
+        key = b"".join(getattr(m, name).tobytes() for name in SOURCES)
+        if self._derived is None or self._derived[0] != key:
+            before = {name: getattr(m, name).copy() for name in DERIVED if hasattr(m, name)}
+            self._watch.originals["mj_setConst"](m, self._watch.mujoco.MjData(m))
+            self._derived = key, {name: getattr(m, name).copy() for name in before}
+            for name, held in before.items():
+                _set(m, name, ..., held)
+        for name, new in self._derived[1].items():
+            held = getattr(m, name)
+            if not np.array_equal(held, new):
+                self._kept.append((name, ..., held.copy()))
+                _set(m, name, ..., new)
+                for number in self._derives:
+                    self._changes.fire(number)
+
+
+def _field(m: Any, name: str) -> Any:
+    """Return a field of a model, or of its options."""
+    return getattr(m.opt, name[4:]) if name.startswith("opt.") else getattr(m, name)
+
+
+def _set(m: Any, name: str, where: Any, value: Any) -> None:
+    held = _field(m, name)
+    if np.isscalar(held):
+        setattr(m.opt, name[4:], value)
+    else:
+        held[where] = value
+
+
+class ChangedData:
+    """A state that is written before or after steps, or in which a write is undone.
+
+    Parameters
+    ----------
+    changes
+        What differs.
+    watch
+        What hooks the functions of mujoco.
+    m, d
+        The MjModel and the MjData; nothing here keeps them alive.
+    """
+
+    def __init__(self, changes: ModelChanges, watch: MujocoWatch, m: Any, d: Any) -> None:
+        self._changes, self._watch = changes, watch
+        self._model, self.ref = weakref.ref(m), weakref.ref(d)
+        self._leaves = [*changes.of("leave")]
+        self._clears = [*changes.of("clear")]
+        self._held: dict[str, Any] = {}
+        """Parts of the state as the last step has left them."""
+        if self._leaves:
+            fresh = watch.mujoco.MjData(m)
+            self._held = {e["part"]: getattr(fresh, e["part"]).copy() for _, e in self._leaves}
+        self._holds = [number for number, _ in changes.of("hold")]
+        self._last: tuple[Any, Any] | None = None
+        """Positions and controls as they were then, if joints are held."""
+        self._cleared: dict[str, bool] = {}
+        """Whether a part was cleared after the last step, by part."""
+        self._time_s: float | None = None
+        self._posed: bytes | None = None
+        """The positions that data were computed for."""
+
+    @property
+    def is_posed(self) -> bool:
+        """Whether data are those of the positions as they are."""
+        d = self.ref()
+        return d is not None and self._posed == d.qpos.tobytes()
+
+    def before(self) -> None:
+        """Write what differs before a step."""
+        m, d, fire = self._model(), self.ref(), self._changes.fire
+        if m is None or d is None:
+            return
+        for number, each in self._leaves:
+            held, part = self._held[each["part"]], getattr(d, each["part"])
+            if not np.array_equal(part, held):
+                part[...] = held
+                fire(number)
+        for number, each in self._clears:
+            if self._cleared.get(each["part"]) and not getattr(d, each["part"]).any():
+                fire(number)
+        if self._time_s is None:
+            self._changes.displace(m, d)
+        if self._time_s is None or d.time < self._time_s:
+            self._begin(m, d)
+        elif self._last is not None:
+            self._hold(m, d, *self._last)
+        self._time_s = d.time
+
+    def _begin(self, m: Any, d: Any) -> None:
+        """Write what differs where an episode begins."""
+        for number, each in self._changes.of("lift"):
+            for body in _ids(self._watch.mujoco, m, "body", each["names"]):
+                joint = m.body_jntadr[body]
+                if joint >= 0 and m.jnt_type[joint] == FREE:
+                    at = m.jnt_qposadr[joint]
+                    d.qpos[at : at + 3] += each["by_m"]
+                    self._changes.fire(number)
+        for number, _ in self._changes.of("key"):
+            for key in range(m.nkey):
+                if np.abs(d.qpos - m.key_qpos[key]).max(initial=0.0) > SAME:
+                    continue
+                if not np.array_equal(d.ctrl, m.key_ctrl[key]):
+                    d.ctrl[:] = m.key_ctrl[key]
+                    self._changes.fire(number)
+                break
+
+    def _hold(self, m: Any, d: Any, qpos: Any, ctrl: Any) -> None:
+        """Send actuators of joints that were placed to where these are, or leave what is new."""
+        moved = d.qpos != qpos
+        for actuator in range(m.nu):
+            joint = m.actuator_trnid[actuator, 0]
+            is_servo = m.actuator_trntype[actuator] in BY_JOINT and m.jnt_type[joint] > BALL
+            if not is_servo or not m.actuator_biasprm[actuator, 1] < 0:
+                continue
+            at = m.jnt_qposadr[joint]
+            if moved[at] and d.ctrl[actuator] == ctrl[actuator]:
+                d.ctrl[actuator] = m.actuator_gear[actuator, 0] * d.qpos[at]
+                for number in self._holds:
+                    self._changes.fire(number)
+
+    def after(self, name: str) -> None:
+        """Keep what a step, or a function that sets a state, has left."""
+        d = self.ref()
+        if d is None:
+            return
+        if name in ("mj_step1", "mj_forward"):
+            self._posed = d.qpos.tobytes()
+        if name in STEPS:
+            for _, each in self._clears:
+                part = getattr(d, each["part"])
+                self._cleared[each["part"]] = bool(part.any())
+                part[...] = 0.0
+        if name in STEPS or name in RESETS:
+            for part in self._held:
+                self._held[part] = getattr(d, part).copy()
+            if self._holds:
+                self._last = d.qpos.copy(), d.ctrl.copy()
+
+
+# -- what is written into a model -----------------------------------------------------------------
+
+
+def _varied(variation: Mapping[str, Any]) -> Iterator[Operation]:
+    """Yield what is varied as operations."""
+    for name, value in variation.get("options", {}).items():
+        yield {"do": "write", "field": f"opt.{name}", "value": value}
+    if variation.get("iterations", 1) != 1:
+        yield {"do": "write", "field": "opt.iterations", "factor": variation["iterations"]}
+    if variation.get("gravity") is not None:
+        yield {"do": "write", "field": "opt.gravity", "size": variation["gravity"]}
+    if variation.get("friction", 1.0) != 1.0:
+        for field in ("geom_friction", "pair_friction"):
+            yield {"do": "write", "field": field, "factor": variation["friction"]}
+    if variation.get("mass", 1.0) != 1.0:
+        for field in ("body_mass", "body_inertia"):
+            yield {"do": "write", "field": field, "factor": variation["mass"], "derived": True}
+
+
+def _writes_of(module: Any, m: Any, operation: Operation) -> Iterator[Write]:
+    """Yield what an operation writes into a model."""
+    do, field = operation["do"], operation.get("field", "")
+    if field and not hasattr(m.opt if field.startswith("opt.") else m, field.removeprefix("opt.")):
+        return  # of another version
+    if do == "write":
+        where: Any = ...
+        if operation.get("names") is not None:
+            kind = field.partition("_")[0]
+            where = _rows(module, m, kind, operation["of"], operation["names"])
+            if not len(where):
+                return
+        if operation.get("column") is not None:
+            where = (where, operation["column"])
+        yield field, where, _becoming(operation)
+    elif do == "flag":
+        bit = int(getattr(module.mjtDisableBit, operation["name"]))
+        yield "opt.disableflags", ..., lambda flags: flags | bit
+    elif do == "keep":
+        first = _field(m, field)
+        kept = first if np.isscalar(first) else np.array(first)
+        yield field, ..., partial(_always, kept)
+    elif do == "meet":
+        yield from _meeting(module, m, *operation["names"])
+    elif do == "part":
+        yield from _parting(module, m, *operation["names"])
+    elif do == "unexclude":
+        first, second = (_ids(module, m, "body", names) for names in operation["names"])
+        pairs = {(int(min(a, b)) << 16) + int(max(a, b)) for a in first for b in second}
+        pairs |= {(int(max(a, b)) << 16) + int(min(a, b)) for a in first for b in second}
+        rows = [n for n, each in enumerate(m.exclude_signature.tolist()) if each in pairs]
+        if rows:
+            yield "exclude_signature", rows, lambda held: np.full_like(held, NOT_A_PAIR)
+
+
+def _becoming(operation: Operation) -> Callable[[Any], Any]:
+    """Return what elements become."""
+    if "factor" in operation:
+        factor = operation["factor"]
+        return lambda held: type(held)(held * factor) if isinstance(held, int) else held * factor
+    if "least" in operation:
+        least = operation["least"]
+        return lambda held: np.maximum(held, least)
+    if "widest" in operation:  # of pairs of a low and a high end
+        most = operation["widest"]
+        return lambda held: np.stack(
+            (np.minimum(held[..., 0], -most), np.maximum(held[..., 1], most)), axis=-1
+        )
+    if "size" in operation:
+        size = operation["size"]
+        return lambda held: held * (size / (np.linalg.norm(held) or 1.0))
+    value = operation["value"]
+    return lambda held: np.broadcast_to(value, held.shape) if hasattr(held, "shape") else value
+
+
+def _rows(module: Any, m: Any, kind: str, of: str, names: Sequence[str]) -> Any:
+    """Return which elements of a kind belong to some things, by their names."""
+    ids = _ids(module, m, of, names)
+    if kind == "actuator" and of == "joint":
+        by_joint = np.isin(m.actuator_trntype, BY_JOINT)
+        return np.flatnonzero(by_joint & np.isin(m.actuator_trnid[:, 0], ids))
+    if kind == "dof":
+        return np.flatnonzero(np.isin(m.dof_jntid if of == "joint" else m.dof_bodyid, ids))
+    if kind == "geom" and of == "body":
+        return np.flatnonzero(np.isin(m.geom_bodyid, ids))
+    if kind == "jnt" and of == "body":
+        return np.flatnonzero(np.isin(m.jnt_bodyid, ids))
+    if kind == "eq" and of == "body":
+        return np.flatnonzero(
+            [bool({*_bodies_of_equality(module, m, n)} & {*ids}) for n in range(m.neq)]
+        )
+    return np.array(ids, np.int64)
+
+
+def _bodies_of_equality(module: Any, m: Any, number: int) -> Iterator[int]:
+    for other in (int(m.eq_obj1id[number]), int(m.eq_obj2id[number])):
+        if m.eq_objtype[number] == int(module.mjtObj.mjOBJ_BODY):
+            yield other
+        elif m.eq_objtype[number] == int(module.mjtObj.mjOBJ_SITE):
+            yield int(m.site_bodyid[other])
+
+
+def _ids(module: Any, m: Any, kind: str, names: Sequence[str]) -> list[int]:
+    """Return the numbers of things by their names; one without is called by kind and number."""
+    object_type = getattr(module.mjtObj, f"mjOBJ_{kind.upper()}")
+    found = []
+    for name in names:
+        number = module.mj_name2id(m, object_type, name)
+        match = re.fullmatch(rf"{kind}(\d+)", name) if number < 0 else None
+        number = int(match[1]) if match else number
+        if number >= 0:
+            found.append(int(number))
+    return found
+
+
+# -- which geometries meet ------------------------------------------------------------------------
+
+
+def _geoms(module: Any, m: Any, names: Sequence[str]) -> list[int]:
+    """Return the geometries of bodies that are made to collide with anything; else all of them."""
+    mine = _rows(module, m, "geom", "body", names)
+    solid = mine[(m.geom_contype[mine] | m.geom_conaffinity[mine]) != 0]
+    return [int(each) for each in (solid if len(solid) else mine)]
+
+
+def _free_bits(m: Any) -> list[int]:
+    used = int(np.bitwise_or.reduce(m.geom_contype, initial=0))
+    used |= int(np.bitwise_or.reduce(m.geom_conaffinity, initial=0))
+    return [1 << each for each in range(BITS) if not used >> each & 1]
+
+
+def _meeting(module: Any, m: Any, first: Sequence[str], second: Sequence[str]) -> Iterator[Write]:
+    """Yield writes by which the geometries of bodies meet those of others, and nothing else."""
+    free = _free_bits(m)
+    if free:
+        types, affinities = m.geom_contype.copy(), m.geom_conaffinity.copy()
+        types[_geoms(module, m, first)] |= free[0]
+        affinities[_geoms(module, m, second)] |= free[0]
+        yield from _bits(m, types, affinities)
+
+
+def _parting(module: Any, m: Any, first: Sequence[str], second: Sequence[str]) -> Iterator[Write]:
+    """Yield writes by which the geometries of bodies meet those of others no more, but all else.
+
+    Each kind of the first ones' bits gets a bit of its own, which those answer that it met.
+    """
+    mine, theirs = _geoms(module, m, first), {*_geoms(module, m, second)}
+    kinds = sorted({(int(m.geom_contype[g]), int(m.geom_conaffinity[g])) for g in mine})
+    free = _free_bits(m)
+    if len(kinds) > len(free):
+        return
+    types, affinities = m.geom_contype.copy(), m.geom_conaffinity.copy()
+    for (kind, affinity), bit in zip(kinds, free):
+        its = [g for g in mine if (m.geom_contype[g], m.geom_conaffinity[g]) == (kind, affinity)]
+        meets = (m.geom_contype & affinity) | (m.geom_conaffinity & kind)
+        others = [g for g in np.flatnonzero(meets).tolist() if g not in theirs and g not in mine]
+        affinities[others] |= bit
+        types[its], affinities[its] = bit, 0
+    yield from _bits(m, types, affinities)
+
+
+def _bits(m: Any, types: Any, affinities: Any) -> Iterator[Write]:
+    """Yield writes of the bits of all geometries, and of bodies, which have those of theirs."""
+    for name, bits in (("contype", types), ("conaffinity", affinities)):
+        of_bodies = np.zeros_like(getattr(m, f"body_{name}"))
+        np.bitwise_or.at(of_bodies, m.geom_bodyid, bits)
+        yield f"geom_{name}", ..., partial(_always, bits)
+        yield f"body_{name}", ..., partial(_always, of_bodies)
+
+
+def _always(value: Any, _: Any) -> Any:
+    return value
+
+
+def _address_of(m: Any, name: str) -> int | None:
+    """Return where a whole number of a model is in memory; None where it is not to be found."""
+    from mujoco.introspect import structs
+
+    address = getattr(m, "_address", None)
+    if address is None:
+        return None
+    for field in structs.STRUCTS["mjModel"].fields:
+        kind = getattr(field.type, "name", "")
+        if kind not in ("mjtSize", "int"):
+            return None
+        size = 8 if kind == "mjtSize" else 4
+        address = -(-address // size) * size
+        held: Any = (ctypes.c_int64 if size == 8 else ctypes.c_int32).from_address(address)
+        if getattr(m, field.name, held.value) != held.value:
+            return None
+        if field.name == name:
+            return address if size == 8 else None
+        address += size
+    return None

@@ -1,0 +1,186 @@
+"""What differs in a run of a MuJoCo script: what a step finds. The script reads its own."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+mujoco = pytest.importorskip("mujoco")
+
+from drop_physics.engines.mujoco.watch.intervene import ModelChanges  # noqa: E402
+from drop_physics.errors import ScenarioError  # noqa: E402
+from drop_physics.stages.trust import trust  # noqa: E402
+from drop_physics.stages.variations import of_engine, variations_of  # noqa: E402
+
+CORPUS = Path(__file__).parent / "corpus/mujoco/scripts"
+SCENE = """<mujoco><option timestep="0.002"/><worldbody>
+  <geom name="floor" type="plane" size="5 5 1"/>
+  <body name="low" pos="0 0 0.1"><freejoint/>
+    <geom name="low" type="box" size="0.1 0.1 0.1" mass="1"/></body>
+  <body name="high" pos="0 0 0.3"><freejoint/>
+    <geom name="high" type="box" size="0.1 0.1 0.1" mass="1"/></body>
+  <body name="arm" pos="0 1 1"><joint name="elbow" axis="0 1 0"/>
+    <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.03" mass="2"/></body></worldbody>
+<actuator><position name="servo" joint="elbow" kp="20"/></actuator>
+<contact>{pair}</contact>
+<keyframe><key qpos="0 0 0.1 1 0 0 0 0 0 0.3 1 0 0 0 0.5" ctrl="0.7"/></keyframe></mujoco>"""
+
+
+class RunChanged:
+    """A model whose functions are called with changes."""
+
+    def __init__(self, *operations: dict[str, Any], pair: str = "", **variation: Any) -> None:
+        self.fired: list[int] = []
+        self.inside: list[float] = []
+        """The timestep that each step has found."""
+        host = SimpleNamespace(on=True, hide=lambda _: None)
+        originals = {"mj_setConst": mujoco.mj_setConst}
+        watch: Any = SimpleNamespace(host=host, mujoco=mujoco, originals=originals, uncounted=set())
+        given = [{"engine": "mujoco", **each} for each in operations]
+        changes = ModelChanges(watch, given, variation, self.fired.append)
+        calls: dict[str, Callable[..., Any]] = {"mj_step": self._step}
+        calls |= {name: getattr(mujoco, name) for name in ("mj_step1", "mj_step2", "mj_forward")}
+        self.call = {name: changes.around(name, each) for name, each in calls.items()}
+        self.m = mujoco.MjModel.from_xml_string(SCENE.format(pair=pair))
+        self.d = mujoco.MjData(self.m)
+
+    def _step(self, m: Any, d: Any) -> None:
+        self.inside.append(m.opt.timestep)
+        mujoco.mj_step(m, d)
+
+    def steps(self, count: int) -> None:
+        """Make steps of the script."""
+        for _ in range(count):
+            self.call["mj_step"](self.m, self.d)
+
+    def height(self, body: str) -> float:
+        """Return where a body is."""
+        return float(self.d.body(body).xpos[2])
+
+
+def test_a_finer_timestep_is_seen_by_steps_alone() -> None:
+    run = RunChanged(finer=4)
+    run.call["mj_step"](run.m, run.d, nstep=2)
+    assert run.inside == [0.0005] * 8
+    assert run.m.opt.timestep == 0.002
+    assert run.d.time == pytest.approx(0.004, abs=1e-15)
+    run.m.opt.timestep = 0.004  # the script's own still counts
+    run.steps(1)
+    assert run.inside[-4:] == [0.001] * 4
+
+
+def test_a_nudge_moves_each_joint_once() -> None:
+    run = RunChanged(nudge=1e-9)
+    run.m.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    before = run.d.qpos.copy()
+    run.steps(1)
+    bare = mujoco.MjData(run.m)
+    mujoco.mj_step(run.m, bare)
+    moved = abs(run.d.qpos - bare.qpos)
+    assert moved[:3].min() > 0
+    assert moved.max() < 3e-9
+    assert moved[-1] > 0
+    assert before[-1] == 0
+
+
+def test_what_is_written_is_the_script_s_own_again_after_the_call() -> None:
+    gain = {"do": "write", "of": "joint", "names": ["elbow"], "column": 0, "value": 5.0}
+    run = RunChanged({**gain, "field": "actuator_gainprm"}, mass=2.0)
+    run.m.actuator_gainprm[0, 0] = 7.0
+    run.d.ctrl[0] = 1.0
+    run.call["mj_forward"](run.m, run.d)
+    assert run.d.actuator_force[0] == 5.0
+    assert run.d.qfrc_bias[0] == 0
+    assert run.d.qfrc_bias[2] == pytest.approx(2 * 9.81)
+    assert run.m.actuator_gainprm[0, 0] == 7.0
+    assert run.m.body_mass[1] == 1.0
+    bare = mujoco.MjModel.from_xml_string(SCENE.format(pair=""))
+    assert (run.m.body_invweight0 == bare.body_invweight0).all()
+    assert run.fired == [0]
+
+
+@contextmanager
+def _standing(*operations: dict[str, Any], pair: str = "") -> Iterator[RunChanged]:
+    run = RunChanged(*operations, pair=pair)
+    run.steps(300)
+    yield run
+    assert run.fired == [0]
+
+
+def test_two_bodies_that_met_part_and_meet_all_else() -> None:
+    with _standing({"do": "part", "names": [["low"], ["high"]]}) as run:
+        assert run.height("low") == pytest.approx(0.1, abs=1e-3)
+        assert run.height("high") == pytest.approx(0.1, abs=1e-3)
+
+
+def test_two_bodies_that_are_kept_apart_meet() -> None:
+    pair = '<exclude body1="low" body2="high"/>'
+    with _standing({"do": "unexclude", "names": [["high"], ["low"]]}, pair=pair) as run:
+        assert run.height("high") == pytest.approx(0.3, abs=1e-3)
+    run = RunChanged({"do": "meet", "names": [["low"], ["high"]]})
+    run.m.geom_contype[:] = run.m.geom_conaffinity[:] = [1, 1, 2, 0]
+    run.steps(300)
+    assert run.height("high") == pytest.approx(0.3, abs=1e-3)
+    assert run.m.geom_contype.tolist() == [1, 1, 2, 0]
+
+
+def test_states_are_written_where_the_script_leaves_them() -> None:
+    run = RunChanged({"do": "key"})
+    run.d.qpos[:] = run.m.key_qpos[0]
+    run.steps(1)
+    assert run.d.ctrl[0] == 0.7
+    assert run.fired == [0]
+    run = RunChanged({"do": "clear", "part": "xfrc_applied"})
+    run.d.xfrc_applied[1, 0] = 8.0
+    run.steps(1)
+    assert not run.d.xfrc_applied.any()
+    assert not run.fired
+    run.steps(1)
+    assert run.fired == [0]
+    run = RunChanged({"do": "leave", "part": "ctrl"})
+    run.d.ctrl[0] = 1.0
+    run.steps(1)
+    assert run.d.ctrl[0] == 0.0
+    assert run.fired == [0]
+
+
+def test_joints_that_are_placed_are_held_there() -> None:
+    run = RunChanged({"do": "hold"})
+    run.d.ctrl[0] = 1.0
+    run.steps(2)
+    assert run.d.ctrl[0] == 1.0
+    run.d.qpos[-1] = 0.25
+    run.call["mj_forward"](run.m, run.d)
+    run.steps(1)
+    assert run.d.ctrl[0] == 0.25
+    assert run.fired == [0]
+
+
+def test_usual_variations_are_those_of_the_engine_that_the_model_has_not() -> None:
+    usual = variations_of(None)
+    held = {"solver": 2.0, "cone": 0.0, "impratio": 1.0}
+    found = of_engine(usual, held, engine="MuJoCo 4.0.0", usual=True)
+    assert {*found} == {
+        *("timestep/2", "timestep/4", "iterations*4", "nudge", "seed"),
+        *("solver=CG", "cone=elliptic", "impratio=10"),
+    }
+    others = of_engine(usual, {}, engine="PyBullet", usual=True)
+    assert {*others} == {"timestep/2", "timestep/4", "iterations*4", "residual 0", "nudge", "seed"}
+    with pytest.raises(ScenarioError, match="no option of PyBullet"):
+        of_engine(variations_of(["cone=elliptic"]), {}, engine="PyBullet", usual=False)
+
+
+@pytest.mark.long
+def test_trust_varies_a_script_s_model(tmp_path: Path) -> None:
+    """The corpus' truth: of 18.2 mm an elliptic cone leaves some 9 mm, and impratio 10 some 4."""
+    script = CORPUS / "grasp_creeps.py"
+    vary = ["cone=elliptic", "impratio=10", "nudge"]
+    found = trust(str(script), out=tmp_path / "out", vary=vary, jobs=1)
+    moved = {each.name: max(end.value for end in each.apart.end) for each in found.variations}
+    assert moved["nudge"] < 1e-7
+    assert moved["cone=elliptic"] == pytest.approx(8.8e-3, abs=3e-4)
+    assert moved["impratio=10"] == pytest.approx(14.1e-3, abs=5e-4)
+    assert found.variations[0].term == "contacts"
