@@ -27,10 +27,12 @@ import typer.main
 from drop_physics import workers
 from drop_physics.console.running import main
 from drop_physics.sweeping.engines import dismiss
+from forked import fork_scripts
 
 ROOT = Path(__file__).parents[1]
 # A process makes the command from its functions once, which takes a tenth of `drop analyze`.
 typer.main.get_command = functools.cache(typer.main.get_command)
+fork_scripts()
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 HANGS_S = 600
 """What takes so long hangs, whatever else the machine has to do: nothing here takes a minute."""

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import packages_distributions
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import drop_physics
@@ -24,7 +23,6 @@ from altered import rows_in
 from command import HANGS_S, drop_alone, drop_here
 from drop_physics import DropAnalysis, Scenario, simulate
 from drop_physics.drop.story import drop_analysis_of
-from drop_physics.engines.mujoco import explained
 from drop_physics.engines.pybullet import script
 from drop_physics.recording.reader import Recording, read
 from drop_physics.recording.viewer import binary
@@ -32,7 +30,6 @@ from drop_physics.rules.answer import Finding
 from drop_physics.stages.run import Run, run
 from drop_physics.trace.states import CONTACT, STATE
 from dropped import Sampled
-from forked import popen
 from hypothesis import HealthCheck, settings
 from skipping import pytest_runtest_makereport as pytest_runtest_makereport
 from skipping import pytest_runtest_setup as pytest_runtest_setup
@@ -161,19 +158,11 @@ def descendants_of(pid: int | str) -> list[str]:
     return children + [grandchild for child in children for grandchild in descendants_of(child)]
 
 
-@pytest.fixture
-def forked(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let scripts start in a moment, in tests that are not about how they start (`starts`)."""
-    if request.node.get_closest_marker("starts") is None:
-        monkeypatch.setattr(script, "subprocess", SimpleNamespace(Popen=popen))
-
-
-@pytest.fixture
-def mujoco_forked(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let MuJoCo's scripts, and what explains them, start in a moment."""
-    start = SimpleNamespace(Popen=partial(popen, also="mujoco"), PIPE=subprocess.PIPE)
-    for module in (script, explained):
-        monkeypatch.setattr(module, "subprocess", start)
+@pytest.fixture(autouse=True)
+def starts(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Really start scripts in tests that are about how they start (`starts`)."""
+    if request.node.get_closest_marker("starts") is not None:
+        monkeypatch.setattr(script, "subprocess", subprocess)
 
 
 @pytest.fixture

@@ -23,6 +23,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryFile
+from types import SimpleNamespace
 from typing import Any, BinaryIO
 
 STARTS = ("MALLOC_PERTURB_", "PYTHONHASHSEED", "LD_PRELOAD")
@@ -108,13 +109,26 @@ class Forked:
         self.send_signal(signal.SIGKILL)
 
 
-def popen(command: Sequence[str], *, also: str = "", **how: Any) -> Any:
-    """Start a program, forked where that comes to the same; `also` is imported, too."""
+def fork_scripts() -> None:
+    """Let scripts, and what explains MuJoCo's, start in a moment in this process."""
+    from drop_physics.engines.mujoco import explained
+    from drop_physics.engines.pybullet import script
+
+    for module in (script, explained):
+        vars(module)["subprocess"] = SimpleNamespace(Popen=popen, PIPE=subprocess.PIPE)
+
+
+def popen(command: Sequence[str], **how: Any) -> Any:
+    """Start a program, forked where that comes to the same."""
     same = command[0] == sys.executable and not command[1].startswith("-")
     then, env = _started_with(), {"MALLOC_PERTURB_": PERTURB, **how["env"]}
     if not same or any(env.get(name) != then.get(name) for name in STARTS) or _customized(env):
         return subprocess.Popen(command, **how)
-    return Forked(command, also=also, **how)
+    scripts = [path for path in map(Path, command[3:]) if path.is_file()]
+    mujoco = Path(command[1]).name == "explain" or any(
+        b"mujoco" in each.read_bytes() for each in scripts
+    )
+    return Forked(command, also="mujoco" if mujoco else "", **how)
 
 
 def run(

@@ -9,8 +9,6 @@ from conftest import some
 from drop_physics.rules.answer import Finding
 from scenes import analyze, record_file
 
-pytestmark = pytest.mark.usefixtures("forked")
-
 CORPUS = Path(__file__).parent / "corpus/scripts"
 REASONS = {
     "friction_to_base": "call-elsewhere",

@@ -25,8 +25,6 @@ from drop_physics.rules.choice import Choice, minor
 from drop_physics.rules.codes import CODES
 from drop_physics.stages.sources import comments_in
 
-pytestmark = pytest.mark.usefixtures("forked")
-
 PACKAGE = Path(drop_physics.__file__).parent
 # Two arms that cannot hold their pose, driven on lines of their own.
 ARMS = """import pybullet as p

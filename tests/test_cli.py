@@ -17,8 +17,6 @@ from drop_physics import messages
 from drop_physics.stages.run import Run
 from rerun.chunk import LazyChunkStream
 
-pytestmark = pytest.mark.usefixtures("forked")
-
 
 def lines(text: str) -> list[str]:
     return text.splitlines()

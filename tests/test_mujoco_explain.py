@@ -20,8 +20,6 @@ from drop_physics.engines.mujoco.received import LENGTH
 from drop_physics.physics.laws.mujoco.tree import MujocoTrees
 from mujoco_scripts import MACHINE, Run, of_world, statuses, watched
 
-pytestmark = pytest.mark.usefixtures("mujoco_forked")
-
 CLOSES = 1e-12
 """What rounding may leave, in shares of the largest impulse."""
 

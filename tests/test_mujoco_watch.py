@@ -18,8 +18,6 @@ from drop_physics.engines.mujoco.explain.reasons import EXPLAINED, OTHER, REPLAY
 from drop_physics.engines.mujoco.frames import STALE, STEPS, UNPOSED
 from mujoco_scripts import Run, bare, statuses, watched
 
-pytestmark = pytest.mark.usefixtures("mujoco_forked")
-
 SCENE = """
 import json, mujoco, numpy as np
 XML = '''<mujoco><worldbody><geom type="plane" size="5 5 1"/>

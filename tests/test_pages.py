@@ -29,7 +29,7 @@ from generators.typed import INSTEAD, PROGRAMS
 from PIL import Image
 from regenerate import is_current
 
-pytestmark = [pytest.mark.long, pytest.mark.usefixtures("forked")]
+pytestmark = pytest.mark.long
 README, DROP = ROOT / "README.md", DOCS / "drop.md"
 AGAIN = "a page is stale; make it again with: python docs/regenerate.py"
 PAGES = pages.pages()

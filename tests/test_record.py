@@ -39,8 +39,6 @@ from drop_physics.stages.record import Recorded, record_script
 from drop_physics.stages.record_block import record
 from rerun.chunk import RrdReader
 
-pytestmark = pytest.mark.usefixtures("forked")
-
 BANNER = "pybullet build time"
 
 

@@ -19,8 +19,6 @@ from conftest import Drop
 from drop_physics import record_script
 from drop_physics.errors import ScenarioError
 
-pytestmark = pytest.mark.usefixtures("forked")
-
 FALLS = """import pybullet as p
 p.connect(p.DIRECT)
 p.createMultiBody({mass}, p.createCollisionShape(p.GEOM_SPHERE, radius=0.1))

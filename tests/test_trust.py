@@ -18,8 +18,6 @@ from drop_physics.stages.trust import Trust, trust
 from drop_physics.stages.variations import lengths_of, variations_of
 from drop_physics.trace.tables import table_of
 
-pytestmark = pytest.mark.usefixtures("forked")
-
 HEAD = """
 import pybullet as p, pybullet_data
 p.connect(p.DIRECT)

@@ -15,8 +15,6 @@ from conftest import some
 from drop_physics.trace.events import Event, Samples, Settings
 from watching import watched
 
-pytestmark = pytest.mark.usefixtures("forked")
-
 HEAD = """
 import math, time
 import pybullet as p, pybullet_data
