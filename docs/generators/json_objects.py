@@ -205,7 +205,8 @@ def _object(kind: Any, required: set[str] | None = None, /, **instead: Any) -> O
     """Return a dataclass as printed; `instead` has other types of keys, None to leave one out."""
     if kind is answer.Finding:
         instead = {"verdict": Verdict | None, "tried": [TRIED]} | instead
-    hints = {field.name: get_type_hints(kind)[field.name] for field in fields(kind)} | instead
+    printed = [field.name for field in fields(kind) if field.metadata.get("json", True)]
+    hints = {name: get_type_hints(kind)[name] for name in printed} | instead
     names = {name: script.JSON_NAMES.get(name, name) for name in hints}
     keys = {names[name]: hint for name, hint in hints.items() if hint is not None}
     return Object(
