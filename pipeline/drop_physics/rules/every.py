@@ -27,7 +27,9 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
     reading,
     replays,
     slides,
+    soft,
     starts_in_contact,
+    starts_inside,
     taken_elsewhere,
     timestep_too_long,
     tunnelled,
@@ -63,8 +65,6 @@ from drop_physics.rules.restore_differs import RestoreDiffers
 from drop_physics.rules.rule import TableRules
 from drop_physics.rules.script_failed import ScriptFailed
 from drop_physics.rules.servo_off import ServoOff
-from drop_physics.rules.soft import ConstraintLags, SinksIn
-from drop_physics.rules.starts_inside import StartsInside, StaticParent
 from drop_physics.rules.teleported import Teleported
 from drop_physics.rules.timestep_changed import TimestepChanged
 from drop_physics.rules.too_slow import TooSlow
@@ -87,11 +87,7 @@ ANSWERS: tuple[type[Answer], ...] = (
     CollidesAsHull,
     NoContact,
     FilteredOut,
-    StartsInside,
-    StaticParent,
     HeldByFriction,
-    SinksIn,
-    ConstraintLags,
     # calls and files
     InputRules,
     ScriptFailed,

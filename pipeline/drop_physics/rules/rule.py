@@ -70,6 +70,8 @@ class Match:
 
     counts: Int64 | None = None
     """In how many steps of each row it holds; in each, if it is None."""
+    begins: NDArray[np.bool_] | None = None
+    """In which rows a run begins anew, also where one goes on."""
     holds: NDArray[np.bool_] | None = None
     """In which of the rows it holds, where that is known late; in all, if it is None."""
 
@@ -98,6 +100,8 @@ class Match:
         if self.counts is not None:  # the first and the last step in which it holds
             held = np.where(counts[:, None] > 0, np.column_stack([-steps, steps]), -(1 << 40))
             columns["within"] = "most", held
+        if self.begins is not None:
+            columns["begins"] = "first", rows(self.begins)
         kinds: dict[Kind, Numbers] = {
             "at": {**table.noted, **self.numbers},
             "sum": self.sums,

@@ -65,6 +65,7 @@ class Runs:
         new = np.append(True, them.ends[:-1])
         if consecutive:
             new[1:] |= them.first[1:] != them.last[:-1] + 1
+            new |= them.columns.get("begins", ("first", new))[1]
         starts, row = np.flatnonzero(new), np.cumsum(new) - 1
         size = np.where(np.isnan(them.size), np.inf, them.size)
         largest = np.flatnonzero(size == np.maximum.reduceat(size, starts)[row])

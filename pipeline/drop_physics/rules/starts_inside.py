@@ -6,185 +6,113 @@ they have let go.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-
 import numpy as np
+from numpy.typing import NDArray
 
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Answer, Cure, Effect, Finding, Notes, Scene, Span
+from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import effort
-from drop_physics.rules.thresholds import DEEP_M, EACH_STEP, THROWN_M
+from drop_physics.rules.rule import Match, Said, Worst, pair_rule
+from drop_physics.rules.runs import Runs
+from drop_physics.rules.tables import PairColumns
+from drop_physics.rules.thresholds import DEEP_M, EACH_STEP, STANDARD_M_S2, THROWN_M
 from drop_physics.trace.events import Body
 
-STANDARD_M_S2 = 9.81
+Float64 = NDArray[np.float64]
+
 BASE = -1
 
 
-@dataclass
-class OverlapAtFirst:
-    """A pair that overlaps where a run or a call has placed one of them, until it lets go."""
-
-    first: int
-    last: int
-    depth_m: float
-    parting_m_s: float = 0.0
-
-
-class StartsInside(Answer):
+@pair_rule("starts-in-contact", "asked", consecutive=True, engines=MUJOCOS)
+def starts_inside(pair: PairColumns) -> Match:
     """Bodies of different trees that overlap as they are placed, and are thrown apart."""
-
-    engines = MUJOCOS
-
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self._open: dict[tuple[int, int], OverlapAtFirst] = {}
-        self._found: dict[tuple[int, int], OverlapAtFirst] = {}
-
-    def see(self) -> None:
-        """Take a piece."""
-        pairs = self.scene.touches.pairs
-        if not len(pairs.starts):
-            return
-        placed = self.scene.placing.placed(pairs.body, pairs.step[:, None]).any(axis=1)
-        parting = pairs.most(pairs.points.parting_m_s)
-        starts = placed & (pairs.depth_m > DEEP_M) & (pairs.normal_n > 0)
-        for first, second, rows in pairs.by_pair():
-            if first == second:
-                continue
-            for row in rows.tolist():
-                step, known = int(pairs.step[row]), self._open.get((first, second))
-                if known is not None and step != known.last + 1:
-                    del self._open[first, second]
-                    known = None
-                if starts[row]:
-                    known = OverlapAtFirst(step, step, float(pairs.depth_m[row]))
-                    self._open[first, second] = known
-                if known is None:
-                    if not starts[rows].any():
-                        break
-                    continue
-                known.last = step
-                known.parting_m_s = max(known.parting_m_s, float(parting[row]))
-                best = self._found.get((first, second))
-                if best is None or known.parting_m_s > best.parting_m_s:
-                    self._found[first, second] = known
-
-    def findings(self) -> Iterator[Finding]:
-        """Yield each pair that was thrown apart."""
-        for both, found in self._found.items():
-            height_m = found.parting_m_s**2 / (2 * STANDARD_M_S2)
-            if height_m < THROWN_M:
-                continue
-            body, other = sorted(
-                (self.scene.body(number) for number in both),
-                key=lambda each: (bool(each.moving), each.number),
-                reverse=True,
-            )
-            call = Message(
-                "place it at least {depth:.3g} mm farther away from {other}",
-                depth=found.depth_m * 1e3,
-                other=other.label,
-            )
-            yield Finding(
-                code="starts-in-contact",
-                level="asked",
-                message=Message(
-                    "{body} begins {depth:.3g} mm inside {other} at {time:.4g} s: contacts push "
-                    "them apart, at up to {speed:.3g} m/s",
-                    body=body.label,
-                    depth=found.depth_m * 1e3,
-                    other=other.label,
-                    time=self.scene.times[body.client].of(found.first - 1),
-                    speed=found.parting_m_s,
-                ),
-                advice=call,
-                cure=Cure("lifted", body.label, found.depth_m, call),
-                body=body.label,
-                other=other.label,
-                effect=Effect(found.depth_m, "m"),
-                share=height_m / THROWN_M,
-                steps=Span(found.first, found.last, found.last - found.first + 1),
-            )
+    rows = np.flatnonzero(pair.body != pair.other)
+    placed = pair.scene.placing.placed(pair.pairs.body[rows], pair.step[rows, None]).any(axis=1)
+    starts = placed & (pair.depth_m[rows] > DEEP_M) & (pair.normal_n[rows] > 0)
+    return Match(
+        rows,
+        pair.most(pair.points.parting_m_s)[rows],
+        firsts={"starts": starts, "depth_m": pair.depth_m[rows]},
+        keys=pair.keys[rows],
+        begins=starts,
+    )
 
 
-class StaticParent(Answer):
+@starts_inside.counts
+def _(runs: Runs, _: Scene) -> Float64:
+    thrown = runs.size.clip(0.0) ** 2 / (2 * STANDARD_M_S2) >= THROWN_M
+    return np.where(runs.starts & thrown, runs.size, 0.0)
+
+
+@starts_inside.says
+def _(worst: Worst) -> Said:
+    call = Message("place it at least {depth:.3g} mm farther away from {other}")
+    return Said(
+        message=Message(
+            "{body} begins {depth:.3g} mm inside {other} at {time:.4g} s: contacts push "
+            "them apart, at up to {speed:.3g} m/s"
+        ),
+        values={
+            "depth": worst.depth_m * 1e3,
+            "time": worst.time_s(worst.first - 1),
+            "speed": worst.size,
+        },
+        cure=Cure("lifted", worst.body, worst.depth_m, call),
+        effect=Effect(worst.depth_m, "m"),
+        share=worst.size**2 / (2 * STANDARD_M_S2) / THROWN_M,
+    )
+
+
+@pair_rule("static-parent", "asked", subject=1, engines=MUJOCOS)
+def static_parent(pair: PairColumns) -> Match:
     """A body collides with its parent where that cannot move, and with no other parent."""
-
-    engines = MUJOCOS
-
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self._found: Notes[tuple[int, int, int]] = Notes()
-        """How deep a link and its parent are in each other [m], by body and link."""
-        self._steps: dict[int, int] = {}
-
-    def see(self) -> None:
-        """Take a piece."""
-        points = self.scene.touches.pairs.points
-        own = np.flatnonzero((points.body[:, 0] == points.body[:, 1]) & (points.normal_n > 0))
-        for number, judged in self.scene.judged.items():
-            self._steps[number] = self._steps.get(number, 0) + len(judged.steps)
-            its = own[points.body[own, 0] == number]
-            for a, b in np.unique(points.link[its], axis=0).tolist():
-                body = judged.body
-                link, parent = max(a, b), min(a, b)
-                if not _is_static(body, parent) or _parent(body, link) != parent:
-                    continue
-                rows = its[(points.link[its] == (a, b)).all(axis=1)]
-                step, which = np.unique(points.step[rows], return_inverse=True)
-                force, depth = np.zeros(len(step)), np.zeros(len(step))
-                np.add.at(force, which, points.normal_n[rows])
-                np.maximum.at(depth, which, -points.distance_m[rows])
-                self._found.add((number, link, parent), step, depth, {"force": force})
-
-    def findings(self) -> Iterator[Finding]:
-        """Yield the deepest of each body."""
-        worst: dict[int, tuple[int, int]] = {}
-        for (number, link, parent), noted in self._found.items():
-            often = noted.count >= EACH_STEP * (self._steps[number] - 1)
-            if noted.first > 1 or not often or noted.most < DEEP_M:
-                continue
-            known = worst.get(number)
-            if known is None or noted.most > self._found[number, *known].most:
-                worst[number] = link, parent
-        for number, (link, parent) in worst.items():
-            body, noted = self.scene.body(number), self._found[number, link, parent]
-            inner, outer = body.links[link + 1], body.links[parent + 1]
-            call = Message(
-                '<contact><exclude body1="{parent}" body2="{body}"/></contact>',
-                parent=outer,
-                body=inner,
-            )
-            yield Finding(
-                code="static-parent",
-                level="asked",
-                message=Message(
-                    "{body} is {depth:.3g} mm inside {parent} from the first step on, and they "
-                    "push each other with up to {force}: parent and child do not collide unless "
-                    "the parent cannot move, as here",
-                    body=inner,
-                    depth=noted.most * 1e3,
-                    parent=outer,
-                    force=effort(noted.at["force"], "N"),
-                ),
-                advice=call,
-                cure=Cure("exclude", inner, None, call),
-                body=body.label,
-                effect=Effect(noted.most, "m"),
-                share=noted.most / DEEP_M,
-                steps=noted.span,
-            )
+    points = pair.points
+    own = np.flatnonzero((points.body[:, 0] == points.body[:, 1]) & (points.normal_n > 0))
+    both = np.column_stack([points.body[own, 0], np.sort(points.link[own], axis=1)])
+    known, which = np.unique(both, axis=0, return_inverse=True)
+    is_so = [_is_parent(pair.scene.body(number), a, b) for number, a, b in known.tolist()]
+    own = own[np.array(is_so, np.bool_)[which.ravel()]]
+    both = both[np.array(is_so, np.bool_)[which.ravel()]]
+    keys, which = np.unique(np.column_stack([pair.row[own], both]), axis=0, return_inverse=True)
+    force, depth = np.zeros(len(keys)), np.zeros(len(keys))
+    np.add.at(force, which.ravel(), points.normal_n[own])
+    np.maximum.at(depth, which.ravel(), -points.distance_m[own])
+    return Match(keys[:, 0], depth, {"force": force, "links": keys[:, 2:]}, keys=keys[:, 1:])
 
 
-def _parent(body: Body, link: int) -> int:
-    """Return the link that another hangs on: of a body with several joints, through all of them."""
-    parent = body.joints[link].parent
-    while parent != BASE and body.links[parent + 1].startswith(f"{body.links[link + 1]}/"):
-        parent = body.joints[parent].parent
-    return parent
+@static_parent.counts
+def _(runs: Runs, scene: Scene) -> Float64:
+    steps = np.array([scene.ends[number] for number in runs.keys[:, 0].tolist()])
+    lasts = (runs.first <= 1) & (runs.count >= EACH_STEP * (steps - 1))
+    return np.where(lasts & (runs.size >= DEEP_M), runs.size, 0.0)
 
 
-def _is_static(body: Body, link: int) -> bool:
-    return link not in body.moving
+@static_parent.says
+def _(worst: Worst) -> Said:
+    parent, inner = (worst.subject.links[link + 1] for link in worst.links)
+    call = Message('<contact><exclude body1="{parent}" body2="{body}"/></contact>')
+    return Said(
+        message=Message(
+            "{body} is {depth:.3g} mm inside {parent} from the first step on, and they "
+            "push each other with up to {force}: parent and child do not collide unless "
+            "the parent cannot move, as here"
+        ),
+        values={
+            "body": inner,
+            "parent": parent,
+            "depth": worst.size * 1e3,
+            "force": effort(worst.force, "N"),
+        },
+        cure=Cure("exclude", inner, None, call),
+        effect=Effect(worst.size, "m"),
+        share=worst.size / DEEP_M,
+    )
+
+
+def _is_parent(body: Body, parent: int, link: int) -> bool:
+    """Return whether a link hangs on one that cannot move: of several joints, through them all."""
+    above = body.joints[link].parent
+    while above != BASE and body.links[above + 1].startswith(f"{body.links[link + 1]}/"):
+        above = body.joints[above].parent
+    return above == parent and parent not in body.moving
