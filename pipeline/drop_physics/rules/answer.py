@@ -151,6 +151,8 @@ class Scene:
     judged: Mapping[int, Judged] = field(init=False)
     ends: dict[int, int] = field(init=False, default_factory=dict)
     """The last sample of each body, by its number."""
+    carried: dict[tuple[str, int], NDArray[np.float64]] = field(init=False, default_factory=dict)
+    """What columns hand on from piece to piece, by their name and the number of a body."""
     _places: list[Int64] | None = field(init=False, default=None)
     """Bodies and steps of the rows of each batch, as numbers that rise."""
     _sites: Mapping[int, Site] = field(init=False, default_factory=dict)

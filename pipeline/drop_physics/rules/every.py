@@ -22,18 +22,22 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
     mimic_ignored,
     momentum_drift,
     motors,
+    no_restitution,
     not_taken,
     overwritten,
     reading,
     replays,
+    reset_leaves,
     slides,
     soft,
     starts_in_contact,
     starts_inside,
     taken_elsewhere,
     timestep_too_long,
+    too_slow,
     tunnelled,
     turned_around,
+    unstable,
     warned,
     wheel_slip,
 )
@@ -53,23 +57,19 @@ from drop_physics.rules.massless import Massless
 from drop_physics.rules.no_contact import NoContact
 from drop_physics.rules.no_gravity import NoGravity
 from drop_physics.rules.no_inertial import NoInertial
-from drop_physics.rules.no_restitution import NoRestitution
 from drop_physics.rules.not_finite import NotFinite
 from drop_physics.rules.not_stepped import NotStepped
 from drop_physics.rules.off_target import OffTarget
 from drop_physics.rules.push_lasted_a_step import PushLastedAStep
 from drop_physics.rules.rates_left import RatesLeft
 from drop_physics.rules.real_time import RealTime
-from drop_physics.rules.reset_leaves import ResetLeaves, StateLeavesControl
 from drop_physics.rules.restore_differs import RestoreDiffers
 from drop_physics.rules.rule import TableRules
 from drop_physics.rules.script_failed import ScriptFailed
 from drop_physics.rules.servo_off import ServoOff
 from drop_physics.rules.teleported import Teleported
 from drop_physics.rules.timestep_changed import TimestepChanged
-from drop_physics.rules.too_slow import TooSlow
 from drop_physics.rules.unseeded import Unseeded
-from drop_physics.rules.unstable import Unstable
 from drop_physics.trace.history import Seen
 
 ANSWERS: tuple[type[Answer], ...] = (
@@ -77,13 +77,9 @@ ANSWERS: tuple[type[Answer], ...] = (
     TableRules,
     OffTarget,
     ServoOff,
-    TooSlow,
-    ResetLeaves,
-    StateLeavesControl,
     RatesLeft,
     IkOff,
     # contacts
-    NoRestitution,
     CollidesAsHull,
     NoContact,
     FilteredOut,
@@ -108,7 +104,6 @@ ANSWERS: tuple[type[Answer], ...] = (
     RestoreDiffers,
     # the whole
     NotFinite,
-    Unstable,
 )
 
 
@@ -134,6 +129,9 @@ def ranked(findings: Iterable[Finding]) -> list[Finding]:
     found = sorted((_one_of(group) for group in groups.values()), key=lambda each: each.rank)
     if found and found[0].level in ("broken", "asked"):
         found = [each for each in found if each.code not in BESIDE_NOTHING]
+    # What rings at the clamp is not clamped.
+    rings = {each.body for each in found if each.code == "unstable"}
+    found = [each for each in found if each.code != "velocity-clamped" or each.body not in rings]
     # More force is no advice for a joint that its gains or its damping turn around, nor are higher
     # gains for one that is too fast already.
     told = {code: {each.body for each in found if each.code in code} for code in (SHAKES, FAST)}

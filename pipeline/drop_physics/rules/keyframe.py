@@ -9,9 +9,9 @@ from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import distance, name_of
-from drop_physics.rules.reset_leaves import SAME, WATCHED
 from drop_physics.rules.rule import Match, Said, Worst, joint_rule
 from drop_physics.rules.tables import JointColumns
+from drop_physics.rules.thresholds import BACK, WATCHED
 
 
 @joint_rule("reset-leaves", "asked", engines=MUJOCOS)
@@ -23,12 +23,12 @@ def keyframe_without_control(joints: JointColumns) -> Match | None:
     given = [given_to(each, body, joints.scene.piece, steps.steps) for each in body.actuators]
     watched = np.array(given)[:, :WATCHED]
     begins, now = steps.before.joints[0], watched[:, 0]
-    keys = [each for each in body.keyframes if np.abs(begins - each.joints).max() < SAME]
+    keys = [each for each in body.keyframes if np.abs(begins - each.joints).max() < BACK]
     # Of poses that look the same, one may have what it gives.
     if (
         not keys
         or np.ptp(watched, axis=1).any()
-        or any(np.abs(now - key.given).max() < SAME for key in keys)
+        or any(np.abs(now - key.given).max() < BACK for key in keys)
     ):
         return None
     servos = {each.target for each in body.actuators if each.kind == "position"}

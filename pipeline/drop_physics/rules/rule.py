@@ -142,12 +142,15 @@ class Said:
     """The code where it is not the rule's."""
     site: str | None = None
     """File and line, where the rule names no argument whose call is the cause."""
+    joint: str | None = None
+    """The joint, where the table is not of joints."""
 
 
 class Worst:
     """The worst of a subject: its numbers, and who it is, as attributes.
 
-    `size`, `count`, `first` and `last` step, and what the rule noted; labels of the `body` and of
+    `size`, `count`, `first` and `last` step, and what the rule noted; `among`, how many of its kind
+    the subject has; labels of the `body` and of
     the `other`, and both as they are, `subject` and `partner`; of joints `joint`, `link`, `unit`,
     `effort`, and how many `joints` of the body it holds for; of actuators `actuator` and
     its `joint`.
@@ -262,7 +265,7 @@ class Rule:
             share=worst.size if said.share is None else said.share,
             steps=worst.span,
             body=None if self.subject == 0 else worst.body,
-            joint=vars(worst).get("joint"),
+            joint=said.joint or vars(worst).get("joint"),
             other=said.other or vars(worst).get("other"),
             site=said.site or site,
         )
@@ -377,4 +380,4 @@ class TableRules(Answer):
             about = {"partner": partner, "other": partner.label}
         if rule.argument is not None:
             site = self.scene.asked.of[rule.argument].site(*keys[:2])
-        return rule.finding(Worst(self.scene, worst, **about), site)
+        return rule.finding(Worst(self.scene, worst, among=among, **about), site)

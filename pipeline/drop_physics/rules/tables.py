@@ -21,6 +21,7 @@ from drop_physics.rules.thresholds import AT_TARGET_M, AT_TARGET_RAD
 from drop_physics.trace.events import Joint
 from drop_physics.trace.motors import POSITION
 
+Flags = NDArray[np.bool_]
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 Rows = NDArray[np.intp]
@@ -109,6 +110,26 @@ class JointColumns:
         (matrix,) = mass_matrix(kinematics(steps.law.tree, steps.before.at(np.array([-1]))))
         return np.broadcast_to(np.diag(matrix)[steps.law.tree.first_rate :], self.target.shape)
 
+    def latest(self, name: str, events: Flags, values: Float64) -> Float64:
+        """Return of each row the value at the latest event up to it, that of an earlier piece too.
+
+        Shape (n, joint_rates) all; nan before the first event. `name` tells apart what is asked.
+        """
+        key = name, self.driven.body.number
+        before = self.scene.carried.get(key, np.full(values.shape[1], np.nan))
+        rows = np.where(events, np.arange(len(values))[:, None], -1)
+        rows = np.maximum.accumulate(rows, axis=0)
+        found = np.where(rows < 0, before, np.take_along_axis(values, rows.clip(0), axis=0))
+        self.scene.carried[key] = found[-1]
+        return found
+
+    def previous(self, name: str, values: Float64) -> Float64:
+        """Return of each row the value one row earlier, in an earlier piece too; else nan."""
+        key = name, self.driven.body.number
+        before = self.scene.carried.get(key, np.full(values.shape[1], np.nan))
+        self.scene.carried[key] = values[-1]
+        return np.vstack([before, values[:-1]])
+
     def term(self, name: str) -> Float64:
         """Return the impulses of a cause on the joints; 0 where it has none."""
         steps = self.driven.steps
@@ -186,6 +207,20 @@ class BodyColumns:
         """Return a value of each body as a column, the same in all its steps."""
         bodies = self.batch.bodies
         return np.repeat([value(each) for each in bodies], [len(each) for each in bodies], axis=0)
+
+    def greatest(self, name: str, values: Float64) -> Float64:
+        """Return of each row the greatest so far of its body, in earlier pieces too.
+
+        Shape (n, k) both. `name` tells apart what is asked.
+        """
+        found, name = np.empty_like(values), f"{name} of {values.shape[1]}"
+        for each in self.batch.bodies:
+            if len(mine := values[each.rows]):
+                before = self.scene.carried.get((name, each.body.number), mine[0])
+                mine = np.maximum(np.maximum.accumulate(mine, axis=0), before)
+                found[each.rows] = mine
+                self.scene.carried[name, each.body.number] = mine[-1]
+        return found
 
     @property
     def segment(self) -> NDArray[np.int8]:

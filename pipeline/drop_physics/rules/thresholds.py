@@ -123,6 +123,91 @@ STALE_M = _of(
     "Least way of a link in one step that its stale pose is off.",
     "link_stale",
 )
+BOUNCES_M_S = _of(
+    "BOUNCES_M_S",
+    0.2,
+    "m/s",
+    "Bullet's own threshold: slower contacts do not bounce.",
+    "btContactSolverInfo.h, m_restitutionVelocityThreshold",
+)
+PLACED_M_S = _of(
+    "PLACED_M_S",
+    9.81 / 60,
+    "m/s",
+    "A body that comes slower was placed, not dropped.",
+    "right_placed: what gravity gives it in 1/60 s",
+)
+SOFTLY = _of(
+    "SOFTLY",
+    0.5,
+    "share",
+    "Least share of the approach that is left of what takes longer than a step to stop.",
+    "contacts with a stiffness of their own",
+)
+SWALLOWED = _of(
+    "SWALLOWED",
+    0.5,
+    "share",
+    "Share of the rebound that was asked for, below which a body does not bounce.",
+    "overlap alone lifts a little",
+)
+SLOW = _of(
+    "SLOW",
+    0.5,
+    "share",
+    "Share of a velocity motor's target, below which its joint is too slow.",
+    "a wheel that starts",
+)
+RINGS_STEPS = int(
+    _of(
+        "RINGS_STEPS",
+        8,
+        "1",
+        "Least number of changes of a rate's sign, from step to step, that are no chance.",
+        "chatter: kuka's joint damping",
+    )
+)
+RINGS_LEAST = _of("RINGS_LEAST", 1e-2, "rad/s or m/s", "A slower rate is noise.", "robots at rest")
+RINGS_SHARE = _of(
+    "RINGS_SHARE", 0.01, "share", "Of its greatest, a slower rate is noise.", "robots at rest"
+)
+SWITCHES = _of(
+    "SWITCHES",
+    1e-6,
+    "share",
+    "Largest change in magnitude of forces that only change their sign.",
+    "a pendulum that is driven by ±2 N m",
+)
+TURNS_MOST = _of(
+    "TURNS_MOST",
+    0.5,
+    "share",
+    "Least share of what turns a rate around that one term has.",
+    "self_tremble",
+)
+TURNS_TOO = _of(
+    "TURNS_TOO",
+    0.1,
+    "share",
+    "Of that, what a motor must turn around for its gains to be the cause.",
+    "gain_silent",
+)
+BACK = _of(
+    "BACK",
+    1e-6,
+    "rad or m",
+    "A joint that a call puts so close to where it was is back there.",
+    "reset; one that is put there with noise is not",
+)
+WATCHED = int(
+    _of(
+        "WATCHED",
+        240,
+        "1",
+        "Number of steps for which a joint is watched after a keyframe put it somewhere.",
+        "mujoco: keyframe_ctrl",
+    )
+)
 APART = _of(
     "APART",
     0.05,

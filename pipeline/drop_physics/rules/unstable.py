@@ -1,43 +1,33 @@
-"""Whether what happened is still physics: rates that ring, and what the clamp takes."""
+"""`unstable`, `velocity-clamped`: rates that ring from step to step, and what the clamp takes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.explain.step_status import Judged
-from drop_physics.explain.steps import Steps
 from drop_physics.explain.targets import flips
 from drop_physics.messages import Message
-from drop_physics.physics.tree import Tree
-from drop_physics.rules.answer import (
-    Answer,
-    Cure,
-    Effect,
-    Finding,
-    Noted,
-    Notes,
-    Scene,
-    and_more,
-    so_many,
+from drop_physics.rules.answer import Cure, Effect, Scene, and_more
+from drop_physics.rules.joint import link_of, units
+from drop_physics.rules.rule import Match, Said, Worst, body_rule
+from drop_physics.rules.runs import Runs
+from drop_physics.rules.tables import BodyColumns
+from drop_physics.rules.thresholds import (
+    RINGS_LEAST,
+    RINGS_SHARE,
+    RINGS_STEPS,
+    SWITCHES,
+    TURNS_MOST,
+    TURNS_TOO,
 )
-from drop_physics.trace.events import Body
 
+Flags = NDArray[np.bool_]
 Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
-OFTEN = 8
-"""Changes of sign, from step to step, that are no chance."""
-TOO = 0.1
-"""Share of what a term turns around, of which a motor that turns around more may be the cause."""
+
 FULL = 1 - 1e-9
 """Share of the clamp's limit at which a rate is there."""
-SAME = 1e-6
-"""Forces that differ by less than this share are the same."""
-SHARE, LEAST = 0.01, 1e-2
-"""Of its greatest, and in rad/s or m/s: a slower rate is noise."""
 AXES = (
     "spin about x",
     "spin about y",
@@ -66,197 +56,120 @@ CURES = {"joint damping": "joint-damping", "damping": "damping"}
 """What takes such a term away."""
 
 
-@dataclass
-class _Rates:
-    """Of the degrees of freedom of one body, shape (size,) each."""
-
-    body: Body
-    tree: Tree
-    greatest: Float64
-    run: Int64
-    """Changes of sign in a row, until now."""
-    turned: dict[str, Float64]
-    """By each term, the sum of its impulses against the rate in such runs [N s] or [N m s]."""
-    rings: Notes[int]
-    """By degree of freedom, the steps in runs that are long enough: the rate there."""
-    clamped: Notes[int]
-    """Those in which the clamp took something: how much [N s] or [N m s]."""
-    taken: Float64
-    forces: Float64
-    """Of the script's forces in such runs the least, the greatest, and the least magnitude, shape
-    (3, size)."""
-    limit: float = 0.0
-    steps: int = 0
-
-    def is_switch(self, row: int) -> bool:
-        """Whether they only change their sign there, whatever the rate: no gain is too large."""
-        low, high, least = self.forces[:, row].tolist()
-        most = max(abs(low), abs(high))
-        return bool(most - least <= SAME * most and high - low > most)
+def _own(bodies: BodyColumns) -> Flags:
+    """Return in which steps no motor's gains turn a joint around: that is `motor-gain`."""
+    own = ~bodies.put
+    for driven in bodies.scene.driven():
+        if driven.steps.whole is bodies.of:
+            turned = (flips(driven) & (driven.asked.impulse > 0)).any(axis=1)
+            own[driven.steps.rows] &= ~turned
+    return np.asarray(own[:, None])
 
 
-class Unstable(Answer):
-    """Rates that change their sign with every step, and what the clamp of rates takes."""
-
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self._rates: dict[int, _Rates] = {}
-
-    def see(self) -> None:
-        """Follow each rate."""
-        for judged, steps in self.scene.stretches():
-            number = judged.body.number
-            if not len(steps) or not steps.terms:
-                continue
-            known, tree = self._rates.get(number), steps.law.tree
-            if known is None or known.greatest.shape != (tree.size,):
-                none = np.zeros(tree.size)
-                forces = np.stack([none + np.inf, none - np.inf, none + np.inf])
-                known = _Rates(
-                    judged.body,
-                    tree,
-                    none,
-                    none.astype(np.int64),
-                    {},
-                    Notes(),
-                    Notes(),
-                    none,
-                    forces,
-                )
-                self._rates[number] = known
-            # What a motor's gains turn around is motor-gain's.
-            own = np.ones(len(steps), np.bool_)
-            for driven in self.scene.joints.latest.get(number, []):
-                if driven.steps is steps:
-                    own &= ~(flips(driven) & (driven.asked.impulse > 0)).any(axis=1)
-            with np.errstate(invalid="ignore", over="ignore"):
-                _ring(known, steps, own)
-                _clamp(known, steps, judged, own)
-
-    def findings(self) -> Iterator[Finding]:
-        """Yield the worst degree of freedom of each body."""
-        for each in self._rates.values():
-            rings = {
-                row: noted
-                for row, noted in each.rings.items()
-                if not each.is_switch(row) and noted.most > max(SHARE * each.greatest[row], LEAST)
-            }
-            found = _unstable(each, rings) if rings else None
-            if found is None and each.clamped:
-                found = _clamped(each)
-            if found is not None:
-                yield found
-
-
-def _ring(known: _Rates, steps: Steps, own: NDArray[np.bool_]) -> None:
-    """Note runs of changes of sign, and what turns the rates around there."""
-    before, after = steps.before.velocity, steps.after.velocity
-    size = np.minimum(np.abs(before), np.abs(after))
-    greatest = np.maximum(np.maximum.accumulate(np.abs(after), axis=0), known.greatest)
-    turns = (before * after < 0) & (size > np.maximum(SHARE * greatest, LEAST))
-    turns &= (own & ~steps.put)[:, None]
-    known.greatest, known.steps = greatest[-1], known.steps + len(steps)
-    rows = np.arange(len(steps))[:, None]
-    broken = np.maximum.accumulate(np.where(turns, -1, rows), axis=0)
-    run = np.where(broken < 0, rows + 1 + known.run, rows - broken)
-    known.run, rings = run[-1], run >= OFTEN
-    for row in np.flatnonzero(rings.any(axis=0)).tolist():
-        known.rings.add(row, steps.steps[rings[:, row]], size[rings[:, row], row])
-    low, high, least = known.forces
-    forces = steps.terms["applied"]
-    known.forces = np.stack(
-        [
-            np.where(rings, forces, np.inf).min(axis=0, initial=np.inf).clip(max=low),
-            np.where(rings, forces, -np.inf).max(axis=0, initial=-np.inf).clip(min=high),
-            np.where(rings, np.abs(forces), np.inf).min(axis=0, initial=np.inf).clip(max=least),
-        ]
-    )
-    against = np.where(rings, -np.sign(before), 0)
-    for name, term in steps.terms.items() if rings.any() else ():
-        known.turned[name] = known.turned.get(name, 0.0) + (against * term).sum(axis=0)
-
-
-def _clamp(known: _Rates, steps: Steps, judged: Judged, own: NDArray[np.bool_]) -> None:
-    """Note what the clamp took, in steps that are explained."""
-    taken = np.abs(steps.terms["clamp"])
-    explained = judged.explained[np.searchsorted(judged.steps, steps.steps)]
-    # What rounding leaves is none, and what one rate's clamp takes of others is not theirs.
-    fastest = np.maximum(np.abs(steps.before.velocity), np.abs(steps.after.velocity))
-    held = (fastest >= FULL * steps.law.velocity_limit) & (taken > 1e-9 * steps.largest[:, None])
-    held &= (own & explained)[:, None]
-    for row in np.flatnonzero(held.any(axis=0)).tolist():
-        known.clamped.add(row, steps.steps[held[:, row]], taken[held[:, row], row])
-    known.taken = known.taken + np.where(held, taken, 0.0).sum(axis=0)
-    known.limit = steps.law.velocity_limit
-
-
-def _place(known: _Rates, row: int) -> tuple[str | None, str, str]:
+def _name(worst: Worst) -> tuple[str | None, str, str]:
     """Return the joint of a degree of freedom, what it is called, and the unit of its rate."""
-    tree = known.tree
-    if row < tree.first_rate:
-        return None, AXES[row], "rad/s" if row < 3 else "m/s"
-    link = next(k for k, rate in enumerate(tree.rates) if rate.start <= row < rate.stop)
-    joint = known.body.joints[link]
-    return joint.name, joint.name, "m/s" if joint.kind == "prismatic" else "rad/s"
+    k = int(worst.noted.keys[0, 1]) - worst.first_rate
+    if k < 0:
+        return None, AXES[k], "rad/s" if k < -3 else "m/s"
+    joint = worst.subject.joints[link_of(worst.subject, k)]
+    return joint.name, joint.name, f"{units(joint)[0]}/s"
 
 
-def _unstable(known: _Rates, rings: dict[int, Noted]) -> Finding | None:
-    row, worst = max(rings.items(), key=lambda pair: pair[1].most)
-    joint, name, unit = _place(known, row)
-    # The clamp ends what others feed.
-    turned = {term: float(each[row]) for term, each in known.turned.items() if term != "clamp"}
-    most = max(turned, key=turned.__getitem__)
-    if most not in ADVICE or turned[most] <= 0.5 * sum(t for t in turned.values() if t > 0):
+@body_rule("unstable", "broken", consecutive=True, least_count=RINGS_STEPS, subject=1)
+def unstable(bodies: BodyColumns) -> Match | None:
+    """A rate changes its sign with every step, by what answers to it too stiffly."""
+    if not bodies.terms:
         return None
-    if turned.get("motors", 0.0) > TOO * turned[most]:
-        return None  # its gains may be the cause, and less damping would leave them more
+    before, after = bodies.before.velocity, bodies.after.velocity
+    size = np.minimum(np.abs(before), np.abs(after))
+    greatest = bodies.greatest("rates", np.abs(after))
+    turns = (before * after < 0) & (size > np.maximum(RINGS_SHARE * greatest, RINGS_LEAST))
+    against = {name: -np.sign(before) * term for name, term in bodies.terms.items()}
+    del against["clamp"]  # it ends what others feed
+    none, applied = np.zeros(size.shape), bodies.terms["applied"]
+    sums = {name: against.get(name, none) for name in (*ADVICE, "motors")}
+    sums["all"] = sum((each.clip(0) for each in against.values()), none)
+    first_rate = np.full(size.shape, bodies.law.tree.first_rate)
+    return Match(
+        turns & _own(bodies),
+        size,
+        {"first_rate": first_rate},
+        sums=sums,
+        most={"high": applied, "low": -applied, "least": -np.abs(applied), "greatest": greatest},
+    )
+
+
+@unstable.counts
+def _(runs: Runs, _: Scene) -> Float64:
+    most = np.maximum(runs.high, runs.low)
+    # Forces that only change their sign, whatever the rate, are a switch: no gain is too large.
+    switch = (most + runs.least <= SWITCHES * most) & (runs.high + runs.low > most)
+    turned = np.max([getattr(runs, name) for name in ADVICE], axis=0)
+    # Where a motor turns it around too, its gains may be the cause: less damping leaves them more.
+    said = (turned > TURNS_MOST * runs.all) & (runs.motors <= TURNS_TOO * turned)
+    return np.where(said & ~switch, runs.size, 0.0)
+
+
+@unstable.says
+def _(worst: Worst) -> Said:
+    joint, name, unit = _name(worst)
+    term = max(ADVICE, key=lambda each: float(getattr(worst, each)))
     message = Message(
         "{name}{more} changes its sign with every step, at up to {rate:.3g} {unit}, in {count:,} "
-        "steps: the term {term} turns it around",
-        name=name,
-        more=and_more(len(rings)),
-        rate=worst.most,
-        unit=unit,
-        count=worst.count + OFTEN - 1,
-        term=most,
+        "steps: the term {term} turns it around"
     )
-    return Finding(
-        code="unstable",
-        level="broken",
+    return Said(
         message=message,
-        body=known.body.label,
+        values={
+            "name": name,
+            "more": and_more(worst.among),
+            "rate": worst.size,
+            "unit": unit,
+            "term": term,
+        },
+        advice=ADVICE[term],
+        cure=Cure(CURES[term], worst.body, 0.0) if term in CURES else None,
+        effect=Effect(worst.size, unit),
+        share=worst.size / worst.greatest,
         joint=joint,
-        advice=ADVICE[most],
-        cure=Cure(CURES[most], known.body.label, 0.0) if most in CURES else None,
-        effect=Effect(worst.most, unit),
-        share=worst.most / float(known.greatest[row]),
-        steps=worst.span,
     )
 
 
-def _clamped(known: _Rates) -> Finding:
-    row, worst = max(known.clamped.items(), key=lambda pair: pair[1].count)
-    joint, name, unit = _place(known, row)
-    taken = Effect(float(known.taken[row]), "N m s" if unit == "rad/s" else "N s")
+@body_rule("velocity-clamped", "asked", subject=1)
+def velocity_clamped(bodies: BodyColumns) -> Match | None:
+    """A rate reaches the limit where PyBullet clamps every rate, which takes some of it."""
+    if not bodies.terms:
+        return None
+    taken, limit = np.abs(bodies.terms["clamp"]), bodies.law.velocity_limit
+    # What rounding leaves is none, and what one rate's clamp takes of others is not theirs.
+    fastest = np.maximum(np.abs(bodies.before.velocity), np.abs(bodies.after.velocity))
+    held = (fastest >= FULL * limit) & (taken > 1e-9 * bodies.largest[:, None])
+    held &= _own(bodies) & (bodies.verdict.why < 0)[:, None]
+    numbers = {"limit": limit, "first_rate": bodies.law.tree.first_rate}
+    numbers = {name: np.full(taken.shape, each) for name, each in numbers.items()}
+    return Match(held, taken, numbers, sums={"taken": taken})
+
+
+@velocity_clamped.counts
+def _(runs: Runs, _: Scene) -> Float64:
+    return np.asarray(runs.count, np.float64)
+
+
+@velocity_clamped.says
+def _(worst: Worst) -> Said:
+    joint, name, unit = _name(worst)
+    taken = Effect(worst.taken, "N m s" if unit == "rad/s" else "N s")
     message = Message(
         "{name} reaches {limit:g} {unit}, where PyBullet clamps every rate: in {steps} it takes "
-        "{taken:.3g} {of} away",
-        name=name,
-        limit=known.limit,
-        unit=unit,
-        steps=so_many(worst.count),
-        taken=taken.value,
-        of=taken.unit,
+        "{taken:.3g} {of} away"
     )
-    return Finding(
-        code="velocity-clamped",
-        level="asked" if worst.count >= OFTEN else "note",
+    return Said(
         message=message,
-        body=known.body.label,
-        joint=joint,
+        values={"name": name, "unit": unit, "of": taken.unit},
+        level=None if worst.count >= RINGS_STEPS else "note",
         advice=Message("p.changeDynamics(body, -1, maxJointVelocity=…) raises the limit"),
-        cure=Cure("limits", known.body.label, given={"maxJointVelocity": 1e5}),
-        share=worst.count / known.steps,
+        cure=Cure("limits", worst.body, given={"maxJointVelocity": 1e5}),
         effect=taken,
-        steps=worst.span,
+        share=worst.count / worst.scene.inputs.motions[worst.subject.number].samples,
+        joint=joint,
     )
