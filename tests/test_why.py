@@ -27,7 +27,9 @@ from drop_physics.recording.layer_file import trials_of
 from drop_physics.recording.reader import read
 from drop_physics.rules.answer import Effect, Finding
 from drop_physics.stages.record import record_script
+from drop_physics.stages.view import view
 from drop_physics.stages.why import Proved, Why, why
+from drop_physics.stages.why_trials import RunTrial
 from drop_physics.trace.acts import Act
 from drop_physics.trace.cures import Cure, Scope
 from drop_physics.trace.events import Asked, Body, Calls, Joint, Mimic, Site
@@ -93,6 +95,8 @@ def test_a_trial_is_recorded_as_the_engine_was_asked(held: Why) -> None:
     (call,) = read(tried.recording).seen.calls.of(Act.CHANGE_CONSTRAINT)
     assert call.values["maxForce"] == (30.0,)
     assert (call.file, call.line) == ("script.py", HEAD.count("\n") + 5)
+    with view([held.recording], against=tried.recording, web=True) as shown:
+        assert shown.first_difference is not None
     explained = analyze(tried.recording).explained
     assert explained.samples == explained.of
     assert explained.remainder < 1e-12
@@ -218,6 +222,33 @@ def test_trials_write_in_a_copy_and_draw_what_the_script_drew(
     Path("sub/script.py").write_text(text)
     why("sub/script.py", tries=["damping"], stdout=2, note=said.append)
     assert "script.py.log: its runs are made one after another" in said[-1]
+
+
+def test_trials_that_part_from_one_run_are_runs_of_their_own_to_the_bit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It parts where it differs, in the middle, with what was drawn before and is drawn after."""
+    text = (
+        "import random, numpy as np\nb = p.loadURDF('cube_small.urdf', [0, 0, random.random()])\n"
+        "steps(5)\n"
+        "p.applyExternalForce(b, -1, [random.random(), 0, 0], [0.01, 0, 0], p.LINK_FRAME)\n"
+        "steps(5)\np.resetBaseVelocity(b, [np.random.rand(), random.random(), 0])\nsteps(5)\n"
+    )
+    tries = ["push-at-centre", "push-repeated", "timestep/2"]
+
+    def digests() -> dict[str, str]:
+        result = proved(tmp_path, text, tries=tries, about="0_cube_small", force=True)
+        tried = result.findings[0].tried
+        paths = {each.intervention.name: each.recording for each in tried}
+        assert all(each.verdict != "void" for each in tried)
+        return {n: read(path).ended["state_sha256"] for n, path in paths.items() if path}  # type: ignore[index]
+
+    with monkeypatch.context() as patched:
+        patched.setattr(RunTrial, "__call__", None)
+        parted = digests()
+    monkeypatch.setattr("drop_physics.stages.why.can_part", lambda *_, **__: False)
+    assert parted == digests()
+    assert len(set(parted.values())) == len(tries)
 
 
 def test_what_is_asked_with_try_is_tried_and_nothing_else(tmp_path: Path) -> None:

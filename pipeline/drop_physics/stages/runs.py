@@ -43,7 +43,7 @@ class Ended:
 class RunsUnderWay:
     """Runs of this process; picklable while there is none."""
 
-    under_way: set[running.Script] = field(default_factory=set, compare=False)
+    under_way: set[running.Script | running.Part] = field(default_factory=set, compare=False)
 
     def record(
         self,
@@ -87,16 +87,30 @@ class RunsUnderWay:
                 process.stop("interrupted")
 
         with running.Script(program, stdout=stdout, stderr=stderr, tell=tell) as process:
-            from drop_physics.recording import schema
-            from drop_physics.recording.recorder import Recorder
-            from drop_physics.stages.record import written
+            return self.recorded(
+                process, path, origin=origin, recording_id=recording_id, drawn=drawn
+            )
 
-            self.under_way.add(process)
-            recorder = Recorder({schema.ORIGIN_PROPERTY: origin}, drawn=drawn)
-            try:
-                ended = written(process, recorder, path, recording_id=recording_id, force=True)
-            finally:
-                self.under_way.discard(process)
+    def recorded(
+        self,
+        process: running.Script | running.Part,
+        path: Path,
+        *,
+        origin: Mapping[str, Any],
+        recording_id: str,
+        drawn: bool = False,
+    ) -> Ended:
+        """Record a run that has begun."""
+        from drop_physics.recording import schema
+        from drop_physics.recording.recorder import Recorder
+        from drop_physics.stages.record import written
+
+        self.under_way.add(process)
+        recorder = Recorder({schema.ORIGIN_PROPERTY: origin}, drawn=drawn)
+        try:
+            ended = written(process, recorder, path, recording_id=recording_id, force=True)
+        finally:
+            self.under_way.discard(process)
         decoder = process.decoder
         return Ended(ended.how, decoder.steps, frozenset(decoder.intervened))
 

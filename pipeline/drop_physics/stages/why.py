@@ -22,6 +22,8 @@ from drop_physics.stages.program import SEEDED_CLOCK_S, STOPPED
 from drop_physics.stages.record import record_script
 from drop_physics.stages.runs import Progress, check_varied, run_all
 from drop_physics.stages.scratch import can_be_copied
+from drop_physics.stages.why_parts import MOST as MOST_PARTS
+from drop_physics.stages.why_parts import can_part, parting
 from drop_physics.stages.why_shares import shares
 from drop_physics.stages.why_trials import Candidate, Proposals, RunTrial, TrialRun, first_tried
 from drop_physics.workers import cores
@@ -275,9 +277,13 @@ def why(
         written,
     )
 
-    def run(which: RunTrial, numbers: Sequence[int]) -> dict[int, TrialRun]:
+    parts = can_part(base, reaches_out=bool(recorded.outside), ray=ray)
+
+    def run_by(
+        runs: Callable[[int], TrialRun], which: RunTrial, numbers: Sequence[int]
+    ) -> dict[int, TrialRun]:
         return run_all(
-            which,
+            runs,
             numbers,
             stop=which.runs.stop,
             has_failed=lambda made: made.outcome is not None and made.outcome.ended == "failed",
@@ -285,6 +291,20 @@ def why(
             progress=progress,
             ray=None if ray is None else (replace(which, base=None), ray),
         )
+
+    def run(which: RunTrial, numbers: Sequence[int]) -> dict[int, TrialRun]:
+        done: dict[int, TrialRun] = {}
+        size = MOST_PARTS if parts else max(len(numbers), 1)
+        for at in range(0, len(numbers), size):
+            some = numbers[at : at + size]
+            if parts:
+                with parting(which, some) as runs:
+                    made = run_by(runs, which, some)
+                    if runs.is_same(base):
+                        done |= made
+                        continue
+            done |= run_by(which, which, some)
+        return done
 
     own = _own(base, findings)
     try:

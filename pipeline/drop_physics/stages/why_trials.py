@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from drop_physics.engines.pybullet.script import Part, Program, Script
 from drop_physics.errors import ScenarioError
 from drop_physics.experiments.interventions import KINDS, Intervention
 from drop_physics.experiments.verdicts import Outcome
 from drop_physics.fields import alternatives
 from drop_physics.option_types import number
-from drop_physics.stages.runs import RunsUnderWay
+from drop_physics.stages.runs import Ended, RunsUnderWay
 from drop_physics.stages.scratch import scratch_copy
 from drop_physics.stages.variations import NUDGE
 from drop_physics.trace.acts import FILTERS, PUSHES, Act
@@ -27,7 +28,6 @@ from drop_physics.trace.cures import ChangedRun, Cure, EngineCures, Scope
 from drop_physics.trace.events import Body, located
 
 if TYPE_CHECKING:
-    from drop_physics.engines.pybullet.script import Program
     from drop_physics.experiments.run_distance import Distance
     from drop_physics.recording.reader import Recording
     from drop_physics.rules.answer import Finding
@@ -248,46 +248,88 @@ class RunTrial:
         """The number of the nudge."""
         return len(self.candidates)
 
+    @property
+    def patience_s(self) -> float:
+        """How long a run may take, of one step for each of the script's [s]."""
+        return LEAST_S + LONGEST * self.took_s
+
+    def is_late(self, number: int) -> bool:
+        """Return whether there is no time left for a candidate."""
+        return number != self.nudge and time.time() > self.until
+
+    def run_of(self, number: int) -> ChangedRun | None:
+        """Return what a run does otherwise; None if the engine has no such run."""
+        return ChangedRun([]) if number == self.nudge else self.candidates[number].run
+
+    def program_of(self, number: int) -> Program:
+        """Return what runs, of a candidate that the engine has."""
+        run = self.run_of(number)
+        assert run is not None
+        finer = {"finer": run.finer} if run.finer > 1 else None
+        variation = {"nudge": NUDGE} if number == self.nudge else finer
+        return replace(self.program, variation=variation, interventions=run.operations)
+
     def __call__(self, number: int) -> TrialRun:
         """Run a candidate, record it, and compare it with the script's own run."""
-        from drop_physics.experiments.run_distance import apart
-        from drop_physics.recording.reader import read
-
-        nudges = number == self.nudge
-        run = ChangedRun([]) if nudges else self.candidates[number].run
-        now = time.time()
-        if run is None or (now > self.until and not nudges):
+        run = self.run_of(number)
+        if run is None or self.is_late(number):
             return TrialRun(None, None)
-        variation = {"nudge": NUDGE} if nudges else {"finer": run.finer} if run.finer > 1 else None
-        program = replace(self.program, variation=variation, interventions=run.operations)
-        path, until = self._path(number), now + LEAST_S + LONGEST * self.took_s * run.finer
-        name, base = path.stem, self.base or read(self.recording)
+        program, path = self.program_of(number), self._path(number)
+        until = time.time() + LEAST_S + LONGEST * self.took_s * run.finer
         with ExitStack() as stack:
             if self.written:
                 copy = stack.enter_context(scratch_copy(Path.cwd().resolve(), self.written))
                 program = replace(program, scratch=str(copy), target=_from_home(program))
-            null = stack.enter_context(Path(os.devnull).open("wb"))
-            ended = self.runs.record(
-                program,
-                path,
-                origin={**base.origin, "variation": name},
-                recording_id=hashlib.sha256(f"{base.recording_id} {name}".encode()).hexdigest()[
-                    :32
-                ],
-                stdout=null.fileno(),
-                stderr=null.fileno(),
-                drawn=self.drawn,
-                ends_by=lambda: time.time() > until,
-            )
+            null = stack.enter_context(Path(os.devnull).open("wb")).fileno()
+
+            def tell(_: float, __: int) -> None:
+                if time.time() > until:
+                    process.stop("interrupted")
+
+            process = stack.enter_context(Script(program, stdout=null, stderr=null, tell=tell))
+            ended = self.recorded(process, path, path.stem)
+        return self._made(number, ended)
+
+    def of_part(self, number: int, part: Part) -> TrialRun:
+        """Record a candidate that has parted from another run, and compare it."""
+        path, run = self._path(number), self.run_of(number)
+        finer = 1 if run is None else run.finer
+        until = time.time() + LEAST_S + LONGEST * self.took_s * finer
+        part.tell = lambda: part.stop("interrupted") if time.time() > until else None
+        return self._made(number, self.recorded(part, path, path.stem))
+
+    def recorded(self, process: Script | Part, path: Path, name: str) -> Ended:
+        """Record a run that has begun, as a variation of the script's own."""
+        base = self._base
+        return self.runs.recorded(
+            process,
+            path,
+            origin={**base.origin, "variation": name},
+            recording_id=hashlib.sha256(f"{base.recording_id} {name}".encode()).hexdigest()[:32],
+            drawn=self.drawn,
+        )
+
+    @property
+    def _base(self) -> Recording:
+        from drop_physics.recording.reader import read
+
+        return self.base or read(self.recording)
+
+    def _made(self, number: int, ended: Ended) -> TrialRun:
+        """Return what a run came to, by its recording."""
+        from drop_physics.experiments.run_distance import apart
+        from drop_physics.recording.reader import read
+
+        path, base, run = self._path(number), self._base, self.run_of(number)
         if ended.how == "interrupted":
             path.unlink(missing_ok=True)
             return TrialRun(None, None)
-        other = read(path)
+        finer, other = 1 if run is None else run.finer, read(path)
         with np.errstate(all="ignore"):  # of states that are not finite
-            far = apart(base.seen, other.seen, finer=run.finer)
+            far = apart(base.seen, other.seen, finer=finer)
         findings = self._findings(number, other)
-        steps = sum(samples - 1 for samples in other.seen.samples.values()) // run.finer
-        fired = nudges or run.finer > 1 or bool(ended.intervened)
+        steps = sum(samples - 1 for samples in other.seen.samples.values()) // finer
+        fired = number == self.nudge or finer > 1 or bool(ended.intervened)
         error = str((other.ended or {}).get("error") or "")
         began = _began(base, other)
         return TrialRun(Outcome(fired, ended.how, error, steps, findings, far, began), path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import mmap
 import os
@@ -76,6 +77,8 @@ class Program:
     """What its calls do otherwise, as `interventions` makes it."""
     scratch: str | None = None
     """A copy of the working directory, in which it runs."""
+    trials: Sequence[Program] = ()
+    """Programs of which only variation and interventions differ: they part from this one's run."""
 
 
 def _seeded(seed: int | None) -> dict[str, str]:
@@ -103,6 +106,8 @@ class Listener(ABC):
         self.decoder = Decoder()
         self._reading, self._memory = reading, block
         self._received = 0
+        self.kept: bytearray | None = None
+        """All that was received, where others need it."""
         self._closed = False
         """Whether no process has the sending end of the pipe any more."""
         self._left = False
@@ -119,6 +124,8 @@ class Listener(ABC):
                     self._closed = True
                     break
                 self._received += len(data)
+                if self.kept is not None:
+                    self.kept += data
                 yield from self.decoder.feed(data)
             elif over:
                 break  # a process that it left behind holds the pipe open
@@ -208,6 +215,65 @@ class BlockListener(Listener):
         return self._closed or self.decoder.ended is not None or os.getppid() != self._process
 
 
+class Part(Listener):
+    """Reads a trial that has parted from a run, whose `Script` is open as long.
+
+    Parameters
+    ----------
+    reading, block
+        As of any listener.
+    before
+        What the run had sent before.
+    process
+        The number of the trial's process.
+    finer
+        Steps of the engine for each of the script's.
+    """
+
+    def __init__(self, reading: int, block: int, before: bytes, process: int, finer: int) -> None:
+        super().__init__(reading, block)
+        self.decoder = Decoder(finer)
+        self._before, self._process, self._why = before, process, ""
+        self.tell: Callable[[], None] = lambda: None
+        """Called now and then while it runs."""
+
+    def __enter__(self) -> Part:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if not self._closed:
+            self._end(signal.SIGKILL)
+        self.decoder.close()
+
+    def stop(self, why: str) -> None:
+        """End it."""
+        if not self._why:
+            self._why = why
+            self._end(signal.SIGKILL)
+
+    def events(self) -> Iterator[Event]:
+        """Yield the events, from the run's beginning, until the process has ended."""
+        yield from self.decoder.feed(self._before)
+        yield from super().events()
+
+    def ending(self) -> Ending:
+        """Return how it ended, after its events."""
+        ending = super().ending()
+        if self._why:
+            ending.how, ending.error = self._why, ""
+        return ending
+
+    def _is_over(self) -> bool:
+        return self._closed
+
+    def _tick(self) -> None:
+        self.tell()
+
+    def _end(self, number: int) -> None:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(self._process, number)
+
+
 class Script(Listener):
     """A running script; use it in a `with` statement.
 
@@ -237,6 +303,10 @@ class Script(Listener):
         self._block = shared_block()
         reading, writing = wide_pipe()
         super().__init__(reading, self._block.fileno())
+        self.trials = [*program.trials]
+        self._parts = [(*wide_pipe(), shared_block()) for _ in program.trials]
+        self._taken: set[int] = set()
+        self.kept = bytearray() if program.trials else None
         self.decoder = Decoder((program.variation or {}).get("finer", 1))
         self.target = program.target
         self.explains_with = program.python if program.explain else None
@@ -258,6 +328,15 @@ class Script(Listener):
             "listens": program.listens,
             "interventions": program.interventions,
             "scratch": program.scratch,
+            "trials": [
+                {
+                    "pipe": end,
+                    "block": block.fileno(),
+                    "variation": trial.variation,
+                    "interventions": trial.interventions,
+                }
+                for trial, (_, end, block) in zip(program.trials, self._parts, strict=True)
+            ],
         }
         command = [program.python, str(WATCHING), json.dumps(options), program.target]
         try:
@@ -265,7 +344,10 @@ class Script(Listener):
                 [*command, *program.arguments],
                 stdout=stdout,
                 stderr=stderr,
-                pass_fds=(writing, self._block.fileno()),
+                pass_fds=(
+                    *(writing, self._block.fileno()),
+                    *(number for _, end, block in self._parts for number in (end, block.fileno())),
+                ),
                 env={
                     "MALLOC_PERTURB_": program.perturb,
                     **users_environment(),
@@ -281,7 +363,26 @@ class Script(Listener):
                 reason=getattr(error, "strerror", None) or str(error),
             ) from None
         finally:
-            os.close(writing)
+            for end in (writing, *(end for _, end, _ in self._parts)):
+                os.close(end)
+
+    def part(self, number: int, trial: Program) -> Part | None:
+        """Return a trial that has parted from this run; None if it has not yet."""
+        if number not in self.decoder.forked or self.kept is None:
+            return None
+        self._taken.add(number)
+        process, after = self.decoder.forked[number]
+        reading, _, block = self._parts[number]
+        before = bytes(memoryview(self.kept)[:after])
+        finer = (trial.variation or {}).get("finer", 1)
+        return Part(reading, block.fileno(), before, process, finer)
+
+    def end_parts(self) -> None:
+        """End the trials that nobody has taken, for which this run would wait."""
+        for number, (process, _) in [*self.decoder.forked.items()]:
+            if number not in self._taken:
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(process, signal.SIGKILL)
 
     def __enter__(self) -> Script:
         return self
@@ -295,6 +396,9 @@ class Script(Listener):
     def _close(self) -> None:
         os.close(self._reading)
         self._block.close()
+        for reading, _, block in self._parts:
+            os.close(reading)
+            block.close()
         self.decoder.close()
 
     def interrupt(self) -> None:

@@ -87,6 +87,8 @@ class Decoder:
         or `keeps there`, and a name."""
         self.intervened: set[int] = set()
         """The interventions that have changed something, by number."""
+        self.forked: dict[int, tuple[int, int]] = {}
+        """Of each trial that parted from it, its process and after how many bytes of the stream."""
         self.timing = ""
         """Where the script first read a time after a step: file and line."""
         self.mujoco = MujocoDecoder()
@@ -401,6 +403,9 @@ class Decoder:
 
     def _on_intervened(self, number: int) -> None:
         self.intervened.add(number)
+
+    def _on_forked(self, trial: int, process: int, after: int) -> None:
+        self.forked[trial] = process, after
 
     def _on_stop(self, why: str) -> None:
         self.stopped = why

@@ -54,6 +54,8 @@ def run(watch: Watch, script: Callable[[], None], ours: str) -> None:
             error.__traceback__ = error.__traceback__.tb_next
         sys.excepthook(type(error), error, error.__traceback__)
         code = 1
+    if watch.forks is not None:
+        watch.forks.end()
     raise SystemExit(code)  # not sys.exit, which the script may have replaced
 
 

@@ -19,6 +19,7 @@ from weakref import ref
 from .bodies import Body
 from .calls import Calls, shown_file
 from .clock import CALL_S, Clock
+from .forks import Forks, varied_by
 from .handlers import handler
 from .hidden import hide
 from .intervene import Interventions, Operation
@@ -128,6 +129,8 @@ class Watch:
         What differs from the script's own run, or None.
     interventions
         What its calls do otherwise.
+    trials
+        Runs that part from this one, as `forks` takes them.
     """
 
     def __init__(
@@ -139,10 +142,16 @@ class Watch:
         duration_s: float | None,
         variation: Variation | None = None,
         interventions: Sequence[Operation] = (),
+        trials: Sequence[dict[str, Any]] = (),
     ) -> None:
         self.pipe, self.clock, self._variation = pipe, clock, variation
         World.varied = {} if variation is None else variation.engine
         self._interventions = Interventions(interventions, self.tell_intervention)
+        self.is_parting = False
+        """Whether a trial forks: its child is watched, too."""
+        self.forks: Forks | None = Forks(self, trials) if trials else None
+        self._calls: dict[str, Callable[..., Any]] = {}
+        """What stands for each function of PyBullet, by name, of this run without its trials."""
         self.on = True
         self.lock = Turn()
         self.calls, self.readings = Calls(pipe), Readings(self)
@@ -192,18 +201,50 @@ class Watch:
         plain = {name: getattr(value, "drop_plain", value) for name, value in originals.items()}
         self.p = SimpleNamespace(**{**vars(module), **vars(self.p), **plain})
         self._modules.append((module, originals))
-        calls = {}
+        self._stand_before(originals)
         for name, original in originals.items():
-            varied = self._variation and self._variation.of(self.p, name, original)
-            calls[name] = handler(self, name, varied or original)
-        for name, original in originals.items():
-            call = self._interventions.of(name, calls, self.p)
+            call = self._calls[name]
+            if self.forks is not None:
+                call = self.forks.of(name, call)
             kind = type(TYPE, (Hook,), {**LOOKS, "__call__": staticmethod(call)})
             setattr(module, name, kind(original, self))
         self.pipe.note("pybullet", version=module.getAPIVersion(), file=module.__file__)
         for client in range(MOST_CLIENTS):  # connected before we came
             if client not in self.worlds and self.p.isConnected(client):
                 self.begin(client, "before")
+
+    def _stand_before(self, originals: dict[str, Any]) -> None:
+        """Make what stands for functions of PyBullet."""
+        calls = {}
+        for name, original in originals.items():
+            varied = self._variation and self._variation.of(self.p, name, original)
+            calls[name] = handler(self, name, varied or original)
+        self._calls |= {name: self._interventions.of(name, calls, self.p) for name in originals}
+
+    def calls_of(self, name: str) -> Callable[..., Any]:
+        """Return what stands for a function."""
+        return self._calls[name]
+
+    def become(self, trial: dict[str, Any], next_body: dict[int, int]) -> None:
+        """Go on as a trial, in a process that has just been forked.
+
+        Parameters
+        ----------
+        trial
+            As `forks` takes it.
+        next_body
+            The id that the next body gets, by client.
+        """
+        self._process, self.is_parting = getpid(), False
+        self.pipe.become(trial["pipe"], trial["block"])
+        self._variation = varied_by(trial)
+        World.varied = {} if self._variation is None else self._variation.engine
+        self._interventions = Interventions(trial["interventions"], self.tell_intervention)
+        self._interventions.next_body.update(next_body)
+        for module, originals in self._modules:
+            self._stand_before(originals)
+            for name in originals:
+                type(getattr(module, name)).__call__ = staticmethod(self._calls[name])
 
     def remove(self) -> None:
         """Put the functions back; those that a script has kept just call the engine."""
@@ -448,6 +489,8 @@ def _library(module: ModuleType) -> object:
 def _leave(kept: ref[Watch]) -> None:
     """Watch no further, in a forked child: its parent is watched."""
     watch = kept()
-    if watch is not None and watch.on and getpid() != watch._process:
+    if watch is None or watch.is_parting:
+        return
+    if watch.on and getpid() != watch._process:
         watch.remove()
         watch.pipe.leave()

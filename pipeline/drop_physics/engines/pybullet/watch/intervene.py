@@ -68,7 +68,7 @@ class Interventions:
         self._fired: set[int] = set()
         self._calls: dict[str, Call] = {}
         self._p = SimpleNamespace()
-        self._next_body: dict[int, int] = {}
+        self.next_body: dict[int, int] = {}
         """The id that the next body gets, by client."""
         self._told: dict[tuple[Any, ...], Any] = {}
         """What the script is to read, by client, body, link and argument."""
@@ -94,7 +94,7 @@ class Interventions:
             arguments, client = named(name, args, kwargs), client_of(name, args, kwargs)
             changed = arguments
             for which, operation in mine:
-                if self._is_about(operation, name, changed, client):
+                if self.is_about(operation, name, changed, client):
                     made = getattr(self, f"_{operation['do']}")(which, operation, changed, client)
                     if made is None:
                         return None
@@ -103,10 +103,10 @@ class Interventions:
             same = changed is arguments
             result = call(*args, **kwargs) if same else self._called(name, call, changed)
             client = result if name == "connect" else client
-            self._came(name, client, result)
+            self.came(name, client, result)
             for which, operation in mine:
                 then = getattr(self, f"_{operation['do']}_then", None)
-                if then is not None and self._is_about(operation, name, arguments, client, result):
+                if then is not None and self.is_about(operation, name, arguments, client, result):
                     then(which, operation, arguments, client)
             return result
 
@@ -119,16 +119,17 @@ class Interventions:
             arguments = {each: value for each, value in arguments.items() if each}
         return call(**arguments)
 
-    def _came(self, name: str, client: Any, result: Any) -> None:
+    def came(self, name: str, client: Any, result: Any) -> None:
+        """Note the bodies that a call has made, of a client."""
         if name in ("connect", "resetSimulation"):
-            self._next_body[client] = 0
+            self.next_body[client] = 0
             for held in (self._told, self._ours):
                 for key in [key for key in held if key[0] == client]:
                     del held[key]
         for body in _bodies(name, result):
-            self._next_body[client] = max(self._next_body.get(client, 0), body + 1)
+            self.next_body[client] = max(self.next_body.get(client, 0), body + 1)
 
-    def _is_about(
+    def is_about(
         self,
         operation: Operation,
         name: str,
@@ -148,7 +149,7 @@ class Interventions:
         if body is not None:
             here = [body_of({**arguments})]
             if name in MAKES_BODIES:
-                here = [*_bodies(name, result)] or [self._next_body.get(client, 0)]
+                here = [*_bodies(name, result)] or [self.next_body.get(client, 0)]
             if name not in WHOLE and body not in here:
                 return False
         modes = operation.get("modes")

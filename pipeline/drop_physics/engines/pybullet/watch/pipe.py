@@ -9,6 +9,7 @@ process crashes or is killed: the recorder reads the rest of the block.
 
 from __future__ import annotations
 
+import ctypes
 import json
 import mmap
 import os
@@ -58,6 +59,12 @@ FLUSH_BYTES = 1 << 16
 SHORT_BYTES = 1 << 14
 """What is sent at every call is shorter."""
 FLUSH_S = 0.25
+
+
+READ_WRITE, SHARED_FIXED = 1 | 2, 0x01 | 0x10
+"""Flags of `mmap`, the same on Linux and macOS."""
+MMAP: Any = [ctypes.c_void_p, ctypes.c_size_t, *[ctypes.c_int] * 3, ctypes.c_long]
+"""Its arguments."""
 
 
 class Pipe:
@@ -134,6 +141,26 @@ class Pipe:
             self.end = BLOCK.size
         elif self.end > BLOCK.size and not self._closed:
             self._hand_over(self.memory[BLOCK.size : self.end])
+
+    @property
+    def sent_bytes(self) -> int:
+        """How many bytes have gone through the pipe."""
+        return self._before
+
+    def become(self, pipe: int, block: int) -> None:
+        """Send into another pipe and block from now on, in a forked child; nothing is unsent."""
+        os.pwrite(block, bytes(self.memory), 0)
+        # In place: what is sent at every call keeps the memory's address.
+        address = ctypes.addressof(ctypes.c_char.from_buffer(self.memory))
+        mapped = ctypes.CDLL(None, use_errno=True).mmap
+        mapped.restype, mapped.argtypes = ctypes.c_void_p, MMAP
+        if mapped(address, SHARED_BYTES, READ_WRITE, SHARED_FIXED, block, 0) != address:
+            raise OSError(ctypes.get_errno(), "the block cannot be mapped")
+        os.dup2(pipe, self._pipe, inheritable=False)
+        self._inode = os.fstat(self._pipe).st_ino
+        os.close(pipe)
+        os.close(block)
+        self._before = self.counts[0] = self.counts[1] = 0
 
     def close(self) -> None:
         """Send what is left, and close the pipe: nothing is sent after that."""

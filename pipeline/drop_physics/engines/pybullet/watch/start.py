@@ -33,6 +33,7 @@ def watch(
     begins_s: float | None = None,
     variation: dict[str, Any] | None = None,
     interventions: Sequence[dict[str, Any]] = (),
+    trials: Sequence[dict[str, Any]] = (),
 ) -> Watch:
     """Watch pybullet and mujoco, as soon as they are imported.
 
@@ -52,6 +53,8 @@ def watch(
         The arguments of a `Variation`; None for the script's own run.
     interventions
         What its calls do otherwise, as `intervene` takes it.
+    trials
+        Runs that part from this one, as `forks` takes them.
     """
     started = Watch(
         Pipe(pipe, block),
@@ -60,6 +63,7 @@ def watch(
         duration_s=duration_s,
         variation=None if variation is None else Variation(**_for_bullet(variation)),
         interventions=interventions,
+        trials=trials,
     )
     version = ".".join(map(str, sys.version_info[:3]))
     started.pipe.note(
