@@ -160,6 +160,44 @@ def test_shares_are_the_articles_and_the_exact_terms(tmp_path: Path) -> None:
     assert shares.total == pytest.approx(exact.at[0].error_m, rel=1e-5)
 
 
+@pytest.mark.long
+def test_shares_of_a_car_are_what_hand_made_runs_show(tmp_path: Path) -> None:
+    """Its wheels slip: nearly all of the way that it lacks is friction's, little is damping's."""
+    own = Path(__file__).parents[1] / "docs/examples/why/wheel_slip.py"
+    tries = ["friction=10", "damping", "inertia-from-file"]
+    shares = why(str(own), out=tmp_path, tries=tries, stdout=2).shares
+    assert shares is not None
+    assert shares.quantity == "1_husky x"
+
+    def way(*, friction: float, damping: float) -> float:
+        made = p.connect(p.DIRECT)
+        p.setAdditionalSearchPath(pybullet_data.getDataPath())
+        p.setGravity(0, 0, -9.81)
+        p.loadURDF("plane.urdf")
+        car = p.loadURDF("husky/husky.urdf", [0, 0, 0.14])
+        p.changeDynamics(car, -1, linearDamping=damping, angularDamping=damping)
+        for link in range(-1, p.getNumJoints(car)):
+            given = p.getDynamicsInfo(car, link)[1]
+            p.changeDynamics(car, link, lateralFriction=given * friction)
+        for wheel in (2, 3, 4, 5):
+            p.changeDynamics(car, wheel, lateralFriction=0.05 * friction)
+            how = {"targetVelocity": 12, "force": 50}
+            p.setJointMotorControl2(car, wheel, p.VELOCITY_CONTROL, **how)
+        for _ in range(480):
+            p.stepSimulation()
+        x = p.getBasePositionAndOrientation(car)[0][0]
+        p.disconnect(made)
+        return float(x)
+
+    base, frozen = way(friction=1, damping=0.04), way(friction=10, damping=0.04)
+    undamped = way(friction=1, damping=0)
+    assert shares.parts["friction"] == pytest.approx(base - frozen, abs=1e-3)
+    assert shares.parts["damping"] == pytest.approx(base - undamped, abs=1e-4)
+    assert shares.parts["friction"] / shares.total > 0.95
+    assert 0.01 < shares.parts["damping"] / shares.total < 0.1
+    assert shares.total == pytest.approx(sum(shares.parts.values()) + shares.interaction, rel=1e-12)
+
+
 def test_causes_that_stand_for_each_other_have_no_shares() -> None:
     where = Coordinate("1_box", None, "m", 0)
 

@@ -21,9 +21,9 @@ FINER = (1, 2, 4)
 """Steps of the engine for one of the script's, where the timestep is switched off."""
 SMALL = 1e-2
 """A part below this share of the largest is left out."""
-APART_BY = 2.0
-"""Each part is so many times the interaction: where it is less, one cause stands for another, and
-no share belongs to either."""
+INTERACT = 0.1
+"""The interaction is at most this share of the largest part: where it is more, one cause stands for
+another, and no share belongs to either."""
 TIMESTEP = "timestep"
 
 
@@ -134,7 +134,7 @@ def shares_of(
     total = own - none
     ordered = dict(sorted(parts.items(), key=lambda each: -abs(each[1])))
     interaction = total - sum(parts.values())
-    if min(map(abs, parts.values())) < APART_BY * abs(interaction):
+    if abs(interaction) > INTERACT * most:
         return None
     return Shares(coordinate.name, coordinate.unit, total, ordered, interaction)
 

@@ -115,7 +115,7 @@ class Proposals:
         ScenarioError
             If there is no such intervention, or its value is none.
         """
-        found = []
+        found: list[Candidate] = []
         for text in texts:
             name, equals, value = text.partition("=")
             finer = name.startswith("timestep/")
@@ -138,9 +138,8 @@ class Proposals:
             ] or [self._whole(Cure(name, value=given, call=text))]
             for candidate in candidates:
                 candidate.findings += about
-            found += (
-                candidates[:1] if len({c.intervention for c in candidates}) == 1 else candidates
-            )
+            # What comes to the same calls is one trial, whatever it was made on.
+            found += {repr(each.run): each for each in reversed(candidates)}.values()
         return found
 
     def left_out(self) -> list[Candidate]:
