@@ -10,10 +10,21 @@ import pytest
 
 mujoco = pytest.importorskip("mujoco")
 
+from drop_physics.engines.mujoco.interventions import (  # noqa: E402
+    CALLS,
+    TABLE,
+    applied,
+    call_of,
+    left_out,
+)
 from drop_physics.engines.mujoco.watch.intervene import ModelChanges  # noqa: E402
 from drop_physics.errors import ScenarioError  # noqa: E402
+from drop_physics.experiments.interventions import KINDS  # noqa: E402
 from drop_physics.stages.trust import trust  # noqa: E402
 from drop_physics.stages.variations import of_engine, variations_of  # noqa: E402
+from drop_physics.stages.why import why  # noqa: E402
+from drop_physics.trace.cures import Cure, Scope  # noqa: E402
+from drop_physics.trace.events import Actuator, Body, Joint  # noqa: E402
 
 CORPUS = Path(__file__).parent / "corpus/mujoco/scripts"
 SCENE = """<mujoco><option timestep="0.002"/><worldbody>
@@ -32,13 +43,22 @@ SCENE = """<mujoco><option timestep="0.002"/><worldbody>
 class RunChanged:
     """A model whose functions are called with changes."""
 
-    def __init__(self, *operations: dict[str, Any], pair: str = "", **variation: Any) -> None:
+    def __init__(
+        self, *operations: dict[str, Any], pair: str = "", at: Any = None, **variation: Any
+    ) -> None:
         self.fired: list[int] = []
         self.inside: list[float] = []
         """The timestep that each step has found."""
-        host = SimpleNamespace(on=True, hide=lambda _: None)
+        calls_of = SimpleNamespace(place=lambda _: ("a.py", at.line))
+        host = SimpleNamespace(on=True, hide=lambda _: None, calls=calls_of)
         originals = {"mj_setConst": mujoco.mj_setConst}
-        watch: Any = SimpleNamespace(host=host, mujoco=mujoco, originals=originals, uncounted=set())
+        watch: Any = SimpleNamespace(
+            host=host,
+            mujoco=mujoco,
+            originals=originals,
+            uncounted=set(),
+            outside=lambda frame: frame,
+        )
         given = [{"engine": "mujoco", **each} for each in operations]
         changes = ModelChanges(watch, given, variation, self.fired.append)
         calls: dict[str, Callable[..., Any]] = {"mj_step": self._step}
@@ -171,6 +191,92 @@ def test_usual_variations_are_those_of_the_engine_that_the_model_has_not() -> No
     assert {*others} == {"timestep/2", "timestep/4", "iterations*4", "residual 0", "nudge", "seed"}
     with pytest.raises(ScenarioError, match="no option of PyBullet"):
         of_engine(variations_of(["cone=elliptic"]), {}, engine="PyBullet", usual=False)
+
+
+def test_a_write_is_left_out_before_its_line_alone() -> None:
+    here = SimpleNamespace(line=1)
+    run = RunChanged({"do": "keep", "field": "geom_friction", "site": ["a.py", 2]}, at=here)
+    run.steps(1)
+    run.m.geom_friction[1, 0] = 0.3
+    run.steps(1)
+    assert run.m.geom_friction[1, 0] == 0.3
+    here.line = 2
+    run.m.geom_friction[1, 0] = 0.9
+    run.steps(1)
+    assert run.m.geom_friction[1, 0] == 0.3
+    assert run.fired == [0]
+    run = RunChanged({"do": "skip", "function": "mj_forward", "site": ["a.py", 2]}, at=here)
+    run.call["mj_forward"](run.m, run.d)
+    assert not run.d.xpos[1].any()
+    assert run.fired == [0]
+
+
+def _arm() -> Body:
+    servo = Actuator("servo", 0, "position", "joint", "elbow", 2.0, 20.0, 0.0, None, (-3.0, 3.0))
+    joint = Joint(0, "elbow", "revolute", -1, (1, 1, 1))
+    return Body(
+        0, "0_arm", "arm", 3, 0, ("world", "arm"), (joint,), (0,), False, (), actuators=(servo,)
+    )
+
+
+@pytest.mark.parametrize(
+    ("cure", "call", "operations"),
+    [
+        (
+            Cure("gains", "elbow", 2.5, form="kp-below"),
+            'kp="2"',
+            [("actuator_gainprm", 0, "value", 2.0), ("actuator_biasprm", 1, "value", -2.0)],
+        ),
+        (
+            Cure("forcerange", "elbow", 8.0),
+            'forcerange="-8 8"',
+            [
+                ("jnt_actfrcrange", None, "widest", 8.0),
+                ("actuator_forcerange", None, "widest", 4.0),
+            ],
+        ),
+        (
+            Cure("friction", "0_arm", 0.4),
+            'friction="0.8"',
+            [("geom_friction", 0, "least", 0.8)],
+        ),
+        (
+            Cure("impratio", None, 10.0),
+            'cone="elliptic" impratio="10"',
+            [("opt.impratio", None, "value", 10.0), ("opt.cone", None, "value", 1)],
+        ),
+    ],
+)
+def test_a_cure_is_written_as_an_attribute_and_made_with_its_number(
+    cure: Cure, call: str, operations: list[tuple[str, int | None, str, float]]
+) -> None:
+    run = applied(cure, Scope([_arm()], "elbow" if cure.target == "elbow" else None))
+    assert call_of(cure) == call
+    assert run is not None
+    found = [
+        (o["field"], o.get("column"), how, o[how])
+        for o in run.operations
+        for how in ("value", "widest", "least")
+        if how in o
+    ]
+    assert found == operations
+
+
+def test_every_intervention_has_a_name_and_a_call() -> None:
+    assert {*TABLE} <= {*KINDS}
+    assert {*TABLE} <= {name.partition(":")[0] for name in CALLS}
+    assert left_out("ctrl", "a.py", 3, "key") is None
+
+
+@pytest.mark.long
+def test_why_cures_by_what_the_sum_says(tmp_path: Path) -> None:
+    """The corpus' truth: with kp 1 no automatic reset is left, of 250."""
+    found = why(str(CORPUS / "gain_explodes.py"), out=tmp_path, jobs=1)
+    by_code = {each.finding.code: each for each in found.findings}
+    assert by_code["unstable"].verdict == by_code["auto-reset"].verdict == "cured"
+    (tried,) = by_code["unstable"].tried
+    assert 1.5 < (tried.intervention.value or 0) * 0.8 < 2.4
+    assert tried.intervention.call.startswith("kp=")
 
 
 @pytest.mark.long

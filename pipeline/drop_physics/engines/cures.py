@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from drop_physics.engines.mujoco import interventions as mujoco
 from drop_physics.engines.pybullet import interventions as pybullet
 from drop_physics.trace.cures import Cure, EngineCures
 from drop_physics.trace.history import PYBULLET
 
-ROOMS: dict[str, EngineCures] = {PYBULLET: pybullet}
+ROOMS: dict[str, EngineCures] = {PYBULLET: pybullet, "MuJoCo": mujoco}
 """By the name of an engine."""
 
 

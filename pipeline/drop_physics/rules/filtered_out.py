@@ -129,6 +129,11 @@ class FilteredOut(Answer):
             for body, solid in zip(bodies, pair.solids, strict=True)
         ]
         values = {"a": names[0], "b": names[1], "depth": noted.most * 1e3}
+        links = [
+            body.links[solid.collision.link + 1]
+            for body, solid in zip(bodies, pair.solids, strict=True)
+        ]
+        form = ""
         if not (pair.is_excluded or pair.is_family):
             (type_a, with_a), (type_b, with_b) = (
                 solid.collision.bits or (0, 0) for solid in pair.solids
@@ -148,7 +153,8 @@ class FilteredOut(Answer):
             )
         elif pair.is_excluded:
             why = Message("an <exclude> of the model names both", **values)
-            cure, call = "exclude", Message("take that <exclude> out of <contact>")
+            cure, form = "exclude", "out"
+            call = Message("take that <exclude> out of <contact>")
         else:
             why = Message("{a} is the parent of {b}, and parent and child do not collide", **values)
             cure, call = (
@@ -165,7 +171,7 @@ class FilteredOut(Answer):
                 **values,
             ),
             advice=call,
-            cure=Cure(cure, None, None, call),
+            cure=Cure(cure, call=call, form=form, given={"links": links}),
             body=bodies[0].label,
             other=None if bodies[0] is bodies[1] else bodies[1].label,
             effect=Effect(noted.most, "m"),

@@ -50,6 +50,7 @@ def _(worst: Worst) -> Said:
         advice=Message(
             "mujoco.mj_step1(model, data) after qpos is written and before mj_step2, or mj_step"
         ),
+        cure=Cure("forward"),
         effect=Effect(float(worst.count), "steps"),
         share=float(worst.count),
         site=worst.scene.only_site(Act.SET_STATE),

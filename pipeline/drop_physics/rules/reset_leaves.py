@@ -94,7 +94,8 @@ def _(worst: Worst) -> Said:
         "before qpos was written (joints of this robot: {count})"
     )
     advice = Message("write data.ctrl with data.qpos, or reset both by mujoco.mj_resetData")
-    return _said(worst, message, advice)  # sent there again on purpose it looks the same
+    said = _said(worst, message, advice)  # sent there again on purpose it looks the same
+    return replace(said, cure=Cure("targets-held", worst.body))
 
 
 for _rule in (reset_leaves, state_leaves_control):

@@ -163,6 +163,7 @@ def _(worst: Worst) -> Said:
             advice=Message(
                 "smaller gains in the script, a shorter timestep, or armature=… of the <joint>"
             ),
+            cure=Cure("armature", worst.joint),
             effect=effect,
         )
     spring = worst.stiffness > 0 and np.isfinite(worst.kp)
@@ -195,7 +196,11 @@ def _(worst: Worst) -> Said:
             "hold it, each alone",
             **values,
         )
-        return Said(message=message, cure=Cure("gains", worst.joint, worst.kp, call), effect=effect)
+        return Said(
+            message=message,
+            cure=Cure("gains", worst.joint, worst.kp, call, "kp-below"),
+            effect=effect,
+        )
     if worst.turner.startswith("actuator "):
         message = Message(
             "{joint} turns around with every step and grows, by {term}: kv = {damping:.3g} on an "
@@ -208,7 +213,11 @@ def _(worst: Worst) -> Said:
             'integrator="implicitfast" hold it, each alone',
             **values,
         )
-        return Said(message=message, cure=Cure("gains", worst.joint, worst.kv, call), effect=effect)
+        return Said(
+            message=message,
+            cure=Cure("gains", worst.joint, worst.kv, call, "kv-below"),
+            effect=effect,
+        )
     message = Message(
         "the rate of {joint} grows with every step, by its damping: damping = {damping:.3g} on an "
         "inertia of {inertia:.2g} in steps of {timestep:.3g} ms has damping h/I = {share:.3g}, and "
@@ -220,4 +229,6 @@ def _(worst: Worst) -> Said:
         "timestep below {shorter:.2g} ms or armature above {armature:.2g}",
         **values,
     )
-    return Said(message=message, cure=Cure("damping", worst.joint, worst.kv, call), effect=effect)
+    return Said(
+        message=message, cure=Cure("damping", worst.joint, worst.kv, call, "below"), effect=effect
+    )

@@ -264,6 +264,7 @@ def why(
         all_steps + (recorded.ended not in STOPPED),
         seed=seed,
         begins_s=SEEDED_CLOCK_S,
+        explain=True,
     )
     work = RunTrial(
         program,

@@ -25,7 +25,8 @@ from drop_physics.stages.scratch import scratch_copy
 from drop_physics.stages.variations import NUDGE
 from drop_physics.trace.acts import FILTERS, PUSHES, Act
 from drop_physics.trace.cures import ChangedRun, Cure, EngineCures, Scope
-from drop_physics.trace.events import Body, located
+from drop_physics.trace.events import located
+from drop_physics.trace.history import PYBULLET
 
 if TYPE_CHECKING:
     from drop_physics.experiments.run_distance import Distance
@@ -94,7 +95,7 @@ class Proposals:
         for place, finding in enumerate(self._findings):
             if finding.cure is None or finding.code == READING:  # not about what the bodies do
                 continue
-            candidate = self._candidate(finding.cure, finding)
+            candidate = self._candidate(replace(finding.cure, call=""), finding)
             places = found.setdefault(candidate.intervention, candidate).findings
             if place not in places:
                 places.append(place)
@@ -146,52 +147,45 @@ class Proposals:
         """Return each call of a setter, and each of its optional arguments, to be left out."""
         found: dict[tuple[str, str, int, str | None], Candidate] = {}
         for piece in self._seen.pieces():
-            for call in piece.calls.of(*SETTERS):
+            for call in piece.calls.of(*(SETTERS if self._seen.engine == PYBULLET else Act)):
                 names = ARGUMENT.findall(call.site.form)
                 for argument in (None, *(each for each in names if not NEEDED.match(each))):
                     key = call.function, call.file, call.line, argument
                     if key not in found:
                         found[key] = self._without(*key)
-        return [*found.values()]
+        return [each for each in found.values() if each.run is not None]
 
     def _without(self, function: str, file: str, line: int, argument: str | None) -> Candidate:
-        call = f"p.{function}(…)" if argument is None else f"p.{function}(…, {argument}=…)"
-        cure = Cure("without", call=f"without {call}", given={"function": function})
+        form = "" if argument is None else "argument"
+        cure = Cure("without", form=form, given={"function": function, "argument": argument})
+        cure = replace(cure, call=self._cures.call_of(cure))
         intervention = Intervention(cure, site=located(file, line))
         return Candidate(intervention, self._cures.left_out(function, file, line, argument))
 
     def _whole(self, cure: Cure) -> Candidate:
-        return self._made(cure, [*self._seen.bodies.values()], joint=None, site=None, whole=True)
+        scope = Scope([*self._seen.bodies.values()], timestep_s=self._timestep_s)
+        return self._made(cure, scope, whole=True)
 
     def _candidate(self, cure: Cure, finding: Finding) -> Candidate:
         labels = {body.label: body for body in self._seen.bodies.values()}
         bodies = [labels[each] for each in cure.bodies or (finding.body,) if each in labels]
+        other = labels.get(finding.other or "")
         if not bodies or (finding.bodies > 1 and not cure.bodies):
             bodies = [*labels.values()]
         joint = cure.target if len(bodies) == 1 and cure.target == finding.joint else None
         target = joint or (bodies[0].label if len(bodies) == 1 else None)
-        return self._made(
-            replace(cure, target=target), bodies, joint=joint, site=finding.site, whole=False
-        )
+        scope = Scope(bodies, joint, finding.site, other, cure.target, timestep_s=self._timestep_s)
+        return self._made(replace(cure, target=target), scope, whole=False)
 
-    def _made(
-        self,
-        cure: Cure,
-        bodies: Sequence[Body],
-        *,
-        joint: str | None,
-        site: str | None,
-        whole: bool,
-    ) -> Candidate:
+    def _made(self, cure: Cure, scope: Scope, *, whole: bool) -> Candidate:
         if whole or KINDS[cure.name].whole_run:
-            whole, joint, cure = True, None, replace(cure, target=None)
+            whole, scope, cure = True, replace(scope, joint=None), replace(cure, target=None)
         cure = replace(cure, call=cure.call or self._cures.call_of(cure))
-        numbers = None if whole else tuple(body.number for body in bodies)
-        commanded: frozenset[tuple[int, int]] = frozenset()
+        numbers = None if whole else tuple(body.number for body in scope.bodies)
         if cure.name == "default-motor-off":
-            commanded = self._motors()
-        scope = Scope(bodies, joint, site, commanded, self._timestep_s)
-        return Candidate(Intervention(cure, numbers, joint, site), self._cures.applied(cure, scope))
+            scope = replace(scope, commanded=self._motors())
+        what = Intervention(cure, numbers, scope.joint, scope.site)
+        return Candidate(what, self._cures.applied(cure, scope))
 
     def _motors(self) -> frozenset[tuple[int, int]]:
         """Return body and link of each joint that a call gives a motor, but no torque."""

@@ -42,6 +42,10 @@ class Scope:
     """The joint of the only body; None for all of its joints."""
     site: str | None = None
     """File and line of the call that a finding is about."""
+    other: Body | None = None
+    """The other body of a finding about two."""
+    target: str | None = None
+    """What a cure names: a body, a joint, an actuator."""
     commanded: frozenset[tuple[int, int]] = frozenset()
     """Numbers of bodies and links of the joints whose motors a call commands."""
     timestep_s: float = 1 / 240
@@ -75,5 +79,7 @@ class EngineCures(Protocol):
     def applied(self, cure: Cure, scope: Scope) -> ChangedRun | None:
         """Return what a run with it does otherwise; None if the engine has none such."""
 
-    def left_out(self, function: str, file: str, line: int, argument: str | None) -> ChangedRun:
-        """Return a run without a call, or without an argument of it."""
+    def left_out(
+        self, function: str, file: str, line: int, argument: str | None
+    ) -> ChangedRun | None:
+        """Return a run without a call, or without an argument of it; None if it cannot be."""

@@ -84,6 +84,7 @@ CALLS = {
     "support-velocity": "p.resetBaseVelocity(…) of the moved body",
     "mass:made": "p.createMultiBody(…, baseMass={value:g})",
     "without": "without p.{function}(…)",
+    "without:argument": "without p.{function}(…, {argument}=…)",
     "without:vertical": "its vertical velocity handed on",
     "without:driven": "a position motor in its place",
 }

@@ -92,6 +92,7 @@ class ModelChanges:
         """By the `id` of the MjModel, which is used again."""
         self._data: dict[int, ChangedData] = {}
         self._calls: dict[str, Callable[..., Any]] = {}
+        self._sited = any("site" in each for _, each in self._operations)
 
     @property
     def any(self) -> bool:
@@ -118,19 +119,21 @@ class ModelChanges:
     def _other(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
         skips = [each for each in self.of("skip") if each[1]["function"] == name]
 
+        # Hooks count the calls between them and the script.
         def changed(*args: Any, **kwargs: Any) -> Any:
             try:
                 found = self._of(args, kwargs) if self._watch.host.on else None
                 if found is None:
                     return call(*args, **kwargs)
                 model, m, d = found
+                site = self._site(_getframe(1)) if self._sited else None
                 for number, each in skips:
-                    if each["site"] == self._site(_getframe(1)):
+                    if each["site"] == site:
                         self.fire(number)
                         return None
                 if name == "mj_step1":
-                    d.before()
-                m.enter(model)
+                    d.before(site)
+                m.enter(model, site)
                 try:
                     result = call(*args, **kwargs)
                 finally:
@@ -152,9 +155,10 @@ class ModelChanges:
                 model, m, d = found
                 given = {**dict(zip(("m", "d", "nstep"), args)), **kwargs}
                 repeats = given.pop("nstep", 1) if name == "mj_step" else 1
+                site = self._site(_getframe(1)) if self._sited else None
                 for _ in range(repeats):
-                    d.before()
-                    m.enter(model)
+                    d.before(site)
+                    m.enter(model, site)
                     try:
                         if name == "mj_step2":
                             self._pose(model, d)
@@ -270,17 +274,22 @@ class ChangedModel:
             for number, each in changes._operations
             if each.get("derived") or each["do"] == "derive"
         ]
+        self._keeps = [each for each in changes.of("keep") if _has(m, each[1]["field"])]
+        self._known: dict[str, Any] = {}
+        """What the script had in fields of which a write is undone."""
         self._kept: list[tuple[str, Any, Any]] = []
         """What the script has there: field, elements, and their values."""
         self._derived: tuple[bytes, dict[str, Any]] | None = None
         """What was derived last: of what, and the arrays."""
 
-    def enter(self, m: Any) -> None:
-        """Write what differs into the model."""
+    def enter(self, m: Any, site: list[Any] | None) -> None:
+        """Write what differs into the model, in a call from a site."""
         with self._lock:
             self._inside += 1
             if self._inside > 1:
                 return
+            for number, each in self._keeps:
+                self._undo(m, number, each["field"], of_site=each["site"] == site)
             for number, (name, where, become) in self._writes:
                 held = _field(m, name)
                 before = held if np.isscalar(held) else np.array(held[where])
@@ -291,6 +300,18 @@ class ChangedModel:
                     self._changes.fire(number)
             if self._derives:
                 self._derive(m)
+
+    def _undo(self, m: Any, number: int, name: str, *, of_site: bool) -> None:
+        """Undo what a script has written since the last call, if that is of the site."""
+        held = np.array(_field(m, name))
+        known = self._known.setdefault(name, held)
+        if np.array_equal(held, known):
+            return
+        if of_site:
+            _set(m, name, ..., known if known.ndim else known.item())
+            self._changes.fire(number)
+        else:
+            self._known[name] = held
 
     def leave(self, m: Any) -> None:
         """Write back what the script has there."""
@@ -315,6 +336,10 @@ class ChangedModel:
                 _set(m, name, ..., new)
                 for number in self._derives:
                     self._changes.fire(number)
+
+
+def _has(m: Any, name: str) -> bool:
+    return hasattr(m.opt if name.startswith("opt.") else m, name.removeprefix("opt."))
 
 
 def _field(m: Any, name: str) -> Any:
@@ -368,14 +393,14 @@ class ChangedData:
         d = self.ref()
         return d is not None and self._posed == d.qpos.tobytes()
 
-    def before(self) -> None:
-        """Write what differs before a step."""
+    def before(self, site: list[Any] | None) -> None:
+        """Write what differs before a step, in a call from a site."""
         m, d, fire = self._model(), self.ref(), self._changes.fire
         if m is None or d is None:
             return
         for number, each in self._leaves:
             held, part = self._held[each["part"]], getattr(d, each["part"])
-            if not np.array_equal(part, held):
+            if each.get("site", site) == site and not np.array_equal(part, held):
                 part[...] = held
                 fire(number)
         for number, each in self._clears:
@@ -462,13 +487,15 @@ def _varied(variation: Mapping[str, Any]) -> Iterator[Operation]:
 def _writes_of(module: Any, m: Any, operation: Operation) -> Iterator[Write]:
     """Yield what an operation writes into a model."""
     do, field = operation["do"], operation.get("field", "")
-    if field and not hasattr(m.opt if field.startswith("opt.") else m, field.removeprefix("opt.")):
+    if field and not _has(m, field):
         return  # of another version
     if do == "write":
         where: Any = ...
         if operation.get("names") is not None:
             kind = field.partition("_")[0]
             where = _rows(module, m, kind, operation["of"], operation["names"])
+            if "limited" in operation:
+                where = where[getattr(m, operation["limited"])[where].astype(bool)]
             if not len(where):
                 return
         if operation.get("column") is not None:
@@ -477,10 +504,6 @@ def _writes_of(module: Any, m: Any, operation: Operation) -> Iterator[Write]:
     elif do == "flag":
         bit = int(getattr(module.mjtDisableBit, operation["name"]))
         yield "opt.disableflags", ..., lambda flags: flags | bit
-    elif do == "keep":
-        first = _field(m, field)
-        kept = first if np.isscalar(first) else np.array(first)
-        yield field, ..., partial(_always, kept)
     elif do == "meet":
         yield from _meeting(module, m, *operation["names"])
     elif do == "part":
@@ -580,12 +603,19 @@ def _meeting(module: Any, m: Any, first: Sequence[str], second: Sequence[str]) -
         yield from _bits(m, types, affinities)
 
 
-def _parting(module: Any, m: Any, first: Sequence[str], second: Sequence[str]) -> Iterator[Write]:
-    """Yield writes by which the geometries of bodies meet those of others no more, but all else.
+def _parting(
+    module: Any, m: Any, first: Sequence[str], second: Sequence[str] | None
+) -> Iterator[Write]:
+    """Yield writes by which geometries of bodies meet those of others, or of parents, no more.
 
     Each kind of the first ones' bits gets a bit of its own, which those answer that it met.
     """
-    mine, theirs = _geoms(module, m, first), {*_geoms(module, m, second)}
+    if second is None:
+        parents = {int(m.body_parentid[each]) for each in _ids(module, m, "body", first)}
+        theirs = {geom for geom in range(m.ngeom) if int(m.geom_bodyid[geom]) in parents}
+    else:
+        theirs = {*_geoms(module, m, second)}
+    mine = _geoms(module, m, first)
     kinds = sorted({(int(m.geom_contype[g]), int(m.geom_conaffinity[g])) for g in mine})
     free = _free_bits(m)
     if len(kinds) > len(free):

@@ -1,0 +1,321 @@
+"""Interventions in MuJoCo's words: a cure as an attribute or a line, and as a changed run.
+
+`call_of` writes a cure as its user would; `applied` turns it into what `watch/intervene.py` does in
+the script's interpreter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from drop_physics.engines.mujoco.frames import PARTS
+from drop_physics.engines.mujoco.watch.intervene import ENGINE
+from drop_physics.trace.cures import ChangedRun, Cure, Scope
+from drop_physics.trace.events import Actuator, Body
+
+Operation = dict[str, Any]
+Applies = Callable[[Scope, Cure], Iterator[Operation]]
+
+WORLD = "world"
+MORE = 10.0
+"""Factor of what is to be raised where a cure gives no number."""
+BELOW = 0.8
+"""The share of a limit that is tried where a cure is to stay below it."""
+LARGER = 64
+"""Factor of the memory of a model's contacts and constraints."""
+ABOVE = 1.001
+"""Of the way that a body is moved away from another."""
+ARMATURE_KG_M2 = 0.01
+"""Armature of a joint whose controller is the script's own, so that no limit is known."""
+SOLREF, SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
+"""How soft MuJoCo's own contacts are."""
+USUAL: dict[str, float] = {
+    "timestep": 2.0,
+    "solver": 500.0,
+    "impratio": 10.0,
+    "noslip": 5.0,
+    "gravity": -9.81,
+    "gravcomp": 1.0,
+    "armature": ARMATURE_KG_M2,
+    "damping": 0.0,
+    "joint-damping": 0.0,
+}
+"""What is given where a cure has no number."""
+
+
+def _number(cure: Cure) -> float | None:
+    """Return what a cure gives: of one that is to stay below a limit, a share of that."""
+    value = USUAL.get(cure.name) if cure.value is None else cure.value
+    return value * BELOW if value is not None and cure.form.endswith("below") else value
+
+
+# -- a cure as an attribute or a line -------------------------------------------------------------
+
+CALLS = {
+    "timestep": "timestep/{value:g}",
+    "solver": 'iterations="{value:g}"',
+    "gains": 'kp="{value:.4g}"',
+    "gains:kp-below": 'kp="{value:.4g}"',
+    "gains:kv-below": 'kv="{value:.4g}"',
+    "forcerange": 'forcerange="-{value:.4g} {value:.4g}"',
+    "ctrlrange": "without ctrlrange",
+    "limits": "without range",
+    "friction": 'friction="{twice:.4g}"',
+    "impratio": 'cone="elliptic" impratio="{value:g}"',
+    "cone": 'cone="elliptic"',
+    "noslip": 'noslip_iterations="{value:g}"',
+    "solref": 'solref="0.02 1" solimp="0.9 0.95 0.001"',
+    "solref:given": 'solref="{value:g} 1"',
+    "gravity": 'gravity="0 0 {value:g}"',
+    "gravcomp": 'gravcomp="{value:g}"',
+    "armature": 'armature="{value:g}"',
+    "damping": 'damping="{value:.4g}"',
+    "joint-damping": 'damping="{value:.4g}"',
+    "exclude": "<exclude>",
+    "exclude:out": "without <exclude>",
+    "contype": "contype and conaffinity that meet",
+    "filterparent": 'filterparent="disable"',
+    "keyframe-ctrl": "data.ctrl of the keyframe",
+    "targets-held": "data.ctrl with data.qpos",
+    "push-repeated": "cleared after each step",
+    "lifted": "{mm:.3g} mm higher",
+    "set-const": "mujoco.mj_setConst(…) after the edit",
+    "memory": '<size memory="…"/> of {larger} times as much',
+    "forward": "mujoco.mj_step1(…) before mj_step2",
+    "without": "without {function}",
+}
+"""By name and form; `*` where no number is given and none is usual."""
+FACTORS = {"gains": "kp", "forcerange": "forcerange", "friction": "friction"}
+"""What is multiplied where a cure gives no number."""
+
+
+def call_of(cure: Cure) -> str:
+    """Return what a cure's user would write."""
+    number = _number(cure)
+    if number is None and cure.name in FACTORS:
+        return f"{FACTORS[cure.name]}*{MORE:g}"
+    form = cure.form or ("given" if cure.name == "solref" and number is not None else "")
+    text = CALLS.get(f"{cure.name}:{form}", CALLS.get(cure.name, cure.name))
+    value = 0.0 if number is None else number
+    return text.format(
+        value=value, twice=2 * value, mm=1e3 * value, larger=LARGER, function=_written(cure)
+    )
+
+
+def _written(cure: Cure) -> str:
+    """Return what a cure leaves out, as the script has it."""
+    function = str(cure.given.get("function", ""))
+    if function in PARTS:
+        return f"data.{function}"
+    return f"mujoco.{function}(…)" if function.startswith("mj_") else f"model.{function}"
+
+
+# -- what a run does otherwise --------------------------------------------------------------------
+
+
+def applied(cure: Cure, scope: Scope) -> ChangedRun | None:
+    """Return what a run with a cure does otherwise; None if MuJoCo has none such."""
+    if cure.name == "timestep":
+        return ChangedRun([], int(_number(cure) or 2))
+    made = TABLE.get(cure.name)
+    operations = [] if made is None else [{"engine": ENGINE, **each} for each in made(scope, cure)]
+    return ChangedRun(operations) if operations else None
+
+
+def left_out(function: str, file: str, line: int, argument: str | None) -> ChangedRun | None:
+    """Return a run without what a script sets before a line; None of an argument alone."""
+    if argument is not None:
+        return None
+    site = {"engine": ENGINE, "site": [file, line]}
+    if function in PARTS:
+        return ChangedRun([{**site, "do": "leave", "part": function}])
+    if function.startswith("mj_"):
+        return ChangedRun([{**site, "do": "skip", "function": function}])
+    return ChangedRun([{**site, "do": "keep", "field": function}])
+
+
+def _write(field: str, **how: object) -> Operation:
+    return {"do": "write", "field": field, **how}
+
+
+def _option(field: str) -> Applies:
+    """Return what writes a cure's number into an option."""
+    return lambda _, cure: iter([_write(f"opt.{field}", value=_number(cure))])
+
+
+def _done(do: str, **how: object) -> Applies:
+    return lambda _, __: iter([{"do": do, **how}])
+
+
+def _links(body: Body) -> list[str]:
+    """Return the names of MuJoCo's bodies that a body is made of."""
+    return [name for n, name in enumerate(body.links) if n or name != WORLD or not body.engine_id]
+
+
+def _all_links(scope: Scope) -> list[str]:
+    return [name for body in scope.bodies for name in _links(body)]
+
+
+def _of(scope: Scope) -> dict[str, Any]:
+    """Return the joint that is meant, or all bodies."""
+    if scope.joint is not None:
+        return {"of": "joint", "names": [scope.joint]}
+    return {"of": "body", "names": _all_links(scope)}
+
+
+def _actuators(scope: Scope) -> Iterator[Actuator]:
+    """Yield the actuators that are meant: of a joint, of a name, or all."""
+    for body in scope.bodies:
+        for each in body.actuators:
+            if scope.joint is None:
+                if scope.target in (None, body.label, each.name):
+                    yield each
+            elif each.acts_on == "joint" and each.target == scope.joint:
+                yield each
+
+
+def _gains(scope: Scope, cure: Cure) -> Iterator[Operation]:
+    """Give actuators a gain; a servo's stiffness or damping with it."""
+    number = _number(cure)
+    for each in _actuators(scope):
+        named = {"of": "actuator", "names": [each.name]}
+        if number is None:
+            gain, bias = {"factor": MORE}, {"factor": MORE}
+        else:
+            gain, bias = {"value": number}, {"value": -number}
+        if each.kind == "velocity":
+            yield _write("actuator_gainprm", column=0, **named, **gain)
+            yield _write("actuator_biasprm", column=2, **named, **bias)
+        elif each.kind == "position" and cure.form == "kv-below":
+            yield _write("actuator_biasprm", column=2, **named, **bias)
+        elif each.kind == "position":
+            yield _write("actuator_gainprm", column=0, **named, **gain)
+            yield _write("actuator_biasprm", column=1, **named, **bias)
+
+
+def _force_range(scope: Scope, cure: Cure) -> Iterator[Operation]:
+    """Widen what limits the force of actuators, and of their joints."""
+    number = _number(cure)
+    yield _write("jnt_actfrcrange", limited="jnt_actfrclimited", **_of(scope), **_wide(number, 1))
+    for each in _actuators(scope):
+        if each.force_range is not None:
+            named = {"of": "actuator", "names": [each.name]}
+            yield _write("actuator_forcerange", **named, **_wide(number, each.gear))
+
+
+def _wide(number: float | None, gear: float) -> dict[str, float]:
+    return {"factor": MORE} if number is None else {"widest": number / abs(gear or 1.0)}
+
+
+def _control_range(scope: Scope, _: Cure) -> Iterator[Operation]:
+    for each in _actuators(scope):
+        if each.ctrl_range is not None:
+            yield _write("actuator_ctrllimited", of="actuator", names=[each.name], value=0)
+
+
+def _friction(scope: Scope, cure: Cure) -> Iterator[Operation]:
+    """Give geometries twice the friction that is needed; of a pair the larger counts."""
+    number = _number(cure)
+    how = {"factor": MORE} if number is None else {"least": 2 * number}
+    yield _write("geom_friction", column=0, of="body", names=_all_links(scope), **how)
+
+
+def _impratio(_: Scope, cure: Cure) -> Iterator[Operation]:
+    yield _write("opt.impratio", value=_number(cure))
+    yield _write("opt.cone", value=1)
+
+
+def _softness(scope: Scope, cure: Cure) -> Iterator[Operation]:
+    """Give equalities a time constant, or contacts MuJoCo's own softness."""
+    links = {"of": "body", "names": _all_links(scope)}
+    if cure.value is not None:
+        yield _write("eq_solref", column=0, value=cure.value, **links)
+        return
+    links["names"] = [*links["names"], *([] if scope.other is None else _links(scope.other))]
+    yield _write("geom_solref", value=SOLREF, **links)
+    yield _write("geom_solimp", value=SOLIMP, **links)
+
+
+def _masses(field: str) -> Applies:
+    """Return what writes a number from which MuJoCo derives others."""
+    return lambda scope, cure: iter(
+        [_write(field, value=_number(cure), derived=True, **_of(scope))]
+    )
+
+
+def _compensation(scope: Scope, cure: Cure) -> Iterator[Operation]:
+    names = _all_links(scope)
+    yield _write("body_gravcomp", of="body", names=names, value=_number(cure), derived=True)
+
+
+def _damping(scope: Scope, cure: Cure) -> Iterator[Operation]:
+    yield _write("dof_damping", value=_number(cure), **_of(scope))
+
+
+def _limits(scope: Scope, _: Cure) -> Iterator[Operation]:
+    yield _write("jnt_limited", value=0, **_of(scope))
+
+
+def _gravity(_: Scope, cure: Cure) -> Iterator[Operation]:
+    yield _write("opt.gravity", value=[0.0, 0.0, _number(cure)])
+
+
+def _exclude(scope: Scope, cure: Cure) -> Iterator[Operation]:
+    """Keep a link and its parent apart; or take out what keeps bodies apart."""
+    if cure.form == "out":
+        yield {"do": "unexclude", "names": _both(scope, cure)}
+    elif scope.target is not None:
+        yield {"do": "part", "names": [[scope.target], None]}
+
+
+def _meet(scope: Scope, cure: Cure) -> Iterator[Operation]:
+    yield {"do": "meet", "names": _both(scope, cure)}
+
+
+def _both(scope: Scope, cure: Cure) -> list[list[str]]:
+    """Return the names of MuJoCo's bodies on both sides."""
+    if "links" in cure.given:
+        return [[name] for name in cure.given["links"]]
+    other = scope.bodies[0] if scope.other is None else scope.other
+    return [_links(scope.bodies[0]), _links(other)]
+
+
+def _clear(_: Scope, __: Cure) -> Iterator[Operation]:
+    for part in ("xfrc_applied", "qfrc_applied"):
+        yield {"do": "clear", "part": part}
+
+
+def _lift(scope: Scope, cure: Cure) -> Iterator[Operation]:
+    up = [0.0, 0.0, ABOVE * (_number(cure) or 0.0)]
+    yield {"do": "lift", "names": _all_links(scope), "by_m": up}
+
+
+TABLE: dict[str, Applies] = {
+    "solver": _option("iterations"),
+    "noslip": _option("noslip_iterations"),
+    "impratio": _impratio,
+    "cone": lambda _, __: iter([_write("opt.cone", value=1)]),
+    "gains": _gains,
+    "forcerange": _force_range,
+    "ctrlrange": _control_range,
+    "limits": _limits,
+    "damping": _damping,
+    "joint-damping": _damping,
+    "friction": _friction,
+    "solref": _softness,
+    "gravity": _gravity,
+    "gravcomp": _compensation,
+    "armature": _masses("dof_armature"),
+    "exclude": _exclude,
+    "contype": _meet,
+    "filterparent": _done("flag", name="mjDSBL_FILTERPARENT"),
+    "keyframe-ctrl": _done("key"),
+    "targets-held": _done("hold"),
+    "push-repeated": _clear,
+    "lifted": _lift,
+    "set-const": _done("derive"),
+    "memory": _done("arena", factor=LARGER),
+    "forward": _done("pose"),
+}
+"""How each intervention is made."""
