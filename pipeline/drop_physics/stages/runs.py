@@ -43,7 +43,7 @@ class Ended:
 class RunsUnderWay:
     """Runs of this process; picklable while there is none."""
 
-    under_way: set[running.Script | running.Part] = field(default_factory=set, compare=False)
+    under_way: set[running.Script | running.PartedTrial] = field(default_factory=set, compare=False)
 
     def record(
         self,
@@ -93,7 +93,7 @@ class RunsUnderWay:
 
     def recorded(
         self,
-        process: running.Script | running.Part,
+        process: running.Script | running.PartedTrial,
         path: Path,
         *,
         origin: Mapping[str, Any],

@@ -85,7 +85,7 @@ class Parting:
         same = ended.steps == steps and ended.how != "interrupted"
         return same and apart(base.seen, other.seen).same
 
-    def _parted(self, number: int) -> running.Part | None:
+    def _parted(self, number: int) -> running.PartedTrial | None:
         """Return a trial when it has parted; None if it does not."""
         which = self._numbers.index(number)
         trial, decoder = self._process.trials[which], self._process.decoder

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drop_physics.engines.pybullet.script import Part, Program, Script
+from drop_physics.engines.pybullet.script import PartedTrial, Program, Script
 from drop_physics.errors import ScenarioError
 from drop_physics.experiments.interventions import KINDS, Intervention
 from drop_physics.experiments.verdicts import Outcome
@@ -283,7 +283,7 @@ class RunTrial:
             ended = self.recorded(process, path, path.stem)
         return self._made(number, ended)
 
-    def of_part(self, number: int, part: Part) -> TrialRun:
+    def of_part(self, number: int, part: PartedTrial) -> TrialRun:
         """Record a candidate that has parted from another run, and compare it."""
         path, run = self._path(number), self.run_of(number)
         finer = 1 if run is None else run.finer
@@ -291,7 +291,7 @@ class RunTrial:
         part.tell = lambda: part.stop("interrupted") if time.time() > until else None
         return self._made(number, self.recorded(part, path, path.stem))
 
-    def recorded(self, process: Script | Part, path: Path, name: str) -> Ended:
+    def recorded(self, process: Script | PartedTrial, path: Path, name: str) -> Ended:
         """Record a run that has begun, as a variation of the script's own."""
         base = self._base
         return self.runs.recorded(

@@ -215,7 +215,7 @@ class BlockListener(Listener):
         return self._closed or self.decoder.ended is not None or os.getppid() != self._process
 
 
-class Part(Listener):
+class PartedTrial(Listener):
     """Reads a trial that has parted from a run, whose `Script` is open as long.
 
     Parameters
@@ -237,7 +237,7 @@ class Part(Listener):
         self.tell: Callable[[], None] = lambda: None
         """Called now and then while it runs."""
 
-    def __enter__(self) -> Part:
+    def __enter__(self) -> PartedTrial:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -366,7 +366,7 @@ class Script(Listener):
             for end in (writing, *(end for _, end, _ in self._parts)):
                 os.close(end)
 
-    def part(self, number: int, trial: Program) -> Part | None:
+    def part(self, number: int, trial: Program) -> PartedTrial | None:
         """Return a trial that has parted from this run; None if it has not yet."""
         if number not in self.decoder.forked or self.kept is None:
             return None
@@ -375,7 +375,7 @@ class Script(Listener):
         reading, _, block = self._parts[number]
         before = bytes(memoryview(self.kept)[:after])
         finer = (trial.variation or {}).get("finer", 1)
-        return Part(reading, block.fileno(), before, process, finer)
+        return PartedTrial(reading, block.fileno(), before, process, finer)
 
     def end_parts(self) -> None:
         """End the trials that nobody has taken, for which this run would wait."""
