@@ -16,6 +16,7 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
     dragged_by_nothing,
     energy_gained,
     friction_pyramid,
+    ik_off,
     joint_damping,
     keyframe,
     memory,
@@ -47,7 +48,6 @@ from drop_physics.rules.engines import engine_of
 from drop_physics.rules.filtered_out import FilteredOut
 from drop_physics.rules.force_off_centre import ForceOffCentre
 from drop_physics.rules.held_by_friction import HeldByFriction
-from drop_physics.rules.ik_off import IkOff
 from drop_physics.rules.impossible_inertia import ImpossibleInertia
 from drop_physics.rules.inertia_from_shape import InertiaFromShape
 from drop_physics.rules.inertia_without_mass import InertiaWithoutMass
@@ -78,7 +78,6 @@ ANSWERS: tuple[type[Answer], ...] = (
     OffTarget,
     ServoOff,
     RatesLeft,
-    IkOff,
     # contacts
     CollidesAsHull,
     NoContact,

@@ -1,10 +1,9 @@
-"""Why a hand is not where it was wanted, though its joints are on their targets."""
+"""`ik-off`: a hand is not where it was wanted, though its joints are on their targets."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,193 +13,118 @@ from drop_physics.explain.joints import Driven, target_of
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.tree import States, Tree
-from drop_physics.rules.answer import Answer, Cure, Effect, Finding, Scene, Span
-from drop_physics.rules.arguments import given, number, site_of
+from drop_physics.rules.answer import Cure, Effect, Scene
+from drop_physics.rules.arguments import number, site_of
+from drop_physics.rules.ik_answers import SentAnswer
 from drop_physics.rules.joint import distance
-from drop_physics.trace.acts import Act
-from drop_physics.trace.calls import Call
-from drop_physics.trace.events import Body
-from drop_physics.trace.motors import POSITION
+from drop_physics.rules.rule import Match, Said, Worst, body_rule
+from drop_physics.rules.runs import Runs
+from drop_physics.rules.tables import BodyColumns
+from drop_physics.rules.thresholds import HAND_M, IK_AGAIN, IK_ENOUGH, IK_JOINTS
 
 Float64 = NDArray[np.float64]
 
-OFF_M = 5e-3
-"""What is less off is good enough for most hands."""
-JOINTS = 0.2
-"""Joints add less than this share of it."""
-AGAIN = 50
-"""Answers for one point, each from where the last one led: no more iterations help."""
 
-ENOUGH = 1000
-"""Iterations than which more hardly help."""
-
-
-@dataclass(frozen=True)
-class _Sent:
-    """An answer that the motors were given."""
-
-    call: Call
-    link: int
-    point_m: tuple[float, ...]
-    times: int
-    """How many answers for this point they had got, one after the other."""
-
-
-@dataclass(frozen=True)
-class _Off:
-    sent: _Sent
-    joint: str
-    off_m: float
-    step: int
-    reach_m: float
-    """How far from the first joint of its arm the hand gets, at most."""
-    away_m: float
-    """How far from there the point is."""
-
-
-class IkOff(Answer):
+@body_rule("ik-off", "asked", subject=1)
+def ik_off(bodies: BodyColumns) -> Match | None:
     """`calculateInverseKinematics` ends after 20 iterations, wherever it has got to."""
+    keys, found = [], []
+    for driven in bodies.scene.driven():
+        sent = bodies.scene.inputs.ik.latest.get(driven.body.number, [])
+        ends = [*(each.call.at.step for each in sent[1:]), int(driven.steps.steps[-1])]
+        for each, end in zip(sent, ends, strict=False):
+            if driven.steps.whole is bodies.of and (off := _off(driven, each, end)) is not None:
+                keys.append((driven.body.number, each.place))
+                found.append(off)
+    if not found:
+        return None
+    numbers = {name: np.array([each[name] for each in found]) for name in found[0]}
+    # What was asked for again, and then answered better, is no miss: of a point the last counts.
+    return Match(numbers.pop("row"), numbers["at"], numbers, keys=np.array(keys))
 
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self._asked: dict[int, Call] = {}
-        """By body, the latest question."""
-        self._sent: dict[int, list[_Sent]] = {}
-        self._off: dict[int, _Off] = {}
 
-    def see(self) -> None:
-        """Match targets with answers, and look where those that stood until rest led."""
-        for number_, sent in self._sent.items():
-            self._sent[number_] = sent[-1:]
-        if not self.scene.piece.calls.of(Act.SOLVE_IK) and not self._sent:
-            return
-        for call, body in self.scene.calls_of(Act.SOLVE_IK, Act.COMMAND):
-            if call.act is Act.SOLVE_IK:
-                self._asked[body.number] = call
-            elif number(call, "controlMode") == POSITION:
-                self._send(call, body)
-        for number_, sent in self._sent.items():
-            for driven in self.scene.joints.latest.get(number_, []):
-                ends = [each.call.at.step for each in sent[1:]]
-                for each, end in zip(sent, [*ends, int(driven.steps.steps[-1])], strict=True):
-                    self._judge(driven, each, end)
+def _off(driven: Driven, sent: SentAnswer, end: int) -> dict[str, object] | None:
+    """Return how far the hand and the answer are off the point; None where that is not judged."""
+    steps, tree = driven.steps, driven.steps.law.tree
+    row = int(np.searchsorted(steps.steps, end, side="right")) - 1
+    if row < 0 or steps.steps[row] <= sent.call.at.step or not 0 <= sent.link < tree.links:
+        return None
+    at = tree.rates
+    links = [link for link in tree.branch(sent.link) if at[link].stop > at[link].start]
+    rates = [at[link].start - tree.first_rate for link in links]
+    target = target_of(driven)[row]
+    rests = sent.times >= IK_AGAIN or driven.resting[row, rates].all()
+    later = (driven.asked.began[row, rates] > sent.call.at.step).any()
+    if not rates or not rests or later or np.isnan(target[rates]).any():
+        return None
+    reached = steps.after.at(slice(row, row + 1))
+    wanted = reached.joints.copy()
+    for link, rate in zip(links, rates, strict=True):
+        wanted[0, tree.coordinates[link]] = target[rate]
+    local = -tree.centres_m[sent.link]
+    there, answer = (
+        kinematics(tree, states).point_m(sent.link, local)[0]
+        for states in (reached, replace(reached, joints=wanted))
+    )
+    first_m, reach_m = _reach(tree, reached, sent.link, steps.law.lower, steps.law.upper)
+    return {
+        "row": steps.rows.start + row,
+        "at": float(steps.steps[row]),
+        "off": float(np.linalg.norm(there - sent.point_m)),
+        "by_joints": float(np.linalg.norm(there - answer)),
+        "hand": driven.body.joints[sent.link].name,
+        "point": ", ".join(f"{x:.4g}" for x in sent.point_m),
+        "times": sent.times,
+        "iterations": number(sent.call, "maxNumIterations", 0.0),
+        "reach": reach_m,
+        "away": float(np.linalg.norm(first_m - sent.point_m)),
+        "asked_at": site_of(sent.call),
+    }
 
-    def _send(self, call: Call, body: Body) -> None:
-        """Note an answer if a target is one of its numbers, to the bit."""
-        asked = self._asked.get(body.number)
-        if asked is None or asked.at.step != call.at.step or not asked.result:
-            return
-        targets = given(call, "targetPositions") or given(call, "targetPosition")
-        point, link = given(asked, "targetPosition"), int(number(asked, "endEffectorLinkIndex"))
-        if asked.result not in targets or len(point) != 3 or not 0 <= link < len(body.joints):
-            return
-        del self._asked[body.number]
-        sent = self._sent.setdefault(body.number, [])
-        same = bool(sent) and (sent[-1].link, sent[-1].point_m) == (link, point)
-        sent.append(_Sent(asked, link, point, sent[-1].times + 1 if same else 1))
 
-    def _judge(self, driven: Driven, sent: _Sent, end: int) -> None:
-        """Compare where the targets and the joints have the hand with the point asked for."""
-        steps, tree = driven.steps, driven.steps.law.tree
-        row = int(np.searchsorted(steps.steps, end, side="right")) - 1
-        if row < 0 or steps.steps[row] <= sent.call.at.step or sent.link >= tree.links:
-            return
-        places = driven.body.rates
-        rates = [
-            places[link].start
-            for link in tree.branch(sent.link)
-            if places[link].stop > places[link].start
-        ]
-        target = target_of(driven)[row]
-        told = driven.asked.began[row, rates]
-        rests = sent.times >= AGAIN or driven.resting[row, rates].all()
-        if not rates or not rests or np.isnan(target[rates]).any():
-            return
-        if (told > sent.call.at.step).any():
-            return
-        reached = steps.after.at(slice(row, row + 1))
-        wanted = reached.joints.copy()
-        for rate in rates:
-            link = next(link for link, at in enumerate(places) if at.start == rate < at.stop)
-            if tree.coordinates[link].stop > tree.coordinates[link].start:
-                wanted[0, tree.coordinates[link]] = target[rate]
-        local = -tree.centres_m[sent.link]
-        there, answer = (
-            kinematics(tree, states).point_m(sent.link, local)[0]
-            for states in (reached, replace(reached, joints=wanted))
+@ik_off.counts
+def _(runs: Runs, _: Scene) -> Float64:
+    return np.where((runs.off > HAND_M) & (runs.by_joints < IK_JOINTS * runs.off), runs.off, 0.0)
+
+
+@ik_off.says
+def _(worst: Worst) -> Said:
+    cure = None
+    advice = Message("ask for a point within reach")
+    if worst.away > worst.reach:
+        message = Message(
+            "{joint}: the hand rests {off} from the point ({point}) with its joints on their "
+            "targets: that is out of reach, {away:.3g} m from the first joint of an arm that is "
+            "{reach:.3g} m long"
         )
-        off_m = float(np.linalg.norm(there - sent.point_m))
-        by_joints_m = float(np.linalg.norm(there - answer))
-        known = self._off.get(driven.body.number)
-        if known is not None and known.sent.point_m == sent.point_m:
-            del self._off[driven.body.number]  # it was asked for again
-            known = None
-        if (
-            off_m > OFF_M
-            and by_joints_m < JOINTS * off_m
-            and (known is None or off_m > known.off_m)
-        ):
-            name = driven.body.joints[sent.link].name
-            first_m, reach_m = _reach(tree, reached, sent.link, steps.law.lower, steps.law.upper)
-            away_m = float(np.linalg.norm(first_m - sent.point_m))
-            step = int(steps.steps[row])
-            self._off[driven.body.number] = _Off(sent, name, off_m, step, reach_m, away_m)
-
-    def findings(self) -> Iterator[Finding]:
-        """Yield the worst of each robot."""
-        for number_, worst in self._off.items():
-            body, sent = self.scene.body(number_), worst.sent
-            point = ", ".join(f"{x:.4g}" for x in sent.point_m)
-            values: dict[str, object] = {
-                "joint": worst.joint,
-                "off": distance(worst.off_m, "m"),
-                "point": point,
-                "times": sent.times,
-                "away": worst.away_m,
-                "reach": worst.reach_m,
-            }
-            solves = False
-            if worst.away_m > worst.reach_m:
-                message = Message(
-                    "{joint}: the hand rests {off} from the point ({point}) with its joints on "
-                    "their targets: that is out of reach, {away:.3g} m from the first joint of an "
-                    "arm that is {reach:.3g} m long"
-                )
-                advice = Message("ask for a point within reach")
-            elif sent.times < AGAIN:
-                message = Message(
-                    "{joint}: the hand rests {off} from the point ({point}) with its joints on "
-                    "their targets: p.calculateInverseKinematics gave an answer that is so far off"
-                )
-                advice = Message(
-                    "p.calculateInverseKinematics(…, maxNumIterations=1000, "
-                    "residualThreshold=1e-6), or ask again from where the arm has got to"
-                )
-                solves = number(sent.call, "maxNumIterations", 0.0) < ENOUGH
-                if not solves:
-                    advice = Message("ask again from where the arm has got to")
-            else:
-                message = Message(
-                    "{joint}: the hand is {off} from the point ({point}) with its joints on "
-                    "their targets, after {times} answers of p.calculateInverseKinematics: it "
-                    "finds no way there"
-                )
-                advice = Message("ask for a point within reach")
-            cure = Cure("ik", value=1000.0) if solves else None
-            size_m = np.ptp(np.reshape(body.bounds_m, (-1, 3)), axis=0).max(initial=0.0)
-            yield Finding(
-                code="ik-off",
-                level="asked",
-                message=Message(message, **values),
-                advice=advice,
-                cure=cure,
-                body=body.label,
-                joint=worst.joint,
-                effect=Effect(worst.off_m, "m"),
-                share=worst.off_m / max(float(size_m), worst.off_m),
-                steps=Span(sent.call.at.step + 1, worst.step, worst.step - sent.call.at.step),
-                site=site_of(sent.call),
+    elif worst.times >= IK_AGAIN:
+        message = Message(
+            "{joint}: the hand is {off} from the point ({point}) with its joints on their targets, "
+            "after {times} answers of p.calculateInverseKinematics: it finds no way there"
+        )
+    else:
+        message = Message(
+            "{joint}: the hand rests {off} from the point ({point}) with its joints on their "
+            "targets: p.calculateInverseKinematics gave an answer that is so far off"
+        )
+        advice = Message("ask again from where the arm has got to")
+        if worst.iterations < IK_ENOUGH:
+            cure = Cure("ik", value=1000.0)
+            advice = Message(
+                "p.calculateInverseKinematics(…, maxNumIterations=1000, residualThreshold=1e-6), "
+                "or ask again from where the arm has got to"
             )
+    size_m = np.ptp(np.reshape(worst.subject.bounds_m, (-1, 3)), axis=0).max(initial=0.0)
+    return Said(
+        message=message,
+        values={"joint": worst.hand, "off": distance(worst.off, "m")},
+        advice=advice,
+        cure=cure,
+        effect=Effect(worst.off, "m"),
+        share=worst.off / max(float(size_m), worst.off),
+        joint=worst.hand,
+        site=worst.asked_at,
+    )
 
 
 def _reach(

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from drop_physics.explain.step_status import FLIGHT
 from drop_physics.physics.kinematics import kinematics, motion
 from drop_physics.rules.arguments import number as number_of
+from drop_physics.rules.ik_answers import SentAnswers
 from drop_physics.rules.lasting import Lasting
 from drop_physics.trace.acts import FILTERS, Act
 from drop_physics.trace.calls import Call
@@ -130,6 +131,7 @@ class Inputs:
     deepest: defaultdict[int, dict[int, float]] = field(default_factory=lambda: defaultdict(dict))
     """Samples of a body that calls place, and its deepest overlap then [m], by its number."""
     lasting: Lasting = field(default_factory=Lasting)
+    ik: SentAnswers = field(default_factory=SentAnswers)
 
     def see(self) -> None:
         """Take a chunk."""
@@ -140,6 +142,7 @@ class Inputs:
             self._drive(call, bases)
             self._switch(call)
         self.lasting.see(calls.of(*WRITTEN))
+        self.ik.see(calls)
         self.requests += requests(calls, self.scene.seen.dynamics, self.scene.seen.settings)
         for command in calls.commands():
             ids = np.unique(command.bodies).tolist()

@@ -1,90 +1,12 @@
-"""What answers about joints share: names, units and numbers as text, and a line per robot."""
+"""What answers about joints share: names, units and numbers as text."""
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Iterator
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
-
 from drop_physics.explain.joints import Driven
-from drop_physics.rules.answer import Answer, Finding, Level, Noted, Notes, Scene
 from drop_physics.trace.events import Body, Joint
-
-Float64 = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 OFF = {"rad": 1e-2, "m": 1e-3}
 """Closer than that a joint is at its target."""
-
-
-class JointAnswer(Answer):
-    """A rule of joints: of each robot it tells of the joint where it is largest."""
-
-    code: str
-    level: Level
-
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self.noted: dict[int, Notes[tuple[int, str]]] = {}
-        """By the number of a robot, its joints, and what is noted of them."""
-
-    def see(self) -> None:
-        """Take a piece."""
-        for driven in self.scene.driven():
-            self.look(driven)
-
-    @abstractmethod
-    def look(self, driven: Driven) -> None:
-        """Note the steps of a robot in which the rule holds."""
-
-    def note(
-        self, driven: Driven, which: Flags, sizes: Float64, kind: str = "", **numbers: Float64
-    ) -> None:
-        """Note some steps of joints, and numbers of the worst; shape (n, joint_rates) each."""
-        noted = self.noted.setdefault(driven.body.number, Notes())
-        numbers["site"] = driven.asked.site
-        for k in np.flatnonzero(which.any(axis=0)).tolist():
-            rows = np.flatnonzero(which[:, k])
-            told = {name: each[rows, k] for name, each in numbers.items()}
-            link, units = link_of(driven.body, k), units_of(driven, k)
-            noted.add(
-                (k, kind),
-                driven.steps.steps[rows],
-                sizes[rows, k],
-                told,
-                kind=kind,
-                joint=driven.body.joints[link].name,
-                link=link,
-                units=units,
-            )
-
-    def findings(self) -> Iterator[Finding]:
-        """Yield a line per robot."""
-        for number, joints in self.noted.items():
-            said = {key: each for key, each in joints.items() if self.says(each)}
-            if said:
-                worst = max(said.values(), key=lambda each: (each.most, each.count))
-                worst.at["joints"] = len({k for k, _ in said})
-                yield Finding(
-                    code=self.code,
-                    level=self.level,
-                    body=self.scene.body(number).label,
-                    joint=worst.at["joint"],
-                    steps=worst.span,
-                    site=self.scene.site(worst.at["site"]),
-                    **self.words(worst),
-                )
-
-    def says(self, noted: Noted) -> bool:
-        """Return whether it is worth saying of a joint."""
-        return noted.count > 0
-
-    @abstractmethod
-    def words(self, worst: Noted) -> dict[str, Any]:
-        """Return message, advice, effect and share; `joints` is how many have it."""
 
 
 def name_of(driven: Driven, k: int) -> str:

@@ -192,6 +192,24 @@ TURNS_TOO = _of(
     "Of that, what a motor must turn around for its gains to be the cause.",
     "gain_silent",
 )
+HAND_M = _of("HAND_M", 5e-3, "m", "A hand that is less off is good enough.", "ik_out_of_reach")
+IK_JOINTS = _of(
+    "IK_JOINTS",
+    0.2,
+    "share",
+    "Largest share of a hand's miss that its joints add, off their targets.",
+    "a weak arm",
+)
+IK_AGAIN = _of(
+    "IK_AGAIN",
+    50,
+    "1",
+    "Number of answers for one point, one from another, after which there is no way to it.",
+    "ik_out_of_reach",
+)
+IK_ENOUGH = _of(
+    "IK_ENOUGH", 1000, "1", "Number of iterations than which more hardly help.", "kuka, panda"
+)
 BACK = _of(
     "BACK",
     1e-6,

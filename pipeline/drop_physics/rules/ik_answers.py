@@ -1,0 +1,61 @@
+"""Answers of inverse kinematics that the motors were given, to the bit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from drop_physics.rules.arguments import given, number
+from drop_physics.trace.acts import Act
+from drop_physics.trace.calls import Call
+from drop_physics.trace.log import Log
+from drop_physics.trace.motors import POSITION
+
+
+@dataclass(frozen=True)
+class SentAnswer:
+    """An answer that the motors of a body were given."""
+
+    call: Call
+    link: int
+    point_m: tuple[float, ...]
+    place: int
+    """Which of the points it is that were asked for, one after the other."""
+    times: int
+    """How many answers for this point they had got, one after the other."""
+
+
+@dataclass
+class SentAnswers:
+    """Grows piece by piece."""
+
+    latest: dict[int, list[SentAnswer]] = field(default_factory=dict)
+    """By the number of a body: those of the latest piece, after the last one before it."""
+    _asked: dict[int, Call] = field(default_factory=dict)
+    """By body, the latest question."""
+
+    def see(self, calls: Log) -> None:
+        """Take the calls of a piece."""
+        self.latest = {body: sent[-1:] for body, sent in self.latest.items()}
+        if not self.latest and not calls.of(Act.SOLVE_IK):
+            return
+        for call, _, came in calls.of_bodies(Act.SOLVE_IK, Act.COMMAND):
+            body, asked = came.body.number, self._asked.get(came.body.number)
+            if call.act is Act.SOLVE_IK:
+                self._asked[body] = call
+            elif asked is not None and number(call, "controlMode") == POSITION:
+                self._send(call, asked, body)
+
+    def _send(self, call: Call, asked: Call, body: int) -> None:
+        """Note an answer if a target is one of its numbers."""
+        targets = given(call, "targetPositions") or given(call, "targetPosition")
+        point, link = given(asked, "targetPosition"), int(number(asked, "endEffectorLinkIndex"))
+        if asked.at.step != call.at.step or asked.result not in targets or len(point) != 3:
+            return
+        del self._asked[body]
+        sent = self.latest.setdefault(body, [])
+        place = times = 0
+        if sent and (sent[-1].link, sent[-1].point_m) == (link, point):
+            place, times = sent[-1].place, sent[-1].times
+        elif sent:
+            place = sent[-1].place + 1
+        sent.append(SentAnswer(asked, link, point, place, times + 1))
