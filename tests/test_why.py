@@ -253,13 +253,13 @@ def test_trials_write_in_a_copy_and_draw_what_the_script_drew(
     said: list[str] = []
     result = why("sub/script.py", ablate=True, stdout=2, note=said.append)
     assert Path("log.txt").read_text() == "x"  # of its own run
-    assert said == []
+    assert not any("one after another" in each for each in said)
     idle = {(each.call, each.site) for each in result.no_effect}
     assert ("without p.changeDynamics(…)", f"sub/script.py:{HEAD.count(chr(10)) + 4}") in idle
     text = Path("sub/script.py").read_text().replace("'log.txt'", "__file__ + '.log'")
     Path("sub/script.py").write_text(text)
     why("sub/script.py", tries=["damping"], stdout=2, note=said.append)
-    assert "script.py.log: its runs are made one after another" in said[-1]
+    assert any("script.py.log: its runs are made one after another" in each for each in said)
 
 
 def test_trials_that_part_from_one_run_are_runs_of_their_own_to_the_bit(

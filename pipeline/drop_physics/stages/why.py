@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rich.filesize import decimal
+
 from drop_physics.engines.pybullet.script import Program
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.experiments.interventions import Intervention
@@ -38,6 +40,8 @@ if TYPE_CHECKING:
 
 MOST = 8
 """As many things are told of a script at most."""
+MOST_KEPT = 12
+"""Number of trials whose recordings are kept, the best: each is as large as the script's own."""
 BUDGET_S = 60.0
 """No trial begins later [s]."""
 
@@ -318,6 +322,15 @@ def why(
         target, base.path, recorded.ended, own, work, done, chosen, summed, time.monotonic() - began
     )
     _keep(folder, result, base.recording_id)
+    held = [path.stat().st_size for path in folder.glob("*.rrd")]
+    if held:
+        note(
+            Message(
+                "the recordings of trials in {folder} take {size}",
+                folder=folder,
+                size=decimal(sum(held)),
+            )
+        )
     return result
 
 
@@ -400,6 +413,7 @@ def _why(
         for place, finding in enumerate(findings)
         if place in chosen
     ]
+    proved = _bounded(proved)
     runs = sum(each.outcome is not None for n, each in done.items() if n != work.nudge)
     return Why(
         target,
@@ -414,6 +428,28 @@ def _why(
         no_effect,
         summed,
     )
+
+
+def _bounded(proved: Sequence[Proved]) -> list[Proved]:
+    """Return findings whose best trials alone keep their recordings."""
+    from drop_physics.experiments.verdicts import VERDICTS
+
+    recorded = {each.recording: each for one in proved for each in one.tried if each.recording}
+    ranked = sorted(
+        recorded.values(),
+        key=lambda e: (VERDICTS.index(e.verdict), -(e.moved.value if e.moved else 0.0)),
+    )
+    kept = {each.recording for each in ranked[:MOST_KEPT]}
+    return [
+        replace(
+            one,
+            tried=[
+                each if each.recording in kept else replace(each, recording=None)
+                for each in one.tried
+            ],
+        )
+        for one in proved
+    ]
 
 
 def _others_cured(
