@@ -29,6 +29,7 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
     reading,
     replays,
     reset_leaves,
+    servo_off,
     slides,
     soft,
     starts_in_contact,
@@ -66,7 +67,6 @@ from drop_physics.rules.real_time import RealTime
 from drop_physics.rules.restore_differs import RestoreDiffers
 from drop_physics.rules.rule import TableRules
 from drop_physics.rules.script_failed import ScriptFailed
-from drop_physics.rules.servo_off import ServoOff
 from drop_physics.rules.teleported import Teleported
 from drop_physics.rules.timestep_changed import TimestepChanged
 from drop_physics.rules.unseeded import Unseeded
@@ -76,7 +76,6 @@ ANSWERS: tuple[type[Answer], ...] = (
     # joints
     TableRules,
     OffTarget,
-    ServoOff,
     RatesLeft,
     # contacts
     CollidesAsHull,
@@ -121,10 +120,10 @@ BESIDE_NOTHING = frozenset(("default-damping",))
 
 def ranked(findings: Iterable[Finding]) -> list[Finding]:
     """Return findings, the gravest first; the same one on many bodies is one, the worst of them."""
-    groups: dict[tuple[str, str], list[Finding]] = {}
+    groups: dict[tuple[str, str | None, str], list[Finding]] = {}
     for each in findings:
         text = each.message.template if isinstance(each.message, Message) else each.message
-        groups.setdefault((each.code, text), []).append(each)
+        groups.setdefault((each.code, each.reason, text), []).append(each)
     found = sorted((_one_of(group) for group in groups.values()), key=lambda each: each.rank)
     if found and found[0].level in ("broken", "asked"):
         found = [each for each in found if each.code not in BESIDE_NOTHING]

@@ -140,6 +140,8 @@ class Said:
     """The level where it is not the rule's."""
     code: str | None = None
     """The code where it is not the rule's."""
+    steps: Span | None = None
+    """The steps that it covers, where these are others than those in which it holds."""
     site: str | None = None
     """File and line, where the rule names no argument whose call is the cause."""
     joint: str | None = None
@@ -263,7 +265,7 @@ class Rule:
             cure=cure,
             effect=said.effect,
             share=worst.size if said.share is None else said.share,
-            steps=worst.span,
+            steps=said.steps or worst.span,
             body=None if self.subject == 0 else worst.body,
             joint=said.joint or vars(worst).get("joint"),
             other=said.other or vars(worst).get("other"),

@@ -6,266 +6,264 @@ At rest the forces on its joint sum to zero, so what the pose takes tells how fa
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from drop_physics.explain.joints import Driven
-from drop_physics.explain.targets import Stood, Targets
+from drop_physics.explain.joints import REST_STEPS
+from drop_physics.explain.targets import SETTLED, SETTLED_STEPS
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Answer, Cure, Effect, Finding, Scene, Span, and_more
+from drop_physics.rules.answer import Cure, Effect, Scene, Span
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.joint import OFF, distance, effort, link_of, name_of, place, units_of
-from drop_physics.rules.thresholds import EACH_STEP, OWN_SHARE, SPRING_SHARE
+from drop_physics.rules.joint import OFF, distance, effort, link_of, place
+from drop_physics.rules.rule import Match, Said, Worst, joint_rule
+from drop_physics.rules.runs import Runs
+from drop_physics.rules.tables import JointColumns
+from drop_physics.rules.thresholds import EACH_STEP, HOLDS, OWN_SHARE, SPRING_SHARE
 from drop_physics.trace.events import Actuator
+
+Float64 = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Why = Literal["range", "actuatorfrcrange", "forcerange", "spring"]
 
 CLAMPED = "joint force range"
 """The term that a joint's own range of force takes off its actuators."""
 SPARE = 1.3
 """What an actuator should have over what it needs."""
+TRIES = 5
+"""The greatest gaps of a joint in a piece whose causes are looked for."""
+NOTED = "gap", "goal", "rests", "since", "own", "needs", "clamp", "stop", "bound", "kp", "gear"
+"""Numbers that are noted of a gap: forces [N] or [N m] on the joint, and where its range ends."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ServoGap:
-    """A joint that rests off its target, and why."""
-
-    joint: str
-    unit: str
-    off: float
-    target: float
-    share: float
-    """The gap over what is normal: 1 rad, or the body's size."""
-    rests: bool
-    reason: str
-    """`range`, `actuatorfrcrange`, `forcerange` or `spring`."""
-    why: Message
-    cure: Cure
-    span: Span
+@joint_rule("off-target", "asked", reason="range", consecutive=True, engines=MUJOCOS)
+def behind_its_range(joints: JointColumns) -> Match | None:
+    """A joint rests at the end of its range, which pushes it back from where it is sent."""
+    return _off(joints, "range")
 
 
-class ServoOff(Answer):
-    """A position actuator is a spring: a target that its joint rests off takes a force."""
+@behind_its_range.says
+def _(worst: Worst) -> Said:
+    why = Message(
+        "its range ends at {limit}, and the limit pushes it back with {force}",
+        limit=place(worst.bound, worst.unit),
+        force=effort(worst.stop, worst.effort),
+    )
+    call = Message("range=… of the <joint>, or a target in it")
+    return _said(worst, why, Cure("limits", worst.joint, None, call))
 
-    engines = MUJOCOS
 
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self._targets: dict[int, Targets] = {}
-        self._worst: dict[int, dict[int, ServoGap]] = {}
-        """What is noted of joints, by the number of a body and the rate of a joint."""
-        self._ends: dict[int, dict[int, ServoGap]] = {}
-        """Likewise, joints that move with their actuators at a limit at the end of the steps."""
+@joint_rule("off-target", "asked", reason="actuatorfrcrange", consecutive=True, engines=MUJOCOS)
+def force_range_of_its_joint(joints: JointColumns) -> Match | None:
+    """A joint rests off its target, as its actuatorfrcrange takes a part of what it is given."""
+    return _off(joints, "actuatorfrcrange")
 
-    def see(self) -> None:
-        """Take a piece."""
-        for number in self.scene.judged:
-            targets = self._targets.setdefault(number, Targets())
-            for driven in self.scene.joints.latest.get(number, []):
-                self._ends[number] = {}
-                for stood, going in targets.see(driven):
-                    for i in np.flatnonzero(stood.resting & (stood.row >= 0)).tolist():
-                        self._rests(driven, stood.only(np.array([i])))
-                    if going and not stood.resting[0]:
-                        self._moves(driven, stood)
 
-    def _rests(self, driven: Driven, stood: Stood) -> None:
-        """Note a target at which a joint came to rest, if it is the worst of its joint."""
-        worst = self._worst.setdefault(driven.body.number, {})
-        known = worst.get(stood.k)
-        found = self._gap(driven, stood, 0.0 if known is None else known.off)
-        if found is not None:
-            worst[stood.k] = found
+@force_range_of_its_joint.says
+def _(worst: Worst) -> Said:
+    why = Message(
+        "the joint's actuatorfrcrange lets {limit} of the {own} through that its actuator would "
+        "give{takes}",
+        limit=effort(worst.own + worst.clamp, worst.effort),
+        own=effort(worst.own, worst.effort),
+        takes=_takes(worst),
+    )
+    call = Message('a larger actuatorfrcrange="…" of the <joint>')
+    if np.isfinite(worst.needs):
+        call = Message(
+            'actuatorfrcrange="-{n:.2g} {n:.2g}" of the <joint>, or more', n=_more(worst)
+        )
+    return _said(worst, why, Cure("forcerange", worst.joint, _value(worst), call))
 
-    def _moves(self, driven: Driven, stood: Stood) -> None:
-        """Note a joint whose actuator has been at its limit, which its target takes more than."""
-        row, k = int(stood.row[0]), stood.k
-        needs = self._needs(driven, row, k)
-        if needs is None or not abs(needs) > driven.limit[row, k]:
-            return
-        if driven.at_limit[row, k] and stood.at_limit[0] >= EACH_STEP * stood.steps[0]:
-            found = self._gap(driven, stood, 0.0)
+
+@joint_rule("off-target", "asked", reason="forcerange", consecutive=True, engines=MUJOCOS)
+def force_range_of_its_actuator(joints: JointColumns) -> Match | None:
+    """A joint is off its target, which takes more than the forcerange of its actuator."""
+    return _off(joints, "forcerange")
+
+
+@force_range_of_its_actuator.says
+def _(worst: Worst) -> Said:
+    why = Message(
+        "its actuator is at its forcerange of {limit}{takes}",
+        limit=effort(worst.own, worst.effort),
+        takes=_takes(worst),
+    )
+    call = Message('a larger forcerange="…" of the <position>')
+    if np.isfinite(worst.needs):
+        call = Message(
+            'forcerange="-{n:.2g} {n:.2g}" of the <position>, or more',
+            n=_more(worst) / abs(worst.gear),
+        )
+    return _said(worst, why, Cure("forcerange", worst.joint, _value(worst), call))
+
+
+@joint_rule("off-target", "asked", reason="spring", consecutive=True, engines=MUJOCOS)
+def servo_is_a_spring(joints: JointColumns) -> Match | None:
+    """A position actuator is a spring: it gives what a pose takes only off its target."""
+    return _off(joints, "spring")
+
+
+@servo_is_a_spring.says
+def _(worst: Worst) -> Said:
+    near, needs = OFF[worst.unit], worst.needs if np.isfinite(worst.needs) else worst.own
+    enough = abs(needs or worst.own) / (near * worst.gear**2)
+    why = Message(
+        "a position actuator is a spring, and kp = {kp:.4g} gives the {force} that this pose takes "
+        "only when it is so far off",
+        kp=worst.kp,
+        force=effort(worst.own, worst.effort),
+    )
+    call = Message(
+        'kp="{kp:.2g}" of the <position> leaves {off}, or gravcomp="1" of its bodies takes gravity '
+        "off it",
+        kp=enough,
+        off=distance(near, worst.unit),
+    )
+    return _said(worst, why, Cure("gains", worst.joint, enough, call))
+
+
+SERVO_RULES = (
+    *(behind_its_range, force_range_of_its_joint),
+    *(force_range_of_its_actuator, servo_is_a_spring),
+)
+
+
+def _sizes(runs: Runs, scene: Scene) -> Float64:
+    """Return how far off joints are where they rest, or where the run ends."""
+    ends = np.array([scene.ends[number] for number in runs.keys[:, 0].tolist()])
+    return np.where((runs.rests > 0) | (runs.last == ends), runs.size, 0.0)
+
+
+for _rule in SERVO_RULES:
+    _rule.counts(_sizes)
+
+
+def _takes(worst: Worst) -> str:
+    needs = worst.needs
+    return (
+        Message("; the target takes {n}", n=effort(needs, worst.effort)) if needs == needs else ""
+    )
+
+
+def _more(worst: Worst) -> float:
+    return abs(float(worst.needs)) * SPARE
+
+
+def _value(worst: Worst) -> float | None:
+    return _more(worst) if np.isfinite(worst.needs) else None
+
+
+def _said(worst: Worst, why: Message, cure: Cure) -> Said:
+    message = Message("{joint}{more} ends {off} off its target of {target}: {why}")
+    if worst.rests:
+        message = Message("{joint}{more} rests {off} off its target of {target}: {why}")
+    since, last = int(worst.since), worst.last
+    values = {"off": distance(worst.gap, worst.unit), "target": place(worst.goal, worst.unit)}
+    return Said(
+        message=message,
+        values={**values, "why": why},
+        cure=cure,
+        effect=Effect(abs(worst.gap), worst.unit),
+        steps=Span(since, last, last - since + 1),
+    )
+
+
+def _off(joints: JointColumns, why: Why) -> Match | None:
+    """Return where joints are off the targets of their only actuators for a reason.
+
+    Of each joint it is the greatest gap of the piece whose cause is sure.
+    """
+    gap, rests = joints.after - joints.target, _rests(joints)
+    judged = _last_of_targets(joints) & (np.abs(gap) > joints.at_target)
+    judged[:-1] &= rests[:-1]
+    if not (judged.any() and joints.driven.steps.covered):
+        return None
+    where = np.zeros(gap.shape, np.bool_)
+    numbers = {name: np.full(gap.shape, np.nan) for name in NOTED}
+    for k in np.flatnonzero(judged.any(axis=0)).tolist():
+        rows = np.flatnonzero(judged[:, k])
+        for row in rows[np.argsort(-np.abs(gap[rows, k]))][:TRIES].tolist():
+            found = _cause(joints, row, k, rests=bool(rests[row, k]))
             if found is not None:
-                self._ends[driven.body.number][k] = found
-
-    def _gap(self, driven: Driven, stood: Stood, known: float) -> ServoGap | None:
-        """Return how far a joint is off its target, if that is more than is known, and why."""
-        row, k = int(stood.row[0]), stood.k
-        unit, _ = units_of(driven, k)
-        target = float(driven.asked.target[row, k])
-        gap = float(driven.after[row, k]) - target
-        if not abs(gap) > max(OFF[unit], known):
-            return None
-        found = self._why(driven, row, k, gap)
-        if found is None:
-            return None
-        first, last = int(stood.first[0]), int(stood.last[0])
-        return ServoGap(
-            joint=name_of(driven, k),
-            unit=unit,
-            off=abs(gap),
-            target=target,
-            share=abs(gap) if unit == "rad" else abs(gap) / size_m(driven.body),
-            rests=bool(stood.resting[0]),
-            reason=found[0],
-            why=found[1],
-            cure=found[2],
-            span=Span(first, last, last - first + 1),
-        )
-
-    def _why(
-        self, driven: Driven, row: int, k: int, gap: float
-    ) -> tuple[str, Message, Cure] | None:
-        """Return why a joint rests off its target, and what would cure it; None if unsure."""
-        steps, joint = driven.steps, name_of(driven, k)
-        if not (steps.covered and steps.closes[row]):
-            return None
-        place_ = steps.law.tree.first_rate + k
-        forces = {
-            name: float(term[row, place_] / steps.reported.timestep_s[row])
-            for name, term in steps.terms.items()
-        }
-        actuator = _servo(driven, k)
-        if actuator is None:
-            return None
-        own, needs = forces.get(f"actuator {actuator.name}", 0.0), self._needs(driven, row, k)
-        unit = units_of(driven, k)[1]
-        low, high = steps.law.lower[k], steps.law.upper[k]
-        if forces["stops"] * gap > 0 and abs(forces["stops"]) > OWN_SHARE * abs(own):
-            limit = high if gap < 0 else low
-            return (
-                "range",
-                Message(
-                    "its range ends at {limit}, and the limit pushes it back with {force}",
-                    limit=place(float(limit), units_of(driven, k)[0]),
-                    force=effort(forces["stops"], unit),
-                ),
-                Cure("limits", joint, None, Message("range=… of the <joint>, or a target in it")),
-            )
-        takes = "" if needs is None else Message("; the target takes {n}", n=effort(needs, unit))
-        more = abs(own if needs is None else needs) * SPARE
-        if abs(forces.get(CLAMPED, 0.0)) > OWN_SHARE * abs(own):
-            limit = own + forces[CLAMPED]
-            return (
-                "actuatorfrcrange",
-                Message(
-                    "the joint's actuatorfrcrange lets {limit} of the {own} through that its "
-                    "actuator would give{takes}",
-                    limit=effort(limit, unit),
-                    own=effort(own, unit),
-                    takes=takes,
-                ),
-                Cure(
-                    "forcerange",
-                    joint,
-                    None if needs is None else more,
-                    Message('a larger actuatorfrcrange="…" of the <joint>')
-                    if needs is None
-                    else Message(
-                        'actuatorfrcrange="-{n:.2g} {n:.2g}" of the <joint>, or more', n=more
-                    ),
-                ),
-            )
-        if driven.at_limit[row, k]:
-            if needs is not None and abs(needs) <= driven.limit[row, k]:
-                return None  # something else holds it
-            return (
-                "forcerange",
-                Message(
-                    "its actuator is at its forcerange of {limit}{takes}",
-                    limit=effort(own, unit),
-                    takes=takes,
-                ),
-                Cure(
-                    "forcerange",
-                    joint,
-                    None if needs is None else more,
-                    Message('a larger forcerange="…" of the <position>')
-                    if needs is None
-                    else Message(
-                        'forcerange="-{n:.2g} {n:.2g}" of the <position>, or more',
-                        n=more / abs(actuator.gear),
-                    ),
-                ),
-            )
-        stiffness = actuator.kp * actuator.gear**2
-        blocked = forces["contacts"] + forces["constraints"]
-        is_spring = abs(own + stiffness * gap) <= SPRING_SHARE * abs(own)
-        if not is_spring or abs(blocked) > OWN_SHARE * abs(own):
-            return None
-        enough = abs(needs or own) / (OFF[units_of(driven, k)[0]] * actuator.gear**2)
-        return (
-            "spring",
-            Message(
-                "a position actuator is a spring, and kp = {kp:.4g} gives the {force} that this "
-                "pose takes only when it is so far off",
-                kp=actuator.kp,
-                force=effort(own, unit),
-            ),
-            Cure(
-                "gains",
-                joint,
-                enough,
-                Message(
-                    'kp="{kp:.2g}" of the <position> leaves {off}, or gravcomp="1" of its bodies '
-                    "takes gravity off it",
-                    kp=enough,
-                    off=distance(OFF[units_of(driven, k)[0]], units_of(driven, k)[0]),
-                ),
-            ),
-        )
-
-    def _needs(self, driven: Driven, row: int, k: int) -> float | None:
-        """Return what the targets take of a joint's actuator; None if that is not determined."""
-        steps, tree = driven.steps, driven.steps.law.tree
-        positions, aims = steps.after.joints[row].copy(), driven.asked.target[row]
-        for link, at in enumerate(tree.coordinates):
-            rate = tree.rates[link].start - tree.first_rate
-            if at.stop - at.start == 1 and np.isfinite(aims[rate]):
-                positions[at] = aims[rate]
-        needs = float(self.scene.joints.holding(driven, row).at(positions)[k])
-        return needs if np.isfinite(needs) else None
-
-    def findings(self) -> Iterator[Finding]:
-        """Yield a line per robot."""
-        for number in self._ends.keys() | self._worst.keys():
-            gaps = self._ends.get(number, {}) | self._worst.get(number, {})
-            if not gaps:
-                continue
-            worst = max(gaps.values(), key=lambda each: each.share)
-            yield Finding(
-                code="off-target",
-                level="asked",
-                reason=worst.reason,
-                message=_message(worst, len(gaps)),
-                advice=worst.cure.call,
-                cure=worst.cure,
-                body=self.scene.body(number).label,
-                joint=worst.joint,
-                effect=Effect(worst.off, worst.unit),
-                share=worst.share,
-                steps=worst.span,
-            )
+                if found[0] == why:
+                    where[row, k] = True
+                    for name, value in zip(NOTED, found[1], strict=True):
+                        numbers[name][row, k] = value
+                break
+    body = joints.driven.body
+    sizes = [1.0 if off == OFF["rad"] else size_m(body) for off in joints.at_target.tolist()]
+    return Match(where, np.abs(gap) / sizes, numbers)
 
 
-def _message(gap: ServoGap, joints: int) -> Message:
-    values: dict[str, object] = {
-        "joint": gap.joint,
-        "more": and_more(joints),
-        "off": distance(gap.off, gap.unit),
-        "target": place(gap.target, gap.unit),
-        "why": gap.why,
+def _last_of_targets(joints: JointColumns) -> Flags:
+    """Return which steps are the last before a target is another, or a call sets the joint."""
+    new = (np.diff(joints.asked.began, axis=0) != 0) | joints.steps.put[1:, None]
+    return np.append(new, np.ones((1, new.shape[1]), np.bool_), axis=0)
+
+
+def _rests(joints: JointColumns) -> Flags:
+    """Return in which of the last steps of targets joints rest, or hardly move any more."""
+    stood = joints.step[:, None] - joints.asked.began
+    rests = np.asarray(joints.resting & (stood >= REST_STEPS))
+    for row, k in np.argwhere(_last_of_targets(joints) & ~rests & (stood >= SETTLED_STEPS)):
+        path = joints.after[max(row + 1 - SETTLED_STEPS, 0) : row + 1, k]
+        rests[row, k] = len(path) == SETTLED_STEPS and np.ptp(path) < SETTLED
+    return rests
+
+
+def _cause(
+    joints: JointColumns, row: int, k: int, *, rests: bool
+) -> tuple[Why, tuple[float, ...]] | None:
+    """Return why a joint is off its target, and what is noted of it; None if that is not sure."""
+    driven, steps, actuator = joints.driven, joints.steps, _servo(joints, k)
+    if actuator is None or not steps.closes[row]:
+        return None
+    gap, rate = float(joints.after[row, k] - joints.target[row, k]), steps.law.tree.first_rate + k
+    forces = {
+        name: float(term[row, rate] / steps.reported.timestep_s[row])
+        for name, term in steps.terms.items()
     }
-    if gap.rests:
-        return Message("{joint}{more} rests {off} off its target of {target}: {why}", **values)
-    return Message("{joint}{more} ends {off} off its target of {target}: {why}", **values)
+    own, clamp = forces.get(f"actuator {actuator.name}", 0.0), forces.get(CLAMPED, 0.0)
+    needs, stop = _needs(joints, row, k), forces["stops"]
+    bound = joints.upper[row, k] if gap < 0 else joints.lower[row, k]
+    first, least, limit = joints.asked.began[row, k] + 1, OWN_SHARE * abs(own), driven.limit[row, k]
+    noted = gap, joints.target[row, k], float(rests), first, own, needs, clamp, stop, bound
+    numbers = *noted, actuator.kp, actuator.gear
+    if not rests:
+        stood = joints.step >= first
+        held = driven.at_limit[stood & (joints.step <= joints.step[row]), k]
+        short = driven.at_limit[row, k] and held.mean() >= EACH_STEP and abs(needs) > limit
+        return ("forcerange", numbers) if short else None
+    if stop * gap > 0 and abs(stop) > least:
+        return "range", numbers
+    if abs(clamp) > least:
+        return "actuatorfrcrange", numbers
+    if driven.at_limit[row, k]:
+        return None if abs(needs) <= limit else ("forcerange", numbers)  # else something holds it
+    # What rubs in the joint, or touches it, may hold it as well.
+    blocked = abs(forces["contacts"] + forces["constraints"]) > least
+    blocked |= abs(forces.get("friction loss", 0.0)) > HOLDS * abs(own)
+    is_spring = abs(own + actuator.kp * actuator.gear**2 * gap) <= SPRING_SHARE * abs(own)
+    return ("spring", numbers) if is_spring and not blocked else None
 
 
-def _servo(driven: Driven, k: int) -> Actuator | None:
+def _needs(joints: JointColumns, row: int, k: int) -> float:
+    """Return what the targets take of a joint's actuator; nan if that is not determined."""
+    steps, tree, aims = joints.steps, joints.steps.law.tree, joints.asked.target[row]
+    positions = steps.after.joints[row].copy()
+    for link, at in enumerate(tree.coordinates):
+        rate = tree.rates[link].start - tree.first_rate
+        if at.stop - at.start == 1 and np.isfinite(aims[rate]):
+            positions[at] = aims[rate]
+    return float(joints.scene.joints.holding(joints.driven, row).at(positions)[k])
+
+
+def _servo(joints: JointColumns, k: int) -> Actuator | None:
     """Return the position actuator of a joint, if it is the only actuator of it."""
-    name = driven.body.joints[link_of(driven.body, k)].name
-    its = [
-        each for each in driven.body.actuators if each.acts_on == "joint" and each.target == name
-    ]
+    body = joints.driven.body
+    name = body.joints[link_of(body, k)].name
+    its = [each for each in body.actuators if each.acts_on == "joint" and each.target == name]
     return its[0] if len(its) == 1 and its[0].kind == "position" and its[0].gear else None
