@@ -92,7 +92,8 @@ def test_what_takes_a_symptom_away_is_said_to_have_cured_it(held: Why) -> None:
 def test_a_trial_is_recorded_as_the_engine_was_asked(held: Why) -> None:
     (tried,) = found(held, "weak-constraint").tried
     assert tried.recording is not None
-    (call,) = read(tried.recording).seen.calls.of(Act.CHANGE_CONSTRAINT)
+    added, call = read(tried.recording).seen.calls.of(Act.CHANGE_CONSTRAINT)
+    assert added.values["maxForce"] == (30.0,)  # where the constraint is made
     assert call.values["maxForce"] == (30.0,)
     assert (call.file, call.line) == ("script.py", HEAD.count("\n") + 5)
     with view([held.recording], against=tried.recording, web=True) as shown:
@@ -476,6 +477,9 @@ def test_the_script_reads_what_it_has_set(client: int) -> None:
     assert solver.getPhysicsEngineParameters(client)["numSolverIterations"] == 20
 
 
+LESS = Cure("constraint-force", form="less")
+
+
 def test_a_default_motor_is_turned_off_where_no_call_sets_it(client: int) -> None:
     other, fired = intervened(client, Cure("default-motor-off"), ARM)
     p.setGravity(0, 0, -9.81, physicsClientId=client)
@@ -576,6 +580,16 @@ def test_calls_reach_the_link_that_they_name(client: int) -> None:
     older = Interventions(run.operations, lambda _: None).of("setJointMotorControl", calls, p)  # type: ignore[arg-type]
     older(0, 0, p.POSITION_CONTROL, 0.5, 20)  # takes no names, and is client 0's
     assert (seen[0]["jointIndex"], seen[0]["targetPosition"], seen[0]["force"]) == (1, 0.5, 20)
+
+
+def test_a_constraint_has_another_force_though_no_call_gives_it_one(client: int) -> None:
+    for cure, most_n in ((Cure("constraint-force", value=40.0), 40), (LESS, 50)):
+        other, fired = intervened(client, cure, ARM)
+        body = p.createMultiBody(1, physicsClientId=client)
+        joint = [body, -1, -1, -1, p.JOINT_FIXED, [0] * 3, [0] * 3, [0] * 3]
+        made = other.createConstraint(*joint, physicsClientId=client)
+        assert fired
+        assert p.getConstraintInfo(made, client)[10] == most_n  # 500 N is what PyBullet gives it
 
 
 def test_what_lasts_a_step_is_given_again_from_the_scripts_line(tmp_path: Path) -> None:

@@ -362,9 +362,11 @@ def _both_masks(_: Scope, __: Cure) -> Iterator[Operation]:
 
 
 def _constraint(_: Scope, cure: Cure) -> Iterator[Operation]:
+    """Give constraints a force: where they are made, and where a call gives them another."""
     factors, values = _factors(cure), _values(cure)
     given = {"factors": factors} if factors else {"values": values, "given": True}
     yield {**_set("changeConstraint"), **given}
+    yield {"do": "pull", "functions": ["createConstraint"], "factors": factors, "values": values}
 
 
 def _frames(_: Scope, __: Cure) -> Iterator[Operation]:

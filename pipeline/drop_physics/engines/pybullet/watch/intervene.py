@@ -34,6 +34,8 @@ PLURAL = {
 """Arguments of a motor call for one joint, and of one for several."""
 GEAR_N, GEAR_ERP = 100.0, 0.5
 """Largest force of a gear [N, N m], and the share of a gap that it closes in a step."""
+FORCE_AT = 10
+"""Where `getConstraintInfo` has the largest force."""
 UNSAID = {"force": 100000.0, "positionGain": 0.1, "velocityGain": 1.0, "targetVelocity": 0.0}
 """What PyBullet takes where a motor call leaves them out."""
 DYNAMICS, JOINT, ENGINE = "getDynamicsInfo", "getJointInfo", "getPhysicsEngineParameters"
@@ -384,6 +386,19 @@ class Interventions:
         at = [each + by for each, by in zip(at, operation["by_m"])]
         self._fire(which)
         self._calls["resetBasePositionAndOrientation"](body, at, [*turned], physicsClientId=client)
+
+    def _pull(self, _: int, __: Operation, arguments: Any, ___: int) -> Any:
+        return arguments
+
+    def _pull_then(self, which: int, operation: Operation, _: Any, client: int) -> None:
+        """Give a constraint that was made another largest force."""
+        p = self._p
+        made = p.getConstraintUniqueId(p.getNumConstraints(client) - 1, client)
+        force_n = p.getConstraintInfo(made, client)[FORCE_AT]
+        most_n = operation["values"].get("maxForce", force_n)
+        most_n *= operation["factors"].get("maxForce", 1.0)
+        self._fire(which)
+        self._calls["changeConstraint"](made, maxForce=most_n, physicsClientId=client)
 
     def _gear(self, _: int, __: Operation, arguments: Any, ___: int) -> Any:
         return arguments
