@@ -237,6 +237,13 @@ class Pairs:
         """Whether the steps of both bodies are explained, shape (m, 2)."""
         return self.points.explained[self.starts]
 
+    @cached_property
+    def of_body(self) -> dict[int, Int64]:
+        """The points at which each body touches others, by its number."""
+        sides = np.flatnonzero(self.points.body[:, 0] != self.points.body[:, 1])
+        bodies = self.points.body[sides]
+        return {number: np.sort(sides[its // 2]) for number, its in groups(bodies.reshape(-1))}
+
     def by_pair(self, which: Flags | None = None) -> Iterator[tuple[int, int, Int64]]:
         """Yield the numbers of each pair, the lower first, and its rows, or those of `which`."""
         rows = np.arange(len(self.starts)) if which is None else np.flatnonzero(which)

@@ -16,6 +16,7 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
     dragged_by_nothing,
     energy_gained,
     friction_pyramid,
+    held_by_friction,
     ik_off,
     joint_damping,
     keyframe,
@@ -48,7 +49,6 @@ from drop_physics.rules.collides_as_hull import CollidesAsHull
 from drop_physics.rules.engines import engine_of
 from drop_physics.rules.filtered_out import FilteredOut
 from drop_physics.rules.force_off_centre import ForceOffCentre
-from drop_physics.rules.held_by_friction import HeldByFriction
 from drop_physics.rules.impossible_inertia import ImpossibleInertia
 from drop_physics.rules.inertia_from_shape import InertiaFromShape
 from drop_physics.rules.inertia_without_mass import InertiaWithoutMass
@@ -81,7 +81,6 @@ ANSWERS: tuple[type[Answer], ...] = (
     CollidesAsHull,
     NoContact,
     FilteredOut,
-    HeldByFriction,
     # calls and files
     InputRules,
     ScriptFailed,

@@ -7,19 +7,17 @@ it slides.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import pairwise
-
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.contact_points import COMMON
-from drop_physics.explain.step_status import Judged
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Answer, Cure, Effect, Finding, Level, Scene, Span
+from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import MUJOCOS
+from drop_physics.rules.rule import Match, Said, Worst, body_rule
+from drop_physics.rules.runs import Runs
+from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import (
     AT_LIMIT_SHARE,
     CREEPS_M_S,
@@ -29,228 +27,185 @@ from drop_physics.rules.thresholds import (
     HOPS_STEPS,
     LOADED,
     SLIDES_SHARE,
+    SLIDES_USED,
     SLIPS_M,
+    SLIPS_SHARE,
     STRAIGHT,
 )
 
 Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
-SUMS = ("time", "touching", "normal", "available", "used", "needed", "weight", "slid", "slower")
-"""Of time, and time of contact [s]; impulses of normal forces, what friction could give, what it
-gave, what the weight takes of it, and what it presses with where it lies [N s]; way at the contact
-[m]; steps that slip as slowly as what creeps."""
-LEVEL_OF: dict[str, Level] = {"slides": "asked", "creeps": "model"}
-"""How grave each code is."""
-VECTORS = 2
-"""Way at the contact, and of the centre against what touches it: vectors that follow the sums."""
+Flags = NDArray[np.bool_]
 
 
-@dataclass
-class FrictionRun:
-    """Steps of a body, without a longer gap, in which friction alone has to hold it."""
-
-    first: int
-    last: int
-    count: int
-    """The number of them in which it was touched."""
-    sums: Float64
-    fastest_m_s: float
-    others: set[int]
-
-    def then(self, more: FrictionRun) -> None:
-        """Add what follows."""
-        self.last, self.count = more.last, self.count + more.count
-        self.sums = self.sums + more.sums
-        self.fastest_m_s = max(self.fastest_m_s, more.fastest_m_s)
-        self.others |= more.others
-
-    @property
-    def of(self) -> dict[str, float]:
-        """The sums by their names, with the sizes of the vectors: `went`, `moved`."""
-        named = dict(zip(SUMS, self.sums.tolist(), strict=False))
-        ways = self.sums[len(SUMS) :].reshape(VECTORS, 3)
-        went, moved = np.linalg.norm(ways, axis=1).tolist()
-        return {**named, "went": went, "moved": moved}
+@body_rule("slides", "asked", consecutive=True, engines=MUJOCOS)
+def slides_off(bodies: BodyColumns) -> Match | None:
+    """The weight of what lies on something, or is gripped, asks more of friction than it gives."""
+    return _held(bodies)
 
 
-class HeldByFriction(Answer):
-    """A body without joints that lies on something, or is pressed from two sides."""
+@slides_off.counts
+def _(runs: Runs, scene: Scene) -> Float64:
+    went_m, moved_m, gets_away = _ways(runs)
+    sizes_m = np.array([size_m(scene.body(number)) for number in runs.keys[:, 0].tolist()])
+    holds = gets_away & _beyond(runs) & (went_m >= SLIDES_SHARE * moved_m)
+    holds &= (went_m > SLIPS_SHARE * sizes_m) & (runs.used >= SLIDES_USED * runs.available)
+    return np.where(holds, went_m, 0.0)
 
-    engines = MUJOCOS
 
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self._open: dict[int, FrictionRun] = {}
-        self._found: dict[tuple[str, int], tuple[float, FrictionRun]] = {}
-        """The longest way [m] and its run, by code and body."""
-
-    def see(self) -> None:
-        """Take a piece."""
-        for number, judged in self.scene.judged.items():
-            if judged.body.base_moves and len(judged.body.links) == 1:
-                for run in self._runs(number, judged):
-                    known = self._open.get(number)
-                    if known is not None and run.first - known.last <= HOPS_STEPS:
-                        known.then(run)
-                        continue
-                    self._close(number)
-                    self._open[number] = run
-
-    def _runs(self, number: int, judged: Judged) -> Iterator[FrictionRun]:
-        """Yield the runs of a piece, each without a step between its steps that is not touched."""
-        points = self.scene.touches.pairs.points
-        side = np.where(points.body[:, 0] == number, 0, 1)
-        its = np.flatnonzero((points.body == number).any(axis=1) & (points.normal_n > 0))
-        its = its[points.body[its, 0] != points.body[its, 1]]
-        if not len(its):
-            return
-        mine, sign = side[its], np.where(side[its] == 0, 1.0, -1.0)[:, None]
-        step, row = np.unique(points.step[its], return_inverse=True)
-        other, weight = points.body[its, 1 - mine], points.normal_n[its]
-
-        def summed(values: Float64) -> Float64:
-            found = np.zeros((len(step), *values.shape[1:]))
-            np.add.at(found, row, values)
-            return found
-
-        total = summed(weight)
-        pressed = summed(sign * points.normal[its] * weight[:, None])
-        order = np.lexsort((weight, row))
-        line = points.normal[its][order[np.append(np.flatnonzero(np.diff(row[order])), -1)]]
-        askew = np.abs(np.einsum("ki,ki->k", points.normal[its], line[row])) < COMMON
-        both = np.array([np.inf, -np.inf])[:, None] * np.ones(len(step))
-        np.minimum.at(both[0], row, other)
-        np.maximum.at(both[1], row, other)
-        gripped = np.linalg.norm(pressed, axis=1) < GRIPPED * total
-        holds = (summed(askew.astype(float)) == 0) & (gripped | (both[0] == both[1]))
-        holds &= summed((~points.explained[its].all(axis=1)).astype(float)) == 0
-        slip = summed(sign * points.slip_m_s[its] * weight[:, None]) / total[:, None]
-        carried = summed(points.ended_m_s[its, 1 - mine] * weight[:, None]) / total[:, None]
-        used = np.linalg.norm(summed(sign * points.tangential_n[its]), axis=1)
-        available = summed(points.friction[its] * weight)
-        for steps in judged.stretches:
-            if not len(steps) or steps.law.tree.size != 6:
-                continue
-            at = np.searchsorted(step, steps.steps)
-            at = np.minimum(at, len(step) - 1)
-            rows = np.flatnonzero(
-                (step[at] == steps.steps) & holds[at] & np.isfinite(available[at])
-            )
-            if not len(rows):
-                continue
-            at, dt = at[rows], steps.reported.timestep_s[rows]
-            weigh = float(steps.law.tree.masses_kg[0]) * steps.reported.gravity_m_s2[rows]
-            along = np.einsum("ni,ni->n", weigh, line[at])
-            needed = np.linalg.norm(weigh - along[:, None] * line[at], axis=1)
-            lies = np.where(gripped[at], 0.0, np.abs(along))
-            way = steps.after.velocity[rows, 3:6] - carried[at]
-            way -= np.einsum("ni,ni->n", way, line[at])[:, None] * line[at]
-            speed = np.linalg.norm(slip[at], axis=1)
-            gaps = np.diff(steps.steps[rows], prepend=steps.steps[rows[0]] - 1)
-            time = np.where(gaps <= HOPS_STEPS, gaps, 1) * dt
-            ones = np.ones(len(rows))
-            forces = np.column_stack([ones, total[at], available[at], used[at]]) * dt[:, None]
-            numbers = np.column_stack(
-                [
-                    *(time, forces, needed * time, lies * time, speed * time, speed < CREEPS_M_S),
-                    *(slip[at] * time[:, None], way * time[:, None]),
-                ]
-            )
-            cuts = [0, *np.flatnonzero(gaps > HOPS_STEPS).tolist(), len(rows)]
-            for begin, end in pairwise(cuts):
-                if end > begin:
-                    yield FrictionRun(
-                        first=int(steps.steps[rows[begin]]),
-                        last=int(steps.steps[rows[end - 1]]),
-                        count=end - begin,
-                        sums=numbers[begin:end].sum(axis=0),
-                        fastest_m_s=float(speed[begin:end].max()),
-                        others={int(each) for each in np.unique(both[:, at[begin:end]])},
-                    )
-
-    def _close(self, number: int) -> None:
-        """Judge a run that has ended."""
-        run = self._open.pop(number, None)
-        if run is None:
-            return
-        code = _code(run)
-        key = code, number
-        if code and run.of["went"] > self._found.get(key, (0.0,))[0]:
-            self._found[key] = run.of["went"], run
-
-    def findings(self) -> Iterator[Finding]:
-        """Yield each body that slides or creeps."""
-        for number in [*self._open]:
-            self._close(number)
-        for (code, number), (_, run) in self._found.items():
-            body = self.scene.body(number)
-            others = sorted(run.others, key=lambda each: self.scene.body(each).label)
-            words = self._slides if code == "slides" else self._creeps
-            message, cure = words(run, body.label, self.scene.body(others[0]).label)
-            yield Finding(
-                code=code,
-                level=LEVEL_OF[code],
-                message=message,
-                advice=cure.call,
-                cure=cure,
-                body=body.label,
-                other=self.scene.body(others[0]).label,
-                effect=Effect(run.of["went"], "m"),
-                share=run.of["went"] / size_m(body),
-                steps=Span(run.first, run.last, run.count),
-            )
-
-    def _slides(self, run: FrictionRun, body: str, on: str) -> tuple[Message, Cure]:
-        of = run.of
-        wanted = of["needed"] / (of["weight"] or of["normal"])
-        message = Message(
+@slides_off.says
+def _(worst: Worst) -> Said:
+    went_m, wanted = _went(worst), worst.needed / (worst.weight or worst.normal)
+    call = Message(
+        "a friction well above {wanted:.2g} of one <geom> of the pair (the larger counts), or "
+        "press them together with more force"
+    )
+    return Said(
+        message=Message(
             "{body} slides {slid:.3g} m on {on}: friction there gives at most {available:.3g} N "
-            "(coefficient {given:.3g}), and its weight takes {needed:.3g} N of it ({wanted:.3g})",
-            body=body,
-            on=on,
-            slid=of["went"],
-            available=of["available"] / of["time"],
-            given=of["available"] / of["normal"],
-            needed=of["needed"] / of["time"],
-            wanted=wanted,
-        )
-        call = Message(
-            "a friction well above {wanted:.2g} of one <geom> of the pair (the larger counts), or "
-            "press them together with more force",
-            wanted=wanted,
-        )
-        return message, Cure("friction", body, wanted, call)
+            "(coefficient {given:.3g}), and its weight takes {needed:.3g} N of it ({wanted:.3g})"
+        ),
+        values={
+            "slid": went_m,
+            "on": worst.scene.body(worst.on).label,
+            "available": worst.available / worst.time,
+            "given": worst.available / worst.normal,
+            "needed": worst.needed / worst.time,
+            "wanted": wanted,
+        },
+        cure=Cure("friction", worst.body, wanted, call),
+        effect=Effect(went_m, "m"),
+        share=went_m / worst.body_size_m,
+        other=worst.scene.body(worst.on).label,
+    )
 
-    def _creeps(self, run: FrictionRun, body: str, on: str) -> tuple[Message, Cure]:
-        of, settings = run.of, self.scene.seen.settings[-1].values
-        message = Message(
+
+@body_rule("creeps", "model", least_count=CREEPS_STEPS, consecutive=True, engines=MUJOCOS)
+def gives_way(bodies: BodyColumns) -> Match | None:
+    """Friction below its limit is a damper: what hangs on it moves, however much of it there is."""
+    return _held(bodies)
+
+
+@gives_way.counts
+def _(runs: Runs, _: Scene) -> Float64:
+    went_m, _moved_m, gets_away = _ways(runs)
+    holds = gets_away & ~_beyond(runs) & (runs.slower >= EACH_STEP * runs.count)
+    holds &= (runs.needed > LOADED * runs.available) & (runs.used < AT_LIMIT_SHARE * runs.available)
+    return np.where(holds, went_m, 0.0)
+
+
+@gives_way.says
+def _(worst: Worst) -> Said:
+    went_m, settings = _went(worst), worst.scene.seen.settings[-1].values
+    call = Message(
+        '<option cone="elliptic" impratio="10"/> slows it some ten times, '
+        'noslip_iterations="5" stops it'
+    )
+    return Said(
+        message=Message(
             "{body} creeps {moved:.3g} mm on {on} in {time:.3g} s, {speed:.3g} mm/s, with "
             "{share:.2g} % of the friction that it could have: below its limit friction is a "
-            "damper (impratio {impratio:g}, {cone} cone)",
-            body=body,
-            on=on,
-            moved=of["went"] * 1e3,
-            time=of["time"],
-            speed=of["went"] * 1e3 / of["time"],
-            share=1e2 * of["used"] / of["available"],
-            impratio=settings.get("impratio", 1.0),
-            cone=Message("elliptic") if settings.get("cone") else Message("pyramidal"),
-        )
-        call = Message(
-            '<option cone="elliptic" impratio="10"/> slows it some ten times, '
-            'noslip_iterations="5" stops it'
-        )
-        return message, Cure("impratio", None, 10.0, call)
+            "damper (impratio {impratio:g}, {cone} cone)"
+        ),
+        values={
+            "moved": went_m * 1e3,
+            "on": worst.scene.body(worst.on).label,
+            "speed": went_m * 1e3 / worst.time,
+            "share": 1e2 * worst.used / worst.available,
+            "impratio": settings.get("impratio", 1.0),
+            "cone": Message("elliptic") if settings.get("cone") else Message("pyramidal"),
+        },
+        cure=Cure("impratio", None, 10.0, call),
+        effect=Effect(went_m, "m"),
+        share=went_m / worst.body_size_m,
+        other=worst.scene.body(worst.on).label,
+    )
 
 
-def _code(run: FrictionRun) -> str:
-    """Return what a run is: `slides`, `creeps` or nothing."""
-    of = run.of
-    straight = min(of["slid"], of["went"]) > STRAIGHT * max(of["slid"], of["moved"])
-    if of["went"] < SLIPS_M or not straight:
-        return ""
-    if of["needed"] > of["available"] > LOADED * of["needed"]:
-        return "slides" if of["went"] >= SLIDES_SHARE * of["moved"] else ""
-    slow = of["slower"] >= max(EACH_STEP * run.count, CREEPS_STEPS)
-    loaded = of["needed"] > LOADED * of["available"]
-    return "creeps" if slow and loaded and of["used"] < AT_LIMIT_SHARE * of["available"] else ""
+def _went(worst: Worst) -> float:
+    return float(np.linalg.norm(worst.slip))
+
+
+def _ways(runs: Runs) -> tuple[Float64, Float64, Flags]:
+    """Return ways at the contact and of the centre [m], and whether the first gets it anywhere."""
+    went_m, moved_m = (np.linalg.norm(each, axis=1) for each in (runs.slip, runs.way))
+    straight = np.minimum(runs.slid, went_m) > STRAIGHT * np.maximum(runs.slid, moved_m)
+    return went_m, moved_m, (went_m >= SLIPS_M) & straight
+
+
+def _beyond(runs: Runs) -> Flags:
+    """Return whether runs need more than friction gives, where it gives something."""
+    return np.asarray((runs.needed > runs.available) & (runs.available > LOADED * runs.needed))
+
+
+def _held(bodies: BodyColumns) -> Match | None:
+    """Return the steps of a free body in which it lies on something, or is pressed from two sides.
+
+    Sums: of time [s]; impulses of normal forces, of what friction could give and gave, of what the
+    weight takes of it, and presses with where it lies [N s]; the way at the contact, with signs and
+    without, and of the centre against what touches it [m]; steps as slow as a creep. Steps between
+    two touches that are not long apart count, too: on soft contacts it hops.
+    """
+    body, pairs, n = bodies.batch.bodies[0].body, bodies.scene.touches.pairs, len(bodies.step)
+    its, points = pairs.of_body.get(body.number, np.empty(0, np.int64)), pairs.points
+    row = np.searchsorted(bodies.step, points.step[its]).clip(max=n - 1)
+    pressed = (points.normal_n[its] > 0) & (bodies.step[row] == points.step[its])
+    its, row = its[pressed], row[pressed]
+    if not body.base_moves or len(body.links) != 1 or bodies.law.tree.size != 6 or not len(its):
+        return None
+    side = (points.body[its, 0] != body.number).astype(int)
+    sign, other = np.where(side == 0, 1.0, -1.0)[:, None], points.body[its, 1 - side]
+    weight, normal = points.normal_n[its], points.normal[its]
+
+    def summed(values: Float64) -> Float64:
+        found = np.zeros((n, *values.shape[1:]))
+        np.add.at(found, row, values)
+        return found
+
+    total, line = summed(weight), np.zeros((n, 3))
+    rising = np.argsort(weight, kind="stable")  # of a step's points the one that presses most stays
+    line[row[rising]] = normal[rising]
+    askew = np.abs(np.einsum("ki,ki->k", normal, line[row])) < COMMON
+    unsure = askew | ~points.explained[its].all(axis=1)
+    lowest, highest = np.full(n, np.inf), np.full(n, -np.inf)
+    np.minimum.at(lowest, row, other)
+    np.maximum.at(highest, row, other)
+    gripped = np.linalg.norm(summed(sign * normal * weight[:, None]), axis=1) < GRIPPED * total
+    available = summed(points.friction[its] * weight)
+    holds = (total > 0) & (summed(unsure.astype(float)) == 0) & np.isfinite(available)
+    holds &= gripped | (lowest == highest)
+    if not holds.any():
+        return None
+    mean = weight[:, None] / total[row, None]
+    slip = summed(sign * points.slip_m_s[its] * mean)
+    way = bodies.after.velocity[:, 3:6] - summed(points.ended_m_s[its, 1 - side] * mean)
+    weigh = float(bodies.law.tree.masses_kg[0]) * bodies.reported.gravity_m_s2
+    along = np.einsum("ni,ni->n", weigh, line)
+    way -= np.einsum("ni,ni->n", way, line)[:, None] * line
+    speed, dt = np.linalg.norm(slip, axis=1), bodies.reported.timestep_s
+    # Each step counts with the next touch, if that is not long after the one before.
+    places = np.flatnonzero(holds)
+    before = np.searchsorted(places, np.arange(n), side="right") - 1
+    rows = np.flatnonzero((before >= 0) & (before + 1 - holds < len(places)))
+    last, following = places[before[rows]], places[before[rows] + 1 - holds[rows]]
+    near = bodies.step[following] - bodies.step[last] <= HOPS_STEPS
+    rows, at = rows[near], following[near]
+    time, touching = dt[rows], holds[rows] * dt[rows]
+    return Match(
+        rows,
+        speed[at],
+        {"on": lowest[at].astype(np.int64)},
+        {
+            "time": time,
+            "normal": total[rows] * touching,
+            "available": np.where(holds[rows], available[rows], 0.0) * touching,
+            "used": np.linalg.norm(summed(sign * points.tangential_n[its]), axis=1)[rows]
+            * touching,
+            "needed": np.linalg.norm(weigh - along[:, None] * line, axis=1)[at] * time,
+            "weight": np.where(gripped, 0.0, np.abs(along))[at] * time,
+            "slid": speed[at] * time,
+            "slower": holds[rows] & (speed[rows] < CREEPS_M_S),
+            "slip": slip[at] * time[:, None],
+            "way": way[at] * time[:, None],
+        },
+        counts=holds[rows].astype(np.int64),
+    )

@@ -71,7 +71,7 @@ class Match:
     counts: Int64 | None = None
     """In how many steps of each row it holds; in each, if it is None."""
     begins: NDArray[np.bool_] | None = None
-    """In which rows a run begins anew, also where one goes on."""
+    """Rows in which a run begins anew, also where one goes on."""
     holds: NDArray[np.bool_] | None = None
     """In which of the rows it holds, where that is known late; in all, if it is None."""
 

@@ -538,6 +538,13 @@ SLIDES_SHARE = _of(
     "What slips less at the contact than its centre moves rolls or tumbles.",
     "a ball on a slope",
 )
+SLIDES_USED = _of(
+    "SLIDES_USED",
+    0.7,
+    "share",
+    "Least friction over what it could be of what slides: a pyramid has that along its diagonals.",
+    "worlds of MuJoCo: a block that rolls in a hand uses 0.36",
+)
 STRAIGHT = _of(
     "STRAIGHT",
     0.5,
