@@ -7,6 +7,7 @@ child sends into a pipe of its own, from there on; what came before, the recorde
 from __future__ import annotations
 
 import atexit
+import contextlib
 import gc
 import os
 import random
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from .arguments import client_of, named
 from .functions import MAKES_BODIES
-from .intervene import Interventions
+from .intervene import Interventions, hiding
 from .varied import Variation
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ class Forks:
                 self._known.came(name, result if name == "connect" else client, result)
             return result
 
-        return parting
+        return hiding(parting)
 
     def end(self) -> None:
         """Wait for the trials to end, each read by the recorder; end a trial at once.
@@ -95,13 +96,19 @@ class Forks:
             self._pending.clear()
             return False
         for stream in (sys.stdout, sys.stderr):
-            stream.flush()
+            with contextlib.suppress(AttributeError, OSError, ValueError):  # closed, or none
+                stream.flush()
         with watch.lock:
             watch.pipe.flush()
         drawn = random.getstate()  # which Python seeds anew after a fork
         watch.is_parting = True
         gc.freeze()  # collecting would copy what is shared
-        child = os.fork()
+        try:
+            child = os.fork()
+        except OSError:  # too many processes
+            watch.is_parting = False
+            self._pending.clear()
+            return False
         if not child:
             random.setstate(drawn)
             for other, each in self._pending:

@@ -87,7 +87,7 @@ class Interventions:
         if not self._operations:
             return call
         if name in (DYNAMICS, JOINT, ENGINE):
-            return _hidden(self._reading(name, call))
+            return hiding(self._reading(name, call))
         mine = [each for each in self._operations if name in each[1]["functions"]]
         if not mine and name not in MAKES_BODIES | {"resetSimulation", "connect"}:
             return call
@@ -112,7 +112,7 @@ class Interventions:
                     then(which, operation, arguments, client)
             return result
 
-        return _hidden(intervened)
+        return hiding(intervened)
 
     def _called(self, name: str, call: Call, arguments: Mapping[str, Any]) -> Any:
         """Make a call by the names of its arguments; the older motor call takes none by name."""
@@ -531,7 +531,7 @@ class Interventions:
         return result
 
 
-def _hidden(call: Call) -> Call:
+def hiding(call: Call) -> Call:
     """Return a wrapper whose frames are in no traceback of the script's."""
 
     def called(*args: Any, **kwargs: Any) -> Any:
