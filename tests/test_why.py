@@ -502,6 +502,8 @@ def test_motors_of_several_joints_get_at_least_a_force(client: int) -> None:
     assert seen[0]["forces"] == [70, 200]
     call(0, [0, 1], p.TORQUE_CONTROL, forces=[3, 2], physicsClientId=client)
     assert seen[1]["forces"] == [3, 2]
+    call(0, [0, 1], p.PD_CONTROL, forces=[30, 200], physicsClientId=client)
+    assert seen[2]["forces"] == [70, 200]
 
 
 def test_a_gear_makes_a_finger_follow(client: int) -> None:

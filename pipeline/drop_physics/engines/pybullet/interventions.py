@@ -27,7 +27,7 @@ MAKES = ["loadURDF", "loadMJCF", "loadSDF", "createMultiBody", "loadBullet"]
 BEGINS = ["connect", "resetSimulation"]
 ENGINE, DYNAMICS, STEP = "setPhysicsEngineParameter", "changeDynamics", "stepSimulation"
 POSE = "resetBasePositionAndOrientation"
-VELOCITY, TORQUE, POSITION = 0, 1, 2
+VELOCITY, POSITION, PD = 0, 2, 3
 """`controlMode` of a motor call."""
 INERTIA_FROM_FILE, SELF_COLLISION, CONCAVE = 2, 8 | 16 | 32, 1
 """Flags: URDF_USE_INERTIA_FROM_FILE, the URDF_USE_SELF_COLLISION…, GEOM_FORCE_CONCAVE_TRIMESH."""
@@ -449,11 +449,11 @@ def _apart(scope: Scope, cure: Cure) -> Iterator[Operation]:
 
 
 TABLE: dict[str, Applies] = {
-    "force": _motors(VELOCITY, POSITION),
+    "force": _motors(VELOCITY, POSITION, PD),
     "default-motor-off": _motor_off,
     "default-motor-off:ball": _motor_off,
-    "gains": _motors(POSITION),
-    "urdf-limits": _motors(VELOCITY, POSITION),
+    "gains": _motors(POSITION, PD),
+    "urdf-limits": _motors(VELOCITY, POSITION, PD),
     "damping": _damping,
     "joint-damping": _joint_damping,
     "friction": _friction,
