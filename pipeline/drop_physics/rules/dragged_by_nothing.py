@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect
+from drop_physics.rules.engines import ANY, MUJOCO, engine_of
 from drop_physics.rules.placing import NEAR
 from drop_physics.rules.rule import Match, Said, Worst, side_rule
 from drop_physics.rules.tables import PairColumns
@@ -15,7 +16,7 @@ from drop_physics.rules.thresholds import AHEAD, STAYS
 Float64 = NDArray[np.float64]
 
 
-@side_rule("dragged-by-nothing", "asked")
+@side_rule("dragged-by-nothing", "asked", engines=ANY)
 def dragged_by_nothing(pair: PairColumns) -> Match | None:
     """Friction acts on velocities: where only poses are set, there is none to be dragged by."""
     moves = pair.points.moves[pair.starts]
@@ -42,14 +43,19 @@ def _(worst: Worst) -> Said | None:
     behind, (ahead, went) = float(np.linalg.norm(ways[0] - ways[1])), np.linalg.norm(ways, axis=1)
     if went > STAYS * ahead or behind < AHEAD * size:
         return None
+    advice = Message("set the velocity, too: p.resetBaseVelocity({other}, …), each step")
+    cure: Cure | None = Cure("support-velocity", worst.other, bodies=(worst.other,))
+    if engine_of(worst.scene.seen) == MUJOCO:
+        advice = Message("let a <joint> with an actuator move it, or <weld> it to the mocap body")
+        cure = None
     return Said(
         message=Message(
             "{body} stays behind while calls move {other} by {ahead:.3g} m under it: a "
             "body that is set where it is has no velocity, and drags nothing"
         ),
         values={"ahead": float(ahead)},
-        advice=Message("set the velocity, too: p.resetBaseVelocity({other}, …), each step"),
-        cure=Cure("support-velocity", worst.other, bodies=(worst.other,)),
+        advice=advice,
+        cure=cure,
         effect=Effect(behind, "m"),
         share=behind / size,
         site=worst.scene.placing.site(worst.partner, worst.last),
