@@ -6,20 +6,24 @@ reads what it would have read. Verdicts are held against scripts whose cause is 
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import drop_physics
 import numpy as np
 import pybullet as p
 import pybullet_data
 import pytest
 from conftest import Drop
 from drop_physics import Scenario, analyze, simulate
-from drop_physics.engines.pybullet.interventions import applied, call_of
+from drop_physics.engines.mujoco.interventions import TABLE as MUJOCO_TABLE
+from drop_physics.engines.pybullet.interventions import TABLE, applied, call_of
 from drop_physics.engines.pybullet.watch.intervene import Interventions
 from drop_physics.errors import DropError, ScenarioError
+from drop_physics.experiments.interventions import KINDS
 from drop_physics.experiments.run_distance import Apart, Track
 from drop_physics.experiments.shares import Coordinate, shares_of
 from drop_physics.experiments.verdicts import Outcome, judged, moved
@@ -415,6 +419,21 @@ def test_an_outcome_moves_at_the_end_or_else_on_the_way() -> None:
 def test_a_cure_is_written_as_its_user_would(cure: Cure, call: str) -> None:
     assert call_of(cure) == call
     assert applied(cure, Scope([ARM])) is not None
+
+
+def test_what_a_rule_proposes_is_an_intervention_that_an_engine_has() -> None:
+    unmade = set()
+    for path in Path(drop_physics.__file__).parent.glob("rules/*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            match node:
+                case ast.Call(func=ast.Name("Cure"), args=[ast.Constant(str(name)), *_]):
+                    forms = [each.value for each in node.keywords if each.arg == "form"]
+                    literal = [each.value for each in forms if isinstance(each, ast.Constant)]
+                    key = f"{name}:{literal[0]}" if literal else name
+                    if key not in {*TABLE, *MUJOCO_TABLE, "timestep", "substeps"}:
+                        unmade.add(key)
+                    assert name in KINDS
+    assert unmade == set()
 
 
 # -- what a run does otherwise --------------------------------------------------------------------

@@ -25,7 +25,7 @@ from drop_physics.stages.record import record_script
 from drop_physics.stages.runs import Progress, check_varied, run_all
 from drop_physics.stages.scratch import can_be_copied
 from drop_physics.stages.why_parts import MOST as MOST_PARTS
-from drop_physics.stages.why_parts import can_part, parting
+from drop_physics.stages.why_parts import Parting, can_part, parting
 from drop_physics.stages.why_shares import shares
 from drop_physics.stages.why_trials import Candidate, Proposals, RunTrial, TrialRun, first_tried
 from drop_physics.workers import cores
@@ -285,12 +285,12 @@ def why(
     parts = can_part(base, reaches_out=bool(recorded.outside), ray=ray)
 
     def run_by(
-        runs: Callable[[int], TrialRun], which: RunTrial, numbers: Sequence[int]
+        runs: RunTrial | Parting, which: RunTrial, numbers: Sequence[int]
     ) -> dict[int, TrialRun]:
         return run_all(
             runs,
             numbers,
-            stop=which.runs.stop,
+            stop=runs.stop,
             has_failed=lambda made: made.outcome is not None and made.outcome.ended == "failed",
             jobs=jobs or cores(),
             progress=progress,

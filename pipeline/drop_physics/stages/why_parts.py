@@ -59,6 +59,7 @@ class Parting:
     ) -> None:
         self._work, self._process, self._own = work, process, own
         self._numbers = [*numbers]
+        self._stopped = False
 
     def __call__(self, number: int) -> TrialRun:
         """Run a candidate: as it parts, or on its own where it does not, or fails only there."""
@@ -71,7 +72,12 @@ class Parting:
                 outcome = made.outcome
                 if outcome is None or outcome.ended != "failed":
                     return made
-        return work(number)
+        return TrialRun(None, None) if self._stopped else work(number)
+
+    def stop(self) -> None:
+        """End what runs now, and begin nothing more."""
+        self._stopped = True
+        self._work.runs.stop()
 
     def is_same(self, base: Recording) -> bool:
         """Return whether the run is the recorded one, to the bit."""

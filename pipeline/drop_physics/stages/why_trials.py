@@ -283,6 +283,10 @@ class RunTrial:
             ended = self.recorded(process, path, path.stem)
         return self._made(number, ended)
 
+    def stop(self) -> None:
+        """End what runs now."""
+        self.runs.stop()
+
     def of_part(self, number: int, part: PartedTrial) -> TrialRun:
         """Record a candidate that has parted from another run, and compare it."""
         path, run = self._path(number), self.run_of(number)
