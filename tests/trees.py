@@ -299,7 +299,9 @@ class Watched:
             link=link,
             is_a=is_a,
             point_m=at,
-            force_n=bullet_reports.points_force_n(normal, force, friction, directions),
+            force_n=bullet_reports.points_force_n(
+                normal, force, friction, directions.swapaxes(0, 1)
+            ),
             rolling=rolls,
         )
 

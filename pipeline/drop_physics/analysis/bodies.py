@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.flights import Flights
-from drop_physics.analysis.phases import Phases
+from drop_physics.analysis.phases import Phases, Run
 from drop_physics.analysis.results import (
     BodyAnalysis,
     Energy,
@@ -64,11 +64,13 @@ class BodyStory:
         steps = (self._times.nearest(time_s, 0, last) for time_s in times_s)
         return [step for step in steps if step is not None]
 
-    def add(self, judged: Judged, chain: Chain, *, detailed: bool) -> SampleRows:
-        """Take a piece; return a row for each of its samples."""
+    def add(
+        self, judged: Judged, chain: Chain, touched: Sequence[Run], *, detailed: bool
+    ) -> SampleRows:
+        """Take a piece, and its runs in contact; return a row for each of its samples."""
         # A flight's theory is the law of an engine that reports no sum of its own.
         errors_m = {} if self._is_replayed else self._flights.add(judged)
-        self._phases.add(judged)
+        self._phases.add(touched)
         for steps in judged.stretches:
             self._sums += [
                 _sum_of(steps, int(row), judged, self._times.of(int(steps.steps[row])))

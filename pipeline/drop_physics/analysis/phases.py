@@ -2,20 +2,106 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.results import BodyContact, Pusher
-from drop_physics.explain.step_status import CONTACT, Judged
-from drop_physics.explain.steps import Steps
+from drop_physics.explain.recording import Explained
+from drop_physics.explain.step_status import CONTACT, StepVerdicts
+from drop_physics.explain.steps import StepBatch
 from drop_physics.explain.times import Times
+from drop_physics.explain.touching import Sides
 from drop_physics.physics.vectors import lengths, summed, triple
 from drop_physics.trace.events import Body
 
 Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Consecutive steps of a body in a piece, all in contact."""
+
+    first_step: int
+    last_step: int
+    impulse_n_s: Float64
+    largest_force_n: float
+    energy_j: float
+    most_given_j: float
+    """The most that one of its steps gave, and the first such step."""
+    most_given_step: int
+    by: dict[tuple[int, int], tuple[Float64, float]]
+    """Impulse and energy of each link of each other body."""
+
+
+def runs_of(explained: Explained) -> dict[int, list[Run]]:
+    """Return the runs of steps in contact of each body of a piece, in order, by its number."""
+    found: dict[int, list[Run]] = {}
+    for batch, verdict in explained.batches:
+        for number, run in _runs(batch, verdict):
+            found.setdefault(number, []).append(run)
+    for runs in found.values():
+        runs.sort(key=lambda run: run.first_step)
+    return found
+
+
+def _runs(batch: StepBatch, verdict: StepVerdicts) -> Iterator[tuple[int, Run]]:
+    """Yield the runs of steps in contact of a batch, each with the number of its body."""
+    steps = batch.whole
+    touched = verdict.segment == CONTACT
+    rows = np.flatnonzero(touched)
+    if not len(rows):
+        return
+    new = np.ones(len(rows), np.bool_)
+    body, step = batch.body[rows], steps.steps[rows]
+    new[1:] = (np.diff(body) != 0) | (np.diff(step) != 1) | (np.diff(rows) != 1)
+    starts, contacts = np.flatnonzero(new), steps.reported.contacts
+    run = np.full(len(steps), -1)
+    run[rows] = np.cumsum(new) - 1
+    points = np.flatnonzero(touched[contacts.step])
+    at = contacts.step[points]
+    impulses = contacts.force_n[points] * steps.reported.timestep_s[at, None]
+    point_j = steps.point_energy_j[points]
+    per_step = summed(at, impulses, count=len(steps))[rows]
+    given_j = np.bincount(at, point_j, minlength=len(steps))[rows]
+    sizes_n = lengths(per_step) / steps.reported.timestep_s[rows]
+    ends = np.append(starts[1:], len(rows))
+    most = [
+        first + int(np.argmax(given_j[first:end])) for first, end in pairwise([*starts, ends[-1]])
+    ]
+    by = _by_other(run[at], steps.sides.at(points), impulses, point_j)
+    columns = (
+        step[starts].tolist(),
+        step[ends - 1].tolist(),
+        np.add.reduceat(per_step, starts, axis=0),
+        np.maximum.reduceat(sizes_n, starts).tolist(),
+        np.add.reduceat(given_j, starts).tolist(),
+        given_j[most].tolist(),
+        step[most].tolist(),
+    )
+    for number, (owner, *numbers) in enumerate(zip(body[starts].tolist(), *columns, strict=True)):
+        yield owner, Run(*numbers, by.get(number, {}))
+
+
+def _by_other(
+    run: Int64, sides: Sides, impulses: Float64, point_j: Float64
+) -> dict[int, dict[tuple[int, int], tuple[Float64, float]]]:
+    """Return impulse and energy of each link of each other body, by run."""
+    found: dict[int, dict[tuple[int, int], tuple[Float64, float]]] = {}
+    if not len(run):
+        return found
+    order = np.lexsort((sides.other_link, sides.other_body, run))
+    keys = np.stack((run, sides.other_body, sides.other_link))[:, order]
+    starts = np.flatnonzero(np.append(True, (np.diff(keys, axis=1) != 0).any(axis=0)))
+    impulse = np.add.reduceat(impulses[order], starts, axis=0)
+    energy = np.add.reduceat(point_j[order], starts)
+    for number, (which, body, link) in enumerate(keys[:, starts].T.tolist()):
+        found.setdefault(which, {})[body, link] = impulse[number], float(energy[number])
+    return found
 
 
 @dataclass(eq=False)
@@ -41,52 +127,28 @@ class Phases:
         self._open: _Open | None = None
         self._done: list[BodyContact] = []
 
-    def add(self, judged: Judged) -> None:
-        """Take a piece."""
-        for steps in judged.stretches:
-            touched = judged.segment[np.searchsorted(judged.steps, steps.steps)] == CONTACT
-            gaps = np.flatnonzero(np.diff(steps.steps) != 1) + 1
-            for part in np.split(np.arange(len(steps)), gaps):
-                held = touched[part]
-                edges = np.flatnonzero(np.diff(np.concatenate(([False], held, [False]))))
-                for first, end in edges.reshape(-1, 2).tolist():
-                    self._take(steps, int(part[first]), int(part[0]) + end)
+    def add(self, runs: Sequence[Run]) -> None:
+        """Take those of a piece."""
+        for run in runs:
+            contact = self._open
+            if contact is None or contact.last_step + 1 != run.first_step:
+                self._close()
+                contact = self._open = _Open(run.first_step, 0)
+            contact.last_step = run.last_step
+            contact.impulse_n_s = contact.impulse_n_s + run.impulse_n_s
+            contact.largest_force_n = max(contact.largest_force_n, run.largest_force_n)
+            contact.energy_j += run.energy_j
+            if run.most_given_j > contact.most_given_j:
+                contact.most_given_j = run.most_given_j
+                contact.most_given_step = run.most_given_step
+            for key, (given, energy_j) in run.by.items():
+                impulse, energy = contact.by.get(key, (np.zeros(3), 0.0))
+                contact.by[key] = impulse + given, energy + energy_j
 
     def all(self) -> list[BodyContact]:
         """Return all contacts, after the last piece."""
         self._close()
         return self._done
-
-    def _take(self, steps: Steps, first: int, end: int) -> None:
-        """Add steps in contact."""
-        run, contacts = self._open, steps.reported.contacts
-        if run is None or run.last_step + 1 != steps.steps[first]:
-            self._close()
-            run = self._open = _Open(int(steps.steps[first]), 0)
-        run.last_step = int(steps.steps[end - 1])
-        points = slice(*np.searchsorted(contacts.step, [first, end]))
-        step = contacts.step[points] - first
-        impulses = contacts.force_n[points] * steps.reported.timestep_s[contacts.step[points], None]
-        per_step = summed(step, impulses, count=end - first)
-        sizes_n = lengths(per_step) / steps.reported.timestep_s[first:end]
-        point_j = steps.point_energy_j[points]
-        given_j = summed(step, point_j[:, None], count=end - first)[:, 0]
-        most = int(np.argmax(given_j))
-        run.impulse_n_s = run.impulse_n_s + per_step.sum(axis=0)
-        run.largest_force_n = max(run.largest_force_n, float(sizes_n.max()))
-        run.energy_j += float(given_j.sum())
-        if given_j[most] > run.most_given_j:
-            run.most_given_j = float(given_j[most])
-            run.most_given_step = int(steps.steps[first + most])
-        bodies, links = steps.sides.other_body[points], steps.sides.other_link[points]
-        firsts = np.unique(np.column_stack((bodies, links)).view("V16"), return_index=True)[1]
-        for body, link in zip(bodies[firsts].tolist(), links[firsts].tolist(), strict=True):
-            its = (bodies == body) & (links == link)
-            impulse, energy = run.by.get((body, link), (np.zeros(3), 0.0))
-            run.by[body, link] = (
-                impulse + impulses[its].sum(axis=0),
-                energy + float(point_j[its].sum()),
-            )
 
     def _close(self) -> None:
         run, self._open = self._open, None

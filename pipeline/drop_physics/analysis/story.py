@@ -11,6 +11,7 @@ import numpy as np
 import polars as pl
 
 from drop_physics.analysis.bodies import BodyStory
+from drop_physics.analysis.phases import runs_of
 from drop_physics.analysis.results import Analysis, Explained
 from drop_physics.explain import recording
 from drop_physics.explain.curves import CurveTable
@@ -108,9 +109,12 @@ class Story:
         self.curves.add(explained, self.scene.joints, self.scene.touches)
         for answer in self._answers:
             answer.see()
+        touched = runs_of(explained)
         for number, judged in explained.bodies.items():
             chain = explained.chains[number]
-            rows = self.bodies[number].add(judged, chain, detailed=self._whole)
+            rows = self.bodies[number].add(
+                judged, chain, touched.get(number, ()), detailed=self._whole
+            )
             self._rows.append(rows.shown(per_s=self._shown_per_s))
         self.scene.forget()
 

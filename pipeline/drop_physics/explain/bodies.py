@@ -189,7 +189,8 @@ class Epochs:
         laws: dict[Hashable, BulletTree],
     ) -> None:
         self._record, self._other, self._laws = record, other, laws
-        self._told = [each.at.step for each in settings]
+        self._told = np.array([each.at.step for each in settings], np.int64)
+        self._dynamics = np.array([each.at.step for each in record.dynamics], np.int64)
         kinds = [_kind(each.values) for each in settings]
         self._kinds = sorted(set(kinds))
         self._which = np.array([self._kinds.index(each) for each in kinds])
@@ -200,18 +201,23 @@ class Epochs:
 
         What was set before a step began applies to it. The same epoch is the same object.
         """
-        record = self._record
-        dynamics, given = [each.at.step for each in record.dynamics], record.given_steps
-        engine, body, calls = (
-            np.searchsorted(steps, began, side="right") - 1
-            for steps in (self._told, dynamics, given)
-        )
-        kind = self._which[np.maximum(engine, 0)]
-        which = np.array([kind, body, calls, record.lives(began + 1)])
+        if not len(began):
+            return
+        which = self._at(began[[0, -1]])
+        if (which[:, 0] != which[:, 1]).any():  # they only rise
+            which = self._at(began)
+        which[0] = self._which[which[0]]
         changes = np.flatnonzero((np.diff(which, axis=1) != 0).any(axis=0)) + 1
         for first, end in pairwise([0, *changes.tolist(), len(began)]):
-            if end > first:
-                yield slice(first, end), self._epoch(tuple(which[:, first].tolist()))
+            yield slice(first, end), self._epoch(tuple(which[:, first].tolist()))
+
+    def _at(self, began: Int64) -> Int64:
+        """Return which settings, dynamics, calls and life steps have, shape (4, n)."""
+        found = [
+            np.searchsorted(steps, began, side="right") - 1
+            for steps in (self._told, self._dynamics, self._record.given_steps)
+        ]
+        return np.array([np.maximum(found[0], 0), *found[1:], self._record.lives(began + 1)])
 
     def _epoch(self, key: tuple[int, ...]) -> Epoch:
         if self._made is None or self._made[0] != key:

@@ -135,11 +135,11 @@ class Totals:
         self._set(changes.set_j, changes.set_kg_m_s)
         self.changed_j += changes.changed_j - changes.set_j
         self.moved_kg_m_s = self.moved_kg_m_s + (changes.moved_kg_m_s - changes.set_kg_m_s)
-        for name, each in changes.energy_j.items():
-            self.energy_j[name] = self.energy_j.get(name, 0.0) + float(each.sum())
-        for name, impulses in changes.momentum_kg_m_s.items():
+        for name, given_j in changes.given_j.items():
+            self.energy_j[name] = self.energy_j.get(name, 0.0) + given_j
+        for name, impulse in changes.given_kg_m_s.items():
             before = self.momentum_kg_m_s.get(name, np.zeros(3))
-            self.momentum_kg_m_s[name] = before + impulses.sum(axis=0)
+            self.momentum_kg_m_s[name] = before + impulse
         self._last = _End.last(steps)
 
 

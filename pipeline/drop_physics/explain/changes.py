@@ -46,12 +46,16 @@ class Changes:
 
     energy_j: Mapping[str, Float64]
     """Of kinetic and potential energy by cause, shape (n,) each."""
+    given_j: Mapping[str, float]
+    """The same in all of the steps together."""
     set_j: float
     """What calls changed of it between these steps: states, and gravity."""
     changed_j: float
     """The whole change."""
     momentum_kg_m_s: Mapping[str, Float64]
     """Of linear momentum by cause, shape (n, 3) each; empty if the base cannot move."""
+    given_kg_m_s: Mapping[str, Float64]
+    """The same in all of the steps together, shape (3,) each."""
     set_kg_m_s: Float64
     moved_kg_m_s: Float64
     """The whole change, shape (3,)."""
@@ -84,18 +88,28 @@ def changes_of(
         momentum, moved = {}, np.zeros((len(steps.real), 3))
     first = np.array([transitions.start for transitions, _ in parts])
     begin_j, _ = energy_of(law, states.at(first), steps.gravity_then[first])
+    energy, momentum = (
+        {name: each[steps.real] for name, each in causes.items()} for causes in (energy, momentum)
+    )
+    starts = np.array([its.start for _, its in parts])
+    given_j, given_kg_m_s = (
+        {name: np.add.reduceat(each, starts, axis=0) for name, each in causes.items()}
+        for causes in (energy, momentum)
+    )
     found = []
-    for (transitions, its), start_j in zip(parts, begin_j.tolist(), strict=True):
-        real = steps.real[transitions]
+    for row, (transitions, its) in enumerate(parts):
+        real, start_j = steps.real[transitions], float(begin_j[row])
         weighed = _weighed(law, states, steps.where[its], steps.gravity_m_s2[its])
         whole, way = changed[transitions], moved[transitions]
         # Gravity that changes counts from the step on that it acts in.
         after_j = start_j + np.cumsum(whole)[real] + np.cumsum(weighed)
         change = Changes(
-            energy_j={name: each[transitions][real] for name, each in energy.items()},
+            energy_j={name: each[its] for name, each in energy.items()},
+            given_j={name: float(each[row]) for name, each in given_j.items()},
             set_j=float(whole[~real].sum() + weighed.sum()),
             changed_j=float(whole.sum() + weighed.sum()),
-            momentum_kg_m_s={name: each[transitions][real] for name, each in momentum.items()},
+            momentum_kg_m_s={name: each[its] for name, each in momentum.items()},
+            given_kg_m_s={name: each[row] for name, each in given_kg_m_s.items()},
             set_kg_m_s=way[~real].sum(axis=0),
             moved_kg_m_s=way.sum(axis=0),
             begin_j=start_j,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,8 +14,11 @@ from numpy.typing import NDArray
 from drop_physics.explain.bodies import coefficients_of
 from drop_physics.explain.recording import Explained
 from drop_physics.explain.steps import Steps
+from drop_physics.explain.touching import among
+from drop_physics.physics.columns import cross, product, times
 from drop_physics.physics.kinematics import kinematics, motion
-from drop_physics.physics.vectors import cross, groups
+from drop_physics.physics.vectors import cross as cross_of_rows
+from drop_physics.physics.vectors import groups, lengths
 from drop_physics.trace.states import Rows
 
 Float64 = NDArray[np.float64]
@@ -97,6 +101,45 @@ class Points:
 
 
 @dataclass(frozen=True, eq=False)
+class Groups:
+    """Rows by a key: g groups of them, in the order of their keys, each in that of its rows."""
+
+    order: Int64
+    """The rows, those of one key after the other."""
+    starts: Int64
+    """Where in that order each group begins, shape (g,)."""
+
+    @staticmethod
+    def of(keys: Int64) -> Groups:
+        """Return the groups of rows with the same key."""
+        order = np.argsort(keys, kind="stable")
+        return Groups(order, np.flatnonzero(np.diff(keys[order], prepend=-1)))
+
+    @property
+    def firsts(self) -> Int64:
+        """The first row of each."""
+        return self.order[self.starts]
+
+    def rows(self) -> Iterator[Int64]:
+        """Yield the rows of each."""
+        yield from np.split(self.order, self.starts[1:]) if len(self.order) else ()
+
+    def summed(self, values: Float64) -> Float64:
+        """Return the sums of a number of each row, shape (g, …)."""
+        return np.asarray(np.add.reduceat(values[self.order], self.starts, axis=0))
+
+    def most(self, values: Float64) -> Float64:
+        """Return the greatest of a number of each row, shape (g,)."""
+        return np.asarray(np.maximum.reduceat(values[self.order], self.starts))
+
+    def last_of_most(self, values: Float64) -> Int64:
+        """Return of each the last row that has the greatest value, shape (g,)."""
+        greatest = np.repeat(self.most(values), np.diff([*self.starts, len(self.order)]))
+        places = np.where(values[self.order] == greatest, np.arange(len(self.order)), -1)
+        return np.asarray(self.order[np.maximum.reduceat(places, self.starts)])
+
+
+@dataclass(frozen=True, eq=False)
 class Pairs:
     """m steps of pairs of bodies, ordered by step and pair; sums over their points."""
 
@@ -163,8 +206,12 @@ class Pairs:
     @cached_property
     def line(self) -> Float64:
         """The normal of the point that is pressed most, shape (m, 3)."""
-        order = np.lexsort((self.points.normal_n, self.row))
-        return np.asarray(self.points.normal[order[np.append(self.starts[1:], len(order)) - 1]])
+        if not len(self.starts):
+            return np.zeros((0, 3))
+        greatest = self.most(self.points.normal_n)[self.row]
+        # The last of several that are pressed as much.
+        places = np.where(self.points.normal_n < greatest, -1, np.arange(len(self.points)))
+        return np.asarray(self.points.normal[np.maximum.reduceat(places, self.starts)])
 
     @cached_property
     def one_line(self) -> Flags:
@@ -176,12 +223,12 @@ class Pairs:
     @cached_property
     def slip_m_s(self) -> Float64:
         """How fast the points slip as the step ended: mean over their normal forces, (m,)."""
-        return self._weighted(np.linalg.norm(self.points.slip_m_s, axis=1))
+        return self._weighted(lengths(self.points.slip_m_s))
 
     @cached_property
     def began_slip_m_s(self) -> Float64:
         """The same as the step began."""
-        return self._weighted(np.linalg.norm(self.points.slipped_m_s, axis=1))
+        return self._weighted(lengths(self.points.slipped_m_s))
 
     @cached_property
     def approach_m_s(self) -> Float64:
@@ -244,15 +291,18 @@ class Pairs:
         bodies = self.points.body[sides]
         return {number: np.sort(sides[its // 2]) for number, its in groups(bodies.reshape(-1))}
 
+    @cached_property
+    def grouped(self) -> Groups:
+        """The steps of each pair, in the order of their numbers."""
+        return Groups.of(self.body @ [self.body.max(initial=0) + 1, 1])
+
     def by_pair(self, which: Flags | None = None) -> Iterator[tuple[int, int, Int64]]:
         """Yield the numbers of each pair, the lower first, and its rows, or those of `which`."""
-        rows = np.arange(len(self.starts)) if which is None else np.flatnonzero(which)
-        keys = self.body[rows] @ [self.body.max(initial=0) + 1, 1]
-        order = np.argsort(keys, kind="stable")
-        firsts = np.flatnonzero(np.diff(keys[order], prepend=-1))
-        for its in np.split(rows[order], firsts[1:]) if len(rows) else ():
-            first, second = self.body[its[0]].tolist()
-            yield first, second, its
+        for rows in self.grouped.rows():
+            its = rows if which is None else rows[which[rows]]
+            if len(its):
+                first, second = self.body[its[0]].tolist()
+                yield first, second, its
 
     def summed(self, values: Float64) -> Float64:
         """Return the sums of a number of each point, shape (m, …)."""
@@ -285,8 +335,10 @@ def _points(explained: Explained) -> Points:
     contacts, records = explained.piece.contacts, explained.records
     # The points that the engine could name by their bodies, in the order of steps and pairs.
     a, b = contacts["body_a"], contacts["body_b"]
-    known = np.isin(a, [*records]) & np.isin(b, [*records])
-    order = np.lexsort((np.maximum(a, b), np.minimum(a, b), contacts["step"]))
+    known = among(records, a) & among(records, b)
+    low, high = np.minimum(a, b), np.maximum(a, b)
+    many = int(high.max(initial=0)) + 1
+    order = np.argsort((contacts["step"] * many + low) * many + high, kind="stable")
     order = order[known[order]]
     table = contacts[order]
     swapped = table["body_a"] > table["body_b"]
@@ -301,12 +353,9 @@ def _points(explained: Explained) -> Points:
         * (table["normal_force_n"] != 0)[:, None]
     )  # as in `Touching`
     lateral, bouncing = (
-        np.prod(
-            [
-                coefficients_of(records, name, table["step"], bodies[:, side], links[:, side])
-                for side in (0, 1)
-            ],
-            axis=0,
+        math.prod(
+            coefficients_of(records, name, table["step"], bodies[:, side], links[:, side])
+            for side in (0, 1)
         )
         for name in ("lateral_friction", "restitution")
     )
@@ -365,7 +414,7 @@ class _Sides:
                 if not base[:, 7:].any():
                     continue
                 arm = self.at_m[rows, side] - base[:, :3]
-                moved = base[:, 7:10] + cross(base[:, 10:13], arm)
+                moved = base[:, 7:10] + cross_of_rows(base[:, 10:13], arm)
                 for each in (self.began_m_s, self.ended_m_s, self.carried_m_s):
                     each[rows, side] = moved
 
@@ -385,7 +434,7 @@ class _Sides:
         kin, then = (
             kinematics(steps.law.tree, each.at(used)) for each in (steps.before, steps.after)
         )
-        at_m = self.at_m[point, side]
+        at_m, place = np.ascontiguousarray(self.at_m[point, side].T), 2 * point + side
         links = np.unique(sides.link).tolist()
         for here, states, out in (
             (kin, steps.before, self.began_m_s),
@@ -396,12 +445,14 @@ class _Sides:
             for link in links:
                 its = np.flatnonzero(sides.link == link) if len(links) > 1 else slice(None)
                 k = min(link, steps.law.tree.links - 1) + 1
-                arm = at_m[its] - kin.centres[k].T[rows[its]]
+                at = rows[its]
+                arm = at_m[:, its] - kin.centres[k].take(at, axis=1)
                 if here is then:
-                    turn = then.matrix(k - 1) @ kin.matrix(k - 1).swapaxes(1, 2)
-                    arm = np.einsum("nij,nj->ni", turn[rows[its]], arm)
-                turned = cross(moved.spins[k].T[rows[its]], arm)
-                out[point[its], side[its]] = moved.velocities[k].T[rows[its]] + turned
+                    turn = product(then.rotations[k], np.swapaxes(kin.rotations[k], 0, 1))
+                    arm = times(turn.take(at, axis=2), arm)
+                turned = cross(moved.spins[k].take(at, axis=1), arm)
+                moving = moved.velocities[k].take(at, axis=1) + turned
+                out.reshape(-1, 3)[place[its]] = np.ascontiguousarray(moving.T)
         self.timestep_s[point] = steps.reported.timestep_s[row]
         self.explained[point, side] = explained[row]
         self.moves[point, side] = True

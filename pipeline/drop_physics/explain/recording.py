@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,14 +32,18 @@ from drop_physics.trace.calls import Call, Push
 from drop_physics.trace.events import order
 from drop_physics.trace.history import Piece, Seen
 from drop_physics.trace.log import Log
-from drop_physics.trace.states import Rows, by_body
+from drop_physics.trace.states import Rows as StateRows
+from drop_physics.trace.states import by_body
 
 Int64 = NDArray[np.int64]
+Rows = NDArray[np.intp]
 
 MOST_STEPS, LEAST_STEPS, NUMBERS = 1 << 12, 1 << 8, 1 << 17
 """Steps in a piece, and degrees of freedom of all bodies over its steps: some 200 MB."""
 FORCES = ("normal_force_n", "friction_1_n", "friction_2_n")
 """The forces of a contact point."""
+STEPS = 1 << 40
+"""More than a recording has: a body's number times this, and a step, are one number."""
 NOBODY = -1
 """In place of a body's number: the world."""
 
@@ -61,6 +66,25 @@ class Explained:
     frictions: Mapping[tuple[int, int, int, int], float] | None = None
     """Coefficients of friction by two bodies and links, where the engine has one for each pair;
     None where it is the product of both."""
+
+    def steps_at(
+        self, bodies: Int64, steps: Int64
+    ) -> Iterator[tuple[StepBatch, StepVerdicts, Rows, Rows]]:
+        """Yield batches: which of some bodies and samples are theirs, and which of their steps.
+
+        `bodies` and `steps` have the shape (n,).
+        """
+        keys = bodies * STEPS + steps
+        for (batch, verdict), places in zip(self.batches, self._places, strict=True):
+            at = np.minimum(np.searchsorted(places, keys), len(places) - 1)
+            its = np.flatnonzero(places[at] == keys) if len(places) else at[:0]
+            if len(its):
+                yield batch, verdict, its, at[its]
+
+    @cached_property
+    def _places(self) -> list[Int64]:
+        """Bodies and steps of the rows of each batch, as numbers that rise."""
+        return [batch.body * STEPS + batch.whole.steps for batch, _ in self.batches]
 
 
 class Explanation:
@@ -100,7 +124,7 @@ class Explanation:
         piece = replace(piece, contacts=self._in_substeps(piece.contacts))
         pushes = self._pushes = self._told(piece)
         chains = self._chained(piece)
-        touching = Touching(piece.contacts, self._records)
+        touching = Touching(piece.contacts, self._records, chains)
         recorded: list[RecordedSteps] = []
         for number, (chain, first) in chains.items():
             record = self._records[number]
@@ -139,7 +163,7 @@ class Explanation:
         soft = any(each.body.client in self._soft for each in batch.bodies)
         return StepVerdicts.of(batch.whole, before=body.before, soft_there=soft)
 
-    def _in_substeps(self, contacts: Rows) -> Rows:
+    def _in_substeps(self, contacts: StateRows) -> StateRows:
         """Return contact points with the forces of the last substep of their step.
 
         PyBullet divides the impulses of the last of several substeps by the whole timestep.

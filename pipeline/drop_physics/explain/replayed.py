@@ -97,7 +97,7 @@ class Replayed:
 
     def _explained(self, piece: Piece) -> Explained:
         bases = by_body(piece.bases)
-        touching = Touching(piece.contacts, self._records)
+        touching = Touching(piece.contacts, self._records, self._records)
         acted = {
             client: _Acted(parts, self._seen.causes)
             for client, parts in piece.impulses.items()
@@ -315,4 +315,4 @@ def _verdicts(steps: Steps, status: Int64) -> StepVerdicts:
                 kinds[term.any(axis=1)] = kind
     kinds[stands(steps)] = STILL
     left = np.where(status == 0, steps.unexplained, 0.0)
-    return StepVerdicts(kinds, why, left)
+    return StepVerdicts(kinds, why, left, steps.put)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
@@ -90,6 +91,8 @@ class StepVerdicts:
     why: Int8
     unexplained: Float64
     """The remainder over the largest term, but of what another law explains, and of what sleeps."""
+    put: Flags
+    """Whether calls had set the state that the step began with."""
 
     @staticmethod
     def of(steps: Steps, *, before: bool, soft_there: bool) -> StepVerdicts:
@@ -101,7 +104,13 @@ class StepVerdicts:
         why = _whys(steps, before=before, soft_there=soft_there)
         # What another law explains has no sum, and what sleeps need not close it.
         other = (why < 0) & ~steps.closes
-        return StepVerdicts(_kinds(steps), why, np.where(other, 0.0, steps.unexplained))
+        return StepVerdicts(_kinds(steps), why, np.where(other, 0.0, steps.unexplained), steps.put)
+
+    @cached_property
+    def segment(self) -> Int8:
+        """What the samples are that the steps led to: indices into SEGMENTS."""
+        held = np.where(self.put, SET, self.kind)
+        return np.where(self.why >= 0, UNEXPLAINED, held).astype(np.int8)
 
 
 def judged(
@@ -115,8 +124,7 @@ def judged(
         rows, its = np.searchsorted(sampled, steps.steps), steps.rows
         why[rows], unexplained[rows] = verdict.why[its], verdict.unexplained[its]
         kind[rows] = verdict.kind[its]
-        held = np.where(steps.put, SET, kind[rows])
-        segment[rows] = np.where(why[rows] >= 0, UNEXPLAINED, held)
+        segment[rows] = verdict.segment[its]
     return Judged(body, sampled, segment, kind, why, unexplained, [each for each, _ in stretches])
 
 

@@ -158,6 +158,12 @@ class StepBatch:
     bodies: list[BodySteps]
     """The steps of each body, in the order of `whole`."""
 
+    @cached_property
+    def body(self) -> Int64:
+        """The number of the body of each step, shape (n,)."""
+        numbers = np.array([each.body.number for each in self.bodies], np.int64)
+        return np.repeat(numbers, [len(each) for each in self.bodies])
+
 
 @dataclass(frozen=True, eq=False)
 class RecordedSteps:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from drop_physics.explain.contact_points import Pairs, pairs_of
 from drop_physics.explain.recording import Explained
-from drop_physics.explain.step_status import Judged
+from drop_physics.physics.vectors import lengths
 from drop_physics.trace.history import Seen
 
 Float64 = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 WHOLE = ("gravity", "damping", "applied", "constraints", "contacts")
 """The forces on a whole tree, from outside."""
@@ -71,6 +72,29 @@ class _Total:
     whole: bool = True
     """Whether the forces of all steps are known, not only those of a last substep."""
 
+    def add(self, numbers: Mapping[str, Float64], row: int, side: int, *, itself: bool) -> None:
+        """Add what the forces of the pair came to in a piece (`_numbers`)."""
+        now = {name: each[row] for name, each in numbers.items()}
+        low, high = self.coefficients
+        self.steps += int(now["steps"])
+        self.coefficients = min(low, float(now["lowest"])), max(high, float(now["highest"]))
+        self.used = max(self.used, float(now["used"]))
+        self.slid_m += float(now["slid_m"])
+        self.deepest_m = max(self.deepest_m, float(now["deepest_m"]))
+        self.impulse_n_s = self.impulse_n_s + (-1.0 if side else 1.0) * now["impulse_n_s"]
+        given, of_pair_j = now["energy_j"], float(now["energy_j"].sum())
+        self.energy_j += of_pair_j if itself else float(given[side])
+        self.energy_of_pair_j += of_pair_j
+        self.whole &= not now["hidden"]
+
+    def need(self, needs: _Needs, row: int) -> None:
+        """Note the step of a piece in which friction would have to be largest, if it is so far."""
+        needed_n = float(needs.needed_n[row])
+        if needed_n >= 0 and _digits(needed_n) >= _digits(self.needed_n):
+            self.needed_n = needed_n
+            self.available_n = float(needs.available_n[row])
+            self.normal_n = float(needs.normal_n[row])
+
 
 class TouchTable:
     """Grows piece by piece."""
@@ -89,23 +113,18 @@ class TouchTable:
     def add(self, explained: Explained) -> None:
         """Take a piece."""
         pairs = self.pairs = pairs_of(explained)
-        pressed, friction = pairs.points.normal_n > PRESSED, pairs.points.friction
-        least = -pairs.most(np.where(pressed, -friction, -np.inf))
-        greatest = pairs.most(np.where(pressed, friction, -np.inf))
-        partial = {number: _partial(judged) for number, judged in explained.bodies.items()}
-        for first, second, rows in pairs.by_pair():
-            for side, number in enumerate(dict.fromkeys((first, second))):
-                total = self._totals.setdefault((number, second if side == 0 else first), _Total())
-                _count(total, pairs, rows, side)
-                for one in {first, second} & partial.keys():
-                    total.whole &= not np.isin(pairs.step[rows], partial[one]).any()
-                low, high = total.coefficients
-                total.coefficients = (
-                    float(least[rows].min(initial=low)),
-                    float(greatest[rows].max(initial=high)),
-                )
-                if number in explained.bodies and first != second:
-                    _needs(total, pairs, rows, side, explained.bodies[number])
+        if not len(pairs.starts):
+            return
+        grouped = pairs.grouped
+        numbers = _numbers(pairs, _hidden(explained, pairs))
+        first, second = pairs.body[grouped.firsts].T.tolist()
+        needs = [_Needs.of(explained, pairs, side) for side in (0, 1)]
+        for row, (one, other) in enumerate(zip(first, second, strict=True)):
+            for side, number in enumerate(dict.fromkeys((one, other))):
+                total = self._totals.setdefault((number, other if side == 0 else one), _Total())
+                total.add(numbers, row, side, itself=one == other)
+                if number in explained.bodies and one != other:
+                    total.need(needs[side], row)
 
     def rows(self, body: int) -> Sequence[Touch]:
         """Return the pairs of a body, by its number."""
@@ -136,51 +155,66 @@ class TouchTable:
         )
 
 
-def _partial(judged: Judged) -> NDArray[np.int64]:
-    """Return the steps of several substeps of which only the last one's forces are known."""
-    several = [each.steps[~each.closes] for each in judged.stretches if each.substeps > 1]
-    return np.concatenate([np.empty(0, np.int64), *several])
+def _hidden(explained: Explained, pairs: Pairs) -> Flags:
+    """Return whether only a last substep's forces are known of a body in each step, (m,)."""
+    hidden = np.zeros(len(pairs.starts), np.bool_)
+    if any(batch.whole.substeps > 1 for batch, _ in explained.batches):
+        for side in (0, 1):
+            for batch, _, its, at in explained.steps_at(pairs.body[:, side], pairs.step):
+                hidden[its] |= (batch.whole.substeps > 1) & ~batch.whole.closes[at]
+    return hidden
 
 
-def _count(total: _Total, pairs: Pairs, rows: NDArray[np.intp], side: int) -> None:
-    """Add what the forces of one pair are, in some steps."""
-    acts = rows[pairs.normal_n[rows] > PRESSED]
-    total.steps += len(acts)
-    total.deepest_m = max(total.deepest_m, float(pairs.depth_m[rows].max(initial=0.0)))
-    sign, dt = (-1.0 if side else 1.0), pairs.timestep_s
-    total.slid_m += float((pairs.slip_m_s[acts] * dt[acts]).sum())
-    total.impulse_n_s = total.impulse_n_s + sign * (pairs.force_n[rows].T @ dt[rows])
-    itself = pairs.body[rows[0], 0] == pairs.body[rows[0], 1]
-    given = pairs.energy_j[rows].sum(axis=0)
-    total.energy_j += float(given.sum() if itself else given[side])
-    total.energy_of_pair_j += float(given.sum())
-    acts = acts[pairs.available_n[acts] > PRESSED]
-    shares = np.linalg.norm(pairs.tangential_n[acts], axis=1) / pairs.available_n[acts]
-    total.used = max(total.used, float(shares.max(initial=-1.0)))
+def _numbers(pairs: Pairs, hidden: Flags) -> dict[str, Float64]:
+    """Return what the forces of each pair come to in a piece, shape (pairs, …)."""
+    grouped, dt = pairs.grouped, pairs.timestep_s
+    pressed, friction = pairs.points.normal_n > PRESSED, pairs.points.friction
+    acts = pairs.normal_n > PRESSED
+    available = np.where(acts & (pairs.available_n > PRESSED), pairs.available_n, np.nan)
+    shares = np.where(np.isnan(available), -1.0, lengths(pairs.tangential_n) / available)
+    return {
+        "steps": grouped.summed(acts.astype(np.float64)),
+        "lowest": -grouped.most(pairs.most(np.where(pressed, -friction, -np.inf))),
+        "highest": grouped.most(pairs.most(np.where(pressed, friction, -np.inf))),
+        "used": grouped.most(shares),
+        "slid_m": grouped.summed(np.where(acts, pairs.slip_m_s * dt, 0.0)),
+        "deepest_m": grouped.most(pairs.depth_m),
+        "impulse_n_s": grouped.summed(pairs.force_n * dt[:, None]),
+        "energy_j": grouped.summed(pairs.energy_j),
+        "hidden": grouped.most(hidden.astype(np.float64)),
+    }
 
 
-def _needs(total: _Total, pairs: Pairs, rows: NDArray[np.intp], side: int, judged: Judged) -> None:
-    """Note the step in which friction would have to be largest to balance all other forces."""
-    known = pairs.one_line[rows] & pairs.explained[rows, side] & (pairs.normal_n[rows] > PRESSED)
-    sign = -1.0 if side else 1.0
-    for steps in judged.stretches:
-        if steps.law.tree.fixed or not steps.terms:
-            continue
-        its = rows[known & np.isin(pairs.step[rows], steps.steps)]
-        if not len(its):
-            continue
-        at = np.searchsorted(steps.steps, pairs.step[its])
-        outside = sum(steps.terms[name][at, 3:6] for name in WHOLE) / pairs.timestep_s[its, None]
-        others = np.asarray(outside) - sign * pairs.force_n[its]
-        line = pairs.line[its]
-        across = others - np.einsum("mi,mi->m", others, line)[:, None] * line
-        needed = np.linalg.norm(across, axis=1)
+@dataclass(frozen=True, eq=False)
+class _Needs:
+    """The steps in which friction would have to be largest to balance all other forces on a side.
+
+    One for each pair, shape (pairs,) each.
+    """
+
+    needed_n: Float64
+    """Negative where nothing is known."""
+    available_n: Float64
+    normal_n: Float64
+
+    @staticmethod
+    def of(explained: Explained, pairs: Pairs, side: int) -> _Needs:
+        """Return them for the bodies on one side of each pair of a piece."""
+        needed = np.full(len(pairs.starts), -1.0)
+        known = pairs.one_line & pairs.explained[:, side] & (pairs.normal_n > PRESSED)
+        rows, sign = np.flatnonzero(known), -1.0 if side else 1.0
+        for batch, _, found, at in explained.steps_at(pairs.body[rows, side], pairs.step[rows]):
+            steps, its = batch.whole, rows[found]
+            if steps.law.tree.fixed or not steps.terms:
+                continue
+            outside = sum(steps.terms[name][at, 3:6] for name in WHOLE)
+            others = outside / pairs.timestep_s[its, None] - sign * pairs.force_n[its]
+            line = pairs.line[its]
+            needed[its] = lengths(others - np.einsum("mi,mi->m", others, line)[:, None] * line)
         # Of those that need as much, to three digits, the last: a load settles.
-        most = int(np.lexsort((its, _digits(needed)))[-1])
-        if _digits(needed[most]) >= _digits(total.needed_n):
-            total.needed_n = float(needed[most])
-            total.available_n = float(pairs.available_n[its[most]])
-            total.normal_n = float(pairs.normal_n[its[most]])
+        digits = np.where(needed >= 0, _digits(needed), -np.inf)
+        most = pairs.grouped.last_of_most(digits)
+        return _Needs(needed[most], pairs.available_n[most], pairs.normal_n[most])
 
 
 def _digits(value: float | Float64) -> Float64:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -61,23 +61,25 @@ class Touches(Rowed):
 
 
 class Touching:
-    """The contact points of a piece, and what each does to both of its sides."""
+    """The contact points of a piece, and what each does to its sides that are of some bodies."""
 
-    def __init__(self, contacts: Rows, records: Mapping[int, Record]) -> None:
+    def __init__(
+        self, contacts: Rows, records: Mapping[int, Record], bodies: Collection[int]
+    ) -> None:
         step, a, b, link_a, link_b = (
             contacts[name] for name in ("step", "body_a", "body_b", "link_a", "link_b")
         )
-        k, body = len(step), np.concatenate((a, b))
         rolling = _rolls(records, step, a, link_a) | _rolls(records, step, b, link_b)
-        order = np.lexsort((np.tile(np.arange(k), 2), body))
-        is_a = order < k
-        points = np.where(is_a, order, order - k)
+        body, link = (np.stack(each, axis=1) for each in ((a, b), (link_a, link_b)))
+        held = np.flatnonzero(among(bodies, body.ravel()))
+        order = held[np.argsort(body.ravel()[held], kind="stable")]
+        points, is_a = order >> 1, (order & 1) == 0
         self._sides = Sides(
             step=step[points],
-            body=body[order],
-            link=np.concatenate((link_a, link_b))[order],
-            other_body=np.concatenate((b, a))[order],
-            other_link=np.concatenate((link_b, link_a))[order],
+            body=body.ravel()[order],
+            link=link.ravel()[order],
+            other_body=body.ravel()[order ^ 1],
+            other_link=link.ravel()[order ^ 1],
             is_a=is_a,
             point=points,
             row=np.arange(len(points)),
@@ -88,17 +90,17 @@ class Touching:
         # Farther apart than contactProcessingThreshold, Bullet reports the friction of another
         # point; DART's points in contact may have friction alone.
         friction_n[(contacts["normal_force_n"] == 0) & (self._distance_m > 0)] = 0.0
-        directions = [contacts[f"friction_{which}_direction"] for which in (1, 2)]
+        at_m = np.stack((contacts["position_a_m"], contacts["position_b_m"]), axis=1)
         self._forces = contact_forces(
             step=self._sides.step,
             link=self._sides.link,
             is_a=is_a,
-            point_m=np.concatenate((contacts["position_a_m"], contacts["position_b_m"]))[order],
+            point_m=at_m.reshape(-1, 3)[order],
             force_n=points_force_n(
                 contacts["normal"],
                 contacts["normal_force_n"],
                 friction_n,
-                np.stack(directions, axis=1),
+                [contacts[f"friction_{which}_direction"] for which in (1, 2)],
             )[points],
             rolling=self._sides.rolling,
         )
@@ -129,16 +131,26 @@ class Touching:
 
 def touches_of(contacts: Rows, body: int, link: int = BASE) -> Touches:
     """Return the contact points of one part of a body, in their order."""
-    touching = Touching(contacts, {})
+    touching = Touching(contacts, {}, [body])
     sides = touching.of(body)
     sides = sides.at(np.flatnonzero(sides.link == link))
     return touching.touches(sides, touching.forces(sides, sides.step))
+
+
+def among(numbers: Collection[int], bodies: Int64) -> Flags:
+    """Return which bodies have one of some numbers."""
+    are = np.zeros(max([*numbers, int(bodies.max(initial=0))]) + 1, np.bool_)
+    are[[*numbers]] = True
+    return np.asarray((bodies >= 0) & are[bodies])
 
 
 def _rolls(records: Mapping[int, Record], step: Int64, body: Int64, link: Int64) -> Flags:
     """Return which links resist rolling or spinning, in the steps that led to these samples."""
     rolls = np.zeros(len(step), np.bool_)
     for name in ("rolling_friction", "spinning_friction"):
+        reported = (record.coefficients(name)[1] for record in records.values())
+        if not any(np.nan_to_num(numbers).any() for numbers in reported):
+            continue
         held = coefficients_of(records, name, step, body, link)
         rolls |= np.nan_to_num(held) != 0  # other engines report none
     return rolls

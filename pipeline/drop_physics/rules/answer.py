@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from drop_physics.explain.actuators import ActuatorTable
 from drop_physics.explain.bodies import Record
 from drop_physics.explain.joints import Driven, JointTable
-from drop_physics.explain.recording import Explained
+from drop_physics.explain.recording import STEPS, Explained
 from drop_physics.explain.step_status import Judged, StepVerdicts
 from drop_physics.explain.steps import BodySteps, StepBatch, Steps
 from drop_physics.explain.times import Times
@@ -25,7 +25,7 @@ from drop_physics.rules.arguments import site_of
 from drop_physics.rules.body_properties import AskedOfBodies
 from drop_physics.rules.engines import BULLETS
 from drop_physics.rules.inputs import Inputs
-from drop_physics.rules.placing import STEPS, Placing
+from drop_physics.rules.placing import Placing
 from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import BODY_NAMES, Call
 from drop_physics.trace.cures import Cure as Cure  # part of a finding
@@ -153,8 +153,7 @@ class Scene:
     """The last sample of each body, by its number."""
     carried: dict[tuple[str, int], NDArray[np.float64]] = field(init=False, default_factory=dict)
     """What columns hand on from piece to piece, by their name and the number of a body."""
-    _places: list[Int64] | None = field(init=False, default=None)
-    """Bodies and steps of the rows of each batch, as numbers that rise."""
+    _explained: Explained = field(init=False)
     _sites: Mapping[int, Site] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -164,7 +163,11 @@ class Scene:
     def see(self, explained: Explained) -> None:
         """Take a piece, before any answer does."""
         self.piece, self.judged = explained.piece, explained.bodies
-        self.batches, self.records, self._places = explained.batches, explained.records, None
+        self._explained, self.batches, self.records = (
+            explained,
+            explained.batches,
+            explained.records,
+        )
         self.ends |= {number: int(each.steps[-1]) for number, each in self.judged.items()}
         self._sites = self.piece.calls.sites
         self.joints.add(explained)
@@ -176,7 +179,7 @@ class Scene:
 
     def forget(self) -> None:
         """Free the latest piece."""
-        del self.piece, self.judged, self.batches, self._places
+        del self.piece, self.judged, self.batches, self._explained
         self.joints.forget()
         self.touches.forget()
 
@@ -215,17 +218,8 @@ class Scene:
 
         `bodies` and `steps` have the shape (n,).
         """
-        if self._places is None:
-            self._places = [
-                np.concatenate([each.body.number * STEPS + each.steps for each in batch.bodies])
-                for batch, _ in self.batches
-            ]
-        keys = bodies * STEPS + steps
-        for (batch, _), places in zip(self.batches, self._places, strict=True):
-            at = np.minimum(np.searchsorted(places, keys), len(places) - 1)
-            its = np.flatnonzero(places[at] == keys) if len(places) else at[:0]
-            if len(its):
-                yield batch.whole, its, at[its]
+        for batch, _, its, at in self._explained.steps_at(bodies, steps):
+            yield batch.whole, its, at
 
     @cached_property
     def moving(self) -> list[int]:

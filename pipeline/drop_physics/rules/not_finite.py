@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
+from drop_physics.explain.steps import Steps
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Answer, Finding, Scene, Span
 from drop_physics.rules.arguments import site_of
@@ -13,6 +15,8 @@ from drop_physics.rules.engines import ANY
 from drop_physics.trace.calls import BODY_NAMES, Call
 from drop_physics.trace.events import Body
 from drop_physics.trace.log import Log
+
+Float64 = NDArray[np.float64]
 
 
 class NotFinite(Answer):
@@ -27,15 +31,19 @@ class NotFinite(Answer):
 
     def see(self) -> None:
         """Keep the first of each body."""
-        for judged, steps in self.scene.stretches():
+        suspects = {
+            each.body.number
+            for batch, _ in self.scene.batches
+            if not all(np.isfinite(numbers).all() for numbers in _numbers(batch.whole))
+            for each in batch.bodies
+        }
+        for judged, steps in self.scene.stretches(*sorted(suspects)) if suspects else ():
             number = judged.body.number
             if number in self._found:
                 break
-            wrong = ~np.isfinite(steps.after.velocity).all(axis=1)
-            for name in ("position_m", "orientation", "joints"):
-                wrong |= ~np.isfinite(getattr(steps.after, name)).all(axis=1)
-            for impulses in steps.terms.values():  # too large for a sum
-                wrong |= ~np.isfinite(impulses).all(axis=1)
+            wrong = np.zeros(len(steps), np.bool_)
+            for numbers in _numbers(steps):
+                wrong |= ~np.isfinite(numbers).all(axis=1)
             rows = np.flatnonzero(wrong)
             if not len(rows):
                 continue
@@ -77,6 +85,14 @@ class NotFinite(Answer):
                 steps=Span(step, step, 1),
                 site=None if call is None else site_of(call),
             )
+
+
+def _numbers(steps: Steps) -> Iterator[Float64]:
+    """Yield the states after steps, and their impulses, which may be too large for a sum."""
+    yield steps.after.velocity
+    for name in ("position_m", "orientation", "joints"):
+        yield getattr(steps.after, name)
+    yield from steps.terms.values()
 
 
 def _without_number(calls: Log, body: Body, step: int) -> Call | None:

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.explain.recording import STEPS
 from drop_physics.rules.arguments import site_of
 from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body
@@ -17,7 +18,6 @@ Flags = NDArray[np.bool_]
 
 PLACES = Act.LOAD, Act.MAKE, Act.SET_POSE, Act.SET_JOINT, Act.RESTORE
 """What places bodies."""
-STEPS = 1 << 40
 NEAR = 3
 """What calls move more often than every so many steps is animated."""
 

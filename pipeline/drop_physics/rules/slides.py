@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.explain.steps import BodySteps, Steps
 from drop_physics.messages import Message
+from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.rule import Match, Said, Worst, side_rule
@@ -142,20 +144,21 @@ def _slips(pair: PairColumns, slips: NDArray[np.bool_]) -> Match:
     contact of that, and what friction can give of it [N m s]. Those of forces in a grip leave out
     the steps in which it closes.
     """
-    rows = np.flatnonzero(slips & (pair.normal_n > 0) & (pair.body != pair.other))
+    free = np.isin(pair.body, [each.body.number for each in _free_bodies(pair.scene)])
+    rows = np.flatnonzero(slips & free & (pair.normal_n > 0) & (pair.body != pair.other))
     asked, others, pushed, way, arm = _acting(pair, rows)
     line, normal = pair.line[rows], pair.normal_n[rows]
     along = _dot(asked, line)
     needed, way = asked - along[:, None] * line, way - _dot(way, line)[:, None] * line
     # What is held from both sides hangs back, whoever else carries it; elsewhere that is a push.
-    gripped = np.linalg.norm(pair.pressed_n[rows], axis=1) < GRIPPED * normal
+    gripped = lengths(pair.pressed_n[rows]) < GRIPPED * normal
     alone = (pushed <= NO_FORCE * normal) & (gripped | (others <= NO_FORCE * normal))
     alone &= pair.one_line[rows] & pair.own("explained")[rows]
     # What lies on one side presses with what it needs, on average: step by step it chatters.
     pressed = np.where(gripped, normal, np.abs(along))
     steady = ~gripped | (np.abs(pair.approach_m_s[rows]) < LANDS_M_S)
-    moved = np.linalg.norm(way, axis=1)
-    needs = np.linalg.norm(needed, axis=1).clip(1e-300)
+    moved = lengths(way)
+    needs = lengths(needed).clip(1e-300)
     turning = gripped * np.abs(_dot(np.cross(arm, asked), line))
     dt = pair.timestep_s[rows]
     forces = {
@@ -174,6 +177,17 @@ def _slips(pair: PairColumns, slips: NDArray[np.bool_]) -> Match:
     return Match(rows, pair.slip_m_s[rows], sums=sums, firsts=firsts, holds=alone)
 
 
+def _is_free(steps: Steps) -> bool:
+    """Return whether steps are those of single bodies, and a sum."""
+    return steps.law.tree.size == 6 and bool(steps.terms)
+
+
+def _free_bodies(scene: Scene) -> list[BodySteps]:
+    """Return the steps of single bodies in the latest piece."""
+    free = (batch.bodies for batch, _ in scene.batches if _is_free(batch.whole))
+    return [each for bodies in free for each in bodies]
+
+
 def _acting(pair: PairColumns, rows: Rows) -> tuple[Float64, ...]:
     """Return what a body's weight, and moving with its support, ask of the contact, (n, 3) [N].
 
@@ -189,18 +203,23 @@ def _acting(pair: PairColumns, rows: Rows) -> tuple[Float64, ...]:
     step, dt = pair.step[rows], pair.timestep_s[rows, None]
     support = ended - began
     # Between steps calls may give it another velocity.
-    last = pair.before(rows)
-    now = np.flatnonzero((last >= 0) & pair.scene.placing.moved(pair.other[rows], step))
-    support[now] += began[now] - ended[last[now]]
+    placed = pair.scene.placing.moved(pair.other[rows], step)
+    if placed.any():
+        last = pair.before(rows)
+        now = np.flatnonzero((last >= 0) & placed)
+        support[now] += began[now] - ended[last[now]]
     for steps, its, at in pair.of_bodies(rows):
-        if steps.law.tree.size != 6 or not steps.terms:
+        if not _is_free(steps):
             continue
-        terms = {name: each[at, 3:6] / dt[its] for name, each in steps.terms.items()}
+        terms = {
+            name: steps.terms[name][at, 3:6] / dt[its]
+            for name in ("contacts", "constraints", "applied")
+        }
         weight = support[its] / dt[its] - steps.reported.gravity_m_s2[at]
         asked[its] = steps.law.tree.masses_kg[0] * weight
         touched = terms["contacts"] - pair.sign * pair.force_n[rows[its]]
-        others[its] = np.linalg.norm(touched, axis=1)
-        pushed[its] = np.linalg.norm(terms["constraints"] + terms["applied"], axis=1)
+        others[its] = lengths(touched)
+        pushed[its] = lengths(terms["constraints"] + terms["applied"])
         way[its] = steps.after.velocity[at, 3:6] - goes[its]
         arm[its] = steps.before.position_m[at] - pair.own("centre_m")[rows[its]]
     return asked, others, pushed, way, arm

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from drop_physics.explain.driving import given_to
 from drop_physics.explain.joints import Driven, target_of
-from drop_physics.explain.step_status import SET, UNEXPLAINED, StepVerdicts
+from drop_physics.explain.step_status import StepVerdicts
 from drop_physics.explain.steps import BodySteps, StepBatch, Steps
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.kinematics import kinematics
@@ -200,7 +200,7 @@ class BodyColumns:
         self.scene, self.batch, self.of, self.verdict = scene, batch, batch.whole, verdict
         self.step = batch.whole.steps
         self.noted: dict[str, Float64] = {}
-        self.body = self.of_each(lambda each: each.body.number)
+        self.body = batch.body
         self.keys = self.body[:, None]
 
     def of_each(self, value: Callable[[BodySteps], Any]) -> NDArray[Any]:
@@ -225,8 +225,7 @@ class BodyColumns:
     @property
     def segment(self) -> NDArray[np.int8]:
         """What each sample is: indices into `SEGMENTS`."""
-        held = np.where(self.of.put, SET, self.verdict.kind)
-        return np.where(self.verdict.why >= 0, UNEXPLAINED, held)
+        return self.verdict.segment
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - a column of `Steps`
         return getattr(self.of, name)

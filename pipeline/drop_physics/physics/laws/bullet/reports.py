@@ -50,15 +50,15 @@ def contact_forces(
 
 
 def points_force_n(
-    normal: Float64, normal_force_n: Float64, friction_n: Float64, directions: Float64
+    normal: Float64, normal_force_n: Float64, friction_n: Float64, directions: Sequence[Float64]
 ) -> Float64:
     """Return the forces on a at contact points of `getContactPoints`, shape (k, 3).
 
     `normal` is contactNormalOnB, (k, 3); `friction_n` both lateral frictions, (k, 2), and
-    `directions` theirs, (k, 2, 3).
+    `directions` those of each, (k, 3).
     """
-    frictions = np.einsum("kd,kdi->ki", friction_n, directions)
-    return np.asarray(normal * normal_force_n[:, None] + frictions)
+    first, second = (friction_n[:, d, None] * directions[d] for d in range(2))
+    return np.asarray(normal * normal_force_n[:, None] + (first + second))
 
 
 def pushes(
