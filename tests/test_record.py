@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import textwrap
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -514,6 +515,34 @@ def test_bodies_come_and_go_and_ids_are_used_again(plain: Plain) -> None:
     assert last == 80
     gone = [row["sim_step"] for row in came if not row["there"]]
     assert sorted(gone) == [20, 40, 60]
+
+
+def test_a_body_that_is_made_and_removed_again_and_again_costs_what_is_new_of_it(
+    bench: Bench,
+) -> None:
+    text = """
+        p.connect(p.DIRECT)
+        shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1, 0.1, 0.1])
+        look = p.createVisualShape(p.GEOM_BOX, halfExtents=[0.1, 0.1, 0.1])
+        for cycle in range(200):
+            b = p.createMultiBody(1, shape, look, [0, 0, 1])
+            p.resetBaseVelocity(b, [0, 0, cycle])
+            p.stepSimulation()
+            print(p.getBasePositionAndOrientation(b)[0][2])
+            p.removeBody(b)
+            if cycle == 150:
+                p.stepSimulation()
+    """
+    recorded, printed = bench.record(bench.script("import pybullet as p" + textwrap.dedent(text)))
+    seen = read(bench.out).seen
+    assert seen.bases["position_m"][:, 2].tolist() == [1.0, *map(float, printed.split())]
+    assert (recorded.samples, len(seen.appearances)) == (202, 400)
+    assert bench.out.stat().st_size < 200 * 3000  # 3 MB as a chunk for each of them
+    # It is gone where time went on without it, and at the end.
+    gone = {
+        row["sim_step"] for row in rows(bench.out, "world/0_box") if "Clear:is_recursive" in row
+    }
+    assert len(gone) == 2
 
 
 def test_images_are_recorded_as_the_script_got_them(bench: Bench) -> None:

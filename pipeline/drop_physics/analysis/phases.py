@@ -71,20 +71,27 @@ def _runs(batch: StepBatch, verdict: StepVerdicts) -> Iterator[tuple[int, Run]]:
     sizes_n = lengths(per_step) / steps.reported.timestep_s[rows]
     ends = np.append(starts[1:], len(rows))
     most = [
-        first + int(np.argmax(given_j[first:end])) for first, end in pairwise([*starts, ends[-1]])
+        first + int(np.argmax(given_j[first:end]))
+        for first, end in pairwise([*starts.tolist(), len(rows)])
     ]
     by = _by_other(run[at], steps.sides.at(points), impulses, point_j)
-    columns = (
-        step[starts].tolist(),
-        step[ends - 1].tolist(),
-        np.add.reduceat(per_step, starts, axis=0),
-        np.maximum.reduceat(sizes_n, starts).tolist(),
-        np.add.reduceat(given_j, starts).tolist(),
-        given_j[most].tolist(),
-        step[most].tolist(),
-    )
-    for number, (owner, *numbers) in enumerate(zip(body[starts].tolist(), *columns, strict=True)):
-        yield owner, Run(*numbers, by.get(number, {}))
+    impulse_n_s = np.add.reduceat(per_step, starts, axis=0)
+    largest_n = np.maximum.reduceat(sizes_n, starts)
+    energy_j = np.add.reduceat(given_j, starts)
+    for row, (first, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
+        yield (
+            int(body[first]),
+            Run(
+                first_step=int(step[first]),
+                last_step=int(step[end - 1]),
+                impulse_n_s=impulse_n_s[row],
+                largest_force_n=float(largest_n[row]),
+                energy_j=float(energy_j[row]),
+                most_given_j=float(given_j[most[row]]),
+                most_given_step=int(step[most[row]]),
+                by=by.get(row, {}),
+            ),
+        )
 
 
 def _by_other(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -353,9 +352,11 @@ def _points(explained: Explained) -> Points:
         * (table["normal_force_n"] != 0)[:, None]
     )  # as in `Touching`
     lateral, bouncing = (
-        math.prod(
-            coefficients_of(records, name, table["step"], bodies[:, side], links[:, side])
-            for side in (0, 1)
+        np.multiply(
+            *(
+                coefficients_of(records, name, table["step"], bodies[:, side], links[:, side])
+                for side in (0, 1)
+            )
         )
         for name in ("lateral_friction", "restitution")
     )

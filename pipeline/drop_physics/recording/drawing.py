@@ -85,6 +85,8 @@ class Drawing:
         self._placed: dict[str, Float64] = {}
         """The last pose of each link, by entity, in units of `POSE_RESOLUTION`."""
         self._drawn: dict[int, tuple[Any, ...]] = {}
+        self._gone: dict[int, tuple[Times, Body]] = {}
+        """Bodies that went since the last sample, and when, by number."""
         self._undrawn: dict[int, str] = {}
         """Labels of bodies with a shape that cannot be drawn, by number."""
         self._listed: dict[int, int] = {}
@@ -96,6 +98,7 @@ class Drawing:
 
     def flush(self) -> Iterator[Chunk]:
         """Yield everything that is held."""
+        yield from self._clear()
         for gathered in (self._log, self._poses, self._trails, self._curves, self._images):
             yield from gathered.flush()
 
@@ -141,16 +144,13 @@ class Drawing:
         """Yield the shapes of a body that came, or what removes them."""
         at, body = writer.times_of(seen.at), seen.body
         if not seen.there:
-            # Of rows at the same time the last counts, so its last pose must come before this.
-            yield from self._poses.flush()
-            yield pictures.cleared(f"{schema.WORLD}/{body.label}", at)
-            if body.collisions:
-                yield pictures.cleared(f"{schema.COLLISIONS}/{body.label}", at)
-            self._drawn.pop(body.number, None)
-            self._shown_at.pop(body.number, None)
-            for gone in range(-1, len(body.joints)):
-                self._placed.pop(part_path(body, gone), None)
+            self._gone[body.number] = at, body
             return
+        if (gone := self._gone.get(body.number)) is not None:
+            if _same_shapes(gone[1], body):  # another takes its place before time goes on
+                del self._gone[body.number]
+            else:
+                yield from self._clear()
         if body.number not in self._drawn:
             for number, touched in enumerate(body.collisions):
                 if any(_looks_alike(shape, touched) for shape in body.shapes):
@@ -169,6 +169,21 @@ class Drawing:
                     self._undrawn[body.number] = body.label
                 yield from drawn
 
+    def _clear(self) -> Iterator[Chunk]:
+        """Yield what removes the bodies that are gone."""
+        gone, self._gone = self._gone, {}
+        if gone:
+            # Of rows at the same time the last counts, so their last poses must come before this.
+            yield from self._poses.flush()
+        for at, body in gone.values():
+            yield pictures.cleared(f"{schema.WORLD}/{body.label}", at)
+            if body.collisions:
+                yield pictures.cleared(f"{schema.COLLISIONS}/{body.label}", at)
+            self._drawn.pop(body.number, None)
+            self._shown_at.pop(body.number, None)
+            for link in range(-1, len(body.joints)):
+                self._placed.pop(part_path(body, link), None)
+
     def on_put(self, put: Put) -> Iterator[Chunk]:
         """Yield the poses of a body that a call placed."""
         self._bases[put.body.number] = put.base
@@ -180,6 +195,7 @@ class Drawing:
 
     def on_samples(self, seen: Samples) -> Iterator[Chunk]:
         """Yield poses and curves, at most `SHOWN_PER_S` of them, and the last."""
+        yield from self._clear()
         per_s = SHOWN_PER_S * (SLOWER if self._of_drop else 1)
         due = np.floor(seen.times_s * per_s + 1e-9).astype(np.int64)
         for number in sorted({*seen.bases, *seen.joints}):
@@ -348,6 +364,15 @@ def _thinned(gathered: Gathering, entity: str, at: Times, values: Float64) -> It
     """Add rows, shape (n, k), without those that look like the ones before and after."""
     kept = writer.noticed(values, schema.POSE_RESOLUTION)
     yield from gathered.add(entity, at.only(kept), values[kept])
+
+
+def _same_shapes(gone: Body, came: Body) -> bool:
+    """Return whether what is drawn of a body is drawn of another, at the same places."""
+    return (gone.label, gone.shapes, gone.collisions) == (
+        came.label,
+        came.shapes,
+        came.collisions,
+    ) and gone.joints == came.joints
 
 
 def _looks_alike(shape: Shape, touched: Collision) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator
 from typing import Any
 
 import numpy as np
@@ -29,13 +29,25 @@ class Gathering:
 
     def add(self, entity: str, at: Times, values: Any) -> Iterator[Chunk]:  # noqa: ANN401
         """Add rows of an entity, and yield chunks if there are enough rows."""
-        kind = (
-            tuple(values) if isinstance(values, Mapping) else None
-        )  # another chunk for other columns
-        self._held.setdefault((entity, kind), []).append((at, values))
-        self._rows += len(at.steps)
+        self.hold(entity, at, values)
         if self._rows >= self._most:
             yield from self.flush()
+
+    def hold(
+        self,
+        entity: str,
+        at: Times,
+        values: Any,  # noqa: ANN401
+        *,
+        kind: Hashable = None,
+    ) -> None:
+        """Add rows of an entity; those of another `kind` get a chunk of their own."""
+        self._held.setdefault((entity, kind), []).append((at, values))
+        self._rows += len(at.steps)
+
+    def __len__(self) -> int:
+        """Return the number of rows that are held."""
+        return self._rows
 
     def flush(self) -> Iterator[Chunk]:
         """Yield everything that is held."""

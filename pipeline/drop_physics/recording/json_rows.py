@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, fields, replace
+from dataclasses import fields, is_dataclass, replace
 from functools import cache
 from pathlib import PurePath
 from typing import Any, TypeVar
@@ -78,7 +78,7 @@ def row_of(event: Event) -> tuple[str, At, Values]:
             return schema.SETTINGS, at, row | ({"engine": event.engine} if event.engine else {})
         case Site():
             # A place has no time of its own: a recording may know it before the first step.
-            return schema.SITES, At(0, 0.0, event.number), asdict(event)
+            return schema.SITES, At(0, 0.0, event.number), _plain_values(event)
         case Raised(at, error):
             return schema.RAISED, at, {"error": error}
         case Solver(at):
@@ -88,7 +88,7 @@ def row_of(event: Event) -> tuple[str, At, Values]:
         case ImpulseCause() | PairFriction() | EngineWarning() | Equality():
             return BARE[type(event)], event.at, _bare(event)
         case Reading():  # at no time of its own, as a site
-            return schema.READINGS, At(0, 0.0, event.number), asdict(event)
+            return schema.READINGS, At(0, 0.0, event.number), _plain_values(event)
         case Put(at, body):
             joints = {name: getattr(event.joints, name)[0].tolist() for name in schema.OF_JOINTS}
             base = {"body": body.number, "base": event.base.tolist(), "counts": event.counts}
@@ -106,7 +106,7 @@ BARE: Mapping[type[Any], str] = {
 
 def _bare(event: ImpulseCause | PairFriction | EngineWarning | Equality) -> Values:
     """Return an event's values but for its moment."""
-    held = asdict(event)
+    held = _plain_values(event)
     del held["at"]
     return held
 
@@ -116,10 +116,21 @@ def packed(values: Values) -> str:
     return json.dumps(values, ensure_ascii=False, separators=(",", ":"))
 
 
+def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever an event holds
+    """Return a dataclass as a dict, and what it holds likewise; `asdict` would copy each number."""
+    if is_dataclass(value):
+        return _plain_values(value)
+    if isinstance(value, tuple) and value and not isinstance(value[0], float | str):
+        return [_plain(each) for each in value]
+    return value
+
+
+def _plain_values(held: Any) -> Values:  # noqa: ANN401 - any dataclass
+    return {each.name: _plain(getattr(held, each.name)) for each in fields(held)}
+
+
 def _plain_body(body: Body) -> Values:
-    # `asdict` copies numbers one by one: corners of hulls are added after it.
-    bare = tuple(replace(shape, hull_m=()) for shape in body.collisions)
-    plain = asdict(replace(body, collisions=bare))
+    plain = _plain_values(body)
     if not body.actuators:  # as recordings without any always were
         del plain["actuators"]
     for shape in (*plain["shapes"], *plain["collisions"]):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
@@ -48,6 +49,9 @@ from drop_physics.trace.states import MOTION, Rows
 
 ROWS_TOGETHER = 1024
 """Rows that are held until they become chunks."""
+MANY, SHORT, SOON_S = 64, 64, 1.0
+"""Once bodies came and went more often than that, batches of fewer steps are held, for so long [s],
+until they become chunks together: a chunk takes 1 kB and 1 ms, whatever it holds."""
 LONGEST, MOST_NOTES = 1000, 10
 """Characters of a text, and notes, that are kept in a property."""
 
@@ -93,6 +97,12 @@ class Recorder:
         self._told_rows = ToldDigest()
         self._commands = Commands()
         self._rows = Gathering(writer.texts_chunk, most=ROWS_TOGETHER)
+        self._calls = Gathering(_calls_chunk, most=ROWS_TOGETHER)
+        self._tables = {each: Gathering(_table_chunk, most=ROWS_TOGETHER) for each in schema.TABLES}
+        self._series = Gathering(_series_chunk, most=ROWS_TOGETHER)
+        self._came_or_went = 0
+        self._held_since_s: float | None = None
+        """Since when a batch is held; None if none is."""
         self._digests: dict[int, list[tuple[int, bytes]]] = {}
 
     def chunks(
@@ -150,7 +160,7 @@ class Recorder:
                 for step, png, shown in beside.frames(event):
                     self._on_frame(0, step, png)
                     yield from shown
-        yield from self._rows.flush()
+        yield from self._flush()
         yield from self._commands.end()
         yield from self.drawing.flush()
         ended = ending()
@@ -200,7 +210,8 @@ class Recorder:
             case Controls():
                 yield from self._on_controls(event)
             case ContactRows():
-                yield from self._on_contacts(event.contacts, event.steps, event.times_s)
+                self._add_contacts(event.client, event.contacts, event.steps, event.times_s)
+                yield from self._tables[schema.CONTACTS.entity].flush()
                 if self.drawn:
                     yield from self.drawing.on_touching(event)
             case _:
@@ -213,6 +224,7 @@ class Recorder:
         if isinstance(event, Site):
             self.sites[event.number] = event
         if isinstance(event, Appearance):
+            self._came_or_went += event.came or not event.there
             if event.body.number not in self.bodies:
                 yield from self._names_of_joints(event.body)
             self.bodies[event.body.number] = event.body
@@ -243,46 +255,72 @@ class Recorder:
         self._ends[seen.client] = int(seen.steps[-1])
         self._stepped |= bool(seen.steps[-1] > 0)
         at = Times(seen.steps, seen.times_s)
-        yield from self._rows.flush()  # wherever the file ends, its bodies are known
-        # Before the states: wherever the file ends, each sample in it has its contacts.
-        yield from self._on_contacts(seen.contacts, seen.steps, seen.times_s)
+        self._add_contacts(seen.client, seen.contacts, seen.steps, seen.times_s)
         for number, joints in seen.joints.items():
             for name in schema.OF_JOINTS:
                 entity = f"{schema.JOINTS}/{self.bodies[number].label}/{name}"
-                yield from self._on_series(entity, at, getattr(joints, name))
+                self._add_series(entity, at, getattr(joints, name))
         for number, forces in seen.constraints.items():
-            yield from self._on_series(f"{schema.CONSTRAINTS}/{seen.client}_{number}", at, forces)
+            self._add_series(f"{schema.CONSTRAINTS}/{seen.client}_{number}", at, forces)
         states = rows_of_bases(seen)
         self._made.tables[schema.STATES.entity].update(states)
         if len(states):
-            yield writer.rows_chunk(schema.STATES, states, at)
+            self._tables[schema.STATES.entity].hold(
+                schema.STATES.entity, at, states, kind=seen.client
+            )
+        if not self._is_held(len(seen.steps)):
+            yield from self._flush()
         self._commands.on_samples(seen)
         if self.drawn:
             yield from self.drawing.on_samples(seen)
 
-    def _on_contacts(
-        self, rows: Rows, steps: NDArray[np.int64], times_s: NDArray[np.float64]
-    ) -> Iterator[Chunk]:
-        """Yield the contact points of some samples."""
+    def _is_held(self, steps: int) -> bool:
+        """Return whether a batch of so many steps waits for others."""
+        if self._came_or_went <= MANY or steps >= SHORT:
+            return False
+        now_s = time.monotonic()
+        if self._held_since_s is None:
+            self._held_since_s = now_s
+        return now_s - self._held_since_s < SOON_S
+
+    def _flush(self) -> Iterator[Chunk]:
+        """Yield all rows that are held.
+
+        Wherever the file ends, its bodies are known, and each sample in it has its contacts.
+        """
+        self._held_since_s = None
+        contacts, states = (self._tables[each.entity] for each in (schema.CONTACTS, schema.STATES))
+        for gathered in (self._rows, self._calls, contacts, self._series, states):
+            yield from gathered.flush()
+
+    def _add_contacts(
+        self,
+        client: int,
+        rows: Rows,
+        steps: NDArray[np.int64],
+        times_s: NDArray[np.float64],
+    ) -> None:
+        """Take the contact points of some samples."""
         self._made.tables[schema.CONTACTS.entity].update(rows)
         if len(rows):
             touching = np.unique(rows["step"])
             at = Times(touching, times_s[np.searchsorted(steps, touching)])
-            yield writer.rows_chunk(schema.CONTACTS, rows, at)
+            entity = schema.CONTACTS.entity
+            self._tables[entity].hold(entity, at, rows, kind=client)
 
     def _on_controls(self, seen: Controls) -> Iterator[Chunk]:
         """Yield what actuators were given, where it changes."""
         entity = f"{schema.CONTROLS}/{seen.client}"
         if entity not in self._entities:
             yield writer.series_chunk(entity, seen.names, stepped=True)
-        yield from self._on_series(entity, Times(seen.steps, seen.times_s), seen.values)
+        self._add_series(entity, Times(seen.steps, seen.times_s), seen.values)
+        yield from self._series.flush()
 
-    def _on_series(self, entity: str, at: Times, values: NDArray[np.float64]) -> Iterator[Chunk]:
-        """Yield one number per row and joint."""
-        if not values.shape[1]:
-            return
-        self._made.add_series(entity, at.steps, values)
-        yield writer.scalars_chunk(entity, at, values)
+    def _add_series(self, entity: str, at: Times, values: NDArray[np.float64]) -> None:
+        """Take one number per row and joint."""
+        if values.shape[1]:
+            self._made.add_series(entity, at.steps, values)
+            self._series.hold(entity, at, values, kind=values.shape[1])
 
     def take_in(self, event: Event) -> None:
         """Remember a digest of each state, to compare with another run."""
@@ -315,7 +353,10 @@ class Recorder:
     def _on_calls(self, seen: Calls) -> Iterator[Chunk]:
         self._made.add_calls(seen, self.sites)
         widths = widths_of(seen, self.sites)
-        yield writer.calls_chunk(seen, widths)
+        at = Times(seen.steps, seen.times_s)
+        self._calls.hold(schema.CALLS, at, (seen, widths), kind=seen.client)
+        if not self._is_held(len(seen.steps)):
+            yield from self._calls.flush()
         yield from self._commands.on_calls(seen, self.sites, widths)
         if self.drawn:
             yield from self.drawing.on_calls(seen, self.sites, widths)
@@ -331,6 +372,21 @@ class Recorder:
     def _on_frame(self, camera: int, step: int, png: bytes) -> None:
         self.frames += 1
         self._pictures.setdefault(camera, FrameDigest()).update(step, png)
+
+
+def _table_chunk(entity: str, at: Times, parts: list[Rows]) -> Chunk:
+    return writer.rows_chunk(schema.TABLES[entity], np.concatenate(parts), at)
+
+
+def _series_chunk(entity: str, at: Times, parts: list[NDArray[np.float64]]) -> Chunk:
+    return writer.scalars_chunk(entity, at, np.concatenate(parts))
+
+
+def _calls_chunk(_: str, __: Times, parts: list[tuple[Calls, NDArray[np.int64]]]) -> Chunk:
+    """Return the calls of one simulation, each part with its counts of numbers."""
+    columns = zip(*([*vars(calls).values()][1:] for calls, _ in parts), strict=True)
+    whole = Calls(parts[0][0].client, *map(np.concatenate, columns))
+    return writer.calls_chunk(whole, np.concatenate([widths for _, widths in parts]))
 
 
 def _is_for_looking(entity: str) -> bool:
