@@ -125,11 +125,12 @@ def analyze(
     from drop_physics.stages.settings import settings
 
     choice = settings().choice(select, ignore, fail_on)
-    from drop_physics.report.page import check_page, write_page  # takes a second to load
     from drop_physics.report.terminal import show
     from drop_physics.stages.analyze import analyze
 
     if html is not None:
+        from drop_physics.report.page import check_page
+
         check_page(html, inputs=[recording], force=force)
 
     with progress() as report:
@@ -145,6 +146,7 @@ def analyze(
             progress=report,
         )
     if html is not None:
+        from drop_physics.report.page import write_page
         from drop_physics.stages.render import film_of
 
         film = partial(film_of, recording)
@@ -274,7 +276,6 @@ def check(
     """
     from drop_physics.files.outputs import check_apart, check_target
     from drop_physics.report.check import append_summary
-    from drop_physics.report.page import check_page, write_page
     from drop_physics.report.terminal import show
     from drop_physics.stages.check import check
     from drop_physics.stages.settings import settings
@@ -283,12 +284,16 @@ def check(
         check_target(summary, force=True)
         check_apart([summary], inputs=[run, against])
     if html is not None:
+        from drop_physics.report.page import check_page
+
         check_page(html, inputs=[run, against], force=force)
     allowed_m = settings().tolerance_m if tolerance is None else tolerance
     checked = check(run, against, tolerance_m=allowed_m, update=update)
     if summary is not None:
         append_summary(checked, summary)
     if html is not None:
+        from drop_physics.report.page import write_page
+
         write_page(checked, html, force=force)
     raise typer.Exit(show(checked, as_json=json))
 
@@ -504,7 +509,6 @@ def trust(
     import sys
 
     from drop_physics.console.progress import sweep_progress
-    from drop_physics.report.page import check_page, write_page
     from drop_physics.report.record import note_ours
     from drop_physics.report.terminal import show
     from drop_physics.stages.trust import trust
@@ -513,6 +517,8 @@ def trust(
     target, *arguments = program
     lengths = lengths_of(within)
     if html is not None:
+        from drop_physics.report.page import check_page
+
         check_page(html, inputs=[Path(target)], force=force)
     note_ours(target, arguments, _options(context, context.info_name))
     with sweep_progress() as report:
@@ -536,6 +542,8 @@ def trust(
             progress=report,
         )
     if html is not None:
+        from drop_physics.report.page import write_page
+
         write_page(result, html, force=force)
     outputs = [each for each in (table, plot, html) if each is not None]
     raise typer.Exit(show(result, as_json=json, within=lengths, outputs=outputs))
@@ -585,12 +593,13 @@ def why(
 
     choice = settings().choice()
     from drop_physics.console.progress import sweep_progress
-    from drop_physics.report.page import check_page, write_page
     from drop_physics.report.record import note_ours
     from drop_physics.report.terminal import show
     from drop_physics.stages.why import why
 
     if html is not None:
+        from drop_physics.report.page import check_page
+
         check_page(html, inputs=[Path(target)], force=force)
     if film is not None:
         from drop_physics.stages.why_film import check_film, write_film
@@ -622,6 +631,8 @@ def why(
             progress=report,
         )
     if html is not None:
+        from drop_physics.report.page import write_page
+
         write_page(result, html, force=force, every=every)
     if film is not None:
         with progress() as drawing:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.flights import Flights
-from drop_physics.analysis.phases import Phases, Run
+from drop_physics.analysis.phases import ContactRun, Phases
 from drop_physics.analysis.results import (
     BodyAnalysis,
     Energy,
@@ -65,7 +65,7 @@ class BodyStory:
         return [step for step in steps if step is not None]
 
     def add(
-        self, judged: Judged, chain: Chain, touched: Sequence[Run], *, detailed: bool
+        self, judged: Judged, chain: Chain, touched: Sequence[ContactRun], *, detailed: bool
     ) -> SampleRows:
         """Take a piece, and its runs in contact; return a row for each of its samples."""
         # A flight's theory is the law of an engine that reports no sum of its own.

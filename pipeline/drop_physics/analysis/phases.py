@@ -23,7 +23,7 @@ Int64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class ContactRun:
     """Consecutive steps of a body in a piece, all in contact."""
 
     first_step: int
@@ -38,9 +38,9 @@ class Run:
     """Impulse and energy of each link of each other body."""
 
 
-def runs_of(explained: Explained) -> dict[int, list[Run]]:
+def runs_of(explained: Explained) -> dict[int, list[ContactRun]]:
     """Return the runs of steps in contact of each body of a piece, in order, by its number."""
-    found: dict[int, list[Run]] = {}
+    found: dict[int, list[ContactRun]] = {}
     for batch, verdict in explained.batches:
         for number, run in _runs(batch, verdict):
             found.setdefault(number, []).append(run)
@@ -49,7 +49,7 @@ def runs_of(explained: Explained) -> dict[int, list[Run]]:
     return found
 
 
-def _runs(batch: StepBatch, verdict: StepVerdicts) -> Iterator[tuple[int, Run]]:
+def _runs(batch: StepBatch, verdict: StepVerdicts) -> Iterator[tuple[int, ContactRun]]:
     """Yield the runs of steps in contact of a batch, each with the number of its body."""
     steps = batch.whole
     touched = verdict.segment == CONTACT
@@ -81,7 +81,7 @@ def _runs(batch: StepBatch, verdict: StepVerdicts) -> Iterator[tuple[int, Run]]:
     for row, (first, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
         yield (
             int(body[first]),
-            Run(
+            ContactRun(
                 first_step=int(step[first]),
                 last_step=int(step[end - 1]),
                 impulse_n_s=impulse_n_s[row],
@@ -134,7 +134,7 @@ class Phases:
         self._open: _Open | None = None
         self._done: list[BodyContact] = []
 
-    def add(self, runs: Sequence[Run]) -> None:
+    def add(self, runs: Sequence[ContactRun]) -> None:
         """Take those of a piece."""
         for run in runs:
             contact = self._open

@@ -100,7 +100,7 @@ class Points:
 
 
 @dataclass(frozen=True, eq=False)
-class Groups:
+class PairGroups:
     """Rows by a key: g groups of them, in the order of their keys, each in that of its rows."""
 
     order: Int64
@@ -109,10 +109,10 @@ class Groups:
     """Where in that order each group begins, shape (g,)."""
 
     @staticmethod
-    def of(keys: Int64) -> Groups:
+    def of(keys: Int64) -> PairGroups:
         """Return the groups of rows with the same key."""
         order = np.argsort(keys, kind="stable")
-        return Groups(order, np.flatnonzero(np.diff(keys[order], prepend=-1)))
+        return PairGroups(order, np.flatnonzero(np.diff(keys[order], prepend=-1)))
 
     @property
     def firsts(self) -> Int64:
@@ -291,9 +291,9 @@ class Pairs:
         return {number: np.sort(sides[its // 2]) for number, its in groups(bodies.reshape(-1))}
 
     @cached_property
-    def grouped(self) -> Groups:
+    def grouped(self) -> PairGroups:
         """The steps of each pair, in the order of their numbers."""
-        return Groups.of(self.body @ [self.body.max(initial=0) + 1, 1])
+        return PairGroups.of(self.body @ [self.body.max(initial=0) + 1, 1])
 
     def by_pair(self, which: Flags | None = None) -> Iterator[tuple[int, int, Int64]]:
         """Yield the numbers of each pair, the lower first, and its rows, or those of `which`."""

@@ -43,7 +43,7 @@ MOST_STEPS, LEAST_STEPS, NUMBERS = 1 << 12, 1 << 8, 1 << 17
 FORCES = ("normal_force_n", "friction_1_n", "friction_2_n")
 """The forces of a contact point."""
 STEPS = 1 << 40
-"""More than a recording has: a body's number times this, and a step, are one number."""
+"""The number of a body times this, and a step, are one number: no recording has as many."""
 NOBODY = -1
 """In place of a body's number: the world."""
 

@@ -46,7 +46,7 @@ def rows(chunk: Chunk, table: Table, path: Path) -> Rows:
         kind, width = table.kind[component].base, max(1, math.prod(table.kind[component].shape))
         is_right = pa.types.is_int64 if kind.kind == "i" else pa.types.is_float64
         lists = _column(chunk, component, _is_list_of(is_right), path)
-        lengths, flat = np.diff(lists.offsets.to_numpy()), _between(lists)
+        lengths, flat = np.diff(lists.offsets.to_numpy()), between(lists)
         if read is None:
             counts = lengths // width
             read = np.empty(int(counts.sum()), table.kind)
@@ -90,7 +90,7 @@ def series(chunk: Chunk, path: Path) -> tuple[NDArray[np.int64], NDArray[np.floa
         return None
     steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path).to_numpy()
     lists = _column(chunk, "Scalars:scalars", _is_list_of(pa.types.is_float64), path)
-    lengths, flat = np.diff(lists.offsets.to_numpy()), _between(lists)
+    lengths, flat = np.diff(lists.offsets.to_numpy()), between(lists)
     if flat.null_count or len(set(lengths.tolist())) > 1:
         what = Message("{entity} must hold equally many numbers in each row", entity=chunk.entity)
         raise damaged(path, what)
@@ -113,7 +113,7 @@ def calls(chunk: Chunk, path: Path) -> Iterator[Calls]:
     counts: dict[str, NDArray[np.int64]] = {}
     for name, is_right in _OF_CALLS.items():
         lists = _column(chunk, name, _is_list_of(is_right), path)
-        flat = _between(lists)
+        flat = between(lists)
         if flat.null_count:
             raise damaged(path, Message("{entity} has gaps", entity=chunk.entity))
         held[name], counts[name] = flat.to_numpy().copy(), np.diff(lists.offsets.to_numpy())
@@ -145,7 +145,7 @@ def impulses(chunk: Chunk, path: Path) -> Impulses:
     counts: dict[str, NDArray[np.int64]] = {}
     for name, is_right in _OF_IMPULSES.items():
         lists = _column(chunk, name, _is_list_of(is_right), path)
-        flat = _between(lists)
+        flat = between(lists)
         if flat.null_count:
             raise damaged(path, Message("{entity} has gaps", entity=chunk.entity))
         held[name], counts[name] = flat.to_numpy().copy(), np.diff(lists.offsets.to_numpy())
@@ -266,10 +266,10 @@ def _column(chunk: Chunk, name: str, is_right: Callable[[Any], bool], path: Path
 
 def _flat(lists: pa.Array, width: int) -> pa.Array | None:
     """Return the elements of lists as one array; None unless each list has `width` of them."""
-    return None if (np.diff(lists.offsets.to_numpy()) != width).any() else _between(lists)
+    return None if (np.diff(lists.offsets.to_numpy()) != width).any() else between(lists)
 
 
-def _between(lists: pa.Array) -> pa.Array:
+def between(lists: pa.Array) -> pa.Array:
     """Return the elements of lists as one array."""
     # As `flatten` does, but that loads Arrow's compute library.
     if not len(lists):

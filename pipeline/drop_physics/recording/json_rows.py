@@ -151,6 +151,8 @@ def events(told: Told, entity: str, kind: type[T]) -> list[T]:
     ValueError
         If they are something else.
     """
+    if not told[entity]:
+        return []
     read = _reader(kind).validate_python  # type: ignore[arg-type]  # a type has a hash
     return [read({**values, "at": at}) for at, values in told[entity]]
 

@@ -170,16 +170,20 @@ def _poses(chunk: Chunk, path: Path) -> Iterator[tuple[Float64, Float32]]:
 def _numbers(chunk: Chunk, name: str, width: int, path: Path) -> Float32:
     column = chunk.batch.column(chunk.batch.schema.get_field_index(name))
     try:
-        flat = column.flatten().flatten().to_numpy(zero_copy_only=False)
-        return np.asarray(flat, np.float32).reshape(chunk.batch.num_rows, width)
+        lists = columns.between(column)
+        if lists.null_count:
+            raise ValueError(name)
+        flat = lists.values.slice(lists.offset * width, len(lists) * width)
+        numbers = np.asarray(flat.to_numpy(zero_copy_only=False), np.float32)
+        return numbers.reshape(chunk.batch.num_rows, width)
     except (AttributeError, ValueError):
         raise damaged(path, wrong_count(chunk.entity, width, name)) from None
 
 
 def _blob(chunk: Chunk, path: Path) -> bytes:
-    cell = chunk.batch.column(chunk.batch.schema.get_field_index("Asset3D:blob"))[0].as_py()
+    cell = chunk.batch.column(chunk.batch.schema.get_field_index("Asset3D:blob"))[0]
     try:
-        return bytes(cell[0])
-    except (TypeError, IndexError, ValueError):
+        return bytes(cell.values[0].values.to_numpy().tobytes())
+    except (AttributeError, TypeError, IndexError, ValueError):
         what = Message("{entity} must hold a mesh", entity=chunk.entity)
         raise damaged(path, what) from None

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from drop_physics import colours
 from drop_physics.analysis.results import Analysis
 from drop_physics.analysis.story import Story
-from drop_physics.drop.story import drop_analysis_of
 from drop_physics.engines.cures import call_of
 from drop_physics.errors import ScenarioError, check_suffix
 from drop_physics.explain.times import Times
@@ -146,6 +145,8 @@ def analysis_of(
     """Return the analysis of a recording, which knows of no files; as `analyze`."""
     seen = read_back.seen
     if read_back.drop is not None:
+        from drop_physics.drop.story import drop_analysis_of  # of drops alone
+
         of_drop = drop_analysis_of(
             read_back.scenario, read_back.engine, seen, at_s=at_s, whole=whole
         )
