@@ -133,10 +133,14 @@ class Proposals:
                 raise ScenarioError(
                     "--try timestep/K takes a whole number from 2 to 1000, got {text!r}", text=text
                 )
-            of = [self._findings[place] for place in about if not KINDS[name].whole_run]
+            named = [self._findings[place] for place in about]
+            proposes = [each for each in named if each.cure is not None and each.cure.name == name]
+            of = [] if KINDS[name].whole_run else named
             candidates = [
                 self._candidate(Cure(name, one.joint or one.body, given, text), one) for one in of
             ] or [self._whole(Cure(name, value=given, call=text))]
+            if given is None and proposes:  # what a finding says itself is meant
+                candidates = [self._candidate(each.cure, each) for each in proposes if each.cure]
             for candidate in candidates:
                 candidate.findings += about
             # What comes to the same calls is one trial, whatever it was made on.

@@ -166,7 +166,10 @@ def applied(cure: Cure, scope: Scope) -> ChangedRun | None:
     if cure.name == "substeps":
         return ChangedRun([_leave([ENGINE], "numSubSteps")], int(cure.value or 2))
     made = TABLE.get(_key(cure))
-    return None if made is None else ChangedRun([*made(scope, cure)])
+    if made is None or NEEDS.get(_key(cure), "") not in ("", *cure.given):
+        return None
+    operations = [*made(scope, cure)]
+    return ChangedRun(operations) if operations else None
 
 
 def left_out(function: str, file: str, line: int, argument: str | None) -> ChangedRun:
@@ -491,3 +494,10 @@ TABLE: dict[str, Applies] = {
     "without:driven": _done("drive", "resetJointState", STEP),
 }
 """How each cure is applied, by name and form; `timestep` and `substeps` are made otherwise."""
+NEEDS = {
+    "right-client": "function",
+    "right-link": "arguments",
+    "right-link:joints": "links",
+    "without": "function",
+}
+"""What a cure cannot be made without, by name and form: only a finding knows it."""
