@@ -11,14 +11,14 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from generators import commands, json_objects, pages, readme, recording, typed, validation
+from generators import codes, commands, json_objects, pages, readme, recording, typed, validation
 from generators.pictures import alike
 
 
 def references() -> dict[Path, bytes]:
     """Return the references as the code has them now."""
-    texts = commands.made() | recording.made() | json_objects.made()
-    return {pages.DOCS / name: text.encode() for name, text in texts.items()}
+    texts = commands.made() | recording.made() | json_objects.made() | codes.made()
+    return {(pages.DOCS / name).resolve(): text.encode() for name, text in texts.items()}
 
 
 def is_current(path: Path, content: bytes) -> bool:
@@ -33,7 +33,6 @@ def is_current(path: Path, content: bytes) -> bool:
 
 def main(names: list[str]) -> None:
     """Write what is stale, and say so; of the pages only those that are named, if any is."""
-    write(references())
     if not names or "validation.md" in names:
         write({pages.DOCS / name: text.encode() for name, text in validation.made().items()})
     if not names or "README.md" in names:
@@ -47,6 +46,7 @@ def main(names: list[str]) -> None:
     for page in pages.pages():
         if not names or page.name in names:
             write(pages.played(page))
+    write(references())  # among them what is read from the pages
 
 
 def write(made: dict[Path, bytes]) -> None:

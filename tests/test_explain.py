@@ -7,6 +7,7 @@ from collections.abc import Callable
 from subprocess import CompletedProcess
 
 import pytest
+from command import ROOT
 from drop_physics.errors import ScenarioError
 from drop_physics.rules.codes import CODES
 from drop_physics.rules.input_rule import INPUT_RULES
@@ -50,6 +51,14 @@ def test_thresholds_messages_and_cure_are_those_of_the_rule() -> None:
     assert not {*apart.says} & {*weak.says}
 
 
+def test_an_example_is_a_line_of_a_script_that_there_is() -> None:
+    examples = [each.example for each in references().values() if each.example is not None]
+    assert len(examples) > 25
+    for each in examples:
+        text = (ROOT / each.script).read_text(encoding="utf-8")
+        assert each.line is None or each.line in text
+
+
 def test_what_is_not_known_is_likened() -> None:
     with pytest.raises(ScenarioError, match="did you mean off-target"):
         explain("of-target")
@@ -62,6 +71,7 @@ def test_one_in_full_or_all_in_a_line_each(drop: Drop) -> None:
     text = drop("explain", "constraint-apart").stdout
     assert "0.05 rad" in text
     assert "childFrameOrientation" in text
+    assert "example     docs/examples/why/constraint_apart.py\n" in text
     listed = drop("explain", "--list").stdout
     assert all(name in listed for name in CODES)
     (one,) = json.loads(drop("explain", "no-effect", "--json").stdout)["codes"]

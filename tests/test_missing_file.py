@@ -16,9 +16,9 @@ MESH = '<robot name="b"><link name="b"><collision><geometry><mesh filename="mesh
     ("arguments", "words"),
     [
         ("'plane.urdf', [0, 0, {}]", "plane.urdf is in pybullet_data: call p.setAdditional"),
-        ("fileName='kuka_iiwa/Model.urdf'", "no kuka_iiwa/Model.urdf, but kuka_iiwa/model.urdf"),
-        ("'mine.urdf'", "lies beside the script, and is looked for where it runs: give sub/mine"),
-        ("'mime.urdf'", "There is no mime.urdf, but mine.urdf"),
+        ("fileName='kuka_iiwa/Model.urdf'", "Model.urdf, but there is kuka_iiwa/model.urdf"),
+        ("'mine.urdf'", "is beside the script, but is looked for where that runs: give sub/mine"),
+        ("'mime.urdf'", "There is no mime.urdf, but there is mine.urdf"),
         ("'mesh.urdf'", "mesh.urdf is there, but meshes/lost.stl, which it names, is not"),
         ("'nowhere.urdf'", "There is no nowhere.urdf where the script runs, beside it or in"),
     ],

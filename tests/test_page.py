@@ -39,7 +39,9 @@ def test_a_page_has_verdict_finding_and_its_line(page: Path) -> None:
     call = "p.setJointMotorControl2(arm, joint, p.POSITION_CONTROL, angle, force=30)"
     assert marked.split() == ["13", *call.split()]
     assert text.count('<div class="panel">') == 3
-    assert "data:image/gif;base64," in text
+    light, dark, strip = re.findall('(?:src|srcset)="data:image/gif;base64,([^"]+)', text)
+    assert len({light, dark, strip}) == 3
+    assert '<source media="(prefers-color-scheme: dark)" srcset=' in text
 
 
 def test_a_page_asks_nobody_for_anything(page: Path) -> None:

@@ -569,7 +569,7 @@ def test_printed_sweep_has_a_row_for_each_run(
     ]
     assert "1 of 4 runs failed, see the column error; run 2:" in said
     assert "the engine fell over" in said
-    assert "4 rows, 1 of them from before" in " ".join(said)
+    assert "4 rows, 1 of them from an earlier run" in " ".join(said)
     show(swept(tmp_path, failed=0, computed=4), as_json=False)
     without = " ".join(lines_of(capsys))
     assert "failed" not in without
@@ -611,7 +611,7 @@ def test_printed_study_tells_orders_limit_and_what_the_theory_knows(
     ]
     text = " ".join(told)
     for sentence in (
-        "does not go to 0 but to +4.31 mm",
+        "tends to +4.31 mm, not to 0",
         "left out 1/64 s, which has no sample at that time",
         "Richardson 0.562860 m at order 1.0000; damped fall at 0.562860 m",
         # 1.25 times the true one, which is (0.00613 / 16) / 0.562476875
@@ -664,7 +664,7 @@ def test_printed_study_with_damping_that_does_not_show_is_one_without(
     small = [replace(run, error_m=run.timestep_m + 4e-7, damping_m=4e-7) for run in RUNS]
     show(swept(tmp_path, studies=[Group({}, "", study_of(small))]), as_json=False)
     told = " ".join(lines_of(capsys))
-    assert "does not go to 0 but to +4.0e-04 mm" in told
+    assert "tends to +4.0e-04 mm, not to 0" in told
     # Where nothing but rounding is left, it is not the damping that makes it grow.
     noise = [
         replace(run, error_m=(-2.0) ** n * 1e-15, timestep_m=0.0, damping_m=0.0)
@@ -918,7 +918,7 @@ def test_printed_commands_can_be_pasted(drop: Drop, tmp_path: Path) -> None:
     command = told.partition("see it move")[2].strip()
     assert shlex.split(command) == ["drop", "view", f"{folder}/run.rrd"]
     told = drop("info", f"{folder}/run.rrd").stdout
-    assert shlex.split(told.partition("again")[2].splitlines()[0])[:2] == ["drop", "simulate"]
+    assert shlex.split(told.partition("repeat")[2].splitlines()[0])[:2] == ["drop", "simulate"]
     (tmp_path / folder / "run.analysis.rrd").unlink()
     told = " ".join(drop("info", f"{folder}/run.rrd").stdout.split())
     assert shlex.split(told.partition("none yet: ")[2]) == ["drop", "analyze", f"{folder}/run.rrd"]
@@ -956,7 +956,7 @@ def test_info_gives_the_command_that_records_a_script_again(drop: Drop, tmp_path
     limits = ("--duration", "0.0125", "--seed", "12345678901234")
     drop("record", *limits, "-o", "./-s.rrd", "--", "-né.py", *arguments)
     done = drop("info", "./-s.rrd")
-    printed = done.stdout.partition("again ")[2].partition("where the script is")[0]
+    printed = done.stdout.partition("repeat ")[2].partition("where the script is")[0]
     assert len(printed.splitlines()) > 1
     assert all(len(line) <= 80 for line in done.stdout.splitlines())
     command = json.loads(drop("info", "./-s.rrd", "--json").stdout)["command"]
@@ -966,7 +966,7 @@ def test_info_gives_the_command_that_records_a_script_again(drop: Drop, tmp_path
     assert done.stdout.endswith("none yet: drop analyze ./-s.rrd\n")
     # A byte that is not UTF-8 is not known any more.
     drop("record", "--steps", "3", "--force", "-o", "./-s.rrd", "./-né.py", "\udcff")
-    assert "again " not in drop("info", "./-s.rrd").stdout
+    assert "repeat " not in drop("info", "./-s.rrd").stdout
 
 
 # -- drop info ------------------------------------------------------------------------------------
@@ -1004,10 +1004,10 @@ def test_info_says_what_the_recording_of_a_script_is(drop_process: Drop, tmp_pat
     done = drop_process("info", "s.rrd")
     told = dict(line.split(maxsplit=1) for line in done.stdout.splitlines())
     assert len(told) <= 10
-    assert told["script"] == "script.py '--its own', stopped after --steps"
+    assert told["script"] == "script.py '--its own', stopped by --steps"
     assert told["bodies"] == "0_plane, held still; 1_cube_small, 0.1 kg; 2_cube_small, 0.1 kg"
     assert told["samples"].startswith("61 in 0.25 s, ")
-    assert shlex.split(told["again"]) == [
+    assert shlex.split(told["repeat"]) == [
         "drop",
         "record",
         "--steps",

@@ -7,6 +7,7 @@ reads what it would have read. Verdicts are held against scripts whose cause is 
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -29,6 +30,7 @@ from drop_physics.experiments.shares import Coordinate, shares_of
 from drop_physics.experiments.verdicts import Outcome, judged, moved
 from drop_physics.recording.layer_file import trials_of
 from drop_physics.recording.reader import read
+from drop_physics.report.html import CURVES, html_of
 from drop_physics.rules.answer import Effect, Finding
 from drop_physics.stages.record import record_script
 from drop_physics.stages.view import view
@@ -105,6 +107,12 @@ def test_a_trial_is_recorded_as_the_engine_was_asked(held: Why) -> None:
     explained = analyze(tried.recording).explained
     assert explained.samples == explained.of
     assert explained.remainder < 1e-12
+
+
+def test_a_page_shows_the_cited_line_and_the_scripts_own_curves(held: Why) -> None:
+    text = "".join(html_of(held.report()))
+    assert "p.changeConstraint(" in re.findall("<mark>(.*?)</mark>", text)[0]
+    assert CURVES in text
 
 
 def test_only_what_changes_no_bit_has_no_effect(held: Why) -> None:

@@ -5,6 +5,7 @@ Each command imports what it needs when it runs, so that `drop --help` is quick.
 
 from __future__ import annotations
 
+import sys
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,6 +18,8 @@ from drop_physics.console import output
 from drop_physics.console.help import BOX, OWN, RECORDINGS, SCRIPT, App, Commands
 from drop_physics.console.progress import progress, sweep_progress
 from drop_physics.console.running import main as main
+from drop_physics.fields import all_of
+from drop_physics.messages import Message
 from drop_physics.options import an_integer, takes_scenario, takes_scenario_lists
 from drop_physics.scenario import Camera, Scenario
 
@@ -29,10 +32,9 @@ app = App(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["--help", "-h"]},
-    help="Why did my simulation do that? Record a PyBullet or MuJoCo script, and read what moved "
-    "its bodies: the worst first, with the line of the script and the call that changes it. Or "
-    "drop a box, and learn where each millimetre of error comes from. Everything is kept in one "
-    "Rerun recording.",
+    help="Why did my simulation do that? Record a PyBullet or MuJoCo script, and read what went "
+    "wrong, the worst first: the line of the script, and the call that changes it. Or drop a box, "
+    "and see where each millimetre of error comes from. Everything is kept in one Rerun recording.",
     epilog="Start with: drop my_script.py, or: drop run",
 )
 
@@ -94,7 +96,7 @@ def simulate(
 
 @app.command(
     rich_help_panel=RECORDINGS,
-    short_help="Explain the error, millimetre by millimetre.",
+    short_help="Say what happened and why, the worst first.",
     epilog="Example: drop analyze recordings/run.rrd --at 0.1 --at 0.3 --table run.csv",
 )
 def analyze(
@@ -113,10 +115,11 @@ def analyze(
     output_format: given.OutputFormat = "text",
     json: given.Json = False,
 ) -> None:
-    """Explain each millimetre between simulation and theory.
+    """Say what happened in a recording, and why.
 
-    For a script's recording: why it did that, the worst first, with the call that changes it; then
-    its joints and bodies. With --at the steps at these times, each as a sum of named impulses.
+    Of a script: what went wrong, the worst first, with the call that changes it; then its joints
+    and bodies, and with --at the steps at these times, each as a sum of named impulses. Of a drop:
+    where each millimetre between simulation and theory comes from.
     """
     from drop_physics.option_types import times
     from drop_physics.stages.found import recording_of
@@ -372,14 +375,12 @@ def script(context: typer.Context, program: given.Program) -> None:
     from drop_physics.stages.settings import settings
 
     choice = settings().choice()
-    from drop_physics.report.record import note_ours, show_record
-    from drop_physics.report.terminal import show
-
-    note_ours(target, arguments, _options(context, "record", "analyze"), verb="record")
-
+    _note_ours(context, program, "record", "analyze")
     recorded = _recorded(target, arguments)
-    code = show_record(recorded, as_json=False, analyzed=True)
+    from drop_physics.report.terminal import show
     from drop_physics.stages.analyze import analyze
+
+    code = show(recorded, stream=sys.stderr, analyzed=True)
 
     with progress() as report:
         analysis = analyze(recorded.recording, choice=choice, script=Path(target), progress=report)
@@ -413,16 +414,14 @@ def record(
     """Run a script that uses PyBullet or MuJoCo, and record everything that happens.
 
     It runs until it ends, or until Ctrl-C, which keeps everything up to there. Options of drop
-    come before the script; everything after it is passed to the script. Standard output is left to
-    the script.
+    come before the script; everything after it goes to the script. Standard output is left to the
+    script.
     """
     from drop_physics.stages.program import digest_of_script
 
     target, *arguments = program
     digest_of_script(target, is_module=module)  # before what takes a second to load
-    from drop_physics.report.record import note_ours, show_record
-
-    note_ours(target, arguments, _options(context, context.info_name))
+    _note_ours(context, program)
     recorded = _recorded(
         target,
         arguments,
@@ -439,13 +438,37 @@ def record(
         keep=keep,
         explain=not no_explain,
     )
-    raise typer.Exit(show_record(recorded, as_json=json))
+    from drop_physics.report.terminal import show
+
+    raise typer.Exit(show(recorded, as_json=json, stream=sys.stderr))
 
 
-def _options(context: typer.Context, *verbs: str | None) -> set[str]:
-    """Return the names of the options of verbs."""
+def _note_ours(context: typer.Context, program: list[str], *verbs: str) -> None:
+    """Say which of a script's arguments are options of ours, too: perhaps they were meant so.
+
+    `verbs` are those that take them, where none was typed.
+    """
+    target, *arguments = program
     commands = context.find_root().command.commands  # type: ignore[attr-defined]
-    return {name for verb in verbs for one in commands[verb].params for name in one.opts}
+    taken = [commands[verb].params for verb in verbs or (context.info_name,)]
+    ours = {name for params in taken for each in params for name in each.opts}
+    names = dict.fromkeys(argument.partition("=")[0] for argument in arguments)
+    both = [name for name in names if name.startswith("-") and name in ours]
+    if both:
+        values = {"names": all_of(both), "target": target}
+        words = Message(
+            "what comes after {target} goes to the script, {names} too; put drop's options before "
+            "the script",
+            **values,
+        )
+        if verbs:
+            words = Message(
+                "what comes after {target} goes to the script, {names} too; drop's options come "
+                "before the script, in: {command}",
+                command=f"drop {verbs[0]}",
+                **values,
+            )
+        output.note(words)
 
 
 def _recorded(
@@ -456,8 +479,6 @@ def _recorded(
     **how: Any,  # noqa: ANN401 - handed on
 ) -> Recorded:
     """Record a script, whose standard output goes to ours, or to standard error."""
-    import sys
-
     from drop_physics.console.progress import script_progress
     from drop_physics.stages.record import record_script
 
@@ -500,16 +521,13 @@ def trust(
     force: given.Force = False,
     json: given.Json = False,
 ) -> None:
-    """Run a script again with variations, and tell what of its result stands.
+    """Run a script again with variations, and say how much of its result stands.
 
-    Half and a quarter of the timestep, four times the solver's iterations, everything moved by 1e-9
-    before the first step, and another random seed; of PyBullet a residual threshold of 0, of MuJoCo
-    another solver, the other cone and impratio 10.
+    Variations: half and a quarter of the timestep, four times the solver's iterations, everything
+    moved by 1e-9 before the first step, and another random seed; of PyBullet also a residual
+    threshold of 0, of MuJoCo another solver, the other cone and impratio 10.
     """
-    import sys
-
     from drop_physics.console.progress import sweep_progress
-    from drop_physics.report.record import note_ours
     from drop_physics.report.terminal import show
     from drop_physics.stages.trust import trust
     from drop_physics.stages.variations import lengths_of
@@ -520,7 +538,7 @@ def trust(
         from drop_physics.report.page import check_page
 
         check_page(html, inputs=[Path(target)], force=force)
-    note_ours(target, arguments, _options(context, context.info_name))
+    _note_ours(context, program)
     with sweep_progress() as report:
         result = trust(
             target,
@@ -580,11 +598,9 @@ def why(
 ) -> None:
     """Record a PyBullet script, then run it again with one thing changed at a time.
 
-    What its findings propose is tried: a motor's force, damping, friction, gains. What takes a
-    symptom away, and moves the outcome by more than chance does, was its cause.
+    It tries what the findings propose: a motor's force, damping, friction, gains. A change that
+    removes a symptom, and moves the outcome by more than chance does, undoes its cause.
     """
-    import sys
-
     from drop_physics.stages.program import digest_of_script
 
     target, *arguments = program
@@ -593,7 +609,6 @@ def why(
 
     choice = settings().choice()
     from drop_physics.console.progress import sweep_progress
-    from drop_physics.report.record import note_ours
     from drop_physics.report.terminal import show
     from drop_physics.stages.why import why
 
@@ -602,10 +617,10 @@ def why(
 
         check_page(html, inputs=[Path(target)], force=force)
     if film is not None:
-        from drop_physics.stages.why_film import check_film, write_film
+        from drop_physics.stages.render import check_film
 
         check_film(film, inputs=[Path(target)], force=force)
-    note_ours(target, arguments, _options(context, context.info_name))
+    _note_ours(context, program)
     with sweep_progress() as report:
         result = why(
             target,
@@ -632,9 +647,13 @@ def why(
         )
     if html is not None:
         from drop_physics.report.page import write_page
+        from drop_physics.stages.render import film_of
 
-        write_page(result, html, force=force, every=every)
+        shown = partial(film_of, result.recording)
+        write_page(result, html, force=force, film=shown, every=every)
     if film is not None:
+        from drop_physics.stages.why_film import write_film
+
         with progress() as drawing:
             write_film(result, film, force=force, progress=drawing)
     raise typer.Exit(show(result, as_json=json, every=every))
@@ -658,18 +677,18 @@ def info(run: given.RunOrNewest = None, *, json: given.Json = False) -> None:
 
 @app.command(
     rich_help_panel=OWN,
-    short_help="Say what the code of a finding means.",
+    short_help="Say what a finding's code means.",
     epilog="Example: drop explain off-target",
 )
 def explain(
     code: Annotated[
-        str | None, typer.Argument(metavar="CODE", help="A code or a reason of a finding.")
+        str | None, typer.Argument(metavar="CODE", help="A finding's code, or its reason.")
     ] = None,
     *,
-    every: Annotated[bool, flag("Say in a line each what all mean.", "--list")] = False,
+    every: Annotated[bool, flag("List all codes, a line each.", "--list")] = False,
     json: given.Json = False,
 ) -> None:
-    """Say what the code of a finding means, what is measured, from which value on, and its cure."""
+    """Say what a finding's code means, what is measured, its threshold, an example and the cure."""
     from drop_physics.report.terminal import show
     from drop_physics.stages.explain import explain
 
@@ -714,7 +733,7 @@ def view(
     against: given.Beside = None,
     json: given.Json = False,
 ) -> None:
-    """Open recordings and their analyses in the Rerun viewer; end when it is closed."""
+    """Open recordings and their analyses in the Rerun viewer; ends when that is closed."""
     from drop_physics.stages.found import recording_of
 
     named: list[Path | None] = [*runs] if runs else [None]

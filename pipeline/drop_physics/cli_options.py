@@ -26,8 +26,8 @@ RunOrNewest = Annotated[
     Path | None,
     typer.Argument(
         metavar="RUN.rrd",
-        help="The recording to read, or the script that it is of. [default: the newest in "
-        "recordings/]",
+        help="The recording to read, or the script that it was made from. [default: the newest "
+        "in recordings/]",
     ),
 ]
 OutputFormat = Annotated[
@@ -40,7 +40,7 @@ OutputFormat = Annotated[
 ]
 Page = Annotated[
     Path | None,
-    takes("FILE", "Also write it as an .html page, complete in one file."),
+    takes("FILE", "Also write the report as one self-contained .html page."),
 ]
 Json = Annotated[bool, flag("Print one JSON object, for scripts.", "--json")]
 Force = Annotated[bool, flag("Replace files that exist.", "--force")]
@@ -54,16 +54,14 @@ At = Annotated[
     list[str] | None,
     takes("SECONDS", "Time at which to break the error down [s]; repeatable. [default: 0.3]"),
 ]
-Select = Annotated[
-    str | None, takes("CODE,…", "Report only these findings; all: whatever is left out else.")
-]
+Select = Annotated[str | None, takes("CODE,…", "Report only these findings; all: leave none out.")]
 Ignore = Annotated[str | None, takes("CODE,…", "Leave these findings out.")]
 FailOn = Annotated[
     str | None,
     takes(
         "LEVEL",
-        "Exit with 3 if a finding is that grave or graver: broken, asked, model, repeat, note, or "
-        "never.",
+        "Exit with 3 if a finding has this level or a graver one: broken, asked, model, repeat, "
+        "note; or never.",
     ),
 ]
 Fps = Annotated[
@@ -86,7 +84,7 @@ Duration = Annotated[
 ]
 WithPlot = Annotated[
     bool,
-    flag("Plot heights and error, or of a script its findings, beside the frames.", "--with-plot"),
+    flag("Beside the frames, plot heights and error, or a script's findings.", "--with-plot"),
 ]
 Program = Annotated[
     list[str],
@@ -103,8 +101,8 @@ Exported = Annotated[
     Path | None,
     takes(
         "FILE",
-        "The .mcap to write; or .csv or .parquet: NAME.states.csv, NAME.joints.csv and "
-        "NAME.contacts.csv. [default: RUN.csv]",
+        "An .mcap file, or tables: NAME.csv (or .parquet) stands for NAME.states.csv, "
+        "NAME.joints.csv and NAME.contacts.csv. [default: RUN.csv]",
         "--out",
         "-o",
     ),
@@ -132,7 +130,7 @@ Tolerance = Annotated[
 ]
 Summary = Annotated[
     Path | None,
-    takes("FILE", "Append the verdict to this file, as Markdown for a CI's summary."),
+    takes("FILE", "Append the verdict to this file, as Markdown for a CI summary."),
 ]
 SweepFolder = Annotated[
     Path,
@@ -144,13 +142,13 @@ SweepFolder = Annotated[
     ),
 ]
 Samples = Annotated[
-    int | None, takes("N", "Runs of each scenario, drawn with --vary.", parser=an_integer)
+    int | None, takes("N", "Runs per scenario, drawn with --vary.", parser=an_integer)
 ]
 Draws = Annotated[
     list[str] | None,
     takes(
         "NAME=DISTRIBUTION",
-        "Draw an option, such as height=uniform:0.5:2 or velocity_z=normal:0:1; "
+        "Draw an option at random, such as height=uniform:0.5:2 or velocity_z=normal:0:1; "
         "repeatable. Also loguniform, truncnormal, lognormal, triangular, exponential, "
         "integers and choice.",
     ),
@@ -179,23 +177,24 @@ Recording = Annotated[
         "-o",
     ),
 ]
-Keep = Annotated[bool, flag("Keep earlier recordings of the script: number this one.", "--keep")]
+Keep = Annotated[
+    bool, flag("Keep earlier recordings of the script, and number this one.", "--keep")
+]
 Seed = Annotated[int | None, takes("N", "Seed random and numpy.random with N.", parser=an_integer)]
 Twice = Annotated[bool, flag("Run it again, and report the first step that differs.", "--twice")]
 KeepSleeping = Annotated[
-    bool, flag("Let its sleeps take time; else its clock is virtual.", "--keep-sleeping")
+    bool, flag("Let its sleeps take real time; by default its clock is virtual.", "--keep-sleeping")
 ]
 NoExplain = Annotated[
     bool,
-    flag("Do not replay MuJoCo's steps: they are recorded, not explained.", "--no-explain"),
+    flag("Do not replay MuJoCo's steps: record them, unexplained.", "--no-explain"),
 ]
 Variations = Annotated[
     list[str] | None,
     takes(
         "NAME=V,…",
-        "In place of the usual variations: values of a parameter of the engine, of "
-        "gravity [m/s2], or factors of friction or mass; timestep/8, iterations*2, "
-        "nudge, seed; repeatable.",
+        "Instead of the usual variations: values of an engine parameter or of gravity [m/s²], "
+        "factors of friction or mass, timestep/8, iterations*2, nudge, seed; repeatable.",
     ),
 ]
 TrustFolder = Annotated[
@@ -204,31 +203,34 @@ TrustFolder = Annotated[
 ]
 About = Annotated[
     str | None,
-    takes("CODE|BODY|JOINT", "Try only what findings of this code, body or joint propose."),
+    takes("CODE|BODY|JOINT", "Try only what findings about this code, body or joint propose."),
 ]
 Tries = Annotated[
     list[str] | None,
     takes(
         "NAME[=V]",
-        "In place of what findings propose: force=70, default-motor-off, damping, friction=2, "
+        "Instead of what findings propose: force=70, default-motor-off, damping, friction=2, "
         "timestep/4, …; repeatable.",
         "--try",
     ),
 ]
 Ablate = Annotated[
-    bool, flag("Leave each call of a setter out in turn, and each optional argument.", "--ablate")
+    bool,
+    flag(
+        "Leave out in turn each call that sets something, and each optional argument.", "--ablate"
+    ),
 ]
 Again = Annotated[
     bool,
     flag(
-        "Run a script again that opens sockets, starts programs, or writes files elsewhere than in "
-        "the working directory.",
+        "Run it again even if it opens sockets, starts programs, or writes files outside the "
+        "working directory.",
         "--again",
     ),
 ]
 Budget = Annotated[float, takes("SECONDS", "Begin no trial after this time [s].", parser=a_number)]
 Every = Annotated[
-    bool, flag("Show all that was tried, and all that the outcome hangs on.", "--all")
+    bool, flag("Show every trial, and everything that the outcome hangs on.", "--all")
 ]
 WhyFolder = Annotated[
     Path | None,
@@ -242,8 +244,8 @@ Within = Annotated[
     str | None,
     takes(
         "LENGTH",
-        "Exit with 3 if a variation ends farther apart: 1mm, 0.5deg, or both with a "
-        "comma; without a unit, metres.",
+        "Exit with 3 if a variation ends farther away than this: 1mm, 0.5deg, or both, with a "
+        "comma; metres where no unit is given.",
     ),
 ]
 Jobs = Annotated[
@@ -257,7 +259,7 @@ RunsOrNewest = Annotated[
     list[Path] | None,
     typer.Argument(
         metavar="RUN.rrd",
-        help="The recordings to open, or scripts that they are of. [default: the newest in "
+        help="The recordings to open, or scripts that they were made from. [default: the newest in "
         "recordings/]",
     ),
 ]

@@ -20,7 +20,7 @@ from drop_physics.messages import joined
 SCRIPT = "SCRIPT.py"
 """The command of a line that begins with a script."""
 GROUPS = OWN, BOX, RECORDINGS = "Your own script", "The falling box", "Recordings"
-"""Of commands, in the order in which help lists them."""
+"""Groups of commands, in the order in which help lists them."""
 SHELLS = ("bash", "zsh", "fish")
 
 

@@ -35,7 +35,7 @@ def width(stream: TextIO | None = None) -> int:
 
 
 def wants_colour(stream: TextIO) -> bool:
-    """Whether a stream gets colours: it is a terminal, or FORCE_COLOR is set."""
+    """Return whether a stream gets colours: it is a terminal, or FORCE_COLOR is set."""
     if os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
         return False
     return bool(os.environ.get("FORCE_COLOR")) or stream.isatty()

@@ -201,7 +201,7 @@ _TYPERS: dict[str, Callable[..., Message]] = {
     r"Option (.+) requires an argument": lambda what: Message("{what} needs a value", what=what),
     r"Option (.+) does not take a value": lambda what: Message("{what} takes no value", what=what),
     r"Got unexpected extra argument\(?s?\)? \((.+)\)": lambda what: Message(
-        "nothing takes the argument {what}", what=what
+        "unexpected argument: {what}", what=what
     ),
 }
 """Typer's sentences about a wrong command line, and ours, which are translated."""

@@ -49,11 +49,11 @@ class Points:
     friction: Float64
     """Coefficient: the product of both sides'."""
     restitution: Float64
-    """Likewise."""
+    """Coefficient of restitution: the product, too."""
     began_m_s: Float64
     """Velocities of both sides' points as the step began, shape (k, 2, 3)."""
     ended_m_s: Float64
-    """As it ended."""
+    """Velocities as it ended, shape (k, 2, 3)."""
     carried_m_s: Float64
     """The same, with links turned on as they then are: what a point of a wheel was given."""
     timestep_s: Float64
@@ -68,7 +68,7 @@ class Points:
 
     @property
     def force_n(self) -> Float64:
-        """On side 0, shape (k, 3)."""
+        """Return the force on side 0, shape (k, 3)."""
         return np.asarray(self.normal * self.normal_n[:, None] + self.tangential_n)
 
     @property
@@ -163,7 +163,7 @@ class Pairs:
 
     @cached_property
     def row(self) -> Int64:
-        """To which of these each point belongs, shape (k,)."""
+        """The pair of these to which each point belongs, shape (k,)."""
         counts = np.diff([*self.starts, len(self.points)])
         return np.repeat(np.arange(len(self.starts)), counts)
 
@@ -184,7 +184,7 @@ class Pairs:
 
     @cached_property
     def force_n(self) -> Float64:
-        """On side 0, shape (m, 3)."""
+        """Return the force on side 0, shape (m, 3)."""
         return self.summed(self.points.force_n)
 
     @cached_property

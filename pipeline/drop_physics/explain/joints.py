@@ -26,8 +26,8 @@ Control = Literal["position", "velocity", "torque", "pd", "default", "off", "unk
 
 REST_STEPS = 10
 REST_SHARE, REST, NEVER_MOVED = 1e-3, 1e-3, 1e-5
-"""At rest is a rate below that share of the greatest in the run, or below REST [SI] if that is
-less; one that was never above NEVER_MOVED is."""
+"""A joint is at rest with a rate below that share of the greatest in the run, or below REST [SI] if
+that is less; one that was never above NEVER_MOVED is."""
 AT_LIMIT = 1 - 1e-6
 STOPPED = 1e-6
 """A stop whose impulse is below this share of the step's largest does nothing."""
@@ -38,11 +38,11 @@ class JointRow:
     """One degree of freedom at the last sample; torques [N m] or [N] have the joint's sign."""
 
     name: str
-    """As in the body's file."""
+    """Its name in the body's file."""
     index: int
-    """Of its link, as PyBullet counts joints."""
+    """Number of its link, as PyBullet counts joints."""
     axis: int | None
-    """Of a spherical joint, 0 to 2; else None."""
+    """Axis of a spherical joint, 0 to 2; None for others."""
     kind: str
     """`revolute`, `prismatic` or `spherical`."""
     control: Control
@@ -50,7 +50,7 @@ class JointRow:
     target: float | None
     """[rad] or [m]; of a velocity motor [rad/s] or [m/s]."""
     reached: float | None
-    """In the target's unit."""
+    """Position or rate that it reached, in the target's unit."""
     off: float | None
     """Reached minus target."""
     torque: float | None
@@ -62,9 +62,9 @@ class JointRow:
     needs_at_target: float | None
     """The same where the joint is at its target."""
     at_force_limit_steps: int
-    """In how many steps its motor was at its limit."""
+    """Number of steps in which its motor was at its limit."""
     at_stop_steps: int
-    """In how many steps one of its limits pushed it."""
+    """Number of steps in which one of its limits pushed it."""
 
     @property
     def unit(self) -> str:
@@ -90,7 +90,7 @@ class Driven:
     rate: Float64
     """After each step."""
     torque: Float64
-    """Of the motors."""
+    """Torques of the motors."""
     limit: Float64
     """The largest that each motor could give in the step, of several substeps in each."""
     at_limit: Flags
@@ -115,7 +115,7 @@ class _Track:
     greatest: Float64
     """The greatest rate of each entry of u."""
     quiet: Int64
-    """For how many steps each has been at rest."""
+    """Number of steps that each has been at rest."""
     at_limit: Int64
     at_stop: Int64
     last: Driven | None = None
@@ -133,7 +133,7 @@ class JointTable:
         self._tracks: dict[int, _Track] = {}
         self._explained: Explained | None = None
         self.latest: dict[int, list[Driven]] = {}
-        """Of the latest piece, by the body's number."""
+        """Joints of the latest piece, by the body's number."""
 
     def add(self, explained: Explained) -> None:
         """Take a piece."""

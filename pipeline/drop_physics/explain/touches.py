@@ -1,4 +1,4 @@
-"""Which pairs of bodies touched: friction used and needed, what slid, what it gave."""
+"""Pairs of bodies that touched: friction used and needed, what slid, what it gave."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Touch:
     other: str
     """Label of the other body, in JSON `with`."""
     steps: int
-    """In how many steps a force acted."""
+    """Number of steps in which a force acted."""
     friction: float | None
     """Coefficient: the product of both; None where several parts with different ones touched."""
     used: float | None
@@ -61,7 +61,7 @@ class _Total:
     """The lowest and the highest."""
     used: float = -1.0
     needed_n: float = -1.0
-    """At the step that needs most."""
+    """Friction needed at the step that needs most."""
     available_n: float = 0.0
     normal_n: float = 0.0
     slid_m: float = 0.0
@@ -102,7 +102,7 @@ class TouchTable:
     def __init__(self, seen: Seen) -> None:
         self._seen = seen
         self._totals: dict[tuple[int, int], _Total] = {}
-        """By the numbers of a body and of the other."""
+        """Totals by the numbers of a body and of the other."""
         self.pairs: Pairs
         """The contact points of the latest piece, until that is forgotten."""
 

@@ -60,8 +60,8 @@ class Facts:
     """Titles in a column, with words or files beside them."""
 
     rows: Sequence[Fact | File]
-    column: int
-    """Characters that the titles take."""
+    column: int = 0
+    """Characters that the titles take; 0 for as many as the longest, and a gap."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class Column:
     gap: int = 2
     """Characters before it, where it is not the first."""
     style: Style = ""
-    """Of its cells."""
+    """Style of its cells."""
     wraps: bool = False
     """Whether a long cell goes on in further lines; of the last column only."""
     fits: bool = False

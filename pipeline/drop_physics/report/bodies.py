@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from drop_physics.rules.answer import Finding
 
 MOST_FINDINGS = 6
-"""That are listed without --verbose; all are in the JSON."""
+"""Findings that are listed without --verbose; all are in the JSON."""
 MOST_BODIES, MOST_ROBOTS, MOST_JOINTS = 12, 4, 8
-"""That are listed without --verbose; all are in the JSON."""
+"""What is listed of each without --verbose; all are in the JSON."""
 NO_MOTOR = "off", "unknown", "default"
 NAME = 8
 """Columns that names take at least."""

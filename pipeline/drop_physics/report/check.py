@@ -383,7 +383,7 @@ def _besides(compared: Comparison) -> Iterator[Fact]:
         yield Fact(
             Message("bits"),
             Message(
-                "are MuJoCo's own within one version and kind of processor only: across, compare "
-                "with --tolerance"
+                "agree only within one version of MuJoCo and one kind of processor; otherwise use "
+                "--tolerance"
             ),
         )

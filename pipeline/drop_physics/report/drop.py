@@ -367,4 +367,4 @@ _TITLE = 12
 """Columns that a title takes."""
 _MOST_BOUNCES = 3
 MOST_FINDINGS = 2
-"""That are listed without --verbose."""
+"""Findings that are listed without --verbose."""

@@ -9,7 +9,7 @@ from drop_physics.messages import Message
 from drop_physics.report.blocks import Fact, Facts, Report, Section
 
 if TYPE_CHECKING:
-    from drop_physics.rules.reference import CodeReference
+    from drop_physics.rules.reference import CodeReference, Limit
     from drop_physics.stages.explain import CodeManual
 
 COLUMN, CODE_COLUMN = 12, 24
@@ -36,18 +36,27 @@ def _rows(one: CodeReference) -> list[Fact]:
         Message(
             "{meaning} ({value})",
             meaning=each.meaning,
-            value=f"{each.value:g}" if each.unit == "1" else f"{each.value:g} {each.unit}",
+            value=_in_its_unit(each),
         )
         for each in one.thresholds
     ]
+    example = one.example
+    shown = [] if example is None else [*vars(example).values()][1:]
     for title, texts in (
         (Message("measured"), one.measured),
         (Message("threshold"), limits),
         (Message("says"), one.says),
+        (Message("example"), [*filter(None, shown)]),
         (Message("cure"), one.advises),
     ):
         rows += [Fact("" if number else title, text) for number, text in enumerate(texts)]
     return rows
+
+
+def _in_its_unit(limit: Limit) -> str:
+    if limit.unit == "share":
+        return f"{100 * limit.value:g} %"
+    return f"{limit.value:g}" if limit.unit == "1" else f"{limit.value:g} {limit.unit}"
 
 
 def json_of(manual: CodeManual) -> dict[str, Any]:

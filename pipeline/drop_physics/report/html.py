@@ -23,7 +23,7 @@ from drop_physics.report.words import trials_of
 from drop_physics.rules.answer import Finding
 
 CURVES = "<!-- curves -->"
-"""In place of curves; no text of a recording is like it, as those are escaped."""
+"""A mark in place of curves; no text of a recording is like it, as those are escaped."""
 AROUND = 2
 """Lines of a script that are shown before and after that of a finding."""
 

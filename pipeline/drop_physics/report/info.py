@@ -73,7 +73,7 @@ def report_of(info: Info) -> Report:
     }
     rows = [Fact(title, words, "dim") for title, words in facts.items()]
     if info.command is not None:
-        rows.append(Fact(Message("again"), info.command, "dim", is_command=True))
+        rows.append(Fact(Message("repeat"), info.command, "dim", is_command=True))
         if info.kind == "script" and " -m " not in info.command:
             where = Message("where the script is: its folder is not recorded")
             rows.append(Fact("", where, "dim"))

@@ -7,6 +7,7 @@ import importlib
 import uuid
 from collections.abc import Iterator
 from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.text import Text
@@ -14,11 +15,10 @@ from rich.text import Text
 from drop_physics.errors import DropError
 from drop_physics.messages import harmless
 from drop_physics.report import html
+from drop_physics.report.blocks import Facts, File, Graphs, Report
 from drop_physics.report.terminal import lines_of
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from drop_physics.printable import Printable
 
 PICTURES = {".gif": "gif", ".png": "png", ".webp": "webp", ".apng": "apng", ".svg": "svg+xml"}
@@ -44,9 +44,10 @@ def text_of(result: Printable) -> str:
 
 def html_of(result: Printable) -> str:
     """Return a result's report as HTML, followed by its tables and pictures."""
-    report = html.html_of(result.report(), HEADING)
-    told = ['<div style="font-family: monospace">', *report, "</div>"]
-    return "\n".join([*told, *_tables(result), *_pictures(result)])
+    report: Report = result.report()
+    told = "\n".join(html.html_of(report, HEADING)).replace(html.CURVES, "")
+    styled = f'<div style="font-family: monospace">\n{told}\n</div>'
+    return "\n".join([styled, *_tables(result), *_pictures(report)])
 
 
 def _tables(result: Any) -> Iterator[str]:  # noqa: ANN401 - of any kind
@@ -57,21 +58,23 @@ def _tables(result: Any) -> Iterator[str]:  # noqa: ANN401 - of any kind
         yield result.table()._repr_html_()
 
 
-def _pictures(result: Any) -> Iterator[str]:  # noqa: ANN401
-    """Yield the pictures written for a result; an analysis is plotted now."""
-    from drop_physics.analysis.results import Analysis
-    from drop_physics.stages.render import Rendering, plot_png
-    from drop_physics.stages.run import Run
-    from drop_physics.stages.sweep import Sweep
+def _pictures(report: Report) -> list[str]:
+    """Return the pictures among the files of a report; without any its curves, drawn now."""
+    blocks = [block for section in report.sections for block in section.blocks]
+    rows = [row for block in blocks if isinstance(block, Facts) for row in block.rows]
+    paths = [Path(row.path) for row in rows if isinstance(row, File)]
+    files = [
+        _picture(path.read_bytes(), PICTURES[path.suffix])
+        for path in paths
+        if path.suffix in PICTURES and path.is_file()
+    ]
+    return files or [_drawn(block) for block in blocks if isinstance(block, Graphs)]
 
-    if isinstance(result, Analysis):
-        yield _picture(plot_png(result), "png")
-    elif isinstance(result, Run):
-        yield from _pictures(result.rendering)
-    elif isinstance(result, Rendering):
-        yield from _files(result.gif, result.plot)
-    elif isinstance(result, Sweep):
-        yield from _files(result.plot)
+
+def _drawn(graphs: Graphs) -> str:
+    from drop_physics.figures import panel_plot  # loads matplotlib
+
+    return _picture(panel_plot.render(graphs.plot(), "png", dark=False), "png")
 
 
 class Viewed:
@@ -90,7 +93,7 @@ class Viewed:
         try:
             film = _picture(film_of(recording), "gif")
         except DropError:  # of nothing that can be drawn
-            film = "\n".join(_pictures(result))
+            film = "\n".join(_pictures(result.report()))
         self._html = HIDDEN.format(name=f"drop-{uuid.uuid4().hex}", film=film, note=note)
 
     def _repr_html_(self) -> str:
@@ -101,12 +104,6 @@ class Viewed:
         shell.display(shell.HTML(self._html))
         if self._widget is not None:
             shell.display(self._widget)
-
-
-def _files(*paths: Path | None) -> Iterator[str]:
-    for path in paths:
-        if path is not None and path.suffix in PICTURES and path.is_file():
-            yield _picture(path.read_bytes(), PICTURES[path.suffix])
 
 
 def _picture(content: bytes, kind: str) -> str:

@@ -7,10 +7,13 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import io
 from collections.abc import Iterator, Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
+
+from PIL import Image
 
 from drop_physics.errors import DropError, check_suffix
 from drop_physics.figures.interactive import Interactive, colour_of, interactive
@@ -21,8 +24,6 @@ from drop_physics.report.blocks import Graphs, Report
 from drop_physics.report.html import CURVES, html_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from drop_physics.figures.plot import Panel
     from drop_physics.printable import Printable
 
@@ -35,7 +36,7 @@ STYLE = """
   --line: #d0d7de; --mark: #fff1c2; --advice: #1a7f37; --broken: #cf222e }
 @media (prefers-color-scheme: dark) { :root { --text: #e6edf3; --faint: #9aa4af; --page: #0d1117;
   --line: #30363d; --mark: #4d3b00; --advice: #57ab5a; --broken: #ff7b72 } }
-body { font: 16px/1.5 system-ui, sans-serif; color: var(--text); background: var(--page);
+body { font: 1rem/1.5 system-ui, sans-serif; color: var(--text); background: var(--page);
   margin: 2rem auto; padding: 0 1rem; max-width: 60rem }
 h1 { font-size: 1.3rem } h2 { font-size: 1.05rem; margin: 1.5rem 0 .3rem }
 h3 { font-size: 1rem; margin: 1.2rem 0 0 }
@@ -57,13 +58,27 @@ th { color: var(--faint); font-weight: normal; white-space: nowrap }
 pre { border: 1px solid var(--line); border-radius: 6px; padding: .5rem; overflow-x: auto;
   font-size: .85rem; line-height: 1.2; white-space: pre }
 mark { background: var(--mark); color: inherit }
-img { max-width: 100% }
-@media print { body { margin: 0; max-width: none } .panel, li, table, img { break-inside: avoid } }
+img { max-width: 100% } .strip { display: none }
+@media print {
+  :root { font-size: 12px } body { margin: 0; padding: 0; max-width: none }
+  .panel, li, table, img, pre { break-inside: avoid } h3, h2 { break-after: avoid }
+  pre { white-space: pre-wrap; overflow: visible } .wide { overflow: visible }
+  .film { display: none } .strip { display: block; width: 100% }
+}
 """
 MOST_PANELS = 8
+MOMENTS = 4
+"""Pictures of a film that are printed."""
 LANGUAGE = Message("en")
 """Language of a page, as HTML names it."""
 NOTHING = Interactive("", [], "")
+
+
+class DrawFilm(Protocol):
+    """Draws a film for a light or a dark page, as a gif."""
+
+    def __call__(self, *, dark: bool) -> bytes:
+        """Return it."""
 
 
 def check_page(page: Path, *, inputs: Sequence[Path], force: bool) -> None:
@@ -86,12 +101,13 @@ def write_page(
     page: Path,
     *,
     force: bool,
-    film: Callable[[], bytes] | None = None,
+    film: DrawFilm | None = None,
     **how: object,
 ) -> None:
     """Write a result's report as a page, with its curves; `how` goes to its builder.
 
-    `film` returns a gif, or raises an error where there is nothing to show.
+    `film` returns a gif for a light or a dark page, or raises an error where there is nothing to
+    show.
 
     Raises
     ------
@@ -137,10 +153,33 @@ def _panel(panel: Panel, div: str) -> str:
     return f'<div class="panel">{title}<p class="legend">{names}</p>{div}</div>'
 
 
-def _film(film: Callable[[], bytes] | None) -> Iterator[str]:
+def _film(film: DrawFilm | None) -> Iterator[str]:
+    """Yield the film that fits a light or dark page, and what is printed in its place."""
     if film is not None:
         with contextlib.suppress(DropError):
-            yield f'<img alt="" src="data:image/gif;base64,{base64.b64encode(film()).decode()}">'
+            light, dark = film(dark=False), film(dark=True)
+            yield (
+                '<picture class="film"><source media="(prefers-color-scheme: dark)" '
+                f'srcset="{_data(dark)}"><img alt="" src="{_data(light)}"></picture>'
+                f'<img class="strip" alt="" src="{_data(_strip(light))}">'
+            )
+
+
+def _data(gif: bytes) -> str:
+    return f"data:image/gif;base64,{base64.b64encode(gif).decode()}"
+
+
+def _strip(film: bytes) -> bytes:
+    """Return moments of a film side by side, the first and the last among them."""
+    with Image.open(io.BytesIO(film)) as frames:
+        width, height = frames.size
+        strip = Image.new("RGB", (MOMENTS * width, height))
+        for number in range(MOMENTS):
+            frames.seek(number * (getattr(frames, "n_frames", 1) - 1) // (MOMENTS - 1))
+            strip.paste(frames.convert("RGB"), (number * width, 0))
+        stream = io.BytesIO()
+        strip.save(stream, "gif")
+    return stream.getvalue()
 
 
 def _panels(report: Report) -> Iterator[Panel]:

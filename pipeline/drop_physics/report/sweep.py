@@ -174,8 +174,8 @@ def _study(group: Group, study: Study, at_s: float) -> Iterator[Block]:
 
     if damped:
         words = Message(
-            "meaningless: the error against free fall does not go to 0 but to {limit}, because "
-            "damping is another model. An order has a meaning only against 0.",
+            "meaningless: the error against free fall tends to {limit}, not to 0, because damping "
+            "is another model; an order of accuracy needs an error that tends to 0",
             limit=limit,
         )
         say("*", words)
@@ -337,13 +337,13 @@ def _files(sweep: Sweep) -> Iterator[Block]:
     old = sweep.runs - sweep.computed
     rows = counted(sweep.runs, "row")
     if old > 0:
-        rows = Message("{rows}, {old:,} of them from before", rows=rows, old=old)
+        rows = Message("{rows}, {old:,} of them from an earlier run", rows=rows, old=old)
     files = [File(Message("results"), sweep.results, rows)]
     if sweep.plot is not None:
         files.append(File(PLOT, sweep.plot))
     yield Facts(files, 12)
     if sweep.narrow_enough is False:
         more = Message(
-            "the interval is wider than asked for, or of fewer than 30 samples: use more --samples"
+            "the interval is wider than asked for, or there are fewer than 30: use more --samples"
         )
         yield Words(more, "yellow")

@@ -121,13 +121,15 @@ def _(_: Graphs) -> Iterator[str]:
 
 @block_lines.register
 def _(facts: Facts) -> Iterator[str]:
+    titles = (columns_of(translated(row.title)) for row in facts.rows)
+    column = facts.column or 2 + max(titles, default=0)
     for row in facts.rows:
         if isinstance(row, File):
-            yield from _file(row, facts.column)
+            yield from _file(row, column)
         elif row.is_command:
-            yield from _command(row, facts.column)
+            yield from _command(row, column)
         else:
-            yield from _fact(row, facts.column)
+            yield from _fact(row, column)
 
 
 def _fact(fact: Fact, column: int) -> Iterator[str]:

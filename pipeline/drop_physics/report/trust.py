@@ -46,14 +46,14 @@ MOST_PARTS = 6
 APART = 3
 """The exit code where a variation ends farther apart than it may."""
 LEAST = 1e-6
-"""Of positions that are less apart [m], orientations are shown instead, if they are more [rad]."""
+"""Distance [m] below which orientations are shown instead, if these are farther apart [rad]."""
 VARIATIONS = (
     "",
-    Message("ends apart"),
+    Message("at the end"),
     "",
     Message("at worst"),
     "",
-    Message("apart from"),
+    Message("since"),
     Message("first by"),
 )
 STANDING = (
@@ -138,7 +138,7 @@ def _verdict(trust: Trust) -> Message:
     script, steps = trust.script, counted(trust.made.steps, "step")
     if not depends:
         return Message(
-            "{script}, {steps}: stands; no variation ever comes 1 µm or 1 µrad apart",
+            "{script}, {steps}: stands; no variation ever differs by 1 µm or 1 µrad",
             script=script,
             steps=steps,
         )
@@ -248,7 +248,7 @@ def _sentences(trust: Trust) -> Iterator[str]:
     if others > 0:
         converge = sum(each.order is not None for each in trust.converging[1:])
         yield Message(
-            "of {others} that depend on it less, {converge} converge",
+            "of the {others} that depend on it less, {converge} converge",
             others=counted(others, "position"),
             converge=converge,
         )

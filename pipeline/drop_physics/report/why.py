@@ -6,8 +6,10 @@ X by so much.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drop_physics.analysis.results import renamed
@@ -20,10 +22,12 @@ from drop_physics.report.blocks import (
     Column,
     DataTable,
     FindingList,
+    Graphs,
     Report,
     Section,
     Words,
 )
+from drop_physics.stages.analyze import plot_of_recording
 from drop_physics.stages.trust_findings import part_of, readable
 from drop_physics.trace.events import ENDED
 
@@ -41,9 +45,9 @@ SHOWN = {
     "cured": Message("cured"),
     "part": Message("in part"),
     "refuted": Message("no effect"),
-    "void": Message("void: it changed no call, or the script fails with it"),
+    "void": Message("void: it changed no call, or made the script fail"),
     "chaotic": Message("chaotic"),
-    "untried": Message("not tried: there was no time, or no run can do it"),
+    "untried": Message("not tried: no time was left, or no run can do it"),
 }
 HANGS = Message("the outcome hangs on it")
 FREE = ("name", "target", "value", "call", "site", "moved")
@@ -112,26 +116,30 @@ def _json_of_trial(tried: Tried) -> dict[str, Any]:
 def report_of(why: Why, *, every: bool = False) -> Report:
     """Say what was tried, what was cured first; `every`: all that the outcome hangs on."""
     head = Message(
-        "{script} {ended}: {steps}; {runs} tried, each in a run of its own",
+        "{script} {ended}: {steps}; {trials}",
         script=why.script,
         ended=ENDED[why.ended],
         steps=counted(why.steps, "step"),
-        runs=counted(why.runs, "thing"),
+        trials=counted(why.runs, "trial"),
     )
     order = sorted(why.findings, key=lambda each: VERDICTS.index(each.verdict))
     proved = [
-        Section([*_proved(number, each)], apart=False) for number, each in enumerate(order, 1)
+        Section([*_proved(number, each, why.sources)], apart=False)
+        for number, each in enumerate(order, 1)
     ]
+    curves = Section([Graphs(partial(plot_of_recording, why.recording))], apart=False)
     last = [*_shares(why), *_hangs(why, every=every), *_idle(why)]
-    return Report(verdict=Words(head, key=why.script, indent="  "), sections=[*proved, *last])
+    return Report(
+        verdict=Words(head, key=why.script, indent="  "), sections=[*proved, curves, *last]
+    )
 
 
-def _proved(number: int, proved: Proved) -> Iterator[Block]:
+def _proved(number: int, proved: Proved, sources: Mapping[str, Path]) -> Iterator[Block]:
     """Yield a finding, and a line for each of its trials, the best first."""
-    yield FindingList([proved.finding], 1, first=number)
+    yield FindingList([proved.finding], 1, sources=sources, first=number)
     tried = sorted(proved.tried, key=lambda each: VERDICTS.index(each.verdict))
     if not tried:
-        yield Words(Message("not tried: no run can switch this off"), "dim", margin=MARGIN)
+        yield Words(Message("not tried: no change can switch this off"), "dim", margin=MARGIN)
         return
     yield DataTable(
         [
@@ -144,7 +152,7 @@ def _proved(number: int, proved: Proved) -> Iterator[Block]:
     )
     wrong = proved.verdict == "refuted" and proved.finding.code not in CAUSES
     if wrong and any(each.intervention.kind.decides for each in tried if each.verdict == "refuted"):
-        words = Message("said, and not so: without its cause it is as before")
+        words = Message("this is wrong: without the cause, it happens all the same")
         yield Words(words, margin=MARGIN)
 
 

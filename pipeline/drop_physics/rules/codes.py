@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 CODES: dict[str, str] = {
+    "actuatorfrcrange": "The joint lets through only a part of what its actuator gives.",
     "asleep": "A body does not react: the engine put it to sleep, and nothing woke it.",
     "auto-reset": (
         "MuJoCo put the state back by itself after a warning, and the run went on from there."
@@ -57,6 +58,7 @@ CODES: dict[str, str] = {
     "force-off-centre": (
         "A force acted beside a body that it was meant for: the point is in another frame."
     ),
+    "forcerange": "An actuator is at the limit of its force.",
     "friction-pyramid": (
         "Friction is a pyramid along two axes, and turned or braked a body that slides "
         "between them."
@@ -116,6 +118,7 @@ CODES: dict[str, str] = {
     "push-stays": (
         "A force of MuJoCo stays until it is written again, and acted longer than it was meant to."
     ),
+    "range": "A joint rests at the end of its range, short of its target.",
     "reading": "What a number that the script reads stands for.",
     "reading-depth": "The depth of a camera's picture is no distance.",
     "reading-stale": "The pose of a link is that of one step earlier.",
@@ -134,6 +137,7 @@ CODES: dict[str, str] = {
     "self-collision": "A body's own links overlap and are pushed apart.",
     "slides": "A body that was held or rested slipped: friction was not enough.",
     "stale": "A step of MuJoCo used what had been computed for another state.",
+    "spring": "A position actuator is a spring: a pose that takes a force is off its target.",
     "starts-in-contact": "A body was put inside another, and they were pushed apart.",
     "static-parent": "A body collides with its parent, as MuJoCo has it where that cannot move.",
     "still-airborne": "The recording ends before the body has landed.",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import difflib
+import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -24,6 +25,8 @@ ROOMS = "rules", "drop"
 """Folders whose modules find something."""
 ADVISES = {"advice", "cure"}
 """Arguments that hold what is advised."""
+EXAMPLES = "examples.json"
+"""File of examples, by code, which `docs/regenerate.py` writes."""
 PLACEHOLDER = re.compile(r"\{[^{}]*\}")
 
 
@@ -39,6 +42,22 @@ class Limit:
     """`share` of what the meaning names, `1` of a count."""
     meaning: str
     """What it limits."""
+
+
+@dataclass(frozen=True)
+class CodeExample:
+    """A script of the documentation that shows a code, and what is said of it."""
+
+    asked: str
+    """What its user asks."""
+    script: str
+    """The script, from the root of the repository."""
+    line: str | None
+    """The line that a finding cites; null where it cites none."""
+    says: str
+    """What the finding says."""
+    advises: str | None = None
+    """What it advises; null where it does not."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +80,8 @@ class CodeReference:
     """What a finding says; … is a number or a name."""
     advises: list[str] = field(default_factory=list)
     """What changes it."""
+    example: CodeExample | None = None
+    """A script that shows it; null where the documentation has none."""
 
 
 def reference_of(name: str) -> CodeReference:
@@ -83,7 +104,13 @@ def reference_of(name: str) -> CodeReference:
 @cache
 def references() -> dict[str, CodeReference]:
     """Return all of them, by their names."""
-    made = {name: CodeReference(name, None, None, meaning) for name, meaning in CODES.items()}
+    folder = resources.files("drop_physics.rules")
+    held = json.loads(folder.joinpath(EXAMPLES).read_text(encoding="utf-8"))
+    examples = {code: CodeExample(**example) for code, example in held.items()}
+    made = {
+        name: CodeReference(name, None, None, meaning, example=examples.get(name))
+        for name, meaning in CODES.items()
+    }
     for room in ROOMS:
         for file in sorted(resources.files(f"drop_physics.{room}").iterdir(), key=str):
             if file.name.endswith(".py"):
@@ -201,6 +228,7 @@ def _with(
         thresholds=[*dict.fromkeys([*known.thresholds, *used])],
         says=_once([*known.says, *said]),
         advises=_once([*known.advises, *advised]),
+        example=known.example,
     )
 
 

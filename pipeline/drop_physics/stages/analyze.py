@@ -13,6 +13,7 @@ from drop_physics.analysis.story import Story
 from drop_physics.engines.cures import call_of
 from drop_physics.errors import ScenarioError, check_suffix
 from drop_physics.explain.times import Times
+from drop_physics.figures.plot import Plot
 from drop_physics.files.outputs import check_apart, check_target, refused
 from drop_physics.files.table import check_table, write_table
 from drop_physics.messages import Message
@@ -24,7 +25,7 @@ from drop_physics.recording.reader import Recording, read
 from drop_physics.rules.answer import Finding
 from drop_physics.rules.choice import EVERY, Choice
 from drop_physics.stages.events import events
-from drop_physics.stages.panels import viewed
+from drop_physics.stages.panels import plot_of, viewed
 from drop_physics.stages.sources import Sources
 from drop_physics.stages.trials import Trials
 from drop_physics.trace.history import Seen, body_named
@@ -162,6 +163,11 @@ def analysis_of(
         call_of=call_of(seen.engine),
         reports=reports,
     ).analysis()
+
+
+def plot_of_recording(recording: Path) -> Plot:
+    """Return what the plot of a recording tells, which is read and analyzed for it."""
+    return plot_of(analysis_of(read(recording)))
 
 
 def _shown(analysis: Analysis, seen: Seen) -> LayerShown:

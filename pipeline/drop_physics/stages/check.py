@@ -29,7 +29,7 @@ from drop_physics.recording.reader import Recording, is_recording, read
 Image = tuple[int, int, int]
 """Step, camera, and how many images that took there before."""
 WRITTEN = "Written by drop with this golden recording: what it holds."
-"""By this line a description of a golden recording is known as ours."""
+"""The line by which a description of a golden recording is known as ours."""
 NEITHER = Message("neither has images")
 
 
@@ -62,7 +62,7 @@ class Check(Printable, reported_by="drop_physics.report.check"):
     frames: FrameComparison | None
     """How the pictures compare; None where there was no golden recording yet."""
     engines: str | None = None
-    """Of drops that differ in nothing but the engine: where and why these part."""
+    """Where and why the engines part, if the drops differ in nothing else."""
     updated: bool = False
     """Whether the recording has been made the golden one."""
     lacks: tuple[str, ...] = ()

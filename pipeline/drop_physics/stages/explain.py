@@ -26,5 +26,5 @@ def explain(code: str | None = None, *, every: bool = False) -> CodeManual:
         If there is no such code, or neither or both are asked for.
     """
     if (code is None) is not every:
-        raise ScenarioError("give one code of a finding, as off-target, or --list")
+        raise ScenarioError("give one code of a finding, such as off-target, or --list")
     return CodeManual([*references().values()] if code is None else [reference_of(code)])

@@ -148,14 +148,7 @@ def poses_film(
     ScenarioError
         If there is no such body, or it cannot be shown at that speed.
     """
-    parts = parts_of(held.path, held.seen)
-    if not parts:
-        raise RecordingError(
-            "{path} has nothing to show: no body with a shape that drop draws was recorded; "
-            "what was: {command}",
-            path=held.path,
-            command=shell_command("drop", "info", held.path),
-        )
+    parts = _parts(held)
     taken = held.camera if held.drop is not None else None
     dropped = [part for part in parts if part.number == BODY and math.isfinite(part.radius_m)]
     scene = None
@@ -163,11 +156,8 @@ def poses_film(
         floor_m = held.engine.rest_height_m if held.scenario.floor else None
         scene = FallScene(dropped, table, AXES, floor_m)
     every_s = taken.capture_every * held.scenario.timestep_s if taken else 1 / DRAWN_PER_S
-    times_s = _drawn_at(_end_s(held.seen, parts), every_s, most)
-    interval_s = times_s[1] - times_s[0] if len(times_s) > 1 else 1 / DRAWN_PER_S
-    played = playback(animation, len(times_s), interval_s, most_fps=most_fps)
-    shown_s = np.array(times_s)[played.frames]
-    poses = np.stack([part.at(shown_s) for part in parts], axis=1)
+    played, shown_s = _played(animation, most_fps, _end_s(held.seen, parts), every_s, most)
+    poses = _poses(parts, shown_s)
     size_px = (taken or STANDARD_CAMERA).size_px
     cameras = [
         replace(camera, size_px=size_px) for camera in _cameras(held.seen, parts, poses, view, body)
@@ -211,21 +201,10 @@ def beside_film(
     ScenarioError
         If they cannot be shown at that speed.
     """
-    both = [parts_of(each.path, each.seen) for each in (held, other)]
-    for parts, each in zip(both, (held, other), strict=True):
-        if not parts:
-            raise RecordingError(
-                "{path} has nothing to show: no body with a shape that drop draws was recorded; "
-                "what was: {command}",
-                path=each.path,
-                command=shell_command("drop", "info", each.path),
-            )
+    both = [_parts(held), _parts(other)]
     ends_s = (_end_s(each.seen, parts) for each, parts in zip((held, other), both, strict=True))
-    times_s = _drawn_at(max(ends_s), 1 / DRAWN_PER_S, most)
-    interval_s = times_s[1] - times_s[0] if len(times_s) > 1 else 1 / DRAWN_PER_S
-    played = playback(animation, len(times_s), interval_s, most_fps=most_fps)
-    shown_s = np.array(times_s)[played.frames]
-    poses = [np.stack([part.at(shown_s) for part in parts], axis=1) for parts in both]
+    played, shown_s = _played(animation, most_fps, max(ends_s), 1 / DRAWN_PER_S, most)
+    poses = [_poses(parts, shown_s) for parts in both]
     together = [*both[0], *both[1]]
     numbers = np.array([part.number for part in together])
     targets_m, distance_m = _framed(together, numbers, np.concatenate(poses, axis=1))
@@ -237,6 +216,24 @@ def beside_film(
         for *pair, time_s in zip(*sides, shown_s.tolist(), strict=True)
     )
     return Film(pictures, shown_s.tolist(), played)
+
+
+def _parts(held: Recording) -> list[Part]:
+    """Return what is drawn of a recording, or raise an error where that is nothing."""
+    parts = parts_of(held.path, held.seen)
+    if not parts:
+        raise RecordingError(
+            "{path} has nothing to show: no body with a shape that drop draws was recorded; "
+            "what was: {command}",
+            path=held.path,
+            command=shell_command("drop", "info", held.path),
+        )
+    return parts
+
+
+def _poses(parts: Sequence[Part], times_s: Float64) -> Float64:
+    """Return the poses of all parts, shape (times, parts, 7)."""
+    return np.stack([part.at(times_s) for part in parts], axis=1)
 
 
 def _drawn(
@@ -260,11 +257,15 @@ def _end_s(seen: Seen, parts: Sequence[Part]) -> float:
     return max(*sampled_s, *(float(part.times_s[-1]) for part in parts), 0.0)
 
 
-def _drawn_at(end_s: float, interval_s: float, most: int) -> list[float]:
-    """Return the times at which pictures are drawn: evenly spaced, at most so many."""
+def _played(
+    animation: Animation, most_fps: float, end_s: float, interval_s: float, most: int
+) -> tuple[Playback, Float64]:
+    """Return how a film plays, and the time of each picture: evenly spaced, at most so many."""
     count = int(end_s / interval_s + 1e-9) + 1
-    every = -(-count // most)
-    return [number * every * interval_s for number in range(-(-count // every))]
+    times_s = interval_s * np.arange(0, count, -(-count // most), dtype=np.float64)
+    apart_s = float(times_s[1]) if len(times_s) > 1 else 1 / DRAWN_PER_S
+    played = playback(animation, len(times_s), apart_s, most_fps=most_fps)
+    return played, times_s[played.frames]
 
 
 def _cameras(

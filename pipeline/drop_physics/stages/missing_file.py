@@ -42,7 +42,7 @@ def missing_file(arguments: str, target: str) -> Message | None:
         return None if lost is None else words
     if (beside / name).is_file():
         return Message(
-            "{name} lies beside the script, and is looked for where it runs: give {path}",
+            "{name} is beside the script, but is looked for where that runs: give {path}",
             name=str(name),
             path=str(beside / name),
         )
@@ -52,7 +52,9 @@ def missing_file(arguments: str, target: str) -> Message | None:
         near = _near(folder / name)
         if near is not None:
             return Message(
-                "There is no {name}, but {near}", name=str(name), near=str(near.relative_to(folder))
+                "There is no {name}, but there is {near}",
+                name=str(name),
+                near=str(near.relative_to(folder)),
             )
     return Message(
         "There is no {name} where the script runs, beside it or in pybullet_data", name=str(name)

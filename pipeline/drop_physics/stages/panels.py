@@ -20,7 +20,7 @@ from drop_physics.stages.panel_kinds import (
 from drop_physics.trace.events import Body
 
 MOST_PANELS = 4
-"""Of a plot."""
+"""Most panels of a plot."""
 MOST_BODIES = 3
 """Bodies whose energy is shown, in the viewer."""
 

@@ -95,7 +95,7 @@ class Recorded(Printable, reported_by="drop_physics.report.record"):
     replay: ReplayedSteps | None = None
     """What became of the steps of MuJoCo that were taken again; None of others."""
     outside: tuple[tuple[str, str], ...] = ()
-    """If that was noted, what it reached beside its simulation: `connects`, `starts`, `writes`,
+    """What it reached beside its simulation, if that was noted: `connects`, `starts`, `writes`,
     `removes`, or in its working directory `keeps`, and a name."""
 
 
@@ -383,7 +383,7 @@ def _named_later(note: Callable[[str], None]) -> Callable[[float, int], None]:
             note(
                 Message(
                     "still running after {seconds:g} s, at step {steps:,}: Ctrl-C ends the script "
-                    "and keeps the recording, --duration or --steps before it sets a limit",
+                    "and keeps the recording; --duration or --steps, before the script, limits it",
                     seconds=NAMED_AFTER_S,
                     steps=steps,
                 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -291,8 +291,8 @@ def _composed(
         progress(words, done, count)
 
 
-def film_of(recording: Path) -> bytes:
-    """Return a short film of a recording, drawn from its poses, as a gif.
+def film_of(recording: Path, *, dark: bool = False) -> bytes:
+    """Return a short film of a recording, drawn from its poses, as a gif for a light or dark page.
 
     Raises
     ------
@@ -309,12 +309,29 @@ def film_of(recording: Path) -> bytes:
             body=None,
             table=None,
             most=SHORT,
-            dark=False,
+            dark=dark,
             clock=True,
             hire=_hiring(running, None),
         )
         write_animation(made.pictures, stream, suffix=".gif", fps=SHORT_FPS)
     return stream.getvalue()
+
+
+def check_film(film: Path, *, inputs: Sequence[Path], force: bool) -> None:
+    """Check that a film can be written, before any work is done for it.
+
+    Raises
+    ------
+    ScenarioError
+        If the suffix names no format that can be written.
+    OutputError
+        If the file exists, or is one of the inputs.
+    DropError
+        If its format needs a library that is not installed.
+    """
+    check_animation(film, None)
+    check_apart([film], inputs=inputs)
+    check_target(film, force=force)
 
 
 def film_beside(
@@ -348,9 +365,7 @@ def film_beside(
         As of `render`.
     """
     film = Path(out)
-    check_animation(film, None)
-    check_apart([film], inputs=[Path(recording), Path(other)])
-    check_target(film, force=force)
+    check_film(film, inputs=[Path(recording), Path(other)], force=force)
     with ExitStack() as running:
         made = beside_film(
             read(Path(recording)),
@@ -364,11 +379,6 @@ def film_beside(
         pictures = _composed(made, None, None, dark, progress, film)
         with written_whole(film, force=force) as file:
             return write_animation(pictures, file, suffix=film.suffix, fps=made.played.fps)
-
-
-def plot_png(analysis: Analysis | FallAnalysis, *, dark: bool = False) -> bytes:
-    """Return the plot of an analysis as PNG, as `render` draws it."""
-    return _drawn(plot_of(analysis), "png", dark)
 
 
 def _drawn(plot: Plot, format: str, dark: bool) -> bytes:  # noqa: A002

@@ -32,9 +32,9 @@ class Ended:
     """How a run came to its end."""
 
     how: str
-    """As a recording says it; `interrupted` where it was stopped from here."""
+    """How it ended, as a recording says it; `interrupted` where it was stopped from here."""
     steps: int
-    """Of all simulations."""
+    """Steps of all its simulations."""
     intervened: frozenset[int]
     """The interventions that have changed something, by number."""
 

@@ -1,4 +1,4 @@
-"""Which shards of a sweep are done, and whether they are enough."""
+"""The shards of a sweep that are done, and whether they are enough."""
 
 from __future__ import annotations
 

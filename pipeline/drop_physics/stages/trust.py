@@ -40,16 +40,16 @@ class Trust(Printable, reported_by="drop_physics.report.trust"):
     """Its own run."""
     variations: list[Varied]
     standing: list[Standing]
-    """Of each position that matters, the least first."""
+    """What stands of each position that matters, the least first."""
     growth: Growth | None
-    """Of the nudge; None where it does not grow, or was left out."""
+    """How the nudge grows; None where it does not, or was left out."""
     converging: list[Converging]
-    """Of each end position that depends on the timestep, where three of them were run."""
+    """How each end position that depends on the timestep converges, where three were run."""
     findings: list[Finding]
 
     @property
     def recording(self) -> Path:
-        """Of its own run."""
+        """Return the recording of its own run."""
         return self.made.recording
 
     def ends_within(self, lengths: Mapping[str, float]) -> bool:

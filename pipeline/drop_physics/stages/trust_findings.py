@@ -82,7 +82,7 @@ def _ending(varied: Mapping[str, Varied], base: Made) -> Iterator[Finding]:
                 code="goes-on",
                 level="model",
                 message=Message(
-                    "with {name} the script goes on after its {all} steps: compared are these",
+                    "with {name} the script goes on after its {all} steps; only these are compared",
                     name=name,
                     all=base.steps,
                 ),

@@ -25,7 +25,7 @@ COLUMNS = {
     "moved": pl.Float64, "end": pl.Float64, "end_s": pl.Float64, "most": pl.Float64,
     "most_s": pl.Float64, "from_s": pl.Float64, "term": pl.String,
 }  # fmt: skip
-"""Of the table: a row per variation and position, distances from the script's own run [m, rad]."""
+"""Columns of the table: a row per variation and position, distances from its own run [m, rad]."""
 COLOURS = (*colours.TERMS.values(), colours.SIMULATED, *colours.ENGINES.values())
 LEAST = 1e-17
 """Distances below are 0 in the plot."""

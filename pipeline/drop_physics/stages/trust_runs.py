@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 BASE = "base"
 """The script's own run, among the variations."""
 MOST_BYTES = 1 << 16
-"""Of a description."""
+"""Largest size of a description."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ class Made:
     ended: str
     error: str
     steps: int
-    """Of the script."""
+    """Steps that the script made."""
     engine: str
-    """That steps it."""
+    """The engine that steps it."""
 
 
 @dataclass(frozen=True)
@@ -57,16 +57,16 @@ class Varied:
     made: Made
     apart: Apart
     term: str | None
-    """Of the sum: which made them differ first."""
+    """The term of the sum that made them differ first."""
 
     @property
     def name(self) -> str:
-        """Of the variation."""
+        """Return the name of the variation."""
         return self.made.name
 
     @property
     def recording(self) -> Path:
-        """Of the run."""
+        """Return the recording of the run."""
         return self.made.recording
 
 

@@ -19,7 +19,7 @@ USUAL = (
     *("solver=CG", "solver=Newton", "cone=pyramidal", "cone=elliptic", "impratio=10"),
     *("nudge", "seed"),
 )
-"""Of these, a script's engine has some, and its model may have others already."""
+"""The usual variations; an engine has some of them, and its model may have others already."""
 FACTORS = ("gravity", "friction", "mass")
 """What `--vary` takes besides parameters of the engine."""
 PARAMETERS = {*ARGUMENTS["setPhysicsEngineParameter"]} - {CLIENT, "fixedTimeStep", "numSubSteps"}
@@ -48,7 +48,7 @@ UNITS = {
 LENGTH = re.compile(r"([^\s]*?[\d.])\s*([^\d\s.]+)?")
 
 Variations = dict[str, dict[str, Any]]
-"""By name, what is varied: arguments of PyBullet's `Variation`, `options` of MuJoCo's model, and
+"""What is varied, by name: arguments of PyBullet's `Variation`, `options` of MuJoCo's model, and
 `draws`, a seed in place of the script's own."""
 
 

@@ -138,7 +138,7 @@ def _poses(seen: Seen) -> Iterator[Chunk]:
 
 
 def _of_one_script(paths: Sequence[Path]) -> bool:
-    """Whether these are two recordings of one script."""
+    """Return whether these are two recordings of one script."""
     if len(paths) != 2 or not all(map(is_script, paths)):
         return False
     first, other = (Path(str(read(path).origin.get("script", path))).name for path in paths)

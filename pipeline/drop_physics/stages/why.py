@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from drop_physics.rules.choice import Choice
 
 MOST = 8
-"""As many things are told of a script at most."""
+"""Most things that are told of a script."""
 MOST_KEPT = 12
 """Number of trials whose recordings are kept, the best: each is as large as the script's own."""
 BUDGET_S = 60.0
@@ -88,13 +88,13 @@ class Why(Printable, reported_by="drop_physics.report.why"):
 
     script: str
     recording: Path
-    """Of its own run."""
+    """The recording of its own run."""
     ended: str
     steps: int
     runs: int
     """How many were made besides its own."""
     seconds: float
-    """That all of them took."""
+    """Time that all of them took [s]."""
     noise: Distance | None
     """How far a nudge of 1e-9 moves the outcome; None where it was not run."""
     findings: list[Proved]
@@ -104,6 +104,8 @@ class Why(Printable, reported_by="drop_physics.report.why"):
     """Calls and arguments whose absence changes nothing, to the bit."""
     shares: Shares | None
     """One number of the outcome as a sum over its causes; None where there are not two."""
+    sources: Mapping[str, Path] = field(default_factory=dict)
+    """The files that its findings cite, where these are found."""
 
     def to_show(self) -> Tried | None:
         """Return the recorded trial to see beside the script's own run; None without any.
@@ -238,7 +240,7 @@ def why(
         jobs = 1
     if reached and not again:
         raise DropError(
-            "{script} {what}, and would do so in each run; --again runs it again all the same",
+            "{script} {what}, and would do so in each run; --again runs it all the same",
             script=target,
             what=all_of(Message(OUTSIDE[how], name=name) for how, name in reached.items()),
         )
@@ -331,7 +333,7 @@ def why(
                 size=decimal(sum(held)),
             )
         )
-    return result
+    return replace(result, sources=analysis.sources)
 
 
 def _about(findings: Sequence[Finding], about: str | None) -> list[int]:

@@ -2,35 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drop_physics.errors import DropError
-from drop_physics.figures.animation import check_animation
-from drop_physics.files.outputs import check_apart, check_target
 from drop_physics.stages.render import film_beside
 
 if TYPE_CHECKING:
     from drop_physics.recording.falling import Progress  # its module loads Rerun
     from drop_physics.stages.why import Why
-
-
-def check_film(film: Path, *, inputs: Sequence[Path], force: bool) -> None:
-    """Check that a film can be written, before any trial is made for it.
-
-    Raises
-    ------
-    ScenarioError
-        If the suffix names no format that can be written.
-    OutputError
-        If the file exists, or is one of the inputs.
-    DropError
-        If its format needs a library that is not installed.
-    """
-    check_animation(film, None)
-    check_apart([film], inputs=inputs)
-    check_target(film, force=force)
 
 
 def write_film(why: Why, film: Path, *, force: bool, progress: Progress) -> None:

@@ -227,13 +227,13 @@ class RunTrial:
     candidates: Sequence[Candidate]
     folder: Path
     recording: Path
-    """Of the script's own run."""
+    """The recording of the script's own run."""
     base: Recording | None
     """The same; None where it is to be read."""
     until: float
     """The budget ends then, by the time of day [s]."""
     took_s: float
-    """By the script's own run."""
+    """Time that the script's own run took [s]."""
     drawn: bool = False
     """Whether what is only for looking is recorded, too."""
     written: Sequence[Path] = ()

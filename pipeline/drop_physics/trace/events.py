@@ -618,8 +618,8 @@ Event = (
 
 ENDED = {
     "finished": Message("finished"),
-    "steps": Message("stopped after --steps"),
-    "duration": Message("stopped after --duration"),
+    "steps": Message("stopped by --steps"),
+    "duration": Message("stopped by --duration"),
     "idle": Message("stopped after waiting 60 s without a step"),
     "disk": Message("stopped before the disk was full"),
     "interrupted": Message("stopped by Ctrl-C"),
