@@ -55,7 +55,7 @@ def _(runs: Runs, scene: Scene) -> Float64:
 @slides_off.says
 def _(worst: Worst) -> Said:
     went_m, wanted = _went(worst), worst.needed / (worst.weight or worst.normal)
-    call = Message(
+    advice = Message(
         "a friction well above {wanted:.2g} of one <geom> of the pair (the larger counts), or "
         "press them together with more force"
     )
@@ -72,7 +72,7 @@ def _(worst: Worst) -> Said:
             "needed": worst.needed / worst.time,
             "wanted": wanted,
         },
-        cure=Cure("friction", worst.body, wanted, call),
+        cure=Cure("friction", worst.body, wanted, advice),
         effect=Effect(went_m, "m"),
         share=went_m / worst.body_size_m,
         other=worst.scene.body(worst.on).label,
@@ -96,7 +96,7 @@ def _(runs: Runs, _: Scene) -> Float64:
 @gives_way.says
 def _(worst: Worst) -> Said:
     went_m, settings = _went(worst), worst.scene.seen.settings[-1].values
-    call = Message(
+    advice = Message(
         '<option cone="elliptic" impratio="10"/> slows it some ten times, '
         'noslip_iterations="5" stops it'
     )
@@ -114,7 +114,7 @@ def _(worst: Worst) -> Said:
             "impratio": settings.get("impratio", 1.0),
             "cone": Message("elliptic") if settings.get("cone") else Message("pyramidal"),
         },
-        cure=Cure("impratio", None, 10.0, call),
+        cure=Cure("impratio", None, 10.0, advice),
         effect=Effect(went_m, "m"),
         share=went_m / worst.body_size_m,
         other=worst.scene.body(worst.on).label,

@@ -91,8 +91,8 @@ def floats_without_gravity(bodies: BodyColumns) -> Match | None:
 def _(worst: Worst) -> Said | None:
     if worst.count < worst.scene.ends[worst.subject.number]:
         return None  # it moves at some time
-    call = Message('<option gravity="0 0 -9.81"/>, or model.opt.gravity[2] = -9.81')
+    advice = Message('<option gravity="0 0 -9.81"/>, or model.opt.gravity[2] = -9.81')
     return Said(
         message=Message("the model's gravity is 0, so {body} does not fall"),
-        cure=Cure("gravity", None, -9.81, call),
+        cure=Cure("gravity", None, -9.81, advice),
     )

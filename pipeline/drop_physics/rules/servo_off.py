@@ -51,8 +51,8 @@ def _(worst: Worst) -> Said:
         limit=place(worst.bound, worst.unit),
         force=effort(worst.stop, worst.effort),
     )
-    call = Message("range=… of the <joint>, or a target in it")
-    return _said(worst, why, Cure("limits", worst.joint, None, call))
+    advice = Message("range=… of the <joint>, or a target in it")
+    return _said(worst, why, Cure("limits", worst.joint, None, advice))
 
 
 @joint_rule("off-target", "asked", reason="actuatorfrcrange", consecutive=True, engines=MUJOCOS)
@@ -70,12 +70,12 @@ def _(worst: Worst) -> Said:
         own=effort(worst.own, worst.effort),
         takes=_takes(worst),
     )
-    call = Message('a larger actuatorfrcrange="…" of the <joint>')
+    advice = Message('a larger actuatorfrcrange="…" of the <joint>')
     if np.isfinite(worst.needs):
-        call = Message(
+        advice = Message(
             'actuatorfrcrange="-{n:.2g} {n:.2g}" of the <joint>, or more', n=_more(worst)
         )
-    return _said(worst, why, Cure("forcerange", worst.joint, _value(worst), call))
+    return _said(worst, why, Cure("forcerange", worst.joint, _value(worst), advice))
 
 
 @joint_rule("off-target", "asked", reason="forcerange", consecutive=True, engines=MUJOCOS)
@@ -91,13 +91,13 @@ def _(worst: Worst) -> Said:
         limit=effort(worst.own, worst.effort),
         takes=_takes(worst),
     )
-    call = Message('a larger forcerange="…" of the <position>')
+    advice = Message('a larger forcerange="…" of the <position>')
     if np.isfinite(worst.needs):
-        call = Message(
+        advice = Message(
             'forcerange="-{n:.2g} {n:.2g}" of the <position>, or more',
             n=_more(worst) / abs(worst.gear),
         )
-    return _said(worst, why, Cure("forcerange", worst.joint, _value(worst), call))
+    return _said(worst, why, Cure("forcerange", worst.joint, _value(worst), advice))
 
 
 @joint_rule("off-target", "asked", reason="spring", consecutive=True, engines=MUJOCOS)
@@ -116,13 +116,13 @@ def _(worst: Worst) -> Said:
         kp=worst.kp,
         force=effort(worst.own, worst.effort),
     )
-    call = Message(
+    advice = Message(
         'kp="{kp:.2g}" of the <position> leaves {off}, or gravcomp="1" of its bodies takes gravity '
         "off it",
         kp=enough,
         off=distance(near, worst.unit),
     )
-    return _said(worst, why, Cure("gains", worst.joint, enough, call))
+    return _said(worst, why, Cure("gains", worst.joint, enough, advice))
 
 
 SERVO_RULES = (

@@ -70,7 +70,7 @@ def _(worst: Worst) -> Said | None:
         name, usual = "solimp", "0.9 0.95 0.001"
     elif not solref[0] > USUAL_S:
         return None
-    call = Message('{name}="{usual}" of both <geom>s')
+    advice = Message('{name}="{usual}" of both <geom>s')
     return Said(
         message=Message(
             "{body} stays {depth:.3g} mm inside {other} under {force}: their contact has "
@@ -83,7 +83,7 @@ def _(worst: Worst) -> Said | None:
             "text": text,
             "usual": usual,
         },
-        cure=Cure("solref", worst.body, None, call),
+        cure=Cure("solref", worst.body, None, advice),
         effect=Effect(worst.size, "m"),
         share=worst.size / worst.body_size_m,
     )
