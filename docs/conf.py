@@ -34,7 +34,8 @@ html_search_language = "en-ja"
 
 _MENU = {
     "Guides": [
-        "docs/install", "docs/walkthrough", "docs/record", "docs/why", "docs/mujoco", "docs/prove",
+        "docs/install", "docs/walkthrough", "docs/record", "docs/why", "docs/mujoco",
+        "docs/from_pybullet", "docs/prove",
         "docs/drop", "docs/engines", "docs/viewing", "docs/scale", "docs/ci", "docs/catalog",
         "docs/pipeline",
     ],

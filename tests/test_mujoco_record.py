@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Drop
 from drop_physics.recording.reader import Recording, read
 from drop_physics.stages.info import info
 from drop_physics.stages.record import Recorded, record_script
@@ -238,17 +237,6 @@ def test_recordings_are_compared_to_the_bit(recorded: tuple[Recorded, str], tmp_
     assert found.comparison.other_call is not None
     assert found.comparison.other_call.value is not None
     assert found.comparison.other_call.value.function == "ctrl"
-
-
-@pytest.mark.parametrize("verb", ["why", "trust"])
-def test_what_cannot_be_varied_yet_is_said_and_nothing_else(
-    verb: str, drop: Drop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("script.py").write_text(SCENE + "for _ in range(3):\n    mujoco.mj_step(m, d)\n")
-    done = drop(verb, "script.py")
-    assert (done.returncode, done.stdout) == (1, "")
-    assert "only PyBullet's runs can be varied so far" in done.stderr.splitlines()[-1]
 
 
 RANDOMISED = """

@@ -13,12 +13,12 @@ ROOMS: dict[str, EngineCures] = {PYBULLET: pybullet, "MuJoCo": mujoco}
 """By the name of an engine."""
 
 
-def cures_of(engine: str) -> EngineCures | None:
-    """Return what is known of cures for a recording's engine; None if its runs are not varied."""
-    return ROOMS.get(engine.partition(" ")[0])
+def cures_of(engine: str) -> EngineCures:
+    """Return what is known of cures for the engine of a script's recording."""
+    return ROOMS[engine.partition(" ")[0]]
 
 
 def call_of(engine: str) -> Callable[[Cure], str]:
     """Return what writes a cure as a user of an engine would."""
-    cures = cures_of(engine)
-    return (lambda cure: cure.call) if cures is None else cures.call_of
+    cures = ROOMS.get(engine.partition(" ")[0])
+    return (lambda cure: cure.call) if cures is None else cures.call_of  # of a drop elsewhere

@@ -11,15 +11,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from drop_physics.engines.cures import cures_of
 from drop_physics.engines.pybullet import script as running
-from drop_physics.errors import DropError
 from drop_physics.sweeping import engines
 
 if TYPE_CHECKING:
     from drop_physics.engines.pybullet.script import Program
-    from drop_physics.trace.cures import EngineCures
-    from drop_physics.trace.history import Seen
 
 T = TypeVar("T")
 
@@ -118,25 +114,6 @@ class RunsUnderWay:
         """End what runs now."""
         for process in [*self.under_way]:
             process.stop("interrupted")
-
-
-def check_varied(target: str, seen: Seen) -> EngineCures:
-    """Return how runs of a script are varied.
-
-    Raises
-    ------
-    DropError
-        If its engine's runs cannot be.
-    """
-    cures = cures_of(seen.engine)
-    if cures is None:
-        raise DropError(
-            "{script} steps {engine}, and only PyBullet's runs can be varied so far; drop analyze "
-            "explains its recording",
-            script=target,
-            engine=seen.engine,
-        )
-    return cures
 
 
 def run_all(

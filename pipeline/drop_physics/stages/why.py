@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from rich.filesize import decimal
 
+from drop_physics.engines.cures import cures_of
 from drop_physics.engines.pybullet.script import Program
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.experiments.interventions import Intervention
@@ -22,7 +23,7 @@ from drop_physics.printable import Printable
 from drop_physics.recording.layer_file import VERDICTS, forget_trials, trials_of
 from drop_physics.stages.program import SEEDED_CLOCK_S, STOPPED
 from drop_physics.stages.record import record_script
-from drop_physics.stages.runs import Progress, check_varied, run_all
+from drop_physics.stages.runs import Progress, run_all
 from drop_physics.stages.scratch import can_be_copied
 from drop_physics.stages.why_parts import MOST as MOST_PARTS
 from drop_physics.stages.why_parts import Parting, can_part, parting
@@ -220,7 +221,6 @@ def why(
     from drop_physics.recording.reader import read
 
     base = read(recorded.recording)
-    cures = check_varied(target, base.seen)
     reached = dict(reversed(recorded.outside))
     written = [Path(name) for how, name in recorded.outside if how == KEEPS]
     kept, there = reached.pop(KEEPS, None), reached.pop(THERE, None)
@@ -249,7 +249,7 @@ def why(
 
     analysis = analyze(recorded.recording, choice=choice or EVERY, script=Path(target))
     findings = analysis.findings
-    proposals = Proposals(base.seen, findings, cures)
+    proposals = Proposals(base.seen, findings, cures_of(base.seen.engine))
     chosen = _about(findings, about)
     if tries:
         candidates = proposals.asked(tries, chosen)

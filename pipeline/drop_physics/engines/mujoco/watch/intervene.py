@@ -235,9 +235,8 @@ class ModelChanges:
         def after(original: Callable[..., Any]) -> Callable[..., Any]:
             def load(*args: Any, **kwargs: Any) -> Any:
                 m = original(*args, **kwargs)
-                address = _address_of(m, "narena")
-                if address is not None:
-                    held = ctypes.c_int64.from_address(address)
+                held = _number_of(m, "narena")
+                if held is not None:
                     held.value = int(held.value * operation["factor"])
                     self.fire(number)
                 return m
@@ -326,6 +325,9 @@ class ChangedModel:
         if self._derived is None or self._derived[0] != key:
             before = {name: getattr(m, name).copy() for name in DERIVED if hasattr(m, name)}
             self._watch.originals["mj_setConst"](m, self._watch.mujoco.MjData(m))
+            compensated = _number_of(m, "ngravcomp")
+            if compensated is not None:  # which older versions count only as they compile
+                compensated.value = int(np.count_nonzero(m.body_gravcomp))
             self._derived = key, {name: getattr(m, name).copy() for name in before}
             for name, held in before.items():
                 _set(m, name, ..., held)
@@ -643,23 +645,24 @@ def _always(value: Any, _: Any) -> Any:
     return value
 
 
-def _address_of(m: Any, name: str) -> int | None:
-    """Return where a whole number of a model is in memory; None where it is not to be found."""
+def _number_of(m: Any, name: str) -> Any:
+    """Return a whole number of a model as it is in memory; None where it is not to be found."""
     from mujoco.introspect import structs
 
-    address = getattr(m, "_address", None)
+    address: Any = getattr(m, "_address", None)
     if address is None:
         return None
     for field in structs.STRUCTS["mjModel"].fields:
         kind = getattr(field.type, "name", "")
         if kind not in ("mjtSize", "int"):
             return None
-        size = 8 if kind == "mjtSize" else 4
+        number: Any = ctypes.c_int64 if kind == "mjtSize" else ctypes.c_int32
+        size = ctypes.sizeof(number)
         address = -(-address // size) * size
-        held: Any = (ctypes.c_int64 if size == 8 else ctypes.c_int32).from_address(address)
+        held = number.from_address(address)
         if getattr(m, field.name, held.value) != held.value:
             return None
         if field.name == name:
-            return address if size == 8 else None
+            return held
         address += size
     return None
