@@ -102,7 +102,7 @@ def _(worst: Worst) -> Said:
     return Said(
         message=message,
         values={"drift": effect.value, **{name: float(each) for name, each in sizes.items()}},
-        advice=Message("it halves with the timestep: p.setTimeStep(…)"),
+        advice=Message("a shorter timestep makes it less: p.setTimeStep(…)"),
         cure=Cure("timestep", value=4.0),
         effect=effect,
         share=float(max(linear[0], 0.0 if linear[0] > 0 else angular[0])),
