@@ -459,9 +459,9 @@ b = c
 @pytest.mark.parametrize(
     ("file", "where", "arm", "force", "off"),
     [
-        ("cube_small.urdf", [2, 0, 1], 0.1, [0, 0, 0.05], 2.1),
+        ("cube_small.urdf", [2, 0, 1], 0.1, [0, 0, 0.05], 1.9),
         ("sphere2.urdf", [0, -3, 1], 0.6, [0, 0, 2], 3.6),
-        ("duck_vhacd.urdf", [-1, 1, 2], 0.2, [0, 0, 0.1], 1.2 * 2**0.5),
+        ("duck_vhacd.urdf", [-1, 1, 2], 0.2, [0, 0, 0.1], 1.44),
     ],
 )
 def test_rotors_of_the_body_in_the_world(

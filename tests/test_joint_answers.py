@@ -358,6 +358,7 @@ for i in range(300):
 """,
     "friction": BARE + "p.setJointMotorControl2(k, 1, p.VELOCITY_CONTROL, force=0.1)\n" + TORQUE,
     "nothing to move it": BARE + "steps(240)\n",
+    "a car stands": DOWN + FLOOR + 'p.loadURDF("husky/husky.urdf", [0, 0, 0.13])\nsteps(120)\n',
     "r2d2 stands": DOWN + FLOOR + 'p.loadURDF("r2d2.urdf", [0, 0, 0.5])\nsteps(240)\n',
 }
 
@@ -365,6 +366,28 @@ for i in range(300):
 @pytest.mark.parametrize("name", some(QUIET, 2))
 def test_a_motor_with_nothing_to_hold_is_not_told(name: str, tmp_path: Path) -> None:
     assert said("default-motor", QUIET[name], tmp_path) == []
+
+
+SLOPE = (
+    DOWN
+    + """
+turn = p.getQuaternionFromEuler([0, 0.1, 0])
+p.loadURDF("plane.urdf", baseOrientation=turn)
+k = p.loadURDF("racecar/racecar.urdf", [0, 0, 0.05], turn)
+{more}
+steps(120)
+"""
+)
+ALL_OFF = """
+for j in range(p.getNumJoints(k)):
+    p.setJointMotorControl2(k, j, p.VELOCITY_CONTROL, force=0)
+"""
+
+
+def test_a_car_that_does_not_roll_has_its_wheels_held(tmp_path: Path) -> None:
+    (found,) = said("default-motor", SLOPE.format(more=""), tmp_path)
+    assert (found.level, "wheel" in str(found.joint)) == ("asked", True)
+    assert said("default-motor", SLOPE.format(more=ALL_OFF), tmp_path) == []
 
 
 # -- the limit is not the force that was given ----------------------------------------------------

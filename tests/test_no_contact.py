@@ -96,6 +96,22 @@ p.setCollisionFilterPair(a, b, -1, -1, 0)
 p.resetBaseVelocity(a, [1, 0, 0])
 steps(100)
 """
+BAR = (
+    '<inertial><origin xyz="{x} 0 0"/><mass value="1"/><inertia ixx="1e-3" iyy="1e-2" izz="1e-2" '
+    'ixy="0" ixz="0" iyz="0"/></inertial><collision><origin xyz="{x} 0 0"/><geometry>'
+    '<box size=".2 .04 .04"/></geometry></collision>'
+)
+FOLDS = f"""
+import os, tempfile
+path = os.path.join(tempfile.mkdtemp(), "ruler.urdf")
+open(path, "w").write('''<robot name="ruler"><link name="one">{BAR.format(x=-0.15)}</link>
+<link name="two">{BAR.format(x=0.15)}</link><joint name="hinge" type="continuous">
+<parent link="one"/><child link="two"/><axis xyz="0 0 1"/></joint></robot>''')
+b = p.loadURDF(path, useFixedBase=True, flags=p.URDF_USE_SELF_COLLISION{{more}})
+p.setJointMotorControl2(b, 0, p.VELOCITY_CONTROL, targetVelocity=3, force=5)
+steps(240)
+folded = p.getJointState(b, 0)[0]
+"""
 SHAPELESS = """
 p.setGravity(0, 0, -9.81)
 p.createMultiBody(0, p.createCollisionShape(p.GEOM_{floor}))
@@ -118,6 +134,7 @@ PASSES = {
         "link-counted-static",
     ),
     "a pair that is off": (FILTERED.format(more=""), "filter"),
+    "a link and its parent": (FOLDS.format(more=""), "parent-and-child"),
     "no shape": (SHAPELESS.format(floor="PLANE", shape=-1, z=1), "no-shape"),
 }
 
@@ -127,7 +144,7 @@ def test_what_passes_through_and_why(what: str, tmp_path: Path) -> None:
     scene, reason = PASSES[what]
     (found,) = said(scene, tmp_path)
     assert found.reason == reason
-    assert found.level == ("note" if reason == "filter" else "asked")
+    assert found.level == ("note" if reason in ("filter", "parent-and-child") else "asked")
     assert found.steps is not None
     assert found.steps.count >= 5
 
@@ -141,6 +158,7 @@ TOUCHES = [
     FILTERED.format(
         more="p.createConstraint(a, -1, b, -1, p.JOINT_FIXED, [0] * 3, [0.3, 0, 0], [0] * 3)"
     ),
+    FOLDS.format(more=" | p.URDF_USE_SELF_COLLISION_INCLUDE_PARENT"),
     SHAPELESS.format(floor="PLANE", shape=BALL, z=1),
 ]
 

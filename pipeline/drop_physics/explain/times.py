@@ -47,6 +47,17 @@ class Times:
         """Return the time of a step [s]."""
         return float(self.of_all(np.array([step]))[0])
 
+    @property
+    def falls(self) -> bool:
+        """Whether there ever was gravity."""
+        return bool(self._gravity_m_s2.any())
+
+    @property
+    def changes(self) -> list[tuple[int, float, float]]:
+        """The steps after which the timestep changed, and what it was before and after [s]."""
+        around = zip(self._steps[1:], self._timesteps_s[:-1], self._timesteps_s[1:], strict=True)
+        return [(int(step), float(a), float(b)) for step, a, b in around if a != b]
+
     def nearest(self, time_s: float, first: int, last: int) -> int | None:
         """Return the step from `first` to `last` nearest to a time; None if that is outside."""
         if not self.of(first) <= time_s <= self.of(last):

@@ -21,6 +21,7 @@ from drop_physics.explain.times import Times
 from drop_physics.explain.touches import TouchTable
 from drop_physics.fields import counted
 from drop_physics.messages import Message, joined
+from drop_physics.physics.tree import States
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.body_properties import AskedOfBodies
 from drop_physics.rules.engines import BULLETS
@@ -154,6 +155,11 @@ class Scene:
     carried: dict[tuple[str, int], NDArray[np.float64]] = field(init=False, default_factory=dict)
     """What columns hand on from piece to piece, by their name and the number of a body."""
     _explained: Explained = field(init=False)
+    kept: dict[object, Any] = field(init=False, default_factory=dict)
+    """What rules work out once, by rule and subject."""
+    _ends: dict[int, dict[int, tuple[int, States]]] = field(init=False, default_factory=dict)
+    """The last step of each body before the latest piece, and the state after it: by its number
+    and which of those that had it is meant."""
     _sites: Mapping[int, Site] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -177,8 +183,29 @@ class Scene:
         self.placing.see(self.piece)
         self.inputs.see()
 
+    def came(self, steps: BodySteps, name: str) -> NDArray[np.float64]:
+        """Return a column of the states after the step before each step of a body.
+
+        nan where there was none, or where the body was loaded since; shape (n, k).
+        """
+        number, its = steps.body.number, [each for _, each in self.stretches(steps.body.number)]
+        ends = dict(self._ends.get(number, ()))
+        for each in its:
+            if each is steps:
+                break
+            ends[each.epoch.life] = int(each.steps[-1]), each.after.at(np.array([-1]))
+        values = np.array(getattr(steps.after, name))
+        step, end = ends.get(steps.epoch.life, (-1, steps.after))
+        first = getattr(end, name)[:1]
+        came = np.vstack([first if first.shape == values[:1].shape else values[:1], values[:-1]])
+        came[np.diff(steps.steps, prepend=step) != 1] = np.nan
+        return came
+
     def forget(self) -> None:
         """Free the latest piece."""
+        for _, each in self.stretches():
+            end = int(each.steps[-1]), each.after.at(np.array([-1]))
+            self._ends[each.body.number] = {each.epoch.life: end}
         del self.piece, self.judged, self.batches, self._explained
         self.joints.forget()
         self.touches.forget()

@@ -12,7 +12,7 @@ from drop_physics.rules.joint import effort
 from drop_physics.rules.rule import Match, Said, Worst, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
-from drop_physics.rules.thresholds import HOLDS, MOVES, NO_TERM
+from drop_physics.rules.thresholds import HOLDS, MOVES, NO_TERM, ROLLS
 
 TORQUE = np.array([[[False, True]]])
 """The plane of the table for joints that torques drive."""
@@ -26,8 +26,8 @@ def default_motor(joints: JointColumns) -> Match | None:
     sent = ~default & ~torqued
     on = (joints.impulse > 0) & (joints.asked.pd != 1) & steps.closes[:, None]
     on &= steps.covered and not joints.body.before
-    # What carries a body that is not fixed is not told apart from what should move it.
-    own = on & ~torqued & default & ~sent.any(axis=0) & steps.law.tree.fixed
+    own = on & ~torqued & default & ~sent.any(axis=0)
+    carried = steps.law.tree.fixed or bool(np.any(steps.terms.get("constraints", 0)))
     terms = {name: joints.term(name) for name in steps.terms if name != "motors"}
     acting = sum(terms.values(), np.zeros(on.shape))
     largest = np.max([np.abs(each) for each in terms.values()], axis=0, initial=0.0)
@@ -42,6 +42,8 @@ def default_motor(joints: JointColumns) -> Match | None:
     planes = np.stack([own, on & torqued], axis=2)
     since = np.nan_to_num(joints.torque_since)
     most = {"most": np.abs(joints.torque), "since": since, "since_not": -since}
+    most["stands"] = np.full(on.shape, float(not carried))
+    sums |= {"turned_by": joints.term("contacts"), "pressed": _pressed(joints)}
     lasts = {"sent": sent, "limit": joints.limit, "own": default, "motor_site": joints.asked.site}
     lasts |= {"inertia": joints.inertia, "torque_site": joints.torque_site}
 
@@ -57,12 +59,34 @@ def default_motor(joints: JointColumns) -> Match | None:
     )
 
 
+def _pressed(joints: JointColumns) -> NDArray[np.float64]:
+    """Return what contacts press a body with, times the radius of each link about its joint."""
+    steps, body = joints.steps, joints.body
+    if steps.law.tree.fixed or "contacts" not in steps.terms or not body.bounds_m:
+        return np.full(joints.target.shape, np.inf)
+    pressed = np.linalg.norm(steps.terms["contacts"][:, 3:6], axis=1)
+    edges_m = np.diff(np.reshape(body.bounds_m, (-1, 2, 3)), axis=1).max(axis=(1, 2))
+    alone = joints.of_joints(
+        lambda joint: float(edges_m[joint.link + 1]) / 2 if joint.widths[1] == 1 else np.inf
+    )
+    return np.asarray(pressed[:, None] * alone)
+
+
 @default_motor.counts
 def _(runs: Runs, _: Scene) -> NDArray[np.float64]:
     holds = (runs.acting > MOVES * runs.inertia) & (runs.taken > HOLDS * runs.acting)
     # Where torques began several times, it got a motor between them.
     holds &= runs.since == -runs.since_not
-    cause = np.max([runs.gravity, runs.contacts, runs.applied], axis=0) > HOLDS * runs.acting
+    # What carries a body that stands is not told apart from what should move it, but for a wheel:
+    # it has no weight about its axis, and where nothing is to move it, friction turns it both ways.
+    wheel = np.abs(runs.gravity) < NO_TERM * runs.contacts
+    wheel &= np.abs(runs.turned_by) > ROLLS * runs.pressed
+    causes = [
+        np.where(runs.stands > 0, 0.0, runs.gravity),
+        np.where((runs.stands > 0) & ~wheel, 0.0, runs.contacts),
+        runs.applied,
+    ]
+    cause = np.max(causes, axis=0) > HOLDS * runs.acting
     holds &= runs.torque | (cause & ~runs.sent)
     # Where torques are commanded, they are what the reader asks about.
     asked = np.isin(runs.keys[:, 0], runs.keys[holds & runs.torque, 0])

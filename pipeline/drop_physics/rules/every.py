@@ -26,11 +26,15 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
     motors,
     no_restitution,
     not_taken,
+    of_files,
     overwritten,
+    pushes,
+    put_elsewhere,
     reading,
     replays,
     reset_leaves,
     servo_off,
+    set_up,
     slides,
     soft,
     starts_in_contact,
@@ -48,35 +52,20 @@ from drop_physics.rules.answer import Answer, Finding
 from drop_physics.rules.collides_as_hull import CollidesAsHull
 from drop_physics.rules.engines import engine_of
 from drop_physics.rules.filtered_out import FilteredOut
-from drop_physics.rules.force_off_centre import ForceOffCentre
-from drop_physics.rules.impossible_inertia import ImpossibleInertia
-from drop_physics.rules.inertia_from_shape import InertiaFromShape
-from drop_physics.rules.inertia_without_mass import InertiaWithoutMass
 from drop_physics.rules.input_rule import InputRules
 from drop_physics.rules.joined import Joined
-from drop_physics.rules.massless import Massless
 from drop_physics.rules.no_contact import NoContact
-from drop_physics.rules.no_gravity import NoGravity
-from drop_physics.rules.no_inertial import NoInertial
 from drop_physics.rules.not_finite import NotFinite
-from drop_physics.rules.not_stepped import NotStepped
 from drop_physics.rules.off_target import OffTarget
-from drop_physics.rules.push_lasted_a_step import PushLastedAStep
-from drop_physics.rules.rates_left import RatesLeft
-from drop_physics.rules.real_time import RealTime
 from drop_physics.rules.restore_differs import RestoreDiffers
 from drop_physics.rules.rule import TableRules
 from drop_physics.rules.script_failed import ScriptFailed
-from drop_physics.rules.teleported import Teleported
-from drop_physics.rules.timestep_changed import TimestepChanged
-from drop_physics.rules.unseeded import Unseeded
 from drop_physics.trace.history import Seen
 
 ANSWERS: tuple[type[Answer], ...] = (
     # joints
     TableRules,
     OffTarget,
-    RatesLeft,
     # contacts
     CollidesAsHull,
     NoContact,
@@ -84,20 +73,7 @@ ANSWERS: tuple[type[Answer], ...] = (
     # calls and files
     InputRules,
     ScriptFailed,
-    NotStepped,
-    NoGravity,
-    TimestepChanged,
-    RealTime,
-    Unseeded,
-    PushLastedAStep,
-    ForceOffCentre,
-    InertiaFromShape,
-    NoInertial,
-    ImpossibleInertia,
-    InertiaWithoutMass,
     Joined,
-    Massless,
-    Teleported,
     RestoreDiffers,
     # the whole
     NotFinite,

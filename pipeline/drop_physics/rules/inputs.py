@@ -9,19 +9,23 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.step_status import FLIGHT
+from drop_physics.explain.steps import BodySteps
 from drop_physics.physics.kinematics import kinematics, motion
+from drop_physics.physics.tree import States, Tree
 from drop_physics.rules.arguments import number as number_of
 from drop_physics.rules.ik_answers import SentAnswers
 from drop_physics.rules.lasting import Lasting
-from drop_physics.trace.acts import FILTERS, Act
+from drop_physics.trace.acts import FILTERS, PUSHES, Act
 from drop_physics.trace.calls import Call
-from drop_physics.trace.events import Body, Dynamics
+from drop_physics.trace.events import At, Body, Dynamics
+from drop_physics.trace.motors import TORQUE
 from drop_physics.trace.requests import Request, requests
 from drop_physics.trace.states import Rows, between, by_body
 
@@ -32,9 +36,9 @@ Float64 = NDArray[np.float64]
 FOLLOWED = (
     *(Act.SET_POSE, Act.SET_VELOCITY, Act.SET_JOINT, Act.LOAD, Act.SOLVE_IK, Act.SOLVE_SEVERAL_IK),
     *(Act.CHANGE_CONSTRAINT, Act.CONSTRAIN, Act.SET_GRAVITY, Act.SET_TIMESTEP, Act.SET_ENGINE),
-    *FILTERS,
+    *(Act.SET_REAL_TIME, Act.SET_PROPERTY, Act.CLEAR, *PUSHES, *FILTERS),
 )
-"""What is followed of calls, besides those that command joints."""
+"""What is followed of calls; of those that command joints torques, and all where nothing steps."""
 WRITTEN = (
     *(Act.SET_BODY_FORCE, Act.SET_JOINT_FORCE, Act.SET_MASS, Act.SET_DERIVED),
     *(Act.SET_STATE, Act.RESET_STATE),
@@ -48,9 +52,8 @@ class Use:
 
     first: Call
     body: Body | None
-    count: int = 0
-    steps: set[int] = field(default_factory=set)
-    """Steps before the calls."""
+    made: list[At] = field(default_factory=list)
+    """When each of the calls was made."""
     last: Call = field(init=False)
     low: dict[str, Float64] = field(default_factory=dict)
     """The least of each number of an argument, by its name."""
@@ -58,14 +61,24 @@ class Use:
 
     def add(self, call: Call) -> None:
         """Add a call."""
-        self.last, self.count = call, self.count + 1
-        self.steps.add(call.at.step)
+        self.last = call
+        self.made.append(call.at)
         for name, numbers in call.values.items():
             values = np.array(numbers)
             if name not in self.low or self.low[name].shape != values.shape:
                 self.low[name] = self.high[name] = values
             self.low[name] = np.minimum(self.low[name], values)
             self.high[name] = np.maximum(self.high[name], values)
+
+    @property
+    def count(self) -> int:
+        """How many calls it is."""
+        return len(self.made)
+
+    @cached_property
+    def steps(self) -> set[int]:
+        """Steps before the calls, of which there are no more."""
+        return {at.step for at in self.made}
 
     def constant(self, name: str) -> bool:
         """Return whether an argument always had the same numbers."""
@@ -88,6 +101,44 @@ class BaseMotion:
         if self.first_m is None or self.last_m is None:
             return 0.0
         return float(np.linalg.norm(self.last_m - self.first_m))
+
+
+@dataclass
+class BodyLife:
+    """The steps of a body from when it was loaded until it was removed."""
+
+    first: int
+    """The sample that its first step led to."""
+    before: States
+    """With which that began."""
+    tree: Tree
+    last: int = 0
+    count: int = 0
+    fastest: float = 0.0
+    """The greatest of its rates."""
+    pushed_m_s: Float64 | None = None
+    """The change of a free base's velocity that the first force from a call made, shape (3,)."""
+    opposed: float = 0.0
+    """The share of it that all else but gravity took away in that step."""
+    falls: bool = False
+    """Whether there was gravity."""
+    held: bool = False
+    """Whether a constraint acted on it."""
+
+    def add(self, steps: BodySteps) -> None:
+        """Add some steps, not none."""
+        self.last, self.count = int(steps.steps[-1]), self.count + len(steps)
+        self.fastest = max(self.fastest, float(np.abs(steps.after.velocity).max(initial=0.0)))
+        self.falls |= bool(steps.reported.gravity_m_s2.any())
+        self.held |= bool(np.any(steps.terms.get("constraints", 0)))
+        if steps.terms and not self.tree.fixed and self.pushed_m_s is None:
+            pushes = steps.terms["applied"][:, 3:6] / self.tree.masses_kg.sum()
+            for row in np.flatnonzero(pushes.any(axis=1))[:1]:
+                self.pushed_m_s = pushes[row].copy()
+                left = (steps.after.velocity - steps.before.velocity)[row, 3:6]
+                left = left - steps.reported.gravity_m_s2[row] * steps.reported.timestep_s[row]
+                size = self.pushed_m_s @ self.pushed_m_s
+                self.opposed = 1 - float(left @ self.pushed_m_s / size)
 
 
 @dataclass
@@ -116,6 +167,10 @@ class Inputs:
     )
     """By the number of a body, the joints that calls command."""
     motions: defaultdict[int, BaseMotion] = field(default_factory=lambda: defaultdict(BaseMotion))
+    lives: dict[tuple[int, int], BodyLife] = field(default_factory=dict)
+    """By the number of a body, and which of those that had it is meant."""
+    first_lives: dict[int, BodyLife] = field(default_factory=dict)
+    """By the number of a body."""
     drives: dict[tuple[int, int], Drive] = field(default_factory=dict)
     """By client and the engine's id, the constraints whose target calls change."""
     link_way_m: dict[tuple[int, int | None], float] = field(default_factory=dict)
@@ -141,6 +196,11 @@ class Inputs:
             self._use(call)
             self._drive(call, bases)
             self._switch(call)
+        waits = {client for client, samples in self.scene.seen.samples.items() if samples == 1}
+        torque = any((each.values["controlMode"] == TORQUE).any() for each in calls.commands())
+        for call in calls.of(Act.COMMAND) if waits or torque else ():
+            if call.client in waits or number_of(call, "controlMode") == TORQUE:
+                self._use(call)
         self.lasting.see(calls.of(*WRITTEN))
         self.ik.see(calls)
         self.requests += requests(calls, self.scene.seen.dynamics, self.scene.seen.settings)
@@ -159,6 +219,12 @@ class Inputs:
                 motion.in_flight |= set(judged.steps[judged.kind == FLIGHT].tolist())
             for steps in judged.stretches:
                 if len(steps):
+                    key = number, steps.epoch.life
+                    if key not in self.lives:
+                        began, tree = steps.before.at(np.array([0])), steps.law.tree
+                        self.lives[key] = BodyLife(int(steps.steps[0]), began, tree)
+                        self.first_lives.setdefault(number, self.lives[key])
+                    self.lives[key].add(steps)
                     begin, end = steps.before.position_m[0], steps.after.position_m[-1]
                     motion.first_m = begin.copy() if motion.first_m is None else motion.first_m
                     motion.last_m = end.copy()
@@ -252,6 +318,12 @@ class Inputs:
         for use in self.uses.values():
             if use.first.act in acts:
                 yield use
+
+    def made(self, client: int, *acts: Act) -> Iterator[tuple[At, Use]]:
+        """Yield when calls for a client do any of these, and the use of each; not in order."""
+        for use in self.of(*acts):
+            if use.first.client == client:
+                yield from ((at, use) for at in use.made)
 
     def first_dynamics(self, body: Body) -> Dynamics | None:
         """Return what the engine first reported of a body; None of a soft body."""

@@ -29,8 +29,9 @@ Place = tuple[int, int]
 
 LOOKS = 200
 """Number of steps of a piece, evenly spread, in which overlaps are looked for."""
-SELF_COLLISION, INCLUDE_PARENT = 8, 16
-"""`flags` of `loadURDF`."""
+SELF_COLLISION, OF_PARENTS = 8, 16 | 32 | 8192
+"""`flags` of `loadURDF`: `URDF_USE_SELF_COLLISION`, and those that say whether a link collides with
+its parent: …`_EXCLUDE_PARENT`, …`_EXCLUDE_ALL_PARENTS`, …`_INCLUDE_PARENT`."""
 
 
 @dataclass
@@ -123,7 +124,7 @@ class NoContact(Answer):
             static = [place for place in places if self._counts_static(body, place[1])]
             for one, two in product([each for each in static if each in self._shapes], still):
                 yield (one, two), _Passing(reason="link-counted-static")
-            if body.flags & SELF_COLLISION and not body.flags & INCLUDE_PARENT:
+            if body.flags & SELF_COLLISION and not body.flags & OF_PARENTS:
                 for place in places:
                     parent = body.number, body.joints[place[1]].parent
                     if place in self._shapes and parent in self._shapes:

@@ -75,7 +75,7 @@ class Placing:
         """Return whether each body was placed for a step."""
         return np.isin(bodies * STEPS + steps, self._every)
 
-    def restored(self, body: int, steps: Int64) -> Flags:
+    def restored(self, body: Int64 | int, steps: Int64) -> Flags:
         """Return whether each step began with a restored state."""
         return np.isin(body * STEPS + steps, [*self._restored])
 

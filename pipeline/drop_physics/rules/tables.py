@@ -130,6 +130,10 @@ class JointColumns:
         self.scene.carried[key] = values[-1]
         return np.vstack([before, values[:-1]])
 
+    def came(self, name: str) -> Float64:
+        """Return states of the body after the step before each; nan where it made none."""
+        return self.scene.came(self.driven.steps, name)
+
     def term(self, name: str) -> Float64:
         """Return the impulses of a cause on the joints; 0 where it has none."""
         steps = self.driven.steps
@@ -221,6 +225,10 @@ class BodyColumns:
                 found[each.rows] = mine
                 self.scene.carried[name, each.body.number] = mine[-1]
         return found
+
+    def came(self, name: str) -> Float64:
+        """Return states of the body after the step before each; nan where it made none."""
+        return np.concatenate([self.scene.came(each, name) for each in self.batch.bodies])
 
     @property
     def segment(self) -> NDArray[np.int8]:

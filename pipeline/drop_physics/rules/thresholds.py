@@ -421,6 +421,13 @@ HOLDS = _of(
     "Least share of what acts on a joint that a motor cancels that holds it.",
     "pendulum",
 )
+ROLLS = _of(
+    "ROLLS",
+    0.005,
+    "share",
+    "Least torque about a wheel's axis over what presses its robot, times the wheel's radius.",
+    "a car at rest has 0.0008, one on a slope of 0.1 rad 0.02",
+)
 NO_TERM = _of(
     "NO_TERM",
     1e-3,
@@ -595,4 +602,53 @@ LAG_SHARE = _of(
     "share",
     "Largest difference of a lag from what its time constant gives.",
     "mujoco: mocap_lags, 1 %",
+)
+WITHOUT_INERTIAL_KG = _of(
+    "WITHOUT_INERTIAL_KG", 1, "kg", "Mass of a link whose file gives none.", "husky"
+)
+OTHER_INERTIA = _of(
+    "OTHER_INERTIA", 0.1, "share", "Least share by which an inertia differs.", "inertia"
+)
+OTHER_INERTIA_MATTERS = _of(
+    "OTHER_INERTIA_MATTERS",
+    0.02,
+    "share",
+    "Least share of the impulses on a degree of freedom that the other inertia changes.",
+    "default_motor_on_a_held_tool",
+)
+TURNS_RAD_S = _of(
+    "TURNS_RAD_S", 0.1, "rad/s or m/s", "What never turns faster rests, or rocks a little.", "reset"
+)
+KEPT = _of("KEPT", 1e-9, "m or rad", "What a call put is farther from where it was.", "rounding")
+TELEPORTED_M_S = _of(
+    "TELEPORTED_M_S", 1e-3, "m/s", "Least speed of what is put elsewhere while it moves.", "a reset"
+)
+SOON_STEPS = int(
+    _of(
+        "SOON_STEPS",
+        10,
+        "1",
+        "Most steps between two pushes that were to be one.",
+        "oneforce: an action that is repeated for 4 steps",
+    )
+)
+NEGLIGIBLE = _of(
+    "NEGLIGIBLE",
+    0.01,
+    "share",
+    "Largest share that is nothing, of the speed that a push gave or of the greatest.",
+    "round2_kicks",
+)
+SAME_POINT_M = _of(
+    "SAME_POINT_M",
+    1e-6,
+    "m",
+    "A push whose arm differs by less from a body's place is at that place.",
+    "rounding",
+)
+HULL_OFF_M = _of(
+    "HULL_OFF_M", 3e-3, "m", "Least distance of a touch from a surface.", "margins of shapes"
+)
+HULL_EVERY = int(
+    _of("HULL_EVERY", 8, "1", "Of so many steps one is looked at: a touch lasts.", "hollow")
 )

@@ -1,0 +1,309 @@
+"""Rules about masses and inertias: what files say of links, and what PyBullet makes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.explain.joints import AT_LIMIT
+from drop_physics.explain.steps import BodySteps
+from drop_physics.messages import Message
+from drop_physics.physics.dynamics import mass_matrix
+from drop_physics.physics.kinematics import Kinematics, kinematics
+from drop_physics.physics.rotations import matrix
+from drop_physics.physics.tree import BASE, RATES, Tree
+from drop_physics.rules.answer import Cure, Effect, Scene, and_more
+from drop_physics.rules.arguments import site_of
+from drop_physics.rules.input_rule import InputSubject, input_rule
+from drop_physics.rules.inputs import Inputs
+from drop_physics.rules.joint import link_of
+from drop_physics.rules.rule import Match, Said, Worst, body_rule
+from drop_physics.rules.runs import Runs
+from drop_physics.rules.tables import BodyColumns
+from drop_physics.rules.thresholds import (
+    OTHER_INERTIA,
+    OTHER_INERTIA_MATTERS,
+    TURNS_RAD_S,
+    WITHOUT_INERTIAL_KG,
+)
+from drop_physics.trace.acts import Act
+from drop_physics.trace.calls import Call
+from drop_physics.trace.events import Body, FileLink
+from drop_physics.trace.properties import link_reached
+
+Float64 = NDArray[np.float64]
+
+FROM_FILE = 2
+"""`URDF_USE_INERTIA_FROM_FILE`, of the flags of `loadURDF`."""
+
+
+def moving_links(tree: Tree) -> list[int]:
+    """Return the links whose mass a step depends on: those that can move."""
+    moves = [not tree.fixed]
+    for link, parent in enumerate(tree.parents):
+        moves.append(moves[parent + 1] or RATES[tree.joints[link]] > 0)
+    return [link for link in range(BASE, tree.links) if moves[link + 1]]
+
+
+def told_links(body: Body, tree: Tree) -> dict[int, FileLink]:
+    """Return what the file says of the links that can move, as far as it tells."""
+    told, links = {each.name: each for each in body.asked.links}, body.links
+    return {link: told[links[link + 1]] for link in moving_links(tree) if links[link + 1] in told}
+
+
+def _came(inputs: Inputs) -> Iterator[tuple[Body, Tree]]:
+    """Yield each body with the tree that it came with."""
+    for number, life in inputs.first_lives.items():
+        body = inputs.scene.body(number)
+        if len(body.links) == life.tree.links + 1:
+            yield body, life.tree
+
+
+@input_rule("no-inertial", "asked")
+def no_inertial(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """PyBullet gives a link without `<inertial>` 1 kg; what cannot move weighs nothing."""
+    for body, tree in _came(inputs):
+        links = [
+            link
+            for link, each in told_links(body, tree).items()
+            if np.isnan(each.mass_kg) and tree.masses_kg[link + 1] == WITHOUT_INERTIAL_KG
+        ]
+        if not links:
+            continue
+        total_kg = float(sum(tree.masses_kg[link + 1] for link in moving_links(tree)))
+        message = Message(
+            "{link}{more} has no <inertial> in the file, so PyBullet gives it 1 kg: {mass:g} of "
+            "the {total:.3g} kg that move",
+            link=body.links[links[0] + 1],
+            more=and_more(len(links)),
+            mass=float(len(links)),
+            total=total_kg,
+        )
+        advice = Message(
+            "give the link an <inertial>, or p.changeDynamics(body, {link}, mass=…)", link=links[0]
+        )
+        yield (
+            InputSubject(None, body, site=inputs.scene.asked.loaded(body)),
+            Said(
+                message=message,
+                advice=advice,
+                cure=Cure("inertial", body.label, given={"links": links}),
+                effect=Effect(float(len(links)), "kg"),
+                share=len(links) / total_kg,
+            ),
+        )
+
+
+@input_rule("impossible-inertia", "model")
+def impossible_inertia(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """The two smaller moments of a link do not add up to the largest."""
+    for body, tree in _came(inputs):
+        for link in moving_links(tree):
+            low, middle, high = sorted(tree.inertias_kg_m2[link + 1].tolist())
+            mass_kg = float(tree.masses_kg[link + 1])
+            point = high == 0 and not any(each.link == link for each in body.collisions)
+            if not mass_kg > 0 or low + middle >= high * (1 - 1e-6) > 0 or point:
+                continue
+            message = Message(
+                "{link} of {body} has moments of inertia of {low:.3g}, {middle:.3g} and {high:.3g} "
+                "kg m² with {mass:.3g} kg",
+                link=body.links[link + 1],
+                body=body.label,
+                low=low,
+                middle=middle,
+                high=high,
+                mass=mass_kg,
+            )
+            advice = Message(
+                "no body has it: the two smaller moments add up to the largest or more; correct "
+                "<inertia>, or give p.changeDynamics another localInertiaDiagonal"
+            )
+            subject = InputSubject(None, body, site=inputs.scene.asked.loaded(body))
+            yield subject, Said(message=message, advice=advice)
+            break
+
+
+# -- inertia-from-shape ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class OtherInertia:
+    """What the file's inertias would change of a body's; shape (size,)."""
+
+    more: Float64
+    """The file's minus the one that is used [kg m²]; 0 where they are alike."""
+    used: Float64
+    """The one that is used: the diagonal of M."""
+    changed: Call | None
+    """What set a mass, and so computed an inertia anew."""
+
+
+@body_rule("inertia-from-shape", "model", subject=1)
+def inertia_from_shape(bodies: BodyColumns) -> Match | None:
+    """PyBullet computes inertias from shapes; the file's would change how something turns."""
+    scene, size = bodies.scene, bodies.law.tree.size
+    found = {each.body.number: _other(scene, each) for each in bodies.batch.bodies}
+    whole = all(len(each.more) == size for each in found.values())
+    if not bodies.terms or not whole or not any(each.more.any() for each in found.values()):
+        return None
+    more = bodies.of_each(lambda each: found[each.body.number].more)
+    used = bodies.of_each(lambda each: found[each.body.number].used)
+    changes = np.abs(bodies.after.velocity - bodies.before.velocity)
+    missing, first = changes * np.abs(more), bodies.law.tree.first_rate
+    largest = np.max([changes * used, *map(np.abs, bodies.terms.values())], axis=0)
+    # A motor that has force left leads its joint as fast with any inertia.
+    limit = bodies.substeps * np.concatenate([each.asked.impulse for each in bodies.batch.bodies])
+    motors = np.abs(bodies.terms["motors"][:, first:])
+    missing[:, first:][(limit > 0) & (motors < AT_LIMIT * limit)] = 0
+    real = np.isfinite(missing) & np.isfinite(largest)
+    return Match(
+        more != 0,
+        np.ones(more.shape),
+        {"ratio": 1 + more / used},
+        sums={"missing": np.where(real, missing, 0), "acting": np.where(real, largest, 0)},
+        most={"fastest": np.nan_to_num(np.abs(bodies.after.velocity), posinf=0)},
+    )
+
+
+@inertia_from_shape.counts
+def _(runs: Runs, _: Scene) -> Float64:
+    shares = np.minimum(runs.missing / np.maximum(runs.acting, 1e-300), 1.0)
+    return np.where((runs.fastest > TURNS_RAD_S) & (shares > OTHER_INERTIA_MATTERS), shares, 0.0)
+
+
+@inertia_from_shape.says
+def _(worst: Worst) -> Said:
+    body, row = worst.subject, int(worst.noted.keys[0, 1]) - 6 * worst.subject.base_moves
+    joint = None if row < 0 else body.joints[link_of(body, row)].name
+    other: OtherInertia = worst.scene.kept[OtherInertia, body.number]
+    cause = Message("PyBullet computes it from the collision shape")
+    if not body.collisions:
+        cause = Message("PyBullet computes it from the collision shape, and there is none")
+    advice = Message("load it with flags=p.URDF_USE_INERTIA_FROM_FILE")
+    if other.changed is not None:
+        cause = Message("p.changeDynamics(mass=…) computes it anew from the collision shape")
+        advice = Message("give p.changeDynamics localInertiaDiagonal together with the mass")
+    template = Message(
+        "with the file's <inertia>, the moment of inertia of {body} about {axis}{more} would "
+        "be {ratio:.2f} times what PyBullet uses: {cause}"
+    )
+    if joint is not None:
+        template = Message(
+            "with the file's <inertia>, {joint}{more} would move {ratio:.2f} times the inertia "
+            "that PyBullet uses: {cause}"
+        )
+    loaded = worst.scene.asked.loaded(body)
+    return Said(
+        message=template,
+        values={
+            "axis": "xyz"[row % 3],
+            "joint": joint,
+            "more": and_more(worst.among),
+            "cause": cause,
+        },
+        advice=advice,
+        cure=Cure("inertia-from-file", body.label) if other.changed is None else None,
+        joint=joint,
+        effect=Effect(worst.ratio, "1"),
+        share=min(worst.missing / worst.acting, 1.0),
+        site=loaded if other.changed is None else site_of(other.changed),
+    )
+
+
+def _other(scene: Scene, steps: BodySteps) -> OtherInertia:
+    """Compare the inertias of a body's file with those that it came with; once for each body."""
+    body, key = steps.body, (OtherInertia, steps.body.number)
+    if key not in scene.kept:
+        inertias, masses = set[int](), dict[int, Call]()
+        for use in scene.inputs.of(Act.SET_PROPERTY):
+            if use.body is not None and use.body.number == body.number:
+                link = link_reached(use.first.values)
+                if "localInertiaDiagonal" in use.low:
+                    inertias.add(link)
+                elif "mass" in use.low:
+                    masses[link] = use.last
+        life = scene.inputs.first_lives[body.number]
+        kin = kinematics(life.tree, life.before)
+        used = np.diagonal(mass_matrix(kin)[0])
+        added, changed = np.zeros(life.tree.size), None
+        if len(body.links) == life.tree.links + 1 and "planar" not in steps.epoch.reasons:
+            added = _more_kg_m2(scene, body, kin, inertias, masses)
+            changed = next(iter(masses.values()), None)
+        differs = (np.abs(added) > OTHER_INERTIA * used) & (added > -used)
+        scene.kept[key] = OtherInertia(np.where(differs, added, 0), used, changed)
+    found: OtherInertia = scene.kept[key]
+    return found
+
+
+def _more_kg_m2(
+    scene: Scene, body: Body, kin: Kinematics, inertias: set[int], masses: Mapping[int, Call]
+) -> Float64:
+    """Return how much more inertia each degree of freedom has with the file's; nan if not known."""
+    tree, more, unlikely = kin.tree, {}, set[int]()
+    for link, told in told_links(body, tree).items():
+        moments = _of_file(body, told)
+        if link in inertias or moments is None or (body.flags & FROM_FILE and link not in masses):
+            continue
+        if link in masses:  # spread as the file's own
+            moments *= tree.masses_kg[link + 1] / told.mass_kg
+        # No mass is farther off than the shape is long.
+        if np.trace(moments) > 2 * tree.masses_kg[link + 1] * _extent_m(body, link) ** 2:
+            unlikely.add(link)
+            continue
+        turned = kin.matrix(link)[0]
+        # The file's axes are those that the engine takes where it takes the shape's.
+        first = next(each for each in scene.seen.dynamics if each.body.number == body.number)
+        own = matrix(first.reported["inertial_orientation"][link + 1].tolist())
+        axes = turned @ own.T @ _turned_by(told.rpy_rad)
+        used = turned @ np.diag(tree.inertias_kg_m2[link + 1]) @ turned.T
+        more[link] = axes @ moments @ axes.T - used
+    added = np.zeros(tree.size)
+    for row, axis, links in _axes(kin):
+        if not links & unlikely:
+            added[row] = sum(axis @ more[link] @ axis for link in links & more.keys())
+    return added
+
+
+def _axes(kin: Kinematics) -> Iterator[tuple[int, Float64, set[int]]]:
+    """Yield the degrees of freedom that turn links: row, axis, and these links."""
+    tree = kin.tree
+    for row in range(0 if tree.fixed else 3):
+        yield row, np.eye(3)[row], {*range(BASE, tree.links)}
+    for link, joint in enumerate(tree.joints):
+        if joint in ("revolute", "spherical"):
+            turned = {each for each in range(tree.links) if link in tree.branch(each)}
+            for k, axis in enumerate(kin.axes[link]):
+                yield tree.rates[link].start + k, axis[:, 0], turned
+
+
+def _of_file(body: Body, told: FileLink) -> Float64 | None:
+    """Return the file's inertia, shape (3, 3), if a body can have it."""
+    if not told.mass_kg > 0 or len(told.inertia_kg_m2) != 6:
+        return None
+    xx, xy, xz, yy, yz, zz = told.inertia_kg_m2
+    moments = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) * np.square(body.asked.scale)
+    if not np.isfinite(moments).all():
+        return None
+    low, middle, high = np.linalg.eigvalsh(moments)
+    return moments if low > 0 and low + middle >= high * (1 - 1e-6) else None
+
+
+def _extent_m(body: Body, link: int) -> float:
+    """Return the diagonal of the box around a link's shapes, or around the whole body."""
+    boxes = np.reshape(body.bounds_m, (-1, 2, 3))
+    shapes = [each.link for each in body.collisions]
+    its = boxes[[link + 1]] if link in shapes else boxes[[each + 1 for each in shapes]]
+    if not len(its):
+        return np.inf
+    return float(np.linalg.norm(its[:, 1].max(axis=0) - its[:, 0].min(axis=0)))
+
+
+def _turned_by(rpy_rad: Sequence[float]) -> Float64:
+    """Return the rotation matrix of a file's roll, pitch and yaw: about fixed x, y and z."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy_rad).tolist(), np.sin(rpy_rad).tolist()
+    x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+    return np.asarray(np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]]) @ y @ x)

@@ -1,0 +1,204 @@
+"""Rules about forces and torques from calls: how long they act, and where."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.messages import Message
+from drop_physics.physics.kinematics import in_world, kinematics, motion
+from drop_physics.physics.tree import BASE
+from drop_physics.physics.vectors import cross, groups, lengths, summed
+from drop_physics.rules.answer import Cure, Effect, Scene, Span
+from drop_physics.rules.arguments import site_of
+from drop_physics.rules.input_rule import InputSubject, input_rule
+from drop_physics.rules.inputs import Inputs, Use
+from drop_physics.rules.rule import Match, Said, Worst, body_rule
+from drop_physics.rules.runs import Runs
+from drop_physics.rules.tables import BodyColumns
+from drop_physics.rules.thresholds import NEGLIGIBLE, SAME_POINT_M, SOON_STEPS
+from drop_physics.trace.acts import PUSHES, Act
+from drop_physics.trace.calls import WORLD_FRAME
+from drop_physics.trace.motors import TORQUE
+
+Float64 = NDArray[np.float64]
+
+FORCES = "forceObj", "torqueObj", "force", "forces"
+"""Arguments that hold forces and torques."""
+PLACES = "linkIndex", "jointIndex", "jointIndices"
+"""Arguments that say where they act."""
+
+
+@input_rule("push-lasted-a-step", "note")
+def push_lasted_a_step(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """A force or torque from a call acts in the next step, and then is gone."""
+    alike: defaultdict[tuple[int, Act], list[Use]] = defaultdict(list)
+    for use in inputs.of(*PUSHES, Act.COMMAND):
+        torque = use.first.act in PUSHES or use.low.get("controlMode", (None,))[0] == TORQUE
+        # Pushed in turn, each place is pushed less often than all together.
+        varies = any(name in use.low and not use.constant(name) for name in PLACES)
+        in_turn = varies and use.count < 2 * len(use.steps)
+        if use.body is not None and torque and not in_turn and _size(use) > 0:
+            alike[use.body.number, use.first.act].append(use)
+    for (number, act), uses in alike.items():
+        body, call = inputs.scene.body(number), uses[0].first
+        steps = sorted(set[int]().union(*(use.steps for use in uses)))
+        apart = {*np.diff(steps).tolist()}
+        every, lost = max(apart, default=0), 0.0
+        if len(steps) > 2 and apart == {every} and every > 1:
+            message = Message(
+                "{body} is pushed by p.{function} every {n} steps, which acts in 1 of {n}: a "
+                "force lasts one step",
+                body=body.label,
+                function=call.function,
+                n=every,
+            )
+            asked, lost = every <= SOON_STEPS, 1 - 1 / every
+        elif len(steps) == 1 and steps[0] + 1 < inputs.scene.seen.samples.get(body.client, 0):
+            places = call.values.get("jointIndex") or call.values.get("jointIndices") or ()
+            slides = {body.joints[int(each)].kind for each in places} == {"prismatic"}
+            message = Message(
+                "{body} is pushed with {size:.3g} {unit} in one step, step {step:,}: a force "
+                "lasts one step",
+                body=body.label,
+                size=_size(uses[0]),
+                unit="N" if slides or act is Act.PUSH else "N m",
+                step=steps[0] + 1,
+            )
+            asked = act is Act.PUSH and _came_to_nothing(inputs, number)
+        else:
+            continue
+        advice = Message(
+            "call p.{function} before each p.stepSimulation() in which it is to act",
+            function=call.function,
+        )
+        yield (
+            InputSubject(call, body, steps=Span(steps[0] + 1, steps[-1] + 1, len(steps))),
+            Said(
+                level="asked" if asked else None,
+                message=message,
+                cure=Cure("push-repeated"),
+                advice=advice,
+                effect=Effect(lost, "1") if lost else None,
+                share=lost,
+            ),
+        )
+
+
+def _size(use: Use) -> float:
+    """Return the size of the first that calls give [N] or [N m]; of several joints, the largest."""
+    given = {name: use.first.values[name] for name in FORCES if name in use.first.values}
+    sizes = [
+        np.linalg.norm(each) if name.endswith("Obj") else np.abs(each).max(initial=0.0)
+        for name, each in given.items()
+    ]
+    return float(max(sizes, default=0.0))
+
+
+def _came_to_nothing(inputs: Inputs, number: int) -> bool:
+    """Return whether the first push of a body is not to be seen: too weak, or opposed at once."""
+    for (one, _), life in inputs.lives.items():
+        if one == number and life.pushed_m_s is not None:
+            weak = float(np.linalg.norm(life.pushed_m_s)) < NEGLIGIBLE * life.fastest
+            return weak or life.opposed > 1 - NEGLIGIBLE
+    return False
+
+
+# -- force-off-centre -----------------------------------------------------------------------------
+
+
+@body_rule("force-off-centre", "asked", subject=1)
+def force_off_centre(bodies: BodyColumns) -> Match | None:
+    """A point of the world is given in the body's frame, or one of the body in the world's."""
+    tree, pushes = bodies.law.tree, bodies.reported.applied
+    strength = lengths(pushes.force_n)
+    pushes, strength = pushes.at(strength > 0), strength[strength > 0]
+    if tree.fixed or not (tree.inertias_kg_m2 > 0).all() or not len(pushes):
+        return None  # it may not be free to turn
+    kin = kinematics(tree, bodies.before.at(pushes.step))
+    moved = motion(kin, bodies.before.velocity[pushes.step]).velocities
+    centre, timestep_s = pushes.point_m, bodies.reported.timestep_s[pushes.step]
+    itself, reach_m = np.empty_like(centre), np.empty(len(centre))
+    boxes = np.reshape(bodies.batch.bodies[0].body.bounds_m, (-1, 2, 3))
+    for link, its in groups(pushes.link):
+        itself[its] = in_world(kin, link, its, centre[its])
+        # A point that was read a step ago may be as much farther as the link moved since.
+        way_m = lengths(moved[link + 1].T[its]) * timestep_s[its]
+        reach_m[its] = way_m + lengths(np.diff(boxes[link + 1], axis=0))[0] / 2
+    # Together: each of a drone's rotors is beside it, and all four lift it at its centre.
+    keys = np.column_stack([pushes.step, pushes.link])
+    keys, first, each = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    each, count, reach_m = each.ravel(), len(keys), reach_m[first]
+
+    def arms_m(moments: Float64) -> Float64:
+        """Return the arm with which all forces on a link turn it, over the sum of their sizes."""
+        sums = summed(each, np.column_stack([moments, strength]), count=count)
+        return lengths(sums[:, :3]) / sums[:, 3]
+
+    beside = arms_m(pushes.torque_n_m) > reach_m
+    within = arms_m(pushes.torque_n_m + cross(centre, pushes.force_n)) <= reach_m
+    off = lengths(pushes.torque_n_m - cross(itself, pushes.force_n)) > SAME_POINT_M * strength
+    own = np.bincount(each, off) == 0
+    chosen = beside & (within | own)
+    arm = lengths(pushes.torque_n_m[first]) / strength[first]
+    numbers = {"arm": arm, "reach": reach_m, "centre": centre[first]}
+    return Match(
+        keys[chosen, 0],
+        np.ones(int(chosen.sum())),  # of all the first is told
+        {name: values[chosen] for name, values in numbers.items()},
+        keys=np.column_stack([bodies.body[keys[:, 0]], keys[:, 1], own])[chosen],
+    )
+
+
+def _mistaken(scene: Scene, found: Runs) -> Use | None:
+    """Return the calls that push one link, if all give points in the frame that is mistaken."""
+    ((body, link, own),) = found.keys.tolist()
+    uses = [
+        use
+        for use in scene.inputs.of(Act.PUSH)
+        if use.body is not None and use.body.number == body and "posObj" in use.low
+        if use.first.values.get("linkIndex", (BASE,))[0] == link
+    ]
+    for use in uses:
+        low, high = use.low["posObj"], use.high["posObj"]
+        middle, half = (low + high) / 2, (high - low) / 2 + SAME_POINT_M
+        meant = np.linalg.norm(middle) <= found.reach[0]
+        if own:
+            meant = (np.abs(found.centre[0] - middle) <= half).all()
+        if not meant or (int(use.first.values.get("flags", (0,))[0]) == WORLD_FRAME) == own:
+            return None
+    return uses[0] if uses else None
+
+
+@force_off_centre.counts
+def _(runs: Runs, scene: Scene) -> Float64:
+    mistaken = [_mistaken(scene, runs.at(np.array([row]))) for row in range(len(runs))]
+    return np.array([float(each is not None) for each in mistaken])
+
+
+@force_off_centre.says
+def _(worst: Worst) -> Said | None:
+    own, use = worst.noted.keys[0, 2], _mistaken(worst.scene, worst.noted)
+    if use is None:
+        return None
+    point = worst.centre if own else use.first.values["posObj"]
+    return Said(
+        message=Message(
+            "{body} is pushed beside itself: the point ({point}) is in {frame}, {arm:.3g} m off "
+            "its centre, so the force spins it"
+        ),
+        values={
+            "point": ", ".join(f"{round(x, 6):g}" for x in point),
+            "frame": Message("its own frame") if own else Message("the world's frame"),
+        },
+        advice=Message("give it in p.WORLD_FRAME, or at [0, 0, 0]")
+        if own
+        else Message("give it in p.LINK_FRAME, or at the body's position"),
+        cure=Cure("push-at-centre", worst.body),
+        effect=Effect(worst.arm, "m"),
+        share=worst.arm / worst.reach,
+        site=site_of(use.first),
+    )

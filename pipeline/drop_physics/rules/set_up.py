@@ -1,0 +1,210 @@
+"""Rules about how a simulation is set up: its gravity and timestep, and who makes its steps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from drop_physics.fields import fraction
+from drop_physics.messages import Message
+from drop_physics.physics.laws.lookup import RIGID
+from drop_physics.rules.answer import Cure, Effect, Span
+from drop_physics.rules.arguments import site_of
+from drop_physics.rules.engines import ANY
+from drop_physics.rules.input_rule import InputSubject, input_rule
+from drop_physics.rules.inputs import Inputs
+from drop_physics.rules.rule import Said
+from drop_physics.trace.acts import PUSHES, SETS_TIMESTEP, Act
+
+WAITS = Act.COMMAND, Act.CONSTRAIN, *PUSHES
+"""What only has an effect in a step."""
+HOLDS = Act.SET_GRAVITY, Act.CONSTRAIN, *PUSHES
+"""After these nothing falls freely by mistake."""
+
+
+@input_rule("not-stepped", "asked")
+def not_stepped(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """Something waits for a step in a simulation that has none: time passes only in steps."""
+    seen, ended = inputs.scene.seen, inputs.scene.origin.get("ended")
+    # Beside a simulation that is stepped, poses may only be looked at in one with gravity.
+    stepped = any(samples > 1 for samples in seen.samples.values())
+    uses = [*inputs.of(*WAITS), *(() if stepped else inputs.of(Act.SET_GRAVITY))]
+    for client, samples in seen.samples.items():
+        call = next((use.first for use in uses if use.first.client == client), None)
+        there = any(body.moving for body in seen.bodies.values() if body.client == client)
+        if samples == 1 and call is not None and there and ended != "failed":
+            message = Message(
+                "simulation {client} is never stepped, so nothing in it moves by itself: time "
+                "passes only in p.stepSimulation()",
+                client=client,
+            )
+            advice = Message("call p.stepSimulation() in a loop")
+            yield InputSubject(call), Said(message=message, advice=advice)
+
+
+@input_rule("no-gravity", "asked")
+def no_gravity(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """Bodies that nothing holds do not fall: gravity is never set, or a reset sets it to 0."""
+    scene, said = inputs.scene, set[tuple[int, bool]]()
+    # Where the call is there, and for another client, that is said.
+    left_out = inputs.left_out(Act.SET_GRAVITY)[1]
+    free = [
+        (body, life)
+        for (number, _), life in inputs.lives.items()
+        if (body := scene.body(number)).base_moves and not life.falls
+    ]
+    for body, life in sorted(free, key=lambda each: each[1].first):
+        client = body.client
+        calls = [each for each in inputs.made(client, Act.CLEAR) if each[0].step < life.first]
+        reset, use = max(calls, key=lambda each: each[0].call, default=(None, None))
+        since = -1 if reset is None else reset.call
+        held = (at for at, _ in inputs.made(client, *HOLDS) if since < at.call)
+        gravity_m_s2 = 0.0
+        if reset is not None:
+            _, before = scene.times[client].of_steps(np.array([reset.step]))
+            gravity_m_s2 = float(np.linalg.norm(before))
+        key = client, gravity_m_s2 > 0
+        if key in said or client in left_out or any(at.step <= life.last for at in held):
+            continue
+        said.add(key)
+        message = Message(
+            "gravity is 0, so {body} does not fall: PyBullet starts without it", body=body.label
+        )
+        advice = Message("call p.setGravity(0, 0, -9.81)")
+        if gravity_m_s2 > 0:
+            message = Message(
+                "gravity is 0 from step {step:,} on, so {body} does not fall: p.resetSimulation() "
+                "sets it from {gravity:.3g} m/s² back to 0",
+                step=life.first - 1,
+                body=body.label,
+                gravity=gravity_m_s2,
+            )
+            advice = Message("call p.setGravity(0, 0, -9.81) after each p.resetSimulation()")
+        # What moves without gravity may be meant to.
+        moves = any(other.fastest > 0 for each, other in free if each.client == client)
+        call = use.first if use and gravity_m_s2 > 0 else None
+        yield (
+            InputSubject(call, body, steps=Span(life.first, life.last, life.count)),
+            Said(
+                level="note" if moves and not gravity_m_s2 > 0 else None,
+                message=message,
+                advice=advice,
+                cure=Cure("gravity", value=-9.81),
+            ),
+        )
+
+
+@input_rule("timestep-changed", "model")
+def timestep_changed(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """The timestep changes in the life of what keeps force × timestep of its call."""
+    for client, times in inputs.scene.times.items():
+        keeps = [
+            life
+            for (number, _), life in inputs.lives.items()
+            if (body := inputs.scene.body(number)).client == client
+            if life.held or any(joint.widths[1] for joint in body.joints)
+        ]
+        changes = [
+            change
+            for change in times.changes
+            if any(life.first <= change[0] < life.last for life in keeps)
+        ]
+        if not changes:
+            continue
+        (step, *around_s), count = changes[0], len(changes)
+        uses = [use for at, use in inputs.made(client, *SETS_TIMESTEP) if at.step == step]
+        message = Message(
+            "the timestep changes from {before} s to {after} s at step {step:,}{more}: motors "
+            "and constraints keep force × timestep of their call, and a position motor closes "
+            "a share of its gap per step",
+            before=fraction(around_s[0]),
+            after=fraction(around_s[1]),
+            step=step,
+            more=Message(" (the first of {n:,} changes)", n=count) if count > 1 else "",
+        )
+        ratio = max(around_s) / max(min(around_s), 1e-300)
+        site = site_of(uses[-1].first) if uses else None
+        advice = Message("call p.setTimeStep once, before the first motor")
+        yield (
+            InputSubject(None, steps=Span(step, changes[-1][0], count), site=site),
+            Said(
+                message=message,
+                advice=advice,
+                cure=Cure("timestep-first"),
+                effect=Effect(ratio, "1"),
+                share=ratio,
+            ),
+        )
+
+
+@input_rule("real-time", "repeat")
+def real_time(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """The number of steps depends on how fast the machine is."""
+    for use in inputs.of(Act.SET_REAL_TIME) if inputs.scene.seen.real_time else ():
+        told = use.high.get("enableRealTimeSimulation", ("True" in use.first.arguments,))
+        if told[0]:
+            message = Message(
+                "the script asks for real-time simulation, in which the number of steps depends on "
+                "how fast the machine is; here its own clock decides it"
+            )
+            advice = Message("call p.stepSimulation() instead, as often as there are steps")
+            yield InputSubject(use.first), Said(message=message, advice=advice)
+            return
+
+
+@input_rule("unseeded", "repeat", engines=ANY)
+def unseeded(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """Another run draws other random numbers."""
+    places = inputs.scene.seen.unseeded
+    if places:
+        where: str = places[0]
+        if len(places) > 1:
+            where = Message(
+                "{place} (the first of {places} places)", place=places[0], places=len(places)
+            )
+        message = Message("unseeded random numbers are drawn by {where}", where=where)
+        advice = Message("seed them in the script, or record it with --seed 0")
+        site = places[0].rpartition(" at ")[2] or None
+        yield InputSubject(None, site=site), Said(message=message, advice=advice)
+
+
+@input_rule("massless", "asked")
+def massless(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """A body that was given no mass is pushed in vain, or hangs in the air."""
+    scene, pushed = inputs.scene, {use.body.number for use in inputs.of(*PUSHES) if use.body}
+    for number, body in scene.seen.bodies.items():
+        call = scene.asked.load(body)
+        if body.joints or body.base_moves or not body.collisions or call is None:
+            continue
+        hangs = scene.times[body.client].falls and not scene.touches.rows(number)
+        if call.act is not Act.MAKE or "baseMass" in call.values or not (hangs or number in pushed):
+            continue
+        message = Message("{body} has no mass, so it does not fall", body=body.label)
+        if number in pushed:
+            message = Message("{body} has no mass, so no force moves it", body=body.label)
+        advice = Message("p.createMultiBody(baseMass=…): without it a body is static")
+        said = Said(message=message, advice=advice, cure=Cure("mass", body.label, 1.0, form="made"))
+        yield InputSubject(call, body), said if number in pushed else replace(said, level="note")
+
+
+@input_rule("inertia-without-mass", "model")
+def inertia_without_mass(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """Of a btRigidBody a call for an inertia sets the mass, too, to whatever is in memory."""
+    dynamics = inputs.scene.seen.dynamics
+    rigid = {each.body.number for each in dynamics if int(each.reported["kind"][0]) == RIGID}
+    alone = {
+        use.body.number: (use.first, use.body)
+        for use in reversed([*inputs.of(Act.SET_PROPERTY)])
+        if use.body and "localInertiaDiagonal" in use.low and "mass" not in use.low
+    }
+    for number in sorted(rigid & alone.keys()):
+        call, body = alone[number]
+        message = Message(
+            "{body} is a btRigidBody and gets an inertia without a mass: PyBullet then "
+            "takes as its mass what an earlier command left in memory",
+            body=body.label,
+        )
+        advice = Message("give p.changeDynamics its mass as well")
+        yield InputSubject(call, body), Said(message=message, advice=advice)
