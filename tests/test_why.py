@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import re
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -590,6 +591,12 @@ def test_calls_about_bodies_are_made_otherwise(client: int) -> None:
     other, fired, box = made(apart, f"{own}:{line}")
     other.changeDynamics(box, -1, **given)
     assert not fired  # it is another line
+
+    here = f"{own}:{sys._getframe().f_lineno + 2}"
+    other, fired, _ = made(Cure("without", given={"function": "setGravity"}), here)
+    other.setGravity(0, 0, -1, physicsClientId=client)
+    assert fired  # a call that is about no body
+    assert p.getPhysicsEngineParameters(client)["gravityAccelerationZ"] == 0
 
 
 def test_calls_reach_the_link_that_they_name(client: int) -> None:

@@ -94,7 +94,12 @@ def wrong_body(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
             Said(
                 message=message,
                 advice=advice,
-                cure=Cure("without", body.label, given={"function": each.call.function}),
+                cure=Cure(
+                    "without",
+                    body.label,
+                    form="of-body",
+                    given={"function": each.call.function},
+                ),
                 effect=Effect(moved_m, "m"),
                 share=moved_m,
             ),

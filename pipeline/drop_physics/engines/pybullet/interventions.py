@@ -85,6 +85,7 @@ CALLS = {
     "mass:made": "p.createMultiBody(…, baseMass={value:g})",
     "without": "without p.{function}(…)",
     "without:argument": "without p.{function}(…, {argument}=…)",
+    "without:of-body": "without p.{function}(…) of the body",
     "without:vertical": "its vertical velocity handed on",
     "without:driven": "a position motor in its place",
 }
@@ -431,7 +432,7 @@ def _without(scope: Scope, cure: Cure) -> Iterator[Operation]:
     """Leave a finding's call out."""
     place = _at(scope)
     if place:
-        about = _of(scope.bodies[0]) if len(scope.bodies) == 1 and cure.target else {}
+        about = _of(scope.bodies[0]) if cure.form == "of-body" else {}
         yield {**_leave([cure.given["function"]]), **place, **about}
 
 
@@ -490,6 +491,7 @@ TABLE: dict[str, Applies] = {
     "right-link:joints": _redirected,
     "inertial": _inertial,
     "without": _without,
+    "without:of-body": _without,
     "without:vertical": _done("fall", "resetBaseVelocity"),
     "without:driven": _done("drive", "resetJointState", STEP),
 }
@@ -499,5 +501,6 @@ NEEDS = {
     "right-link": "arguments",
     "right-link:joints": "links",
     "without": "function",
+    "without:of-body": "function",
 }
 """What a cure cannot be made without, by name and form: only a finding knows it."""
