@@ -23,6 +23,7 @@ from conftest import Drop
 from drop_physics import Scenario, analyze, simulate
 from drop_physics.engines.mujoco.interventions import TABLE as MUJOCO_TABLE
 from drop_physics.engines.pybullet.interventions import TABLE, applied, call_of
+from drop_physics.engines.pybullet.watch.calls import shown_file
 from drop_physics.engines.pybullet.watch.intervene import Interventions
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.experiments.interventions import KINDS
@@ -585,7 +586,7 @@ def test_calls_about_bodies_are_made_otherwise(client: int) -> None:
     assert p.getBaseVelocity(box, client)[0][0] == pytest.approx(2.4)
 
     line = test_calls_about_bodies_are_made_otherwise.__code__.co_firstlineno
-    own = Path(__file__).name
+    own = shown_file(__file__)
     apart = Cure("right-link", given={"arguments": ["linearDamping"]})
     given = {"lateralFriction": 0.3, "linearDamping": 0, "physicsClientId": client}
     other, fired, box = made(apart, f"{own}:{line}")
