@@ -274,7 +274,7 @@ def test_a_soft_contact_lets_a_body_sink_no_less_in_shorter_steps(recorded: Reco
         for finding in judge(recorded(engine="mujoco", timestep_s=1 / 110)).findings
         if finding.code == "deep-penetration"
     )
-    assert "shorten the step" not in message
+    assert "shorter: --timestep" not in message
 
 
 def test_a_contact_that_gives_way_gradually_is_not_blamed_on_the_step(recorded: Recorder) -> None:

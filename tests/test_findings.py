@@ -126,7 +126,7 @@ def test_as_short_a_step_as_is_advised_lets_a_body_sink_less(
         for finding in judge(recorded(**drop, timestep_s=1 / 60)).findings
         if finding.code == "deep-penetration"
     )
-    times = re.search(r"shorten the step (\d+) times", message)
+    times = re.search(r"use a timestep (\d+) times shorter", message)
     assert times is not None
     short = judge(recorded(**drop, timestep_s=1 / 60 / int(times[1])))
     assert "deep-penetration" not in [finding.code for finding in short.findings]
@@ -242,4 +242,4 @@ def test_a_body_that_passes_the_floor_in_each_step_is_not_still_airborne(
     assert heights_m[-1] > 0
     codes = {finding.code: said(finding) for finding in judge(recording).findings}
     assert "still-airborne" not in codes
-    assert "shorten the step" in codes["tunnelled"]
+    assert "shorter timestep" in codes["tunnelled"]

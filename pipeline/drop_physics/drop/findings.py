@@ -180,7 +180,7 @@ def _tunnelled(fall: Fall) -> Iterator[Finding]:
             "it moved {moved:.4g} m in a step, and contact is checked only between steps",
             moved=float(np.linalg.norm(position_m - before_m)),
         )
-        advice = Message("shorten the step with --timestep")
+        advice = Message("use a shorter timestep: --timestep")
     yield _found("tunnelled", joined(": ", [seen, why]), advice, first=step)
 
 
@@ -262,7 +262,7 @@ def _deep_penetration(fall: Fall) -> Iterator[Finding]:
     if not case.is_soft:
         # It cannot get deeper than it moves in a step; a tenth more, for gravity in that step.
         times = math.ceil(1.1 * per_step_m / (DEEP_PENETRATION * tall_m))
-        advice = Message("shorten the step {times} times with --timestep", times=times)
+        advice = Message("use a timestep {times} times shorter: --timestep", times=times)
     yield _found("deep-penetration", seen, advice, metres=depth_m, case=case, first=impact.step)
 
 

@@ -38,7 +38,7 @@ def _(worst: Worst) -> Said:
     return Said(
         message=Message(
             "{joint} reaches {most} where its file allows {limit}, in {steps}: PyBullet's "
-            "motors do not heed that limit (joints beyond theirs: {count})",
+            "motors do not enforce that limit (joints beyond theirs: {count})",
             joint=worst.joint,
             most=effort(worst.most, unit),
             limit=f"{worst.limit:g} {unit}",

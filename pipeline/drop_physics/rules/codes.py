@@ -10,7 +10,7 @@ CODES: dict[str, str] = {
     ),
     "beyond-urdf": (
         "A joint went faster, or its motor pushed harder, than its file allows: PyBullet's "
-        "motors do not heed that."
+        "motors do not enforce that."
     ),
     "both-static": (
         "Neither of two bodies that overlap has mass: PyBullet makes no contacts between them."

@@ -45,7 +45,7 @@ def _(runs: Runs, _: Scene) -> NDArray[np.float64]:
 def _(worst: Worst) -> Said:
     return Said(
         message=Message(
-            "{body} loses {taken:.3g} J in the air, of at most {largest:.3g} J of motion: "
+            "{body} loses {taken:.3g} J in the air, of at most {largest:.3g} J of kinetic energy: "
             "PyBullet damps every body, by 0.04 unless a call sets it"
         ),
         values={"largest": worst.size},

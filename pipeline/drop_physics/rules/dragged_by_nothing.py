@@ -51,7 +51,7 @@ def _(worst: Worst) -> Said | None:
     return Said(
         message=Message(
             "{body} stays behind while calls move {other} by {ahead:.3g} m under it: a "
-            "body that is set where it is has no velocity, and drags nothing"
+            "body whose pose is set has no velocity, and drags nothing"
         ),
         values={"ahead": float(ahead)},
         advice=advice,

@@ -65,8 +65,8 @@ def _(worst: Worst) -> Said | None:
         cure = Cure("timestep", value=4.0)
     return Said(
         message=Message(
-            "contact of {body} with {other} adds {gained:.3g} J to {brought:.3g} J of motion: "
-            "they come together at {approach:.4g} m/s and part at {parting:.4g} m/s; their "
+            "contact of {body} with {other} adds {gained:.3g} J to {brought:.3g} J of kinetic "
+            "energy: they come together at {approach:.4g} m/s and part at {parting:.4g} m/s; their "
             "restitution is {restitution:.3g}, and {why}"
         ),
         values={"why": why},

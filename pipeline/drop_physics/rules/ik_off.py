@@ -105,7 +105,7 @@ def _(worst: Worst) -> Said:
     else:
         message = Message(
             "{joint}: the hand rests {off} from the point ({point}) with its joints on their "
-            "targets: p.calculateInverseKinematics gave an answer that is so far off"
+            "targets: p.calculateInverseKinematics gave an answer that is that far off"
         )
         advice = Message("ask again from where the arm has got to")
         if worst.iterations < IK_ENOUGH:

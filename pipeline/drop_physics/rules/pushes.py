@@ -187,8 +187,8 @@ def _(worst: Worst) -> Said | None:
     point = worst.centre if own else use.first.values["posObj"]
     return Said(
         message=Message(
-            "{body} is pushed beside itself: the point ({point}) is in {frame}, {arm:.3g} m off "
-            "its centre, so the force spins it"
+            "{body} is not pushed at its centre: the point ({point}) is in {frame}, {arm:.3g} m "
+            "off, so the force spins it"
         ),
         values={
             "point": ", ".join(f"{round(x, 6):g}" for x in point),
