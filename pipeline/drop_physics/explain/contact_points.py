@@ -15,9 +15,9 @@ from drop_physics.explain.recording import Explained
 from drop_physics.explain.steps import Steps
 from drop_physics.explain.touching import among
 from drop_physics.physics.columns import cross, product, times
-from drop_physics.physics.kinematics import kinematics, motion
+from drop_physics.physics.kinematics import kinematics, link_numbers, motion
 from drop_physics.physics.vectors import cross as cross_of_rows
-from drop_physics.physics.vectors import groups, lengths
+from drop_physics.physics.vectors import distinct, groups, lengths
 from drop_physics.trace.states import Rows
 
 Float64 = NDArray[np.float64]
@@ -431,12 +431,12 @@ class _Sides:
         else:
             sides, row = steps.sides, steps.reported.contacts.step
         side = np.where(sides.is_a ^ swapped[point], 0, 1)
-        used, rows = np.unique(row, return_inverse=True)
+        used, rows = distinct(row)
         kin, then = (
             kinematics(steps.law.tree, each.at(used)) for each in (steps.before, steps.after)
         )
         at_m, place = np.ascontiguousarray(self.at_m[point, side].T), 2 * point + side
-        links = np.unique(sides.link).tolist()
+        links = link_numbers(sides.link)
         for here, states, out in (
             (kin, steps.before, self.began_m_s),
             (kin, steps.after, self.ended_m_s),

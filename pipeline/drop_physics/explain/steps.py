@@ -26,6 +26,7 @@ from drop_physics.physics.laws.bullet.substeps import HELD, SubstepSum, sum_of_s
 from drop_physics.physics.laws.bullet.tree import BulletTree, Reason, Reported, all_reported, sum_of
 from drop_physics.physics.moving import moved_on
 from drop_physics.physics.tree import BASE, States
+from drop_physics.physics.vectors import distinct
 from drop_physics.trace.calls import Push
 from drop_physics.trace.events import Body, order
 
@@ -120,7 +121,7 @@ class Steps:
         contacts, tree = self.reported.contacts, self.law.tree
         if not len(contacts) or not tree.size:
             return np.zeros(len(contacts))
-        used, rows = np.unique(contacts.step, return_inverse=True)
+        used, rows = distinct(contacts.step)
         kin = kinematics(tree, self.before.at(used))
         timestep_s = self.reported.timestep_s[used]
         impulses = impulses_of(kin, replace(contacts, step=rows), timestep_s)
@@ -357,8 +358,10 @@ def _reported(
     """
     tree, body = law.tree, around.record.body
     timestep_s, gravity_m_s2 = around.times.of_steps(ends.steps)
-    found, at = rows_of(around.sides.step, ends.steps)
-    sides = around.sides.at(found)
+    sides = around.sides
+    found, at = rows_of(sides.step, ends.steps)
+    if len(found) < len(sides):
+        sides = sides.at(found)
     acting = around.constraints.on(body.number, tree, ends.steps, before, timestep_s, around.poses)
     reported = Reported(
         timestep_s=timestep_s,

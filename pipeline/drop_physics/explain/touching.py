@@ -111,7 +111,10 @@ class Touching:
 
     def forces(self, sides: Sides, row: Int64) -> Forces:
         """Return what some contact points do to their body; `row` are their steps."""
-        return replace(self._forces.at(sides.row), step=row)
+        rows: slice | Int64 = sides.row
+        if len(row) and sides.row[-1] - sides.row[0] == len(row) - 1:
+            rows = slice(int(sides.row[0]), int(sides.row[-1]) + 1)
+        return replace(self._forces.at(rows), step=row)
 
     def touches(self, sides: Sides, forces: Forces) -> Touches:
         """Return contact points, and the forces at them, as those of a body alone."""

@@ -192,10 +192,11 @@ def generalised_at_points(
     """
     tree = kin.tree
     out = np.zeros((len(step), tree.size))
-    for one in np.unique(link):
-        rows = np.flatnonzero(link == one)
+    links = link_numbers(link)
+    for one in links:
+        rows = np.flatnonzero(link == one) if len(links) > 1 else slice(None)
         at, f, t, x = step[rows], force[rows].T, torque[rows].T, point_m[rows].T
-        for joint in tree.branch(int(one)):
+        for joint in tree.branch(one):
             if RATES[tree.joints[joint]]:
                 slides = tree.joints[joint] == "prismatic"
                 acting = f if slides else t + cross(x - kin.pivots[joint].take(at, axis=1), f)
@@ -206,6 +207,13 @@ def generalised_at_points(
             out[rows, 0:3] = (t + cross(x - kin.centres[0].take(at, axis=1), f)).T
             out[rows, 3:6] = f.T
     return out
+
+
+def link_numbers(links: Rows) -> list[int]:
+    """Return the links that there are, in order."""
+    if len(links) and links.min() == links.max():  # as of bodies without joints
+        return [int(links[0])]
+    return [int(one) for one in np.unique(links)]
 
 
 def spin_jacobian(kin: Kinematics, link: int, rows: Rows | None = None) -> Float64:

@@ -53,6 +53,13 @@ def groups(numbers: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.intp]]]
     yield from zip(found.tolist(), np.split(order, starts[1:]), strict=True) if len(found) else ()
 
 
+def distinct(numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return what there is of numbers in ascending order, once, and which of these each is."""
+    new = np.ones(len(numbers), np.bool_)
+    new[1:] = numbers[1:] != numbers[:-1]
+    return numbers[new], np.cumsum(new) - 1
+
+
 def summed(rows: NDArray[np.int64], vectors: Float64, *, count: int) -> Float64:
     """Return the sum of the vectors of each row, in their order, shape (count, k)."""
     columns = [np.bincount(rows, column, minlength=count) for column in vectors.T]

@@ -159,7 +159,10 @@ def _slips(pair: PairColumns, slips: NDArray[np.bool_]) -> Match:
     steady = ~gripped | (np.abs(pair.approach_m_s[rows]) < LANDS_M_S)
     moved = lengths(way)
     needs = lengths(needed).clip(1e-300)
-    turning = gripped * np.abs(_dot(np.cross(arm, asked), line))
+    turning, held = np.zeros((2, len(rows)))
+    if gripped.any():
+        turning = gripped * np.abs(_dot(np.cross(arm, asked), line))
+        held = gripped * pair.own("held_n_m")[rows]
     dt = pair.timestep_s[rows]
     forces = {
         "time": np.ones(len(rows)),
@@ -168,7 +171,7 @@ def _slips(pair: PairColumns, slips: NDArray[np.bool_]) -> Match:
         "used": pair.sign * _dot(pair.tangential_n[rows], needed) / needs,
         "against": -_dot(needed, way) / moved.clip(1e-300),
         "turning": turning,
-        "held": gripped * pair.own("held_n_m")[rows],
+        "held": held,
     }
     sums = {name: each * steady * dt for name, each in forces.items()}
     sums |= {"slid": pair.slip_m_s[rows] * dt, "moved": moved * dt, "way": way * dt[:, None]}
