@@ -167,18 +167,19 @@ def _(worst: Worst) -> Said:
             effect=effect,
         )
     spring = worst.stiffness > 0 and np.isfinite(worst.kp)
+    unit = "kg" if worst.unit == "m" else "kg m²"
     values = {
         "joint": worst.joint,
         "term": worst.turner,
         "growth": worst.size,
         "stiffness": worst.stiffness,
         "damping": worst.damping,
-        "inertia": worst.inertia,
+        "inertia": f"{worst.inertia:.2g} {unit}",
         "timestep": worst.timestep * 1e3,
         "kp": worst.kp,
         "kv": worst.kv,
         "shorter": worst.least_timestep * 1e3,
-        "armature": worst.armature,
+        "armature": f"{worst.armature:.2g} {unit}",
         "ratio": worst.stiffness * worst.timestep**2 / worst.inertia,
         "share": worst.damping * worst.timestep / worst.inertia,
         "most": (worst.kp * worst.timestep**2 if spring else worst.kv * worst.timestep)
@@ -187,12 +188,12 @@ def _(worst: Worst) -> Said:
     if spring:
         message = Message(
             "{joint} turns around with every step and grows, by {term}: kp = {stiffness:.3g} on an "
-            "inertia of {inertia:.2g} in steps of {timestep:.3g} ms has kp h²/I = {ratio:.3g}, "
+            "inertia of {inertia} in steps of {timestep:.3g} ms has kp h²/I = {ratio:.3g}, "
             "and above {most:.3g} it grows",
             **values,
         )
         call = Message(
-            "kp below {kp:.2g}, timestep below {shorter:.2g} ms, or armature above {armature:.2g} "
+            "kp below {kp:.2g}, timestep below {shorter:.2g} ms, or armature above {armature} "
             "hold it, each alone",
             **values,
         )
@@ -204,12 +205,12 @@ def _(worst: Worst) -> Said:
     if worst.turner.startswith("actuator "):
         message = Message(
             "{joint} turns around with every step and grows, by {term}: kv = {damping:.3g} on an "
-            "inertia of {inertia:.2g} in steps of {timestep:.3g} ms has kv h/I = {share:.3g}, and "
+            "inertia of {inertia} in steps of {timestep:.3g} ms has kv h/I = {share:.3g}, and "
             "above {most:.3g} it grows",
             **values,
         )
         call = Message(
-            "kv below {kv:.2g}, timestep below {shorter:.2g} ms, armature above {armature:.2g}, or "
+            "kv below {kv:.2g}, timestep below {shorter:.2g} ms, armature above {armature}, or "
             'integrator="implicitfast" hold it, each alone',
             **values,
         )
@@ -220,13 +221,13 @@ def _(worst: Worst) -> Said:
         )
     message = Message(
         "the rate of {joint} grows with every step, by its damping: damping = {damping:.3g} on an "
-        "inertia of {inertia:.2g} in steps of {timestep:.3g} ms has damping h/I = {share:.3g}, and "
+        "inertia of {inertia} in steps of {timestep:.3g} ms has damping h/I = {share:.3g}, and "
         "above 2.79 steps of Runge and Kutta grow, which take it at their beginning",
         **values,
     )
     call = Message(
         'integrator="Euler" or "implicitfast" takes it at the end; else damping below {kv:.2g}, '
-        "timestep below {shorter:.2g} ms or armature above {armature:.2g}",
+        "timestep below {shorter:.2g} ms or armature above {armature}",
         **values,
     )
     return Said(
