@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -24,6 +24,10 @@ Vector = tuple[float, ...]
 
 FIXED, POINT, GEAR = 4, 5, 6
 """`jointType` of `createConstraint`."""
+LIMIT_N_S = 500.0
+"""The largest impulse of a step of a constraint whose force no call set (`b3RigidBodyBase`)."""
+TIMESTEP_S = 1 / 240
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 Poses = Callable[[int, Int64], tuple[Tree, States]]
 """Returns a body and the states that its steps to some samples began with."""
 
@@ -39,10 +43,20 @@ class Held:
     links: tuple[int, int]
     pivots_m: tuple[Vector, Vector]
     """In the axes of each link, or of the world."""
-    parent_orientation: Vector
-    """Of the parent's frame in its link's axes: quaternion x, y, z, w."""
+    orientations: tuple[Vector, Vector]
+    """Of both frames, in the axes of each link, or of the world: quaternions x, y, z, w."""
+    made: Call
+    """The call that created it."""
+    moved: int
+    """Steps before the last call that moved one of its frames, or made it."""
     ratio: float = 1.0
     """Of a gear."""
+    limit_n_s: float = LIMIT_N_S
+    """The largest impulse of a step along an axis: a call's force × the timestep then."""
+    limited: Call | None = None
+    """The last call that set another force."""
+    limited_since: int = -1
+    """Steps before its force in newtons was another, or it was made."""
 
 
 class Acting(NamedTuple):
@@ -62,6 +76,8 @@ class Constraints:
         self._told: dict[tuple[int, int], list[Held]] = {}
         """By client and the engine's id, in order."""
         self._forces: Mapping[tuple[int, int], tuple[Int64, Float64]] = {}
+        self._timesteps_s: dict[int, float] = {}
+        """By client."""
 
     def begin(self, forces: Mapping[tuple[int, int], tuple[Int64, Float64]]) -> None:
         """Take the forces of a piece, and forget what no step of a further piece needs."""
@@ -74,32 +90,70 @@ class Constraints:
         roles = "parent", "child"
         parent, child = (int(values.get(f"{role}LinkIndex", (-1,))[0]) for role in roles)
         pivots = [values.get(f"{role}FramePosition", (0.0,) * 3) for role in roles]
-        turned = values.get("parentFrameOrientation", ())
-        # PyBullet passes over an orientation that is not four numbers.
-        turned = turned if len(turned) == 4 else (0.0, 0.0, 0.0, 1.0)
+        turned = [_turned(values.get(f"{role}FrameOrientation", ())) for role in roles]
         held = Held(
             at,
             int(values.get("jointType", (-1,))[0]),
             bodies,
             (parent, child),
             (pivots[0], pivots[1]),
-            turned,
+            (turned[0], turned[1]),
+            call,
+            call.at.step,
+            limited_since=call.at.step,
         )
         self._told.setdefault((call.client, int(call.result)), []).append(held)
 
     def change(self, call: Call) -> None:
         """Note a call of `changeConstraint`."""
-        values = call.values
+        values, step = call.values, call.at.step
         told = self._told.get((call.client, int(values.get("userConstraintUniqueId", (-1,))[0])))
         if not told:
             return
         held, pivot = told[-1], values.get("jointChildPivot", ())
-        if len(pivot) == 3:
-            held = replace(held, pivots_m=(held.pivots_m[0], pivot))
+        moved = replace(
+            held,
+            pivots_m=(held.pivots_m[0], pivot if len(pivot) == 3 else held.pivots_m[1]),
+            orientations=(
+                held.orientations[0],
+                _turned(values.get("jointChildFrameOrientation", ()), held.orientations[1]),
+            ),
+        )
+        held = replace(moved, moved=step) if moved != held else held
         if "gearRatio" in values:
             held = replace(held, ratio=values["gearRatio"][0])
+        limit_n_s = values.get("maxForce", (np.nan,))[0] * self.timestep_s(call.client)
+        if np.isfinite(limit_n_s) and limit_n_s != held.limit_n_s:
+            held = replace(held, limit_n_s=limit_n_s, limited=call, limited_since=step)
         if held != told[-1]:
             told.append(replace(held, at=call.at))
+
+    def set_timestep(self, call: Call) -> None:
+        """Note a call that may set the timestep, which divides the impulses of limits."""
+        if call.timestep_s is None:
+            return
+        self._timesteps_s[call.client] = call.timestep_s
+        for (client, _), told in self._told.items():
+            if client == call.client:
+                told.append(replace(told[-1], at=call.at, limited_since=call.at.step))
+
+    def timestep_s(self, client: int) -> float:
+        """Return the timestep of a simulation, as calls have set it so far."""
+        return self._timesteps_s.get(client, TIMESTEP_S)
+
+    def in_steps(self) -> Iterator[tuple[list[Held], Int64, Float64]]:
+        """Yield constraints of the latest piece, as they were told, steps, and forces in these."""
+        for key, (steps, forces) in self._forces.items():
+            if key in self._told and len(steps):
+                yield self._told[key], steps, forces
+
+    def of_client(self, client: int) -> list[Held]:
+        """Return the constraints of a simulation as they were told last."""
+        return [told[-1] for (of, _), told in self._told.items() if of == client]
+
+    def on_body(self, body: int) -> int:
+        """Return how many constraints hold a body."""
+        return sum(body in told[-1].bodies for told in self._told.values())
 
     def acting(self, sample: int) -> list[Held]:
         """Return the constraints that acted in the step to a sample of the piece."""
@@ -151,13 +205,18 @@ class Constraints:
         return Acting(acting, geared, unknown)
 
 
+def _turned(orientation: Vector, default: Vector = UPRIGHT) -> Vector:
+    """Return a frame's orientation; PyBullet passes over one that is not four numbers."""
+    return orientation if len(orientation) == 4 else default
+
+
 def _axes(held: Held, side: int, kin: Kinematics, ends: Int64, poses: Poses) -> Float64:
     """Return the parent's frame in the world, shape (n, 3, 3)."""
     if held.kind == POINT:
         return np.zeros((len(ends), 3, 3))
     if side == 1:
         kin = kinematics(*poses(held.bodies[0], ends))
-    return frame_axes(kin, held.links[0], held.parent_orientation)
+    return frame_axes(kin, held.links[0], held.orientations[0])
 
 
 def _forces(held: Held, side: int, kin: Kinematics, axes: Float64, reported: Float64) -> Forces:

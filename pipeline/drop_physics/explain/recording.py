@@ -27,7 +27,7 @@ from drop_physics.explain.times import Times
 from drop_physics.explain.touching import Touching, rows_of
 from drop_physics.physics.base import EXACT_MACHINES, Law
 from drop_physics.physics.tree import States, Tree
-from drop_physics.trace.acts import CONSTRAINS, Act
+from drop_physics.trace.acts import CONSTRAINS, SETS_TIMESTEP, Act
 from drop_physics.trace.calls import Call, Push
 from drop_physics.trace.events import order
 from drop_physics.trace.history import Piece, Seen
@@ -223,13 +223,15 @@ class Explanation:
             pushes.setdefault(push.body.number, []).append(push)
         self._commands.take(piece)
         self._constraints.begin(piece.forces)
-        for call in piece.calls.of(*CONSTRAINS):
+        for call in piece.calls.of(*SETS_TIMESTEP, *CONSTRAINS):
             self._join(call, piece.calls)
         return pushes
 
     def _join(self, call: Call, calls: Log) -> None:
-        """Note a call that makes or changes a constraint."""
-        if call.act is Act.CHANGE_CONSTRAINT:
+        """Note a call that makes or changes a constraint, or the timestep that it counts in."""
+        if call.act in SETS_TIMESTEP:
+            self._constraints.set_timestep(call)
+        elif call.act is Act.CHANGE_CONSTRAINT:
             self._constraints.change(call)
         elif np.isfinite(call.result):
             ids = [

@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 
 from drop_physics.explain.actuators import ActuatorTable
 from drop_physics.explain.bodies import Record
+from drop_physics.explain.joined import Constraints
 from drop_physics.explain.joints import Driven, JointTable
 from drop_physics.explain.recording import STEPS, Explained
 from drop_physics.explain.step_status import Judged, StepVerdicts
 from drop_physics.explain.steps import BodySteps, StepBatch, Steps
+from drop_physics.explain.targets import Targets
 from drop_physics.explain.times import Times
 from drop_physics.explain.touches import TouchTable
 from drop_physics.fields import counted
@@ -150,9 +152,14 @@ class Scene:
     records: Mapping[int, Record] = field(init=False)
     """What was told of each body that is not soft, by its number."""
     judged: Mapping[int, Judged] = field(init=False)
+    constraints: Constraints = field(init=False)
     ends: dict[int, int] = field(init=False, default_factory=dict)
     """The last sample of each body, by its number."""
-    carried: dict[tuple[str, int], NDArray[np.float64]] = field(init=False, default_factory=dict)
+    targets: dict[int, Targets] = field(init=False, default_factory=dict)
+    """Of the position motors of each body, by its number."""
+    going: dict[tuple[int, int], Any] = field(init=False, default_factory=dict)
+    """The table of the target that goes on, by body and rate."""
+    carried: dict[tuple[str, int], NDArray[Any]] = field(init=False, default_factory=dict)
     """What columns hand on from piece to piece, by their name and the number of a body."""
     _explained: Explained = field(init=False)
     kept: dict[object, Any] = field(init=False, default_factory=dict)
@@ -174,6 +181,7 @@ class Scene:
             explained.batches,
             explained.records,
         )
+        self.constraints = explained.constraints
         self.ends |= {number: int(each.steps[-1]) for number, each in self.judged.items()}
         self._sites = self.piece.calls.sites
         self.joints.add(explained)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from drop_physics.messages import Message
@@ -18,6 +18,7 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
     friction_pyramid,
     held_by_friction,
     ik_off,
+    joined,
     joint_damping,
     keyframe,
     memory,
@@ -27,6 +28,7 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
     no_restitution,
     not_taken,
     of_files,
+    off_target,
     overwritten,
     pushes,
     put_elsewhere,
@@ -53,10 +55,8 @@ from drop_physics.rules.collides_as_hull import CollidesAsHull
 from drop_physics.rules.engines import engine_of
 from drop_physics.rules.filtered_out import FilteredOut
 from drop_physics.rules.input_rule import InputRules
-from drop_physics.rules.joined import Joined
 from drop_physics.rules.no_contact import NoContact
 from drop_physics.rules.not_finite import NotFinite
-from drop_physics.rules.off_target import OffTarget
 from drop_physics.rules.restore_differs import RestoreDiffers
 from drop_physics.rules.rule import TableRules
 from drop_physics.rules.script_failed import ScriptFailed
@@ -65,7 +65,6 @@ from drop_physics.trace.history import Seen
 ANSWERS: tuple[type[Answer], ...] = (
     # joints
     TableRules,
-    OffTarget,
     # contacts
     CollidesAsHull,
     NoContact,
@@ -73,7 +72,6 @@ ANSWERS: tuple[type[Answer], ...] = (
     # calls and files
     InputRules,
     ScriptFailed,
-    Joined,
     RestoreDiffers,
     # the whole
     NotFinite,
@@ -96,7 +94,7 @@ BESIDE_NOTHING = frozenset(("default-damping",))
 def ranked(findings: Iterable[Finding]) -> list[Finding]:
     """Return findings, the gravest first; the same one on many bodies is one, the worst of them."""
     groups: dict[tuple[str, str | None, str], list[Finding]] = {}
-    for each in findings:
+    for each in _worst_misses(findings):
         text = each.message.template if isinstance(each.message, Message) else each.message
         groups.setdefault((each.code, each.reason, text), []).append(each)
     found = sorted((_one_of(group) for group in groups.values()), key=lambda each: each.rank)
@@ -114,6 +112,19 @@ def ranked(findings: Iterable[Finding]) -> list[Finding]:
         else each
         for each in found
     ]
+
+
+def _worst_misses(findings: Iterable[Finding]) -> Iterator[Finding]:
+    """Yield findings; of the targets that joints of a body miss, only the gravest."""
+    told: set[tuple[str | None, bool]] = set()
+    for each in sorted(findings, key=lambda each: each.rank):
+        is_speed = each.effect is not None and each.effect.unit.endswith("/s")
+        miss = each.body, is_speed
+        is_miss = each.code == "off-target" and each.reason is None
+        if not is_miss or miss not in told:
+            yield each
+        if is_miss:
+            told.add(miss)
 
 
 def _one_of(group: list[Finding]) -> Finding:

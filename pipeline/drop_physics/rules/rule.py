@@ -8,7 +8,8 @@
 
 Chunks, runs of consecutive steps, the worst row, how often, in which steps, which joints of which
 body and which line of the script belong to the mechanism here. Tables are of joints, of actuators,
-of pairs of bodies that touch, and of bodies (`tables`); rules of what calls set are `input_rule`.
+of constraints, of pairs of bodies that touch, and of bodies (`tables`); rules of what calls set are
+`input_rule`.
 """
 
 from __future__ import annotations
@@ -175,7 +176,9 @@ class Worst:
 
     @property
     def span(self) -> Span:
-        """Its steps, as a finding says them."""
+        """Its steps, as a finding says them; those of a target are `stood`, its first and last."""
+        if (stood := vars(self).get("stood")) is not None:
+            return Span(stood[0], stood[1], stood[1] - stood[0] + 1)
         first, last = vars(self).get("within", (-self.first, self.last))
         return Span(-first, last, self.count)
 
@@ -273,7 +276,7 @@ class Rule:
         )
 
 
-PARTS = "joints", "actuators"
+PARTS = "joints", "targets", "actuators"
 """Tables whose columns are parts of a body: of each body the worst part is told."""
 RULES: list[Rule] = []
 """All rules of tables, in the order in which their modules are read."""
@@ -294,6 +297,10 @@ joint_rule = partial(_maker, "joints")
 """Makes a function from joints to a match a rule: of each robot its worst joint is told."""
 actuator_rule = partial(_maker, "actuators")
 """The same of actuators."""
+target_rule = partial(_maker, "targets")
+"""The same of targets that position motors were given: of each robot its worst is told."""
+constraint_rule = partial(_maker, "constraints")
+"""The same of constraints."""
 pair_rule = partial(_maker, "pairs")
 """The same of pairs of bodies that touch: what is told is about the one with the higher number."""
 side_rule = partial(_maker, "sides")
@@ -318,7 +325,8 @@ class TableRules(Answer):
     def see(self) -> None:
         """Take a piece."""
         found: list[list[Runs]] = [[] if each is None else [each] for each in self._open]
-        for name in TABLES:
+        read = {rule.table for rule in self._rules}
+        for name in [each for each in TABLES if each in read]:
             for table in tables(name, self.scene):
                 for place, rule in enumerate(self._rules):
                     match = rule.matches(table) if rule.table == name else None
@@ -367,7 +375,7 @@ class TableRules(Answer):
         keys, about, site = worst.keys[0].tolist(), dict[str, Any](), None
         subject = keys[: rule.subject]
         body = self.scene.body(keys[0])
-        if rule.table == "joints":
+        if rule.table in ("joints", "targets"):
             link = link_of(body, keys[1])
             unit, effort = units(body.joints[link])
             about = {"joint": body.joints[link].name, "link": link, "unit": unit, "effort": effort}
@@ -377,7 +385,7 @@ class TableRules(Answer):
             actuator = body.actuators[keys[1]]
             joint = actuator.target if actuator.acts_on == "joint" else None
             about = {"actuator": actuator, "joint": joint}
-        elif len(subject) > 1:
+        elif len(subject) > 1 and rule.table != "constraints":
             partner = self.scene.body(keys[1])
             about = {"partner": partner, "other": partner.label}
         if rule.argument is not None:

@@ -1,4 +1,4 @@
-"""The tables of a piece that rules read: joints, actuators, pairs of bodies that touch, bodies."""
+"""The tables of a piece that rules read: joints, targets, constraints, pairs, bodies."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ from drop_physics.explain.steps import BodySteps, StepBatch, Steps
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.rules.answer import Scene
+from drop_physics.rules.constraint_columns import constraint_columns
 from drop_physics.rules.joint import units_of
+from drop_physics.rules.target_columns import target_columns
 from drop_physics.rules.thresholds import AT_TARGET_M, AT_TARGET_RAD
 from drop_physics.trace.events import Joint
 from drop_physics.trace.motors import POSITION
@@ -26,7 +28,7 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 Rows = NDArray[np.intp]
 
-TableName = Literal["joints", "actuators", "pairs", "sides", "bodies"]
+TableName = Literal["joints", "targets", "actuators", "constraints", "pairs", "sides", "bodies"]
 TABLES: tuple[TableName, ...] = get_args(TableName)
 
 
@@ -55,6 +57,10 @@ def tables(name: TableName, scene: Scene) -> Iterator[RuleTable]:
         yield from (
             ActuatorColumns(scene, each) for _, each in scene.stretches() if each.body.actuators
         )
+    elif name == "targets":
+        yield from target_columns(scene)
+    elif name == "constraints":
+        yield from constraint_columns(scene)
     elif name == "bodies":
         yield from (BodyColumns(scene, *each) for each in scene.batches if len(each[0].whole))
     elif name == "sides" and touching:

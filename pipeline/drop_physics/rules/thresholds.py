@@ -151,6 +151,23 @@ SWALLOWED = _of(
     "Share of the rebound that was asked for, below which a body does not bounce.",
     "overlap alone lifts a little",
 )
+SMALL_GAIN = _of(
+    "SMALL_GAIN", 0.05, "share", "A smaller positionGain is small: PyBullet's is 0.1.", "slow arms"
+)
+LAWFUL_GAP = _of(
+    "LAWFUL_GAP",
+    0.1,
+    "share",
+    "Largest difference of a gap from what the motor's law leaves.",
+    "targets that change with every step",
+)
+LIMITED_OFTEN = _of(
+    "LIMITED_OFTEN",
+    0.1,
+    "share",
+    "Least share of a motor's steps at its limit for that to be a cause.",
+    "targets that change with every step",
+)
 SLOW = _of(
     "SLOW",
     0.5,
@@ -246,6 +263,32 @@ CLOSES = _of(
     "share",
     "Largest share of that gap that is left within ten steps: a spring leaves more.",
     "spring_constraint",
+)
+CLOSES_STEPS = int(
+    _of(
+        "CLOSES_STEPS",
+        10,
+        "1",
+        "Number of steps in which a constraint closes its gap, or over which the gap stays.",
+        "spring_constraint, weak",
+    )
+)
+STILL_M_S = _of(
+    "STILL_M_S", 1e-3, "m/s", "A side of a constraint that is slower stays where it is.", "weak"
+)
+PULLED_BACK = _of(
+    "PULLED_BACK",
+    0.99,
+    "share",
+    "Least share of a gap that is left, ten steps on, where nothing closes it.",
+    "pendulums that hang there swing",
+)
+MASS_RATIO = _of(
+    "MASS_RATIO",
+    10,
+    "1",
+    "Ratio of masses beyond which the solver takes many iterations.",
+    "rope_stiff",
 )
 SLIPS_M_S = _of("SLIPS_M_S", 1e-3, "m/s", "Least speed of a slip; a slower one is creep.", "slope")
 FROM_REST = _of(

@@ -1,0 +1,133 @@
+"""The table of constraints: how far the frames are apart that each joins, and what it gives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.explain.joined import FIXED, POINT, Held
+from drop_physics.physics.kinematics import kinematics
+from drop_physics.physics.laws.bullet.reports import frame_axes
+from drop_physics.physics.rotations import matrix
+from drop_physics.physics.tree import BASE
+from drop_physics.rules.answer import Scene
+from drop_physics.rules.body_properties import size_m
+from drop_physics.trace.events import Body
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Rows = NDArray[np.intp]
+
+
+def constraint_columns(scene: Scene) -> Iterator[ConstraintColumns]:
+    """Yield the constraints of the latest piece that close all distance between two points."""
+    for told, steps, forces in scene.constraints.in_steps():
+        which = np.searchsorted([each.at.step for each in told], steps, side="left") - 1
+        for made in dict.fromkeys(each.made.at.call for each in told):
+            its = [each.made.at.call == made for each in told]
+            rows = np.flatnonzero((which >= 0) & np.array(its)[which])
+            if len(rows) and told[which[rows[0]]].kind in (FIXED, POINT):
+                yield ConstraintColumns(scene, told, which[rows], steps[rows], forces[rows, :3])
+
+
+class ConstraintColumns:
+    """One constraint in n steps: columns of shape (n,), or (n, 3) of its forces [N]."""
+
+    def __init__(
+        self, scene: Scene, told: list[Held], which: Rows, steps: Int64, forces_n: Float64
+    ) -> None:
+        self.scene, self.step, self.forces_n = scene, steps, forces_n
+        self.noted: Mapping[str, Float64] = {}
+        self._told, self._which = told, which
+        self.last: Held = told[which[-1]]
+        """As it is in the last step."""
+        self.began = self.last.made.at.step + 1
+        """The first step in which it acts."""
+        self.keys = np.full((len(steps), 2), (self.bodies[-1].number, self.last.made.at.call))
+        self.timestep_s = scene.times[self.bodies[0].client].of_steps(steps)[0]
+
+    @property
+    def bodies(self) -> list[Body]:
+        """Its parent and child, but for the world."""
+        return [self.scene.body(number) for number in self.last.bodies if number >= 0]
+
+    @property
+    def part_m(self) -> float:
+        """The size of the smaller part: the diagonal of its box, or else its body's size."""
+        sizes: list[float] = []
+        for number, link in zip(self.last.bodies, self.last.links, strict=True):
+            if number >= 0:
+                body = self.scene.body(number)
+                box = np.array(body.bounds_m[6 * (link + 1) : 6 * (link + 2)])
+                diagonal = float(np.linalg.norm(box[3:] - box[:3])) if len(box) == 6 else 0.0
+                sizes.append(diagonal or size_m(body))
+        return min(sizes)
+
+    def of_held(self, name: str) -> NDArray[np.float64]:
+        """Return a number of what was told, as it was in each step, shape (n,)."""
+        return np.array([getattr(each, name) for each in self._told], np.float64)[self._which]
+
+    def apart_at_first(self) -> tuple[float, float]:
+        """Return gap [m] and angle [rad] as it was made, or changed before its first step.
+
+        The least of these; nan where its first step is not among these.
+        """
+        began = [each for each in self._told if each.made.at.call == self.last.made.at.call]
+        began = [each for each in began if each.at.step < self.began]
+        if self.step[0] != self.began or not began:
+            return np.nan, np.nan
+        ends = [self._ends(each, self.step[:1], after=False) for each in began]
+        gaps, angles = zip(*(_apart(*each) for each in ends), strict=True)
+        return float(np.min(gaps)), float(np.min(angles)) if self.last.kind == FIXED else 0.0
+
+    def apart_after(self, rows: Rows) -> tuple[Float64, Float64]:
+        """Return gap [m] and angle [rad] after some steps, shape (m,) each."""
+        return _apart(*self._ends(self.last, self.step[rows], after=True))
+
+    def points_m(self, rows: Rows) -> Float64:
+        """Return the two points after some steps, shape (m, 2, 3); nan where not known."""
+        return self._ends(self.last, self.step[rows], after=True)[0]
+
+    def tail(self, name: str, values: NDArray[Any], rows: int) -> NDArray[Any]:
+        """Return the last rows of some values, with those of earlier pieces; as many as there are.
+
+        `values` are those of the last steps of the piece, `rows` of them or all.
+        """
+        key = f"constraint {name}", self.last.made.at.call
+        before = self.scene.carried.get(key, values[:0])
+        self.scene.carried[key] = np.concatenate([before, values])[-rows:]
+        return self.scene.carried[key]
+
+    def _ends(self, held: Held, samples: Int64, *, after: bool) -> tuple[Float64, Float64]:
+        """Return points and axes of both frames, shape (m, 2, 3) and (m, 2, 3, 3)."""
+        points_m = np.full((len(samples), 2, 3), np.nan)
+        axes = np.full((len(samples), 2, 3, 3), np.nan)
+        for side, (number, link) in enumerate(zip(held.bodies, held.links, strict=True)):
+            point_m, turn = held.pivots_m[side], matrix(held.orientations[side])
+            if number < 0:
+                points_m[:, side], axes[:, side] = point_m, turn
+                continue
+            puts = [each for each in self.scene.seen.puts if each.body.number == number]
+            for each in [each.base for each in puts if each.at.step < samples[-1]][-1:]:
+                if link == BASE and number not in self.scene.judged:  # it stands where calls put it
+                    stands = matrix(each[3:7].tolist())
+                    points_m[:, side] = each[:3] + stands @ point_m
+                    axes[:, side] = stands @ turn
+            for _, steps in self.scene.stretches(number):
+                _, rows, its = np.intersect1d(steps.steps, samples, return_indices=True)
+                if len(rows) and link < steps.law.tree.links:
+                    states = steps.after if after else steps.before
+                    kin = kinematics(steps.law.tree, states.at(rows))
+                    points_m[its, side] = kin.point_m(link, point_m)
+                    axes[its, side] = frame_axes(kin, link, held.orientations[side])
+        return points_m, axes
+
+
+def _apart(points_m: Float64, axes: Float64) -> tuple[Float64, Float64]:
+    """Return gaps and angles between frames, shape (m,) each."""
+    turned = np.einsum("nji,njk->nik", axes[:, 0], axes[:, 1])
+    cosine = ((np.trace(turned, axis1=1, axis2=2) - 1) / 2).clip(-1, 1)
+    return np.linalg.norm(points_m[:, 0] - points_m[:, 1], axis=1), np.arccos(cosine)

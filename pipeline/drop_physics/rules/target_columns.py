@@ -1,0 +1,105 @@
+"""The table of targets: each that a position motor was given, while it stood."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.explain.joints import Driven
+from drop_physics.explain.targets import Stood, Targets
+from drop_physics.rules.answer import Scene
+from drop_physics.rules.body_properties import size_m
+from drop_physics.rules.held_off import holds_off
+from drop_physics.rules.joint import units_of
+from drop_physics.rules.thresholds import AT_TARGET_M, AT_TARGET_RAD, HALF_THE_STEPS
+
+Flags = NDArray[np.bool_]
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+
+def target_columns(scene: Scene) -> Iterator[TargetColumns]:
+    """Yield the targets of each joint that ended in the latest piece, and that which goes on."""
+    for driven in scene.driven():
+        targets = scene.targets.setdefault(driven.body.number, Targets())
+        for stood, going in targets.see(driven):
+            key = driven.body.number, stood.k
+            before = scene.going.pop(key, None)
+            # Where what a body is changes, a target ends that nobody saw end.
+            if before is not None and before.first[0] != stood.first[0]:
+                before.ended, before.late = np.ones(1, np.bool_), True
+                yield before
+            table = TargetColumns(scene, driven, stood, going=going)
+            if going:
+                scene.going[key] = table
+            yield table
+
+
+class TargetColumns:
+    """Targets of one joint, one after the other: columns of shape (m,), and what `Stood` has."""
+
+    def __init__(self, scene: Scene, driven: Driven, stood: Stood, *, going: bool) -> None:
+        self.scene, self.driven, self.stood = scene, driven, stood
+        m, number, last = len(stood), driven.body.number, int(driven.steps.steps[-1])
+        self.step = stood.last
+        self.keys = np.tile([number, stood.k], (m, 1))
+        self.noted: Mapping[str, Float64] = {"site": driven.asked.site[stood.row, stood.k]}
+        samples = scene.seen.samples.get(driven.body.client, scene.seen.sampled.last + 1)
+        self.ended = np.full(m, not going)
+        self.ends_run = np.full(m, going and last >= samples - 1)
+        """Whether each stands at the end of the run."""
+        self.late = False
+        """Whether it is of earlier steps, and was seen when they were."""
+        self.off = np.abs(stood.gap)
+        unit, _ = units_of(driven, stood.k)
+        self.least = AT_TARGET_M if unit == "m" else AT_TARGET_RAD
+        """Gap below which the joint is at its target."""
+        self.kd = driven.asked.kd[stood.row, stood.k]
+        self.at_rest = driven.resting[stood.row, stood.k]
+        """Whether the joint is, for however many steps the target stood."""
+        share = self.off if unit == "rad" else self.off / size_m(driven.body)
+        self.numbers: Mapping[str, NDArray[Any]] = {
+            "off": self.off,
+            "target": stood.target,
+            "share": share,
+            "kp": stood.kp,
+            "limit": driven.limit[stood.row, stood.k],
+            "force": driven.asked.force[stood.row, stood.k],
+            "going": self.ends_run,
+            "stood": np.column_stack([stood.first, stood.last]),
+        }
+        """What is said of each, whatever the rule."""
+        self.pressed = self._pressed()
+        """Which end with the joint pressed onto a body that it holds."""
+
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - a column of `Stood`
+        return getattr(self.stood, name)
+
+    @cached_property
+    def reached(self) -> Flags:
+        """Return which the joint got to before they had changed by more than `least`."""
+        steps = np.abs(np.diff(self.stood.target))
+        changed = np.append(0.0, np.cumsum(steps))[: len(self.stood)]
+        alike = np.floor(changed / self.least)
+        return np.isin(alike, alike[self.off <= self.least])
+
+    def _pressed(self) -> Flags:
+        """Return which end with the joint pressed onto a body that it holds."""
+        stood, steps, rows, k = self.stood, self.driven.steps, self.stood.row, self.stood.k
+        none = np.zeros(len(stood), np.bool_)
+        if not steps.covered:
+            return none
+        rate = steps.law.tree.first_rate + k
+        motor, contacts = (steps.terms[name][rows, rate] for name in ("motors", "contacts"))
+        against = -contacts * np.sign(motor)
+        pressed = self.driven.at_limit[rows, k] & (against > HALF_THE_STEPS * np.abs(motor))
+        pressed &= rows >= 0
+        for at in np.flatnonzero(pressed)[:1].tolist():
+            held = self.scene.joints.holding(self.driven, int(rows[at]))
+            if not holds_off(self.scene, held, k, -float(np.sign(motor[at]))):
+                return none
+        return np.asarray(pressed)
