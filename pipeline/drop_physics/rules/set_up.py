@@ -12,7 +12,7 @@ from drop_physics.messages import Message
 from drop_physics.physics.laws.lookup import RIGID
 from drop_physics.rules.answer import Cure, Effect, Span
 from drop_physics.rules.arguments import site_of
-from drop_physics.rules.engines import ANY
+from drop_physics.rules.engines import ANY, MUJOCOS
 from drop_physics.rules.input_rule import InputSubject, input_rule
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.rule import Said
@@ -42,6 +42,20 @@ def not_stepped(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
             )
             advice = Message("call p.stepSimulation() in a loop")
             yield InputSubject(call), Said(message=message, advice=advice)
+
+
+@input_rule("not-stepped", "asked", engines=MUJOCOS)
+def only_computed(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """Data are made current again and again, and no step is made."""
+    scene = inputs.scene
+    if scene.seen.samples or scene.origin.get("ended") == "failed":
+        return
+    message = Message(
+        "nothing is ever stepped, so nothing moves by itself: mj_forward only computes what "
+        "depends on the state, and time passes in mj_step"
+    )
+    advice = Message("call mujoco.mj_step(model, data) in a loop")
+    yield InputSubject(None), Said(message=message, advice=advice, share=1.0)
 
 
 @input_rule("no-gravity", "asked")

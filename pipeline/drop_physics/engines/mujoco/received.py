@@ -176,6 +176,8 @@ class Received:
         self.models: dict[int, MujocoModel] = {}
         self.sites: list[ScriptLine] = []
         self.uncaught: list[dict[str, Any]] = []
+        self.idle: list[tuple[int, int]] = []
+        """States, each with its model, that were only computed, again and again."""
         """What else steps models and is not recorded: `name`, `file`, `line`."""
         self.warnings: list[str] = []
         """Texts of MuJoCo's warnings, each once."""
@@ -326,6 +328,9 @@ class Received:
         if number != len(self.sites):
             raise ValueError(f"site {number} after {len(self.sites)}")
         self.sites.append(ScriptLine(**place))
+
+    def _on_idle(self, world: int) -> None:
+        self.idle.append((world, self._worlds[world].model))
 
     def _on_uncaught(self, **what: Any) -> None:  # noqa: ANN401
         self.uncaught.append(what)

@@ -229,6 +229,9 @@ class MujocoDecoder:
         if self._received is not None:
             for piece in self._received.rest():
                 yield from self._on_piece(piece)
+            if not self.steps:
+                for world, model in self._received.idle:
+                    yield self._settings(self._simulation(world, model, 0), At(0, 0.0, 0))
         for its in self._simulations.values():
             yield from its.warned.values()
 
@@ -295,7 +298,7 @@ class MujocoDecoder:
 
     def _on_piece(self, piece: StepPiece) -> Iterator[Event]:
         """Yield what happened in a piece, cut where the model was edited."""
-        simulation = self._simulation(piece)
+        simulation = self._simulation(piece.world, piece.model, piece.first)
         self._warned(simulation, piece)
         end = _end(piece)
         cuts = sorted({each.step for each in piece.edited if piece.first < each.step < end})
@@ -321,24 +324,22 @@ class MujocoDecoder:
                 known, count=known.count + count, steps=known.steps + 1, last_step=sample
             )
 
-    def _simulation(self, piece: StepPiece) -> MujocoSimulation:
-        """Return the simulation that a piece belongs to."""
-        key = piece.world, piece.model
+    def _simulation(self, world: int, number_of_model: int, first: int) -> MujocoSimulation:
+        """Return the simulation of a state with a model; a new one begins with step `first`."""
+        key = world, number_of_model
         found = self._simulations.get(key)
         if found is not None:
             return found
         assert self._received is not None
         assert self._folder is not None
-        model = self._received.models[piece.model]
+        model = self._received.models[number_of_model]
         arrays = {name: np.array(values) for name, values in model.arrays.items()}
         number = self.first_body + sum(len(s.described.bodies) for s in self._simulations.values())
         client = self.first_client + len(self._simulations)
         made = described(arrays, client=client, first=number, folder=self._folder)
-        before = [s for (world, _), s in self._simulations.items() if world == piece.world]
+        before = [each for (of, _), each in self._simulations.items() if of == world]
         held = dict(before[-1].held) if before else {}
-        found = MujocoSimulation(
-            client, piece.model, piece.first, made, number, held, piece.first, arrays
-        )
+        found = MujocoSimulation(client, number_of_model, first, made, number, held, first, arrays)
         self._simulations[key] = found
         return found
 

@@ -43,6 +43,9 @@ LOOKS = re.compile(
     r"|mat_tex\w+|paths|text_\w+|map\w+|[BM]_\w+|D_\w+|cam_(mat0|pos0|poscom0)|names_map"
 )
 """Arrays of a model that no analysis needs: looks, and what speeds up a step."""
+MOVING = ("qpos", "qvel")
+IDLE_CALLS = 10
+"""Calls of `mj_forward` after which a script that makes no step waits for something to move."""
 MEMORY, POSED, FIRST, RESET = map(CAUSES.index, ("memory", "posed", "first", "step"))
 FRAME = struct.Struct("<cI" + STEP_HEAD.format[1:])
 """The head of a frame, and that of a step in it."""
@@ -171,6 +174,8 @@ class WatchedData:
         self.answers: list[bytes] = []
         """What callbacks have done within the step that is being made."""
         self._calling = bytearray()
+        self._idle = 0
+        """How often in a row data were made current for positions and rates as they were."""
         self._posed: tuple[bytes, bytes] | None = None
         """Core and user part of the state that positions were computed for; None if that was the
         state before the last step."""
@@ -216,10 +221,21 @@ class WatchedData:
 
     def pose(self, d: Any, site: int, cause: int, complete: bool) -> None:
         """Send what was written before a function makes data current; note for which state."""
+        if not self.elapsed_s:
+            self._count_idle()
         if self.is_written:
             self.tell_written(d, site, cause)
         if complete:
             self._posed = bytes(self.core.view), bytes(self.user.view)
+
+    def _count_idle(self) -> None:
+        """Say once that data are made current again and again, and nothing moves."""
+        core, still = self.core, self._idle + 1
+        moving = (part for part in core.parts if part.name in MOVING)
+        same = all(core.saved[part.begin : part.end] == part.view for part in moving)
+        self._idle = still if same else 0
+        if same and still == IDLE_CALLS:
+            self.watch.send(note_bytes("idle", world=self.number))
 
     def set_by(self, d: Any, site: int, cause: int, argument: int) -> None:
         """Send what a function has set, or that it was called and set nothing new."""
