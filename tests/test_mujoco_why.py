@@ -50,7 +50,7 @@ class RunChanged:
         self.inside: list[float] = []
         """The timestep that each step has found."""
         calls_of = SimpleNamespace(place=lambda _: ("a.py", at.line))
-        host = SimpleNamespace(on=True, hide=lambda _: None, calls=calls_of)
+        host = SimpleNamespace(on=True, hide=lambda _: None, calls=calls_of, forks=None)
         originals = {"mj_setConst": mujoco.mj_setConst}
         watch: Any = SimpleNamespace(
             host=host,

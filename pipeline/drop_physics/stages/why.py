@@ -284,7 +284,7 @@ def why(
         written,
     )
 
-    parts = can_part(base, reaches_out=bool(recorded.outside), ray=ray)
+    parts = can_part(reaches_out=bool(recorded.outside), ray=ray)
 
     def run_by(
         runs: RunTrial | Parting, which: RunTrial, numbers: Sequence[int]

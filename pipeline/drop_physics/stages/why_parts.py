@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING
 from drop_physics.engines.pybullet import script as running
 from drop_physics.stages.runs import Ended
 from drop_physics.stages.why_trials import RunTrial, TrialRun
-from drop_physics.trace.history import PYBULLET
 
 if TYPE_CHECKING:
     from drop_physics.recording.reader import Recording
@@ -29,10 +28,10 @@ MOST = 24
 WAIT_S = 0.005
 
 
-def can_part(base: Recording, *, reaches_out: bool, ray: str | None) -> bool:
+def can_part(*, reaches_out: bool, ray: str | None) -> bool:
     """Return whether trials of a script can part from one run: what it opened would be shared."""
     forks = sys.platform.startswith(("linux", "darwin"))
-    return forks and not reaches_out and ray is None and base.seen.engine == PYBULLET
+    return forks and not reaches_out and ray is None
 
 
 class Parting:
@@ -112,7 +111,8 @@ def own_recording(work: RunTrial) -> Path:
 def parting(work: RunTrial, numbers: Sequence[int]) -> Iterator[Parting]:
     """Begin a second run, from which candidates part."""
     able = [number for number in numbers if work.run_of(number) is not None]
-    program = replace(work.program, trials=[work.program_of(number) for number in able])
+    trials = [work.program_of(number) for number in able]
+    program = replace(work.program, trials=trials, explain=False)
     until = time.time() + work.patience_s * (1 + len(able))
 
     def tell(_: float, __: int) -> None:

@@ -315,7 +315,7 @@ TABLE: dict[str, Applies] = {
     "push-repeated": _clear,
     "lifted": _lift,
     "set-const": _done("derive"),
-    "memory": _done("arena", factor=LARGER),
+    "memory": _done("arena", factor=LARGER, at_load=True),
     "forward": _done("pose"),
 }
 """How each intervention is made."""

@@ -375,7 +375,9 @@ class Script(Listener):
         reading, _, block = self._parts[number]
         before = bytes(memoryview(self.kept)[:after])
         finer = (trial.variation or {}).get("finer", 1)
-        return PartedTrial(reading, block.fileno(), before, process, finer)
+        part = PartedTrial(reading, block.fileno(), before, process, finer)
+        part.explains_with = trial.python if trial.explain else None
+        return part
 
     def end_parts(self) -> None:
         """End the trials that nobody has taken, for which this run would wait."""

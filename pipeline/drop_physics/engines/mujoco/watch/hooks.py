@@ -57,7 +57,7 @@ class MujocoWatch:
     ----------
     host
         What watches the script: its pipe, its turns, its clock, its limits (`on`, `check`, `count`,
-        `hide`, `calls.place`, `pipe`, `lock`, `clock`, `on_removal`).
+        `hide`, `calls.place`, `pipe`, `lock`, `clock`, `on_removal`, `forks`, `becoming`).
     letter
         The kind of our frames in its pipe.
     frame
@@ -90,8 +90,12 @@ class MujocoWatch:
         self.callbacks: dict[str, Any] = {}
         """The script's own, by name."""
         self._changes = ModelChanges(self, operations, variation or {}, host.tell_intervention)
-        self.depth = 2 if self._changes.any else 1
+        self._stands_before = self._changes.any or host.forks is not None
+        self.depth = 2 if self._stands_before else 1
         """How many calls a function of the script is away from a hook."""
+        host.becoming.append(
+            lambda trial: self._changes.become(trial["interventions"], trial["variation"] or {})
+        )
         self.uncounted: set[int] = set()
         """Threads that make more steps than the script asks for."""
         self.stepping: dict[int, WatchedData] = {}
@@ -123,7 +127,7 @@ class MujocoWatch:
                 continue
             self.originals[name] = getattr(original, "drop_plain", original)
             hook = maker(self, name, self.originals[name])
-            if self._changes.any:
+            if self._stands_before:
                 hook = self._changes.around(name, hook)
             self._replace(module, name, hook)
         self._changes.install(module)

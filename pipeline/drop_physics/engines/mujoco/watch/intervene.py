@@ -81,6 +81,11 @@ class ModelChanges:
         tell: Callable[[int], None],
     ) -> None:
         self._watch, self._tell = watch, tell
+        self._calls: dict[str, Callable[..., Any]] = {}
+        self.become(operations, variation)
+
+    def become(self, operations: Sequence[Operation], variation: Mapping[str, Any]) -> None:
+        """Let something else differ from now on, before anything has."""
         self.finer = int(variation.get("finer", 1))
         self._nudge = float(variation.get("nudge", 0.0))
         self._draw = random.Random(variation.get("seed", 0)).uniform
@@ -91,7 +96,6 @@ class ModelChanges:
         self._models: dict[int, ChangedModel] = {}
         """By the `id` of the MjModel, which is used again."""
         self._data: dict[int, ChangedData] = {}
-        self._calls: dict[str, Callable[..., Any]] = {}
         self._sited = any("site" in each for _, each in self._operations)
 
     @property
@@ -117,18 +121,17 @@ class ModelChanges:
         return self._stepping(name, call) if name in STEPS else self._other(name, call)
 
     def _other(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
-        skips = [each for each in self.of("skip") if each[1]["function"] == name]
-
         # Hooks count the calls between them and the script.
         def changed(*args: Any, **kwargs: Any) -> Any:
             try:
+                self._part()
                 found = self._of(args, kwargs) if self._watch.host.on else None
                 if found is None:
                     return call(*args, **kwargs)
                 model, m, d = found
                 site = self._site(_getframe(1)) if self._sited else None
-                for number, each in skips:
-                    if each["site"] == site:
+                for number, each in self.of("skip"):
+                    if (each["function"], each["site"]) == (name, site):
                         self.fire(number)
                         return None
                 if name == "mj_step1":
@@ -149,6 +152,7 @@ class ModelChanges:
     def _stepping(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
         def changed(*args: Any, **kwargs: Any) -> Any:
             try:
+                self._part()
                 found = self._of(args, kwargs) if self._watch.host.on else None
                 if found is None:
                     return call(*args, **kwargs)
@@ -192,6 +196,12 @@ class ModelChanges:
     def _site(self, frame: Any) -> list[Any]:
         file, line = self._watch.host.calls.place(self._watch.outside(frame))
         return [file, line]
+
+    def _part(self) -> None:
+        """Let trials part from this run, before its first call."""
+        host = self._watch.host
+        if host.forks is not None and host.on:
+            host.forks.part()
 
     def _of(self, args: Any, kwargs: Any) -> tuple[Any, ChangedModel, ChangedData] | None:
         """Return the MjModel and what changes it and the state of a call; None if it has none."""

@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any
 from .arguments import client_of, named
 from .functions import MAKES_BODIES
 from .intervene import Interventions, hiding
-from .varied import Variation
 
 if TYPE_CHECKING:
     from .hooks import Watch
@@ -84,10 +83,18 @@ class Forks:
             for number, trial in self._pending
             if (trial["variation"] and name == "connect")
             or any(
-                name in each["functions"] and self._known.is_about(each, name, arguments, client)
+                name in each.get("functions", ())
+                and self._known.is_about(each, name, arguments, client)
                 for each in trial["interventions"]
             )
         ]
+
+    def part(self) -> None:
+        """Let the trials part in which a loaded model differs: before its first call all do."""
+        for number, trial in [*self._pending]:
+            loaded = not any(each.get("at_load") for each in trial["interventions"])
+            if loaded and self._forked(number, trial):
+                return
 
     def _forked(self, number: int, trial: dict[str, Any]) -> bool:
         """Part from the run; return whether this is the trial."""
@@ -127,11 +134,6 @@ class Forks:
             watch.pipe.note("forked", trial=number, process=child, after=watch.pipe.sent_bytes)
             watch.pipe.flush()
         return False
-
-
-def varied_by(trial: dict[str, Any]) -> Variation | None:
-    """Return the variation of a trial; None if it has none."""
-    return None if trial["variation"] is None else Variation(**trial["variation"])
 
 
 def _silent(_: int) -> None:

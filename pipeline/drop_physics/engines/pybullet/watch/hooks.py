@@ -19,7 +19,7 @@ from weakref import ref
 from .bodies import Body
 from .calls import Calls, shown_file
 from .clock import CALL_S, Clock
-from .forks import Forks, varied_by
+from .forks import Forks
 from .handlers import handler
 from .hidden import hide
 from .intervene import Interventions, Operation
@@ -29,7 +29,7 @@ from .quiet import Window
 from .readings import Readings
 from .solver import ASKED_EVERY
 from .turns import Turn
-from .varied import Variation
+from .varied import Variation, varied_by
 from .worlds import ALL, World
 
 IDLE_S = 60.0
@@ -150,6 +150,8 @@ class Watch:
         self.is_parting = False
         """Whether a trial forks: its child is watched, too."""
         self.forks: Forks | None = Forks(self, trials) if trials else None
+        self.becoming: list[Callable[[dict[str, Any]], None]] = []
+        """What else is told when this process goes on as a trial."""
         self._calls: dict[str, Callable[..., Any]] = {}
         """What stands for each function of PyBullet, by name, of this run without its trials."""
         self.on = True
@@ -237,7 +239,7 @@ class Watch:
         """
         self._process, self.is_parting = getpid(), False
         self.pipe.become(trial["pipe"], trial["block"])
-        self._variation = varied_by(trial)
+        self._variation = varied_by(trial["variation"])
         World.varied = {} if self._variation is None else self._variation.engine
         self._interventions = Interventions(trial["interventions"], self.tell_intervention)
         self._interventions.next_body.update(next_body)
@@ -245,6 +247,8 @@ class Watch:
             self._stand_before(originals)
             for name in originals:
                 type(getattr(module, name)).__call__ = staticmethod(self._calls[name])
+        for become in self.becoming:
+            become(trial)
 
     def remove(self) -> None:
         """Put the functions back; those that a script has kept just call the engine."""

@@ -19,7 +19,7 @@ from .draws import Draws
 from .hidden import hide
 from .hooks import Watch
 from .pipe import MUJOCO, Pipe, frame
-from .varied import Variation
+from .varied import varied_by
 
 
 def watch(
@@ -61,7 +61,7 @@ def watch(
         Clock(real=keep_sleeping, begins_s=begins_s),
         steps=steps,
         duration_s=duration_s,
-        variation=None if variation is None else Variation(**_for_bullet(variation)),
+        variation=varied_by(variation),
         interventions=interventions,
         trials=trials,
     )
@@ -97,11 +97,6 @@ def enter(scratch: str | None) -> None:
     if scratch is not None:
         HOME.append(os.getcwd())
         os.chdir(scratch)
-
-
-def _for_bullet(variation: dict[str, Any]) -> dict[str, Any]:
-    """Return what is varied without what only MuJoCo has."""
-    return {name: value for name, value in variation.items() if name != "options"}
 
 
 def _on_extension(name: str, started: Watch) -> None:

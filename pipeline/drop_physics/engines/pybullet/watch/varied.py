@@ -275,3 +275,10 @@ class Variation:
                 at, rate, *_ = p.getJointState(body.id, joint, client)
                 moved_to = at + self._draw(-most, most)
                 p.resetJointState(body.id, joint, moved_to, rate, physicsClientId=client)
+
+
+def varied_by(given: dict[str, Any] | None) -> Variation | None:
+    """Return what differs, without the options that only MuJoCo has; None if nothing does."""
+    if given is None:
+        return None
+    return Variation(**{name: value for name, value in given.items() if name != "options"})
