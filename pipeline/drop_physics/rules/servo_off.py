@@ -75,7 +75,7 @@ def _(worst: Worst) -> Said:
         advice = Message(
             'actuatorfrcrange="-{n:.2g} {n:.2g}" of the <joint>, or more', n=_more(worst)
         )
-    return _said(worst, why, Cure("forcerange", worst.joint, _value(worst), advice))
+    return _said(worst, why, Cure("forcerange", worst.joint, _value(worst), advice, "joint"))
 
 
 @joint_rule("off-target", "asked", reason="forcerange", consecutive=True, engines=MUJOCOS)

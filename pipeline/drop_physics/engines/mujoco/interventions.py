@@ -59,6 +59,7 @@ CALLS = {
     "gains:kp-below": 'kp="{value:.4g}"',
     "gains:kv-below": 'kv="{value:.4g}"',
     "forcerange": 'forcerange="-{value:.4g} {value:.4g}"',
+    "forcerange:joint": 'actuatorfrcrange="-{value:.4g} {value:.4g}"',
     "ctrlrange": "without ctrlrange",
     "limits": "without range",
     "friction": 'friction="{twice:.4g}"',
@@ -85,7 +86,7 @@ CALLS = {
     "forward": "mujoco.mj_step1(…) before mj_step2",
     "without": "without {function}",
 }
-"""By name and form; `*` where no number is given and none is usual."""
+"""By name and form."""
 FACTORS = {"gains": "kp", "forcerange": "forcerange", "friction": "friction"}
 """What is multiplied where a cure gives no number."""
 
