@@ -10,6 +10,7 @@ import ast
 import difflib
 import json
 import re
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cache
@@ -27,6 +28,8 @@ ADVISES = {"advice", "cure"}
 """Arguments that hold what is advised."""
 EXAMPLES = "examples.json"
 """File of examples, by code, which `docs/regenerate.py` writes."""
+LEAST = 25
+"""Characters of a message that is a sentence, and no part of one."""
 PLACEHOLDER = re.compile(r"\{[^{}]*\}")
 
 
@@ -127,19 +130,17 @@ def _rules_in(
 ) -> Iterator[tuple[list[ast.stmt], str, str | None, str | None]]:
     """Yield each rule of a module: its functions or class, its code, reason and level."""
     functions = [node for node in ast.walk(module) if isinstance(node, ast.FunctionDef)]
-    words = {
-        decorator.value.id: node
-        for node in functions
-        for decorator in node.decorator_list
-        if isinstance(decorator, ast.Attribute) and isinstance(decorator.value, ast.Name)
-    }
+    beside = defaultdict[str, list[ast.stmt]](list)
+    for node in functions:
+        for decorator in node.decorator_list:
+            if isinstance(decorator, ast.Attribute) and isinstance(decorator.value, ast.Name):
+                beside[decorator.value.id].append(node)
     for node in functions:
         for decorator in node.decorator_list:
             if isinstance(decorator, ast.Call) and _name(decorator.func).endswith("_rule"):
                 given = [_text(each) for each in decorator.args]
                 reason = given[2] if len(given) > 2 else _keyword(decorator, "reason")
-                parts: list[ast.stmt] = [node]
-                parts += [words[node.name]] if node.name in words else []
+                parts: list[ast.stmt] = [node, *beside[node.name]]
                 yield parts, given[0] or "", reason, given[1]
     found = [
         (node, call, code)
@@ -211,7 +212,7 @@ def _with(
             case ast.Assign(targets=[ast.Name(id=name)], value=value) if name in ADVISES:
                 advised += _messages(value)
     for each in parts:
-        said += [text for text in _messages(each) if text not in advised and len(text) > 40]
+        said += [text for text in _messages(each) if text not in advised and len(text) > LEAST]
     names = {node.id for each in parts for node in ast.walk(each) if isinstance(node, ast.Name)}
     used = [
         Limit(name, TABLE[name].value, TABLE[name].unit, TABLE[name].meaning)
@@ -239,7 +240,7 @@ def _messages(node: ast.AST) -> list[str]:
         for call in ast.walk(node)
         if isinstance(call, ast.Call) and _name(call.func) == "Message" and call.args
     ]
-    return [PLACEHOLDER.sub("…", text) for text in texts if text]
+    return [re.sub("…+", "…", PLACEHOLDER.sub("…", text)) for text in texts if text]
 
 
 def _once(texts: list[str]) -> list[str]:

@@ -30,11 +30,15 @@ AT_TARGET_RAD = _of(
     "AT_TARGET_RAD",
     1e-2,
     "rad",
-    "A joint closer to its target is there.",
+    "Distance from its target below which a joint has reached it.",
     "0.01 rad is half a degree",
 )
 AT_TARGET_M = _of(
-    "AT_TARGET_M", 1e-3, "m", "A sliding joint closer to its target is there.", "a gripper's finger"
+    "AT_TARGET_M",
+    1e-3,
+    "m",
+    "Distance from its target below which a sliding joint has reached it.",
+    "a gripper's finger",
 )
 BEYOND_RANGE = _of(
     "BEYOND_RANGE",
@@ -47,7 +51,7 @@ OTHER_FORCE = _of(
     "OTHER_FORCE",
     0.01,
     "share",
-    "A force that differs by less from the one that was given is that force.",
+    "Largest difference of a force from the one that was given.",
     "rounding of impulses",
 )
 CROSSINGS = _of(
@@ -75,19 +79,25 @@ SCALE = _of(
     "SCALE",
     2,
     "1",
-    "A body scaled by less, up or down, keeps its mass to within a factor of eight.",
+    "Least factor, up or down, by which a body is scaled.",
     "tiny_and_heavy",
 )
 FRAME_APART_M = _of(
     "FRAME_APART_M",
     1e-3,
     "m",
-    "Least distance of a centre of mass from its file's origin that a reset must heed.",
+    "Least distance of a centre of mass from its file's origin that matters to a reset.",
     "base_com",
 )
-LEFT_M = _of("LEFT_M", 1e-2, "m", "Least way of a body that has left its place.", "mass_for_all")
+LEFT_M = _of(
+    "LEFT_M", 1e-2, "m", "Least distance of a body that has left its place.", "mass_for_all"
+)
 EACH_STEP = _of(
-    "EACH_STEP", 0.9, "share", "Least share of the steps that are each step.", "float_off_edge"
+    "EACH_STEP",
+    0.9,
+    "share",
+    "Least share of the steps that counts as every step.",
+    "float_off_edge",
 )
 FALLS_STEPS = _of(
     "FALLS_STEPS",
@@ -104,7 +114,7 @@ HALF_THE_STEPS = _of(
     "reset_joint_each",
 )
 DEEP_M = _of(
-    "DEEP_M", 1e-3, "m", "Least overlap that a contact alone does not allow.", "reset_joint_each"
+    "DEEP_M", 1e-3, "m", "Largest overlap that a contact alone allows.", "reset_joint_each"
 )
 OVERLAPS_STEPS = _of(
     "OVERLAPS_STEPS", 5, "1", "Least number of steps with such an overlap.", "reset_joint_each"
@@ -120,7 +130,7 @@ STALE_M = _of(
     "STALE_M",
     1e-3,
     "m",
-    "Least way of a link in one step that its stale pose is off.",
+    "Least distance that a link moves in one step, by which its stale pose is off.",
     "link_stale",
 )
 BOUNCES_M_S = _of(
@@ -134,25 +144,29 @@ PLACED_M_S = _of(
     "PLACED_M_S",
     9.81 / 60,
     "m/s",
-    "A body that comes slower was placed, not dropped.",
+    "Speed below which a body was placed, not dropped.",
     "right_placed: what gravity gives it in 1/60 s",
 )
 SOFTLY = _of(
     "SOFTLY",
     0.5,
     "share",
-    "Least share of the approach that is left of what takes longer than a step to stop.",
+    "Least share of the approach that is left after a step where a contact gives way.",
     "contacts with a stiffness of their own",
 )
 SWALLOWED = _of(
     "SWALLOWED",
     0.5,
     "share",
-    "Share of the rebound that was asked for, below which a body does not bounce.",
+    "Share of the requested rebound below which a body does not bounce.",
     "overlap alone lifts a little",
 )
 SMALL_GAIN = _of(
-    "SMALL_GAIN", 0.05, "share", "A smaller positionGain is small: PyBullet's is 0.1.", "slow arms"
+    "SMALL_GAIN",
+    0.05,
+    "share",
+    "Largest positionGain that counts as small; PyBullet's is 0.1.",
+    "slow arms",
 )
 LAWFUL_GAP = _of(
     "LAWFUL_GAP",
@@ -180,13 +194,19 @@ RINGS_STEPS = int(
         "RINGS_STEPS",
         8,
         "1",
-        "Least number of changes of a rate's sign, from step to step, that are no chance.",
+        "Least number of steps in a row in which a rate changes its sign.",
         "chatter: kuka's joint damping",
     )
 )
-RINGS_LEAST = _of("RINGS_LEAST", 1e-2, "rad/s or m/s", "A slower rate is noise.", "robots at rest")
+RINGS_LEAST = _of(
+    "RINGS_LEAST",
+    1e-2,
+    "rad/s or m/s",
+    "Rate below which a joint's changes of sign are noise.",
+    "robots at rest",
+)
 RINGS_SHARE = _of(
-    "RINGS_SHARE", 0.01, "share", "Of its greatest, a slower rate is noise.", "robots at rest"
+    "RINGS_SHARE", 0.01, "share", "The same as a share of its greatest rate.", "robots at rest"
 )
 SWITCHES = _of(
     "SWITCHES",
@@ -206,10 +226,16 @@ TURNS_TOO = _of(
     "TURNS_TOO",
     0.1,
     "share",
-    "Of that, what a motor must turn around for its gains to be the cause.",
+    "Least share of that for a motor's gains to be the cause.",
     "gain_silent",
 )
-HAND_M = _of("HAND_M", 5e-3, "m", "A hand that is less off is good enough.", "ik_out_of_reach")
+HAND_M = _of(
+    "HAND_M",
+    5e-3,
+    "m",
+    "Distance from its point below which a hand has reached it.",
+    "ik_out_of_reach",
+)
 IK_JOINTS = _of(
     "IK_JOINTS",
     0.2,
@@ -221,17 +247,17 @@ IK_AGAIN = _of(
     "IK_AGAIN",
     50,
     "1",
-    "Number of answers for one point, one from another, after which there is no way to it.",
+    "Number of answers for one point, each from the last, after which it counts as out of reach.",
     "ik_out_of_reach",
 )
 IK_ENOUGH = _of(
-    "IK_ENOUGH", 1000, "1", "Number of iterations than which more hardly help.", "kuka, panda"
+    "IK_ENOUGH", 1000, "1", "Number of iterations beyond which more hardly help.", "kuka, panda"
 )
 BACK = _of(
     "BACK",
     1e-6,
     "rad or m",
-    "A joint that a call puts so close to where it was is back there.",
+    "Distance from where it was within which a call puts a joint back.",
     "reset; one that is put there with noise is not",
 )
 WATCHED = int(
@@ -274,7 +300,7 @@ CLOSES_STEPS = int(
     )
 )
 STILL_M_S = _of(
-    "STILL_M_S", 1e-3, "m/s", "A side of a constraint that is slower stays where it is.", "weak"
+    "STILL_M_S", 1e-3, "m/s", "Speed below which a side of a constraint stays where it is.", "weak"
 )
 PULLED_BACK = _of(
     "PULLED_BACK",
@@ -295,18 +321,22 @@ FROM_REST = _of(
     "FROM_REST",
     0.1,
     "share",
-    "Largest share of its greatest speed at which a slip of what rested begins.",
+    "Largest share of its greatest speed at which a slip from rest begins.",
     "puck, pushed_box",
 )
-SLIPS_M = _of("SLIPS_M", 1e-3, "m", "Least way of a slip.", "what is to stay is asked by the mm")
+SLIPS_M = _of("SLIPS_M", 1e-3, "m", "Least length of a slip.", "what is to stay is asked by the mm")
 SLIPS_SHARE = _of(
-    "SLIPS_SHARE", 0.01, "share", "Least way of a slide over its body's size.", "slope"
+    "SLIPS_SHARE", 0.01, "share", "Least length of a slide over its body's size.", "slope"
 )
 SLIPS_STEPS = _of(
-    "SLIPS_STEPS", 10, "1", "Least number of steps of a slide; what is hit slips less.", "crate"
+    "SLIPS_STEPS", 10, "1", "Least number of steps of a slide; an impact is shorter.", "crate"
 )
 NO_FORCE = _of(
-    "NO_FORCE", 0.01, "share", "A force below this share of the normal force is none.", "pushbox"
+    "NO_FORCE",
+    0.01,
+    "share",
+    "Share of the normal force below which a force is negligible.",
+    "pushbox",
 )
 LANDS_M_S = _of(
     "LANDS_M_S",
@@ -326,33 +356,43 @@ SLIDES = _of(
     "SLIDES",
     0.8,
     "share",
-    "Least slip over the way of the centre; what slips less rolls or tumbles.",
+    "Least slip over the path of the centre; less is rolling or tumbling.",
     "a rolling ball",
 )
-TREMBLES_M_S = _of("TREMBLES_M_S", 1e-7, "m/s", "A slower slip is rounding.", "a box at rest")
-CREEPS_M_S = _of("CREEPS_M_S", 0.02, "m/s", "A faster slip is no creep.", "panda_hold")
+TREMBLES_M_S = _of(
+    "TREMBLES_M_S",
+    1e-7,
+    "m/s",
+    "Least speed of a creep; a slower one is rounding.",
+    "a box at rest",
+)
+CREEPS_M_S = _of("CREEPS_M_S", 0.02, "m/s", "Largest speed of a creep.", "panda_hold")
 CREEPS_USED = _of(
     "CREEPS_USED",
     0.9,
     "share",
-    "Largest share of the friction available that what creeps needs.",
+    "Largest share of the friction available that a creep needs.",
     "panda_hold",
 )
 CREEPS_STEPS = _of(
-    "CREEPS_STEPS", 101, "1", "Least number of steps of a creep; before, it comes to rest.", "stack"
+    "CREEPS_STEPS",
+    101,
+    "1",
+    "Least number of steps of a creep; shorter ones are coming to rest.",
+    "stack",
 )
 CREEPS_STEADY = _of(
     "CREEPS_STEADY",
     10,
     "1",
-    "A creep is slower than so many times its mean; what is faster settles.",
+    "Largest speed of a creep over its mean; faster ones are settling.",
     "stack",
 )
 CREEPS_STRAIGHT = _of(
     "CREEPS_STRAIGHT",
     0.5,
     "share",
-    "Least share of the ways that is left as their sum; what trembles gets nowhere.",
+    "Least net displacement over the path; less is trembling.",
     "turntable",
 )
 GAINED = _of(
@@ -366,17 +406,21 @@ DEEP_IMPACT = _of(
     "deep",
 )
 DEEP_LASTING = _of(
-    "DEEP_LASTING", 0.1, "share", "Least overlap that lasts, likewise.", "round2_dragging"
+    "DEEP_LASTING", 0.1, "share", "Least overlap that lasts, over the same edge.", "round2_dragging"
 )
 OVER_HALF = _of(
-    "OVER_HALF", 0.5, "share", "Least overlap, likewise, that is no physics any more.", "deep2"
+    "OVER_HALF",
+    0.5,
+    "share",
+    "Least overlap, over the same edge, that is no longer physics.",
+    "deep2",
 )
 IMPACT_STEPS = _of("IMPACT_STEPS", 4, "1", "Number of steps in which an impact is over.", "deep")
 JUMPED = _of(
     "JUMPED",
     2.0,
     "1",
-    "An overlap of more than so many times what the approach gives in a step was placed.",
+    "Overlap over what the approach gives in a step, above which it was placed.",
     "round2_more",
 )
 GROWS_STEPS = _of(
@@ -386,7 +430,7 @@ PRESSES = _of(
     "PRESSES",
     0.5,
     "share",
-    "Least share of the contacts' impulses that what presses takes of them.",
+    "Least share of the contacts' impulses that the pressing force makes up.",
     "round2_dragging",
 )
 RATIO = _of(
@@ -399,8 +443,10 @@ RATIO = _of(
 MOST_RATIO = _of(
     "MOST_RATIO", 2e3, "1", "Ratio of masses beyond which it takes more than 500.", "tiny_and_heavy"
 )
-PYRAMID_M_S = _of("PYRAMID_M_S", 0.01, "m/s", "Least speed of what slides.", "pyramid")
-PYRAMID = _of("PYRAMID", 1.1, "1", "Friction beyond so many times μN is no cone's.", "pyramid")
+PYRAMID_M_S = _of("PYRAMID_M_S", 0.01, "m/s", "Least speed of a sliding body.", "pyramid")
+PYRAMID = _of(
+    "PYRAMID", 1.1, "1", "Friction over μN above which it is not that of a cone.", "pyramid"
+)
 PYRAMID_STEPS = _of(
     "PYRAMID_STEPS", 10, "1", "Least number of steps with such friction.", "pyramid"
 )
@@ -411,7 +457,9 @@ LONG_S = _of(
     "Longest timestep of a robot; a position motor closes a tenth of its gap in it.",
     "a body falls 11 mm in it",
 )
-ENDLESS_M = _of("ENDLESS_M", 1e20, "m", "The box of a plane is thicker.", "plane.urdf")
+ENDLESS_M = _of(
+    "ENDLESS_M", 1e20, "m", "Least thickness of a box that counts as a plane.", "plane.urdf"
+)
 DAMPED = _of(
     "DAMPED", 0.01, "share", "Least share of a flight's energy that damping takes.", "damping_urdf"
 )
@@ -419,20 +467,20 @@ UNBALANCED = _of(
     "UNBALANCED",
     0.1,
     "share",
-    "Least share of the largest term that is left of the sum on a body that sleeps.",
+    "Least sum on a sleeping body over its largest term.",
     "asleep",
 )
 PUSHED_APART_M_S = _of(
-    "PUSHED_APART_M_S", 1e-2, "m/s", "What parts slower is not pushed apart.", "placed"
+    "PUSHED_APART_M_S", 1e-2, "m/s", "Least speed at which bodies are pushed apart.", "placed"
 )
 STANDARD_M_S2 = _of(
-    "STANDARD_M_S2", 9.81, "m/s²", "Gravity that tells how high what parts is thrown.", "hollow"
+    "STANDARD_M_S2", 9.81, "m/s²", "Gravity from which the height of a throw is computed.", "hollow"
 )
 STAYS = _of(
     "STAYS",
     0.5,
     "share",
-    "Largest share of its support's way that what stays behind goes.",
+    "Largest path over that of its support for a body that stays behind.",
     "teleport_platform",
 )
 AHEAD = _of(
@@ -443,18 +491,20 @@ SAME_SIGN = _of(
     "SAME_SIGN",
     0.9,
     "share",
-    "Least sum of torques, with signs, over that without, of torques that keep their sign.",
+    "Least sum of torques over that of their sizes, for torques that keep their sign.",
     "round2_ends",
 )
 DAMPS_STEADY = _of(
     "DAMPS_STEADY", 0.1, "share", "Least share of such torques that damping takes.", "damping"
 )
-DAMPS_ANY = _of("DAMPS_ANY", 0.5, "share", "Least share of others that damping takes.", "damping")
+DAMPS_ANY = _of(
+    "DAMPS_ANY", 0.5, "share", "Least share of other torques that damping takes.", "damping"
+)
 MOVES = _of(
     "MOVES",
     0.05,
     "rad/s or m/s",
-    "What gives a joint less speed over the run moves nothing.",
+    "Least speed that must be given to a joint over the run to move it.",
     "gravcomp",
 )
 HOLDS = _of(
@@ -475,7 +525,7 @@ NO_TERM = _of(
     "NO_TERM",
     1e-3,
     "share",
-    "A sum below this share of the largest term is what remains of others.",
+    "Share of the largest term below which a sum is what remains of others.",
     "gravcomp",
 )
 FOLLOWS = _of(
@@ -496,13 +546,13 @@ WHEEL_SLIPS = _of(
     "WHEEL_SLIPS", 0.05, "share", "Least share of what wheels roll that slips.", "racecar"
 )
 WHEEL_TURN_RAD = _of(
-    "WHEEL_TURN_RAD", 6.283185307179586, "rad", "What does not go round once is no wheel.", "car"
+    "WHEEL_TURN_RAD", 6.283185307179586, "rad", "Least rotation of a wheel: one turn.", "car"
 )
 WHEEL_LYING = _of(
     "WHEEL_LYING",
     0.5,
     "1",
-    "Largest cosine of the angle between axis and ground's normal; above, it is a brush.",
+    "Largest cosine between a wheel's axis and the ground's normal.",
     "wheels",
 )
 WHEEL_AT_LIMIT = _of(
@@ -529,7 +579,7 @@ MINOR = _of(
     "MINOR",
     0.1,
     "share",
-    "A finding that is no mistake, of less than this share of the gravest, is folded away.",
+    "Share of the gravest finding below which one that is no mistake is folded away.",
     "of 51 findings beside the true cause 26 moved the outcome by less",
 )
 PUSHES_STEPS = _of(
@@ -543,21 +593,21 @@ MASS_EDIT = _of(
     "MASS_EDIT",
     2,
     "1",
-    "Least factor between two masses at which contacts have another softness that is seen.",
+    "Least factor between two masses at which the softness of contacts visibly changes.",
     "mujoco: mass_edited; depth under a load grows by the same factor",
 )
 OWN_SHARE = _of(
     "OWN_SHARE",
     0.01,
     "share",
-    "Of an actuator's force, a force on its joint that is of no account.",
+    "Share of an actuator's force below which a force on its joint is negligible.",
     "rounding, and friction of contacts at rest",
 )
 SPRING_SHARE = _of(
     "SPRING_SHARE",
     0.05,
     "share",
-    "An actuator's force that differs by less from kp times its gap is that of a spring.",
+    "Largest difference of a spring's force from kp times its gap.",
     "mujoco: soft_servo, whose kv acts while it settles",
 )
 DOUBLES = _of(
@@ -571,56 +621,56 @@ HOPS_STEPS = _of(
     "HOPS_STEPS",
     50,
     "1",
-    "Steps without contact after which what slides no longer does: on soft contacts it hops.",
+    "Steps without contact after which a slide has ended; on soft contacts a body hops.",
     "mujoco: slides_down_the_ramp",
 )
 LOADED = _of(
     "LOADED",
     0.01,
     "share",
-    "Least share of the friction that a body could have, or needs, that says anything.",
+    "Least share of the friction that a body could have, or needs, that counts.",
     "a body at rest on a level floor needs none",
 )
 SLIDES_SHARE = _of(
     "SLIDES_SHARE",
     0.8,
     "share",
-    "What slips less at the contact than its centre moves rolls or tumbles.",
+    "Least slip at the contact over the path of the centre; less is rolling or tumbling.",
     "a ball on a slope",
 )
 SLIDES_USED = _of(
     "SLIDES_USED",
     0.7,
     "share",
-    "Least friction over what it could be of what slides: a pyramid has that along its diagonals.",
+    "Least friction of a slide over what it could be; a pyramid's along its diagonals.",
     "worlds of MuJoCo: a block that rolls in a hand uses 0.36",
 )
 STRAIGHT = _of(
     "STRAIGHT",
     0.5,
     "share",
-    "Of its ways, what is left where they are added up: what trembles gets nowhere.",
+    "Least net displacement over the path; less is trembling.",
     "a box that settles",
 )
 AT_LIMIT_SHARE = _of(
     "AT_LIMIT_SHARE",
     0.9,
     "share",
-    "Most of the friction that it could have which what creeps uses.",
+    "Largest share of the friction available that a creep uses.",
     "mujoco: grasp_creeps, 10 %",
 )
 THROWN_M = _of(
     "THROWN_M",
     1e-3,
     "m",
-    "Least height that the speed gives with which an overlap parts.",
+    "Least height that the speed of parting gives.",
     "mujoco: starts_overlapping, 0.1 m; the overlap of a body at rest gives none",
 )
 SINKS_M = _of(
     "SINKS_M",
     5e-3,
     "m",
-    "Least depth at which a body stays in another.",
+    "Least depth at which a body stays inside another.",
     "mujoco: soft_table, 11 mm",
 )
 SINKS_STEPS = int(
@@ -660,18 +710,32 @@ OTHER_INERTIA_MATTERS = _of(
     "default_motor_on_a_held_tool",
 )
 TURNS_RAD_S = _of(
-    "TURNS_RAD_S", 0.1, "rad/s or m/s", "What never turns faster rests, or rocks a little.", "reset"
+    "TURNS_RAD_S",
+    0.1,
+    "rad/s or m/s",
+    "Least rate of a body that turns; a slower one rests or rocks.",
+    "reset",
 )
-KEPT = _of("KEPT", 1e-9, "m or rad", "What a call put is farther from where it was.", "rounding")
+KEPT = _of(
+    "KEPT",
+    1e-9,
+    "m or rad",
+    "Least distance that a call puts a body away from where it was.",
+    "rounding",
+)
 TELEPORTED_M_S = _of(
-    "TELEPORTED_M_S", 1e-3, "m/s", "Least speed of what is put elsewhere while it moves.", "a reset"
+    "TELEPORTED_M_S",
+    1e-3,
+    "m/s",
+    "Least speed of a body that is put elsewhere while it moves.",
+    "a reset",
 )
 SOON_STEPS = int(
     _of(
         "SOON_STEPS",
         10,
         "1",
-        "Most steps between two pushes that were to be one.",
+        "Most steps between two pushes that were meant as one.",
         "oneforce: an action that is repeated for 4 steps",
     )
 )
@@ -679,19 +743,19 @@ NEGLIGIBLE = _of(
     "NEGLIGIBLE",
     0.01,
     "share",
-    "Largest share that is nothing, of the speed that a push gave or of the greatest.",
+    "Largest share, of the speed that a push gave or of the greatest, that is negligible.",
     "round2_kicks",
 )
 SAME_POINT_M = _of(
     "SAME_POINT_M",
     1e-6,
     "m",
-    "A push whose arm differs by less from a body's place is at that place.",
+    "Largest distance of a push from the place where it was meant.",
     "rounding",
 )
 HULL_OFF_M = _of(
     "HULL_OFF_M", 3e-3, "m", "Least distance of a touch from a surface.", "margins of shapes"
 )
 HULL_EVERY = int(
-    _of("HULL_EVERY", 8, "1", "Of so many steps one is looked at: a touch lasts.", "hollow")
+    _of("HULL_EVERY", 8, "1", "One of so many steps is examined, as a touch lasts.", "hollow")
 )
