@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,13 +39,15 @@ class Curves:
     """Shape (n,), of joints (n, joint_rates); nan where there is nothing."""
 
     @staticmethod
-    def of(parts: Sequence[Curves]) -> Curves:
-        """Return parts as one."""
-        names = parts[0].columns
-        return Curves(
-            np.concatenate([part.steps for part in parts]),
-            {name: np.concatenate([part.columns[name] for part in parts]) for name in names},
-        )
+    def of(parts: Sequence[Curves], names: Iterable[str]) -> Curves:
+        """Return parts as one; what a part has no column of is 0 there."""
+        columns = {
+            name: np.concatenate(
+                [part.columns.get(name, np.zeros(len(part.steps))) for part in parts]
+            )
+            for name in names
+        }
+        return Curves(np.concatenate([part.steps for part in parts]), columns)
 
 
 class CurveTable:
@@ -83,15 +85,17 @@ class CurveTable:
 
     def energy(self, body: int) -> Curves | None:
         """Return how its energy has changed since its first sample [J]: `whole`, and by cause."""
-        return self._whole("energy", body)
+        return self._whole("energy", body, names=(*FORCES, "whole", "set"))
 
     def friction(self, body: int, other: int) -> Curves | None:
         """Return friction `used` and `available` between two bodies [N]."""
         return self._whole("friction", *sorted((body, other)))
 
-    def _whole(self, kind: str, body: int, other: int = -1) -> Curves | None:
+    def _whole(
+        self, kind: str, body: int, other: int = -1, *, names: Iterable[str] = ()
+    ) -> Curves | None:
         parts = self._parts.get((kind, body, other))
-        return None if parts is None else Curves.of(parts)
+        return None if parts is None else Curves.of(parts, names or parts[0].columns)
 
     def _keep(self, key: tuple[str, int, int], steps: Int64, columns: dict[str, Float64]) -> None:
         due = steps % self._every == 0
@@ -123,7 +127,8 @@ class CurveTable:
                 given[:, FORCES.index(family(cause))] += each
             given = np.cumsum(given, axis=0) + self._given.get(number, 0.0)
             self._given[number] = given[-1]
-            columns = {name: given[:, k] for k, name in enumerate(FORCES)}
+            acts = (given != 0).any(axis=0)
+            columns = {name: given[:, k] for k, name in enumerate(FORCES) if acts[k]}
             columns["whole"] = changes.after_j - start_j
             # What no step did, calls set between two of them.
             columns["set"] = columns["whole"] - given.sum(axis=1)
