@@ -22,6 +22,7 @@ from drop_physics.physics.laws.bullet.tree import (
 )
 from drop_physics.physics.laws.lookup import RIGID
 from drop_physics.physics.tree import BASE, Tree
+from drop_physics.physics.vectors import distinct
 from drop_physics.trace import events
 from drop_physics.trace.calls import Given
 from drop_physics.trace.events import GIVEN, Appearance, Body, Dynamics, Put, order
@@ -101,8 +102,8 @@ class Record:
         if self._known is None:
             self._known = np.array([each.at.step + each.counts for each in self.puts], np.int64)
         which = np.maximum(np.searchsorted(self._known, steps, side="right") - 1, 0)
-        used, rows = np.unique(which, return_inverse=True)
-        return np.array([self.puts[one].base for one in used.tolist()])[rows]
+        used, rows = distinct(which)
+        return np.array([self.puts[one].base for one in used.tolist()]).reshape(-1, 13)[rows]
 
     def coefficients(self, name: str) -> tuple[Int64, Float64]:
         """Return what the engine reported of base and links, shape (m, links + 1), and when.

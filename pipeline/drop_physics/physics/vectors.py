@@ -54,7 +54,7 @@ def groups(numbers: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.intp]]]
 
 
 def distinct(numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return what there is of numbers in ascending order, once, and which of these each is."""
+    """Return each run of equal numbers once, and in which run each number is."""
     new = np.ones(len(numbers), np.bool_)
     new[1:] = numbers[1:] != numbers[:-1]
     return numbers[new], np.cumsum(new) - 1

@@ -38,10 +38,11 @@ def rows(chunk: Chunk, table: Table, path: Path) -> Rows:
         If it holds anything but lists of the table's numbers.
     """
     steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path).to_numpy()
-    if len(np.unique(steps)) < len(steps):
+    in_order = (steps[1:] > steps[:-1]).all()
+    if not in_order and len(np.unique(steps)) < len(steps):
         raise damaged(path, twice(chunk.entity))
     read: Rows | None = None
-    counts = np.empty(0, np.int64)
+    counts, empty = np.empty(0, np.int64), False
     for component in table.components:
         kind, width = table.kind[component].base, max(1, math.prod(table.kind[component].shape))
         is_right = pa.types.is_int64 if kind.kind == "i" else pa.types.is_float64
@@ -49,9 +50,10 @@ def rows(chunk: Chunk, table: Table, path: Path) -> Rows:
         lengths, flat = np.diff(lists.offsets.to_numpy()), between(lists)
         if read is None:
             counts = lengths // width
+            empty = not counts.all()
             read = np.empty(int(counts.sum()), table.kind)
             read["step"] = np.repeat(steps, counts)
-        if flat.null_count or not counts.all() or not np.array_equal(lengths, counts * width):
+        if flat.null_count or empty or not np.array_equal(lengths, counts * width):
             raise damaged(path, wrong_count(chunk.entity, width, component))
         # Copied, so that the chunk can be freed.
         read[component] = flat.to_numpy().reshape(read[component].shape)
