@@ -50,20 +50,20 @@ class RunChanged:
         self.inside: list[float] = []
         """The timestep that each step has found."""
         calls_of = SimpleNamespace(place=lambda _: ("a.py", at.line))
-        host = SimpleNamespace(on=True, hide=lambda _: None, calls=calls_of, forks=None)
+        self.host: Any = SimpleNamespace(on=True, hide=lambda _: None, calls=calls_of, forks=None)
         originals = {"mj_setConst": mujoco.mj_setConst}
         watch: Any = SimpleNamespace(
-            host=host,
+            host=self.host,
             mujoco=mujoco,
             originals=originals,
             uncounted=set(),
             outside=lambda frame: frame,
         )
         given = [{"engine": "mujoco", **each} for each in operations]
-        changes = ModelChanges(watch, given, variation, self.fired.append)
+        self.changes = ModelChanges(watch, given, variation, self.fired.append)
         calls: dict[str, Callable[..., Any]] = {"mj_step": self._step}
         calls |= {name: getattr(mujoco, name) for name in ("mj_step1", "mj_step2", "mj_forward")}
-        self.call = {name: changes.around(name, each) for name, each in calls.items()}
+        self.call = {name: self.changes.around(name, each) for name, each in calls.items()}
         self.m = mujoco.MjModel.from_xml_string(SCENE.format(pair=pair))
         self.d = mujoco.MjData(self.m)
 
@@ -177,6 +177,19 @@ def test_joints_that_are_placed_are_held_there() -> None:
     run.steps(1)
     assert run.d.ctrl[0] == 0.25
     assert run.fired == [0]
+
+
+def test_a_run_that_becomes_a_trial_differs_from_its_first_call_on() -> None:
+    run, parted = RunChanged(), [True]
+
+    def part() -> None:
+        if parted.pop():
+            run.changes.become([], {"finer": 2})
+            parted.append(False)
+
+    run.host.forks = SimpleNamespace(part=part)
+    run.steps(1)
+    assert run.inside == [0.001] * 2
 
 
 def test_usual_variations_are_those_of_the_engine_that_the_model_has_not() -> None:
