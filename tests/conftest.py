@@ -46,11 +46,13 @@ Drop = Callable[..., subprocess.CompletedProcess[str]]
 
 
 LONGEST = (
-    "test_the_whole_is_answered_no_worse",
-    "test_every_statement_is_confirmed",
-    "test_what_a_page_says_to_type",
+    "::test_the_whole_is_answered_no_worse",
+    "::test_every_statement_is_confirmed",
+    "::test_what_a_page_says_to_type",
+    "/test_site.py",
+    "/test_viewer.py",
 )
-"""Tests that take half a minute and more."""
+"""Tests that take half a minute and more, or wait."""
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -71,7 +73,7 @@ def pytest_collection(session: pytest.Session) -> None:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Let the longest begin first: at the end, all processes have something to do."""
-    items.sort(key=lambda item: not item.name.startswith(LONGEST))
+    items.sort(key=lambda item: not any(name in item.nodeid for name in LONGEST))
 
 
 def pytest_collection_finish() -> None:

@@ -22,8 +22,10 @@ rise: this program writes them again where they have risen, and refuses where th
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import multiprocessing
+import os
 import re
 import shutil
 import sys
@@ -39,8 +41,14 @@ from typing import Any
 FOLDER = Path(__file__).parent
 sys.path.insert(0, str(FOLDER.parent))  # run as a program, it finds the tests' modules
 
-from command import drop_here  # noqa: E402
+from drop_physics.explain.jsonable import jsonable  # noqa: E402
+from drop_physics.recording.reader import read  # noqa: E402
+from drop_physics.stages.analyze import analysis_of  # noqa: E402
+from drop_physics.stages.record import record_script  # noqa: E402
 from drop_physics.workers import cores  # noqa: E402
+from forked import fork_scripts  # noqa: E402
+
+fork_scripts()
 
 FIRST = 2
 """A reader looks at so many findings."""
@@ -102,16 +110,17 @@ def truths(corpus: Path = FOLDER) -> dict[str, Truth]:
 def findings_of(name: str, corpus: Path = FOLDER) -> list[Finding]:
     """Record and analyze a script in this process, and return its findings, the gravest first.
 
-    Raises `RuntimeError` if it cannot be recorded or analyzed.
+    It is done as `drop analyze --json` does it, but for the layer and the terminal.
     """
-    with tempfile.TemporaryDirectory() as folder:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        contextlib.chdir(folder),
+        Path(os.devnull).open("w") as nothing,
+    ):
         script = shutil.copy(corpus / "scripts" / f"{name}.py", folder)
-        for arguments in (["record", "--out", "a.rrd", script], ["analyze", "a.rrd", "--json"]):
-            done = drop_here(*arguments, folder=Path(folder))
-            if done.returncode:
-                raise RuntimeError(f"{name}: drop {arguments[0]} failed: {done.stderr}")
-    found: list[Finding] = json.loads(done.stdout)["findings"]
-    return found
+        recording = Path(folder, "a.rrd")
+        record_script(script, out=recording, stdout=nothing.fileno())
+        return [jsonable(finding) for finding in analysis_of(read(recording)).findings]
 
 
 def _called(finding: Finding) -> set[str]:
