@@ -68,8 +68,8 @@ def test_a_module_replaces_its_own_recording(
     drop: Drop, drop_process: Drop, tmp_path: Path
 ) -> None:
     falls(tmp_path / "ball.py")
-    for _ in range(2):
-        assert drop_process("record", "-m", "ball").returncode == 0
+    for command in (drop_process, drop):
+        assert command("record", "-m", "ball").returncode == 0
     assert names(tmp_path) == ["ball.rrd"]
     assert drop("record", "ball.py").returncode == 0  # no module: another script
     assert names(tmp_path) == ["ball-2.rrd", "ball.rrd"]
