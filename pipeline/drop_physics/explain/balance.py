@@ -71,7 +71,7 @@ class Balance:
     touched: NDArray[np.bool_]
     """Whether a force acted."""
     velocity_m_s: Float64
-    """By law and impulses."""
+    """What the law and the impulses give."""
     spin_rad_s: Float64
     velocity_scale_m_s: Float64
     """Size of the summands of the velocity, shape (samples,)."""
@@ -83,7 +83,7 @@ class Balance:
     tried_m_s: Float64
     """Size of the velocity that the solver may have given and taken back, shape (samples,)."""
     tried_rad_s: Float64
-    """Of the spin."""
+    """The part of the spin."""
     unit: float
     """Rounding of one operation, relative to its terms."""
 

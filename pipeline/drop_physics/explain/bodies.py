@@ -33,7 +33,7 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 DISABLE_SLEEPING = 2
-"""Of `activationState`."""
+"""Values of `activationState`."""
 AT_ORIGIN = np.array([0.0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0])
 """A base of which nothing was told."""
 KEPT = frozenset(
@@ -55,7 +55,7 @@ class Epoch:
     """A body under constant settings."""
 
     life: int
-    """Which of the bodies with its number it is, from 0: a script may load it again."""
+    """Its place among the bodies with its number, from 0: a script may load it again."""
     law: BulletTree
     reasons: tuple[Reason, ...]
     """Why its steps need not be a sum; what only the contacts tell is not among them."""

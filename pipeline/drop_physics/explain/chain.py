@@ -29,11 +29,11 @@ class Chain(Rowed):
     base: Float64
     """Position, orientation (x, y, z, w), velocity, spin: shape (n, 13)."""
     position: Float64
-    """Of the joints, shape (n, coordinates)."""
+    """Positions of the joints, shape (n, coordinates)."""
     velocity: Float64
-    """Of the joints, shape (n, rates)."""
+    """Rates of the joints, shape (n, rates)."""
     effort: Float64
-    """Of the joints' motors in the step that led to it, shape (n, rates)."""
+    """Efforts of the joints' motors in the step that led to it, shape (n, rates)."""
     steps: Int64
     """Steps of the simulation before each."""
     sampled: Flags
@@ -138,7 +138,7 @@ class Stretch:
     chain: Chain
     epoch: Epoch
     first: int
-    """Of these states, in the whole chain."""
+    """Rows of these states in the whole chain."""
 
 
 def stretches_of(chain: Chain, first: int, epochs: Epochs) -> Iterator[Stretch]:

@@ -27,7 +27,7 @@ class Transitions:
     real: Flags
     """Whether it is a step, shape (m,)."""
     gravity_m_s2: Float64
-    """Of each step, shape (n, 3)."""
+    """Change of each step, shape (n, 3)."""
 
     @property
     def where(self) -> Int64:
@@ -45,7 +45,7 @@ class Changes:
     """Changes in n steps and between them."""
 
     energy_j: Mapping[str, Float64]
-    """Of kinetic and potential energy by cause, shape (n,) each."""
+    """Changes of kinetic and potential energy by cause, shape (n,) each."""
     given_j: Mapping[str, float]
     """The same in all of the steps together."""
     set_j: float
@@ -53,7 +53,7 @@ class Changes:
     changed_j: float
     """The whole change."""
     momentum_kg_m_s: Mapping[str, Float64]
-    """Of linear momentum by cause, shape (n, 3) each; empty if the base cannot move."""
+    """Changes of linear momentum by cause, shape (n, 3) each; empty if the base cannot move."""
     given_kg_m_s: Mapping[str, Float64]
     """The same in all of the steps together, shape (3,) each."""
     set_kg_m_s: Float64

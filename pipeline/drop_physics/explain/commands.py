@@ -44,7 +44,7 @@ class Commanded:
     """What was asked of the joints in n steps; shape (n, joint_rates) each."""
 
     mode: Float64
-    """Of the motor: DEFAULT, VELOCITY, POSITION."""
+    """Mode of the motor: DEFAULT, VELOCITY, POSITION."""
     target: Float64
     """Position [rad] or [m]; nan if there is none."""
     target_velocity: Float64
@@ -53,7 +53,7 @@ class Commanded:
     impulse: Float64
     """The largest that the motor may give in a step [N s or N m s]."""
     force: Float64
-    """As the call gave it [N or N m]; nan of a motor that no call set."""
+    """Force as the call gave it [N or N m]; nan of a motor that no call set."""
     max_velocity: Float64
     """nan if it is not limited."""
     site: Float64
@@ -117,7 +117,7 @@ class _Joint:
     """Of the piece: when each counts, as step, call and its own number, and its mode, shape (4, m);
     what it asks, shape (m, NAMES, width)."""
     steps: Int64 | None = None
-    """From which step on each row of `columns` counts, if there are any."""
+    """Step from which each row of `columns` counts, if there are any."""
     columns: Float64 = field(default_factory=lambda: np.empty(0))
     """What was asked before the piece, and after each call; shape (1 + m, NAMES, width)."""
     torques: list[tuple[Int64, Int64, Float64]] = field(default_factory=list)

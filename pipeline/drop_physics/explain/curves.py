@@ -22,7 +22,7 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 POINTS = 2000
-"""Of a curve at most: more than a screen has pixels."""
+"""Most points of a curve: more than a screen has pixels."""
 NUMBERS = 1 << 20
 """Points of the same kind of curve of all bodies together."""
 FORCES = (*CAUSES[1:], *OF_REPLAYS)
@@ -63,7 +63,7 @@ class CurveTable:
         self._every = 1 + max(seen.samples.values(), default=0) // points
         self._parts: dict[tuple[str, int, int], list[Curves]] = {}
         self._given: dict[int, Float64] = {}
-        """By body, what each of FORCES has given it of energy so far."""
+        """Energy that each of FORCES has given so far, by body."""
         self._start_j: dict[int, float] = {}
 
     def add(self, explained: Explained, joints: JointTable, touches: TouchTable) -> None:

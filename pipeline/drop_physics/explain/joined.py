@@ -50,7 +50,7 @@ class Held:
     moved: int
     """Steps before the last call that moved one of its frames, or made it."""
     ratio: float = 1.0
-    """Of a gear."""
+    """Ratio of a gear."""
     limit_n_s: float = LIMIT_N_S
     """The largest impulse of a step along an axis: a call's force × the timestep then."""
     limited: Call | None = None
@@ -66,7 +66,7 @@ class Acting(NamedTuple):
     geared: Float64 | None
     """Impulses of gears, shape (n, joint_rates); None without gears."""
     unknown: Flags
-    """In which steps one holds it that the law does not cover, shape (n,)."""
+    """Steps in which one holds it that the law does not cover, shape (n,)."""
 
 
 class Constraints:

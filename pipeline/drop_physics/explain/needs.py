@@ -64,7 +64,7 @@ class Holding:
     """Whether springs or the like hold it, which give something else in another pose."""
     _loads: tuple[Load, ...]
     _masses: Mapping[int, tuple[float, Float64]]
-    """Of each load's bodies together, by the load's place in the tuple: mass, centre of mass."""
+    """Mass and centre of mass of each load's bodies together, by its place in the tuple."""
 
     def from_one_side(self, body: int, joint_rate: int) -> Load | None:
         """Return a body's load if only links that the joint moves, and what is fixed, hold it."""

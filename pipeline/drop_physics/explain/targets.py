@@ -24,7 +24,7 @@ Int64 = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 KEYS = ("target", "target_velocity", "kp", "kd", "mode", "pd")
-"""With any other of these it is another target."""
+"""A target with any other of these is another one."""
 SETTLED_STEPS, SETTLED = 60, 1e-3
 """A joint that stays within so much [rad] or [m] over so many steps is at rest too: it may bounce
 off its stop, or creep."""
@@ -43,7 +43,7 @@ class Stood:
     """Of the last, in the steps at hand; -1 if it is not among them."""
     steps: Int64
     at_limit: Int64
-    """In how many of these steps its motor was at its limit."""
+    """Number of these steps in which its motor was at its limit."""
     target: Float64
     """Where PyBullet sends the joint: a target beyond its limits is moved to them."""
     gap: Float64

@@ -45,7 +45,7 @@ class Touches(Rowed):
 
     step: Int64
     position_m: Float64
-    """On this part."""
+    """Force on this part."""
     force_n: Float64
     """Normal force and both frictions on this part."""
     distance_m: Float64

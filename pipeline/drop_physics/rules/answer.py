@@ -62,7 +62,7 @@ class Span:
     last: int
     """The last of them."""
     count: int
-    """Of these, how many it holds in."""
+    """Number of these in which it holds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +76,7 @@ class Finding:
     asked, another happened; `model`: true to the engine, perhaps not to you; `repeat`: another run
     may differ; `note`."""
     reason: str | None = None
-    """Which of a code's causes it is, in a word; null where a code has one cause only."""
+    """The one of a code's causes that it is, in a word; null where a code has one cause only."""
     message: str
     """What was seen, with numbers, and why."""
     advice: str | None = None

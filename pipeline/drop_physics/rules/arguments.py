@@ -1,4 +1,4 @@
-"""Which of a call's numbers are which argument, and where it stands."""
+"""The numbers of a call by argument, and where each stands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which calls loaded bodies and set their properties, and how large bodies are."""
+"""The calls that loaded bodies and set their properties, and how large bodies are."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ Int64 = NDArray[np.int64]
 OFF_M = 2e-3
 """Margins put points of contact less far off a surface."""
 EVERY = 8
-"""Of the steps, those that are looked at: a touch lasts."""
+"""The steps that are examined, as a touch lasts."""
 SAME_M = 1e-3
 """Points of a link this close are looked at once."""
 

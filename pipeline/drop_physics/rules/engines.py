@@ -1,4 +1,4 @@
-"""Which engines there are words for: a rule speaks of one, or of any."""
+"""The engines that there are words for: a rule speaks of one, or of any."""
 
 from __future__ import annotations
 

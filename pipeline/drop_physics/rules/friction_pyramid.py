@@ -15,7 +15,7 @@ from drop_physics.rules.thresholds import PYRAMID, PYRAMID_M_S, PYRAMID_STEPS
 
 @pair_rule("friction-pyramid", "model", least_count=PYRAMID_STEPS)
 def friction_pyramid(pair: PairColumns) -> Match | None:
-    """With enableConeFriction=0, not by default, friction is more than μN in most steps."""
+    """Friction is more than μN in most steps, with enableConeFriction=0, which is no default."""
     clients = pair.scene.clients_with("set_enableConeFriction", 0)
     bodies = [number for number, body in pair.scene.seen.bodies.items() if body.client in clients]
     slides = (pair.slip_m_s > PYRAMID_M_S) & (pair.available_n > 0) & (pair.body != pair.other)

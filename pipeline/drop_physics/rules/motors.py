@@ -145,7 +145,7 @@ def _(worst: Worst) -> Said:
 
 @joint_rule("substeps-scale-motors", "asked")
 def substeps_scale_motors(joints: JointColumns) -> Match:
-    """With `numSubSteps` a motor gives up to force × timestep in each substep."""
+    """A motor gives up to force × timestep in each substep, with `numSubSteps`."""
     substeps = np.full_like(joints.torque, joints.steps.substeps)
     given, force = np.abs(joints.torque), joints.limit / substeps
     share = given / force - 1

@@ -27,7 +27,7 @@ class NotFinite(Answer):
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
         self._found: dict[int, tuple[int, str, Call | None]] = {}
-        """By body: the first step, the term that was first, the call."""
+        """The first step, the term that was first, and the call, by body."""
 
     def see(self) -> None:
         """Keep the first of each body."""

@@ -42,7 +42,7 @@ UNREPORTED = frozenset(
 IDS = "Id", "Index", "Indices", "Mode"
 """Ends of the arguments that name what is set."""
 MOST_STEPS, LEAST_STEPS = 64, 10
-"""Of an episode, that are compared; a shorter one is none: something is moved by resets."""
+"""Least steps of an episode that is compared; in a shorter one something is moved by resets."""
 
 SORTED = Message(
     "p.setPhysicsEngineParameter(deterministicOverlappingPairs=1) at the start sorts them: then "

@@ -70,11 +70,11 @@ class Match:
     """What each row is about, where that is not the table's: shape (rows, k)."""
 
     counts: Int64 | None = None
-    """In how many steps of each row it holds; in each, if it is None."""
+    """Number of steps of each row in which it holds; None for all."""
     begins: NDArray[np.bool_] | None = None
     """Rows in which a run begins anew, also where one goes on."""
     holds: NDArray[np.bool_] | None = None
-    """In which of the rows it holds, where that is known late; in all, if it is None."""
+    """Rows in which it holds, where that is known late; None for all."""
 
     def runs(self, table: RuleTable) -> Runs:
         """Return the rows in which it holds, one by one."""
@@ -227,7 +227,7 @@ class Rule:
     """How many of a key's columns tell subjects apart, of each of which the worst is said; all, if
     it is None. With 0 one thing is said of the run, and of no body."""
     reason: str | None = None
-    """Which of the code's causes it is."""
+    """The one of the code's causes that it is."""
     argument: str | None = None
     """The argument of `changeDynamics` whose call is the cause."""
     engines: tuple[str, ...] = BULLETS

@@ -205,7 +205,7 @@ def massless(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
 
 @input_rule("inertia-without-mass", "model")
 def inertia_without_mass(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
-    """Of a btRigidBody a call for an inertia sets the mass, too, to whatever is in memory."""
+    """A call for the inertia of a btRigidBody sets its mass, too, to whatever is in memory."""
     dynamics = inputs.scene.seen.dynamics
     rigid = {each.body.number for each in dynamics if int(each.reported["kind"][0]) == RIGID}
     alone = {

@@ -36,7 +36,7 @@ across [m]; friction available, normal impulse [N s]; time [s]."""
 
 @joint_rule("wheel-slip", "asked")
 def wheel_slip(joints: JointColumns) -> Match | None:
-    """At the contact point: what the joint alone moves it by, against how it moves."""
+    """A wheel slips: the joint alone would move its contact point otherwise than it moves."""
     steps, number = joints.steps, joints.body.number
     drives = (joints.mode == VELOCITY) & (joints.impulse > 0)
     if not steps.terms or steps.law.tree.fixed or not drives.any():
