@@ -171,6 +171,8 @@ def test_what_is_placed_inside_another(name: str, tmp_path: Path) -> None:
     assert one.level == level
     assert text in one.message
     assert one.site == f"scene.py:{line}"
+    assert one.cure is not None
+    assert np.dot(one.cure.given["away"], [1, 0, 0] if name == "set" else [0, 0, 1]) > 0.9
     (other,) = in_pieces(scene, tmp_path, "starts-in-contact")
     assert (other.message, other.site) == (one.message, one.site)
     moved, rests = (np.linalg.norm(bare(each)["velocity"]) for each in (scene, cured))

@@ -426,7 +426,7 @@ def test_an_outcome_moves_at_the_end_or_else_on_the_way() -> None:
             "p.setPhysicsEngineParameter(…, contactERP=0)",
         ),
         (Cure("constraint-force", form="less"), "p.changeConstraint(…, maxForce/10)"),
-        (Cure("lifted", "b", 0.003), "3 mm higher"),
+        (Cure("lifted", "b", 0.003), "3 mm farther away"),
     ],
 )
 def test_a_cure_is_written_as_its_user_would(cure: Cure, call: str) -> None:

@@ -36,7 +36,8 @@ def starts_in_contact(pair: PairColumns) -> Match:
     its = placed.any(axis=1)
     rows, second = rows[its], placed[its, 1:]
     order = np.lexsort((points.distance_m, pair.row))  # in each pair the deepest is first
-    links = points.link[order[pair.starts[rows]]]
+    deepest = order[pair.starts[rows]]
+    links = points.link[deepest]
     keys, step = np.where(second, both[rows, ::-1], both[rows]), pair.step[rows]
     sites = [
         placing.site(pair.scene.body(number), at)
@@ -49,6 +50,7 @@ def starts_in_contact(pair: PairColumns) -> Match:
             "step": step,
             "links": np.where(second, links[:, ::-1], links),
             "placed_at": np.array(sites, object),
+            "away": points.normal[deepest] * np.where(second, -1, 1),
         },
         most={"depth_m": pair.depth_m[rows]},
         keys=keys,
@@ -61,7 +63,8 @@ def _(worst: Worst) -> Said:
     size, itself = min(size_m(body), size_m(other)), body is other
     advice = Message("place it at least {depth:.3g} mm farther away from {other}")
     came = worst.scene.placing.came(body.number, worst.step)
-    cure = Cure("lifted", worst.body, worst.depth_m, form="" if came else "set")
+    away = {"away": tuple(worst.away)}
+    cure = Cure("lifted", worst.body, worst.depth_m, form="" if came else "set", given=away)
     if itself:
         message = Message(
             "{body} collides with itself as it starts: it is {depth:.3g} mm inside {other}, "

@@ -35,6 +35,7 @@ MORE = 10.0
 """Factor of what is to be raised or lowered where an advice gives no number."""
 LIGHT_KG, LIGHT_KG_M2 = 1e-3, 1e-6
 """Mass and inertia of a link that is to weigh nothing: with less, the solver fails."""
+UP = 0.0, 0.0, 1.0
 WIDE = 1e3
 """A joint limit that nothing reaches [rad, m]."""
 
@@ -78,8 +79,8 @@ CALLS = {
     "right-link": "{arguments} in a call of its own",
     "right-link:joints": "the answers to the joints that move",
     "inertial": "<inertial> of next to nothing",
-    "lifted": "{mm:.3g} mm higher",
-    "lifted:set": "{mm:.3g} mm higher",
+    "lifted": "{mm:.3g} mm farther away",
+    "lifted:set": "{mm:.3g} mm farther away",
     "lifted:frame": "the pose of the centre of mass",
     "support-velocity": "p.resetBaseVelocity(…) of the moved body",
     "mass:made": "p.createMultiBody(…, baseMass={value:g})",
@@ -398,10 +399,10 @@ def _repeated(_: Scope, __: Cure) -> Iterator[Operation]:
 
 
 def _lifted(*functions: str) -> Applies:
-    """Return bodies placed higher, a thousandth more than what is asked for."""
+    """Return bodies placed farther away, a thousandth more than what is asked for."""
 
     def made(scope: Scope, cure: Cure) -> Iterator[Operation]:
-        by_m = [0.0, 0.0, 1.001 * (cure.value or 0.0)]
+        by_m = [1.001 * (cure.value or 0.0) * each for each in cure.given.get("away", UP)]
         for body in scope.bodies:
             yield {"do": "lift", "functions": [*functions], "by_m": by_m, **_of(body)}
 
