@@ -249,7 +249,7 @@ def _arm() -> Body:
             ],
         ),
         (
-            Cure("friction", "0_arm", 0.4),
+            Cure("friction", "0_arm", 0.4, form="above"),
             'friction="0.8"',
             [("geom_friction", 0, "least", 0.8)],
         ),

@@ -72,7 +72,7 @@ def _(worst: Worst) -> Said:
             "needed": worst.needed / worst.time,
             "wanted": wanted,
         },
-        cure=Cure("friction", worst.body, wanted, advice),
+        cure=Cure("friction", worst.body, wanted, advice, "above"),
         effect=Effect(went_m, "m"),
         share=went_m / worst.body_size_m,
         other=worst.scene.body(worst.on).label,

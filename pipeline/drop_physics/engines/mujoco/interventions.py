@@ -22,12 +22,16 @@ MORE = 10.0
 """Factor of what is to be raised where a cure gives no number."""
 BELOW = 0.8
 """The share of a limit that is tried where a cure is to stay below it."""
+ABOVE = 2.0
+"""The multiple of a need that is tried where a cure is to be well above it."""
 LARGER = 64
 """Factor of the memory of a model's contacts and constraints."""
-ABOVE = 1.001
+AWAY = 1.001
 """Of the way that a body is moved away from another."""
 ARMATURE_KG_M2 = 0.01
 """Armature of a joint whose controller is the script's own, so that no limit is known."""
+LEAST = {"": "value", "above": "least"}
+"""How a number is written, by a cure's form."""
 SOLREF, SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
 """How soft MuJoCo's own contacts are."""
 USUAL: dict[str, float] = {
@@ -45,9 +49,11 @@ USUAL: dict[str, float] = {
 
 
 def _number(cure: Cure) -> float | None:
-    """Return what a cure gives: of one that is to stay below a limit, a share of that."""
+    """Return what a cure gives: a share of a limit to stay below, a multiple of one to exceed."""
     value = USUAL.get(cure.name) if cure.value is None else cure.value
-    return value * BELOW if value is not None and cure.form.endswith("below") else value
+    if value is None:
+        return None
+    return value * (BELOW if cure.form.endswith("below") else ABOVE if cure.form == "above" else 1)
 
 
 # -- a cure as an attribute or a line -------------------------------------------------------------
@@ -62,7 +68,7 @@ CALLS = {
     "forcerange:joint": 'actuatorfrcrange="-{value:.4g} {value:.4g}"',
     "ctrlrange": "without ctrlrange",
     "limits": "without range",
-    "friction": 'friction="{twice:.4g}"',
+    "friction": 'friction="{value:.4g}"',
     "impratio": 'cone="elliptic" impratio="{value:g}"',
     "cone": 'cone="elliptic"',
     "noslip": 'noslip_iterations="{value:g}"',
@@ -99,9 +105,7 @@ def call_of(cure: Cure) -> str:
     form = cure.form or ("given" if cure.name == "solref" and number is not None else "")
     text = CALLS.get(f"{cure.name}:{form}", CALLS.get(cure.name, cure.name))
     value = 0.0 if number is None else number
-    return text.format(
-        value=value, twice=2 * value, mm=1e3 * value, larger=LARGER, function=_written(cure)
-    )
+    return text.format(value=value, mm=1e3 * value, larger=LARGER, function=_written(cure))
 
 
 def _written(cure: Cure) -> str:
@@ -216,9 +220,9 @@ def _control_range(scope: Scope, _: Cure) -> Iterator[Operation]:
 
 
 def _friction(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    """Give geometries twice the friction that is needed; of a pair the larger counts."""
+    """Give geometries a friction; to hold, no less than they have: of a pair the larger counts."""
     number = _number(cure)
-    how = {"factor": MORE} if number is None else {"least": 2 * number}
+    how = {"factor": MORE} if number is None else {LEAST[cure.form]: number}
     yield _write("geom_friction", column=0, of="body", names=_all_links(scope), **how)
 
 
@@ -288,7 +292,7 @@ def _clear(_: Scope, __: Cure) -> Iterator[Operation]:
 
 
 def _lift(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    up = [0.0, 0.0, ABOVE * (_number(cure) or 0.0)]
+    up = [0.0, 0.0, AWAY * (_number(cure) or 0.0)]
     yield {"do": "lift", "names": _all_links(scope), "by_m": up}
 
 
