@@ -101,7 +101,7 @@ DEEP = {
     "a heavy one": (
         run(HEAVY.format(mass=1000, iterations=50), 400),
         run(HEAVY.format(mass=1000, iterations=500), 400),
-        "1e+03 times as heavy",
+        "one is 1000 times as heavy",
     ),
     "a support set without velocity": (
         run(RISES, 240, UP.format(v=0.6)),

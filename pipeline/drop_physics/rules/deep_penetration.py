@@ -137,7 +137,7 @@ def _cause(
     if RATIO <= ratio <= MOST_RATIO and lasts:
         return (
             Message(
-                "one is {ratio:.3g} times as heavy as the other, and the solver uses up "
+                "one is {ratio:.4g} times as heavy as the other, and the solver uses up "
                 "its iterations",
                 ratio=ratio,
             ),

@@ -188,7 +188,7 @@ def _gains(driven: Driven, row: int, k: int, gap: float) -> Cause | None:
             Cure("gains", value=0.0, given={"targetVelocity": 0.0}),
         )
     return Cause(
-        Message("with a velocityGain of {kd:.3g} its motor gives way to the load", kd=kd),
+        Message("with a velocityGain of {kd:.4g} its motor gives way to the load", kd=kd),
         Message("p.setJointMotorControl2(…, velocityGain=1)"),
         Cure("gains", value=1.0, given={"velocityGain": 1.0}),
     )

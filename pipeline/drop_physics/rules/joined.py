@@ -175,7 +175,7 @@ def _(worst: Worst) -> Said | None:
                 cure = Cure("timestep-first")
     elif ratio >= MASS_RATIO and worst.gap > APART * worst.part:
         why = Message(
-            "of what constraints join, one is {ratio:.3g} times as heavy as another, and the "
+            "of what constraints join, one is {ratio:.4g} times as heavy as another, and the "
             "solver uses up its iterations",
             ratio=ratio,
         )

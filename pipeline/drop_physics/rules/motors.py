@@ -79,7 +79,7 @@ def _(worst: Worst) -> Said:
     left = float(np.abs(np.roots([1, half, last])).max())
     each = Message("each step leaves {left:.2g} of the gap on the other side", left=left)
     if left >= 1:
-        each = Message("each step makes the gap {left:.3g} times as large", left=left)
+        each = Message("each step makes the gap {left:.4g} times as large", left=left)
     elif half**2 < 4 * last:
         each = Message("a swing keeps {left:.2g} of its size from step to step", left=left)
     gains = {"positionGain": 0.1} if worst.at_place else {}
@@ -94,17 +94,17 @@ def _(worst: Worst) -> Said:
     if not worst.at_place:
         template = Message(
             "{joint} turns around with every step, at up to {off}: gains are shares per step, and "
-            "with velocityGain={kd:.3g} {each}"
+            "with velocityGain={kd:.4g} {each}"
         )
     elif not worst.turned:
         template = Message(
             "{joint} shakes about its target, by up to {off}: gains are shares per step, and with "
-            "positionGain={kp:.3g}, velocityGain={kd:.3g} {each}"
+            "positionGain={kp:.4g}, velocityGain={kd:.4g} {each}"
         )
     else:
         template = Message(
             "{joint} turns around with every step, {off} off its target: gains are shares per "
-            "step, and with positionGain={kp:.3g}, velocityGain={kd:.3g} {each}"
+            "step, and with positionGain={kp:.4g}, velocityGain={kd:.4g} {each}"
         )
     return Said(
         message=Message(template, **values),

@@ -117,9 +117,9 @@ def _(worst: Worst) -> Said:
         force=effort(worst.own, worst.effort),
     )
     advice = Message(
-        'kp="{kp:.2g}" of the <position> leaves {off}, or gravcomp="1" of its bodies takes gravity '
+        'kp="{kp}" of the <position> leaves {off}, or gravcomp="1" of its bodies takes gravity '
         "off it",
-        kp=enough,
+        kp=f"{float(f'{enough:.2g}'):g}",
         off=distance(near, worst.unit),
     )
     return _said(worst, why, Cure("gains", worst.joint, enough, advice))
