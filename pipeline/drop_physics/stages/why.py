@@ -43,6 +43,8 @@ MOST = 8
 """Most things that are told of a script."""
 MOST_KEPT = 12
 """Number of trials whose recordings are kept, the best: each is as large as the script's own."""
+LARGE_BYTES = 10_000_000
+"""Trials that take more room on disk are worth a word."""
 BUDGET_S = 60.0
 """No trial begins later [s]."""
 
@@ -324,13 +326,13 @@ def why(
         target, base.path, recorded.ended, own, work, done, chosen, summed, time.monotonic() - began
     )
     _keep(folder, result, base.recording_id)
-    held = [path.stat().st_size for path in folder.glob("*.rrd")]
-    if held:
+    held = sum(path.stat().st_size for path in folder.glob("*.rrd"))
+    if held > LARGE_BYTES:
         note(
             Message(
                 "the recordings of trials in {folder} take {size}",
                 folder=folder,
-                size=decimal(sum(held)),
+                size=decimal(held),
             )
         )
     return replace(result, sources=analysis.sources)
