@@ -122,17 +122,12 @@ def played(page: Path) -> dict[Path, bytes]:
     PageError
         If a command fails.
     """
-    made: dict[Path, bytes] = {}
-    for path in [page, *translations(page)]:
-        text = path.read_text(encoding="utf-8")
-        with _clone() as folder, in_language("ja" if path != page else "en"):
-            try:
-                quoted = list(_quoted(blocks(text), folder))
-            except PageError as error:
-                raise PageError(f"{path.name}: {error}") from None
-            made[path] = _filled(text, quoted).encode()
-            for picture in pictures(text) if path in DRAWN else []:
-                made[DOCS / picture] = small(_found(folder, Path(picture).name))
+    texts = {path: path.read_text(encoding="utf-8") for path in [*translations(page), page]}
+    with _clone() as folder:
+        quoted = _quoted({path: blocks(text) for path, text in texts.items()}, folder)
+        made = {path: _filled(text, quoted[path]).encode() for path, text in texts.items()}
+        for picture in pictures(texts[page]) if page in DRAWN else []:
+            made[DOCS / picture] = small(_found(folder, Path(picture).name))
     return made
 
 
@@ -168,33 +163,65 @@ def _found(folder: Path, name: str) -> Path:
 # -- what is typed --------------------------------------------------------------------------------
 
 
-def _quoted(page: list[Block], folder: Path) -> Iterator[str]:
-    """Run the blocks of a page, and yield the current text of those that quote output."""
-    printed: list[str] = []
-    for block in page:
-        lines: list[str] = []
-        match block.kind:
-            case "sh":
-                printed = [
-                    line for command in commands(block.text) for line in _lines(command, folder)
-                ]
-            case "yaml":
-                for command in re.findall(r"^ +- run: (.*)$", block.text, re.MULTILINE):
-                    _lines(command, folder)
-            case "python":
-                printed = run_python(block.text, folder)[1].splitlines()
-            case "text":
-                lines = cut_alike(block.text.splitlines(), printed)
-            case "console":
-                for command, shown in _typed(block.text):
-                    printed = _lines(command, folder, exactly=True)
-                    lines += [*f"$ {command}".splitlines(), *cut_alike(shown, printed)]
-            case "mermaid" | "toml" | "":
-                pass
-            case kind:
-                raise PageError(f"a block cannot be of kind {kind!r}")
-        if block.quotes:
-            yield "".join(f"{line}\n" for line in lines)
+def _quoted(versions: dict[Path, list[Block]], folder: Path) -> dict[Path, list[str]]:
+    """Run the blocks of a page, and return the current text of those that quote output.
+
+    All versions, the page itself last, type the same. What nobody quotes is run once; the rest in
+    each language, and each time in the same folder as it was before.
+    """
+    *others, page = versions
+    quoted: dict[Path, list[str]] = {path: [] for path in versions}
+    printed: dict[Path, list[str]] = {path: [] for path in versions}
+    kinds = [block.kind for block in versions[page]]
+    for number, (kind, after) in enumerate(zip(kinds, [*kinds[1:], ""], strict=True)):
+        is_quoted = kind == "console" or after == "text"
+        for path in [*others, page] if is_quoted or kind == "text" else [page]:
+            keep = path != page and kind != "text"
+            with in_language("en" if path == page else "ja"), _kept(folder, keep=keep):
+                try:
+                    lines, printed[path] = _run(versions[path][number], folder, printed[path])
+                except PageError as error:
+                    raise PageError(f"{path.name}: {error}") from None
+            if versions[path][number].quotes:
+                quoted[path].append("".join(f"{line}\n" for line in lines))
+    return quoted
+
+
+@contextmanager
+def _kept(folder: Path, *, keep: bool) -> Iterator[None]:
+    """Put a folder back as it was, if it is to be kept."""
+    if not keep:
+        yield
+        return
+    with tempfile.TemporaryDirectory() as name:
+        before = shutil.copytree(folder, Path(name, "before"), symlinks=True)
+        yield
+        shutil.rmtree(folder)
+        shutil.move(before, folder)
+
+
+def _run(block: Block, folder: Path, printed: list[str]) -> tuple[list[str], list[str]]:
+    """Run a block, and return the lines that it quotes, and what the last command printed."""
+    lines: list[str] = []
+    match block.kind:
+        case "sh":
+            printed = [line for command in commands(block.text) for line in _lines(command, folder)]
+        case "yaml":
+            for command in re.findall(r"^ +- run: (.*)$", block.text, re.MULTILINE):
+                _lines(command, folder)
+        case "python":
+            printed = run_python(block.text, folder)[1].splitlines()
+        case "text":
+            lines = cut_alike(block.text.splitlines(), printed)
+        case "console":
+            for command, shown in _typed(block.text):
+                printed = _lines(command, folder, exactly=True)
+                lines += [*f"$ {command}".splitlines(), *cut_alike(shown, printed)]
+        case "mermaid" | "toml" | "":
+            pass
+        case kind:
+            raise PageError(f"a block cannot be of kind {kind!r}")
+    return lines, printed
 
 
 def commands(text: str) -> list[str]:
