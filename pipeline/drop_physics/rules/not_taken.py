@@ -71,7 +71,6 @@ def _(worst: Worst) -> Said:
             "p.POSITION_CONTROL, targetPosition=[0, 0, 0, 1], force=[0, 0, 0]), and turn it "
             "with p.TORQUE_CONTROL, or give target positions"
         ),
-        cure=Cure("default-motor-off", worst.joint, form="ball"),
     )
 
 
