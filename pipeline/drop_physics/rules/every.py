@@ -35,6 +35,7 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
     reading,
     replays,
     reset_leaves,
+    restore_differs,
     servo_off,
     set_up,
     slides,
@@ -57,7 +58,6 @@ from drop_physics.rules.filtered_out import FilteredOut
 from drop_physics.rules.input_rule import InputRules
 from drop_physics.rules.no_contact import NoContact
 from drop_physics.rules.not_finite import NotFinite
-from drop_physics.rules.restore_differs import RestoreDiffers
 from drop_physics.rules.rule import TableRules
 from drop_physics.rules.script_failed import ScriptFailed
 from drop_physics.trace.history import Seen
@@ -72,7 +72,6 @@ ANSWERS: tuple[type[Answer], ...] = (
     # calls and files
     InputRules,
     ScriptFailed,
-    RestoreDiffers,
     # the whole
     NotFinite,
 )

@@ -20,6 +20,7 @@ from drop_physics.explain.steps import BodySteps
 from drop_physics.physics.kinematics import kinematics, motion
 from drop_physics.physics.tree import States, Tree
 from drop_physics.rules.arguments import number as number_of
+from drop_physics.rules.episodes import Episodes
 from drop_physics.rules.ik_answers import SentAnswers
 from drop_physics.rules.lasting import Lasting
 from drop_physics.trace.acts import FILTERS, PUSHES, Act
@@ -187,6 +188,7 @@ class Inputs:
     """Samples of a body that calls place, and its deepest overlap then [m], by its number."""
     lasting: Lasting = field(default_factory=Lasting)
     ik: SentAnswers = field(default_factory=SentAnswers)
+    episodes: Episodes = field(default_factory=Episodes)
 
     def see(self) -> None:
         """Take a chunk."""
@@ -203,6 +205,7 @@ class Inputs:
                 self._use(call)
         self.lasting.see(calls.of(*WRITTEN))
         self.ik.see(calls)
+        self.episodes.see(self.scene)
         self.requests += requests(calls, self.scene.seen.dynamics, self.scene.seen.settings)
         for command in calls.commands():
             ids = np.unique(command.bodies).tolist()

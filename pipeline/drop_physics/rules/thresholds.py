@@ -253,6 +253,24 @@ IK_AGAIN = _of(
 IK_ENOUGH = _of(
     "IK_ENOUGH", 1000, "1", "Number of iterations beyond which more hardly help.", "kuka, panda"
 )
+EPISODE_STEPS = int(
+    _of(
+        "EPISODE_STEPS",
+        10,
+        "1",
+        "Least number of steps of an episode: in a shorter one something is moved by resets.",
+        "right scripts that animate",
+    )
+)
+EPISODES_MOST = int(
+    _of(
+        "EPISODES_MOST",
+        20,
+        "1",
+        "Number of episodes of one kind that are compared: what differs does so in the first.",
+        "reading a recording again takes its time",
+    )
+)
 BACK = _of(
     "BACK",
     1e-6,

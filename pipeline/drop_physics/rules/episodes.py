@@ -1,0 +1,181 @@
+"""Episodes: what followed a state that was saved, restored, or set by hand, and how it began."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.rules.arguments import given
+from drop_physics.trace.acts import FILTERS, MAKES, PUSHES, Act
+from drop_physics.trace.calls import Call
+
+if TYPE_CHECKING:
+    from drop_physics.rules.answer import Scene
+
+Float64 = NDArray[np.float64]
+
+STATES = Act.SAVE, Act.RESTORE, Act.CLEAR
+"""Each begins an episode,"""
+BY_HAND = Act.SET_POSE, Act.SET_VELOCITY, Act.SET_JOINT
+"""and so does the first of these in a gap between steps."""
+SETTINGS = Act.SET_GRAVITY, Act.SET_TIMESTEP, Act.SET_ENGINE
+"""The engine's own settings."""
+SETS = (
+    *(Act.SET_PROPERTY, Act.CONSTRAIN, Act.CHANGE_CONSTRAINT, Act.RELEASE, Act.COMMAND),
+    *SETTINGS,
+    *FILTERS,
+)
+"""What no episode's beginning takes back."""
+UNREPORTED = frozenset(
+    (
+        *("linearDamping", "angularDamping", "jointDamping", "maxJointVelocity"),
+        *("jointLowerLimit", "jointUpperLimit", "activationState"),
+    )
+)
+"""Properties that the engine never reports, so that a call of them may change something."""
+IDS = "Id", "Index", "Indices", "Mode"
+"""Ends of the arguments that name what is set."""
+Named = tuple[object, ...]
+"""What a call sets: its function and arguments, and the body and joint that it names."""
+Key = tuple[int, str]
+"""A body, as its simulation and its reader call it: it may be loaded again."""
+
+
+def named(call: Call) -> Named:
+    """Return what a call sets."""
+    site = call.site
+    ids = tuple([call.numbers[at] for name, at in site.places.items() if name.endswith(IDS)])
+    return call.client, site.function, site.names, ids
+
+
+@dataclass
+class Episode:
+    """What followed a state that was saved or set."""
+
+    begin: Call
+    end: int = 0
+    """Steps before the next one."""
+    calls: dict[int, int] = field(default_factory=dict)
+    """What all calls between two steps come to, by the steps since it began."""
+    again: set[Named] = field(default_factory=set)
+    """What calls set before its first step."""
+    sets: dict[Named, tuple[tuple[float, ...] | None, Call]] = field(default_factory=dict)
+    """What was set in it: the numbers before it, and the latest call."""
+    starts: dict[Key, Float64] = field(default_factory=dict)
+    """The state that each body's first step begins with."""
+    touched: bool = False
+    """Whether there were contacts in its first step."""
+
+    @property
+    def kind(self) -> tuple[object, ...]:
+        """What it is compared with: episodes of the same saved state, or of the same call."""
+        act, client = self.begin.act, self.begin.client
+        if act is Act.SAVE:
+            return client, self.begin.result
+        if act is Act.RESTORE:
+            return client, *(given(self.begin, "stateId") or (self.begin.arguments,))
+        return client, *((act,) if act is Act.CLEAR else BY_HAND)
+
+
+@dataclass
+class Episodes:
+    """Grows piece by piece."""
+
+    ended: list[Episode] = field(default_factory=list)
+    _now: dict[int, Episode] = field(default_factory=dict)
+    """By client."""
+    _set: dict[Named, tuple[float, ...]] = field(default_factory=dict)
+    """The numbers of the latest call of each setter."""
+
+    def all(self) -> Iterator[Episode]:
+        """Yield all episodes, those of each simulation in order."""
+        yield from self.ended
+        yield from self._now.values()
+
+    def see(self, scene: Scene) -> None:
+        """Take a piece."""
+        calls = scene.piece.calls
+        if not any(site.act in (*STATES, *BY_HAND) for site in calls.sites.values()):
+            return  # in the whole recording nothing begins an episode
+        pending = calls.of()
+        for client in {each.client for each in scene.seen.bodies.values()}:
+            for call in [each for each in pending if each.client == client]:
+                now = self._now.get(client)
+                new = now is None or now.begin.at.step != call.at.step
+                if call.act in STATES or (new and call.act in BY_HAND):
+                    self._begin(scene, client, call)
+                else:
+                    self._take(scene, now, call)
+            if client in self._now:
+                samples = scene.seen.samples.get(client, scene.piece.end)
+                self._until(scene, self._now[client], min(samples, scene.piece.end) - 1)
+
+    def _begin(self, scene: Scene, client: int, call: Call) -> None:
+        if (before := self._now.pop(client, None)) is not None:
+            self._until(scene, before, call.at.step)
+            self.ended.append(before)
+        self._now[client] = Episode(call)
+
+    def _take(self, scene: Scene, now: Episode | None, call: Call) -> None:
+        """Note what a call sets, and that it was made."""
+        pushes = call.act in PUSHES
+        if now is not None:
+            since = call.at.step - now.begin.at.step
+            now.calls[since] = hash((now.calls.get(since), call.function, call.numbers))
+            if since == 0:
+                now.again.add(named(call))
+        if not pushes and call.act not in (*SETS, *MAKES):
+            return
+        what = named(call)
+        if now is not None and (pushes or what in self._set or _changes(scene, call)):
+            before, _ = now.sets.get(what, (self._set.get(what), call))
+            now.sets[what] = before, call
+        if not pushes:
+            self._set[what] = call.numbers
+
+    def _until(self, scene: Scene, episode: Episode, end: int) -> None:
+        """Note that an episode goes on until a sample, and the states that it begins with."""
+        episode.end, start = end, episode.begin.at.step
+        # A force that no step has used yet waits for the next episode's; used, it is gone.
+        episode.sets = {
+            what: (before, call)
+            for what, (before, call) in episode.sets.items()
+            if call.act not in PUSHES or call.at.step == end
+        }
+        if not scene.piece.first <= start + 1 < scene.piece.end:
+            return
+        for judged in scene.judged.values():
+            if judged.body.client != episode.begin.client:
+                continue
+            for steps in judged.stretches:
+                if not start < end or not np.isin(start + 1, steps.steps):
+                    continue
+                row = int(np.searchsorted(steps.steps, start + 1))
+                first = steps.before.at(slice(row, row + 1))
+                episode.starts[judged.body.engine_id, judged.body.label] = np.hstack(
+                    (first.position_m, first.orientation, first.joints, first.velocity)
+                )[0]
+                episode.touched |= bool((steps.sides.step == start + 1).any())
+
+
+def _changes(scene: Scene, call: Call) -> bool:
+    """Return whether a setter's first call changed what the engine reports, if it does."""
+    seen, body = scene.seen, given(call, "bodyUniqueId")
+    if call.act is Act.SET_PROPERTY:
+        if UNREPORTED & call.site.places.keys():
+            return True
+        ends = [
+            each.at
+            for each in seen.dynamics
+            if (each.body.client, each.body.engine_id) == (call.client, *body)
+        ]
+    elif call.act in SETTINGS:
+        ends = [each.at for each in seen.settings if each.client == call.client]
+    else:
+        return True
+    # A row is written where one changed, before the next step.
+    return any(at.step == call.at.step and at.call >= call.at.call for at in ends)
