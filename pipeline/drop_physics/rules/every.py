@@ -122,7 +122,7 @@ def _worst_misses(findings: Iterable[Finding]) -> Iterator[Finding]:
         is_miss = each.code == "off-target" and each.reason is None
         if not is_miss or miss not in told:
             yield each
-        if is_miss:
+        if is_miss and each.level == "asked":
             told.add(miss)
 
 

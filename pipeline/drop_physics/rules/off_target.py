@@ -57,7 +57,8 @@ def _(worst: Worst) -> Said:
 def _missed(worst: Worst, cause: Cause) -> Said:
     """Return what is said of a target that was missed, and why."""
     message = Message("{joint}{more} misses a target of {target} by {off}: {why}")
-    if worst.going:
+    going = worst.scene.going.get(tuple(worst.noted.keys[0, :2].tolist()))
+    if going is not None and going.first[0] == worst.stood[0]:
         message = Message("{joint}{more} ends {off} off its target of {target}: {why}")
     off, target = distance(worst.off, worst.unit), place(worst.target, worst.unit)
     cure = cause.cure

@@ -14,7 +14,7 @@ of constraints, of pairs of bodies that touch, and of bodies (`tables`); rules o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from string import Formatter
@@ -40,6 +40,7 @@ from drop_physics.rules.engines import ANY, BULLETS, engine_of
 from drop_physics.rules.joint import link_of, units
 from drop_physics.rules.runs import Kind, Runs
 from drop_physics.rules.tables import TABLES, RuleTable, TableName, tables
+from drop_physics.rules.target_columns import left_standing
 from drop_physics.trace.events import Body
 
 Float64 = NDArray[np.float64]
@@ -321,17 +322,21 @@ class TableRules(Answer):
         """What may go on of each rule, and the worst of what has ended of each key."""
         self._ended: list[Runs | None] = [None] * len(self._rules)
 
-    @np.errstate(all="ignore")  # what is not asked for is nan
     def see(self) -> None:
         """Take a piece."""
-        found: list[list[Runs]] = [[] if each is None else [each] for each in self._open]
         read = {rule.table for rule in self._rules}
-        for name in [each for each in TABLES if each in read]:
-            for table in tables(name, self.scene):
-                for place, rule in enumerate(self._rules):
-                    match = rule.matches(table) if rule.table == name else None
-                    if match is not None and len(runs := match.runs(table)):
-                        found[place].append(runs)
+        names = [each for each in TABLES if each in read]
+        self._look((name, table) for name in names for table in tables(name, self.scene))
+
+    @np.errstate(all="ignore")  # what is not asked for is nan
+    def _look(self, seen: Iterable[tuple[TableName, RuleTable]]) -> None:
+        """Take tables of a piece, or of what is left at the end."""
+        found: list[list[Runs]] = [[] if each is None else [each] for each in self._open]
+        for name, table in seen:
+            for place, rule in enumerate(self._rules):
+                match = rule.matches(table) if rule.table == name else None
+                if match is not None and len(runs := match.runs(table)):
+                    found[place].append(runs)
         for place, parts in enumerate(found):
             if parts:
                 consecutive = self._rules[place].consecutive
@@ -353,6 +358,7 @@ class TableRules(Answer):
 
     def findings(self) -> Iterator[Finding]:
         """Yield what each rule says: of each robot its worst joint, of all else each."""
+        self._look(("targets", each) for each in left_standing(self.scene))
         for place, rule in enumerate(self._rules):
             if (last := self._open[place]) is not None:
                 self._end(place, last)

@@ -39,19 +39,25 @@ def target_columns(scene: Scene) -> Iterator[TargetColumns]:
             yield table
 
 
+def left_standing(scene: Scene) -> Iterator[TargetColumns]:
+    """Yield the targets that stood at the last of their bodies' steps, after all of these."""
+    for table in scene.going.values():
+        table.late, table.ends_run = True, np.ones(1, np.bool_)
+        yield table
+
+
 class TargetColumns:
     """Targets of one joint, one after the other: columns of shape (m,), and what `Stood` has."""
 
     def __init__(self, scene: Scene, driven: Driven, stood: Stood, *, going: bool) -> None:
         self.scene, self.driven, self.stood = scene, driven, stood
-        m, number, last = len(stood), driven.body.number, int(driven.steps.steps[-1])
+        m, number = len(stood), driven.body.number
         self.step = stood.last
         self.keys = np.tile([number, stood.k], (m, 1))
         self.noted: Mapping[str, Float64] = {"site": driven.asked.site[stood.row, stood.k]}
-        samples = scene.seen.samples.get(driven.body.client, scene.seen.sampled.last + 1)
         self.ended = np.full(m, not going)
-        self.ends_run = np.full(m, going and last >= samples - 1)
-        """Whether each stands at the end of the run."""
+        self.ends_run = np.zeros(m, np.bool_)
+        """Whether each stood at the last of its body's steps."""
         self.late = False
         """Whether it is of earlier steps, and was seen when they were."""
         self.off = np.abs(stood.gap)
@@ -69,7 +75,6 @@ class TargetColumns:
             "kp": stood.kp,
             "limit": driven.limit[stood.row, stood.k],
             "force": driven.asked.force[stood.row, stood.k],
-            "going": self.ends_run,
             "stood": np.column_stack([stood.first, stood.last]),
         }
         """What is said of each, whatever the rule."""

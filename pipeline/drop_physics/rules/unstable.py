@@ -58,7 +58,7 @@ CURES = {"joint damping": "joint-damping", "damping": "damping"}
 
 def _own(bodies: BodyColumns) -> Flags:
     """Return in which steps no motor's gains turn a joint around: that is `motor-gain`."""
-    own = ~bodies.put
+    own = np.ones(len(bodies.step), np.bool_)
     for driven in bodies.scene.driven():
         if driven.steps.whole is bodies.of:
             turned = (flips(driven) & (driven.asked.impulse > 0)).any(axis=1)
@@ -91,7 +91,7 @@ def unstable(bodies: BodyColumns) -> Match | None:
     sums["all"] = sum((each.clip(0) for each in against.values()), none)
     first_rate = np.full(size.shape, bodies.law.tree.first_rate)
     return Match(
-        turns & _own(bodies),
+        turns & _own(bodies) & ~bodies.put[:, None],
         size,
         {"first_rate": first_rate},
         sums=sums,
