@@ -88,13 +88,15 @@ def _(worst: Worst) -> Said | None:
         cure = Cure("restitution", given={"contactProcessingThreshold": 0}, bodies=both)
     else:
         why = Message("restitution is the product of both bodies', {asked:.3g} × 0", asked=wanted)
-        advice = Message("give {none} restitution, too: p.changeDynamics(…, restitution=1)")
+        advice = Message(
+            "give {other} restitution, too: p.changeDynamics(…, restitution=1)", other=none.label
+        )
         cure = Cure("restitution", none.label, 1.0, bodies=(none.label,))
     message = Message(
         "{body} does not bounce off {other}: it meets it at {speed:.3g} m/s and leaves at "
         "{rebound:.3g} m/s; {why}"
     )
-    values = {"speed": speed, "rebound": max(worst.rebound, 0.0), "why": why, "none": none.label}
+    values = {"speed": speed, "rebound": max(worst.rebound, 0.0), "why": why}
     return Said(
         message=message,
         values=values,

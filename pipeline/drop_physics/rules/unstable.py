@@ -22,6 +22,7 @@ from drop_physics.rules.thresholds import (
     TURNS_MOST,
     TURNS_TOO,
 )
+from drop_physics.trace.motors import POSITION
 
 Flags = NDArray[np.bool_]
 Float64 = NDArray[np.float64]
@@ -147,6 +148,11 @@ def velocity_clamped(bodies: BodyColumns) -> Match | None:
     held &= _own(bodies) & (bodies.verdict.why < 0)[:, None]
     numbers = {"limit": limit, "first_rate": bodies.law.tree.first_rate}
     numbers = {name: np.full(taken.shape, each) for name, each in numbers.items()}
+    numbers["placed"] = np.zeros(taken.shape, np.bool_)
+    for driven in bodies.scene.driven():
+        if driven.steps.whole is bodies.of:
+            placed = (driven.asked.mode == POSITION) & (driven.asked.impulse > 0)
+            numbers["placed"][driven.steps.rows, bodies.law.tree.first_rate :] = placed
     return Match(held, taken, numbers, sums={"taken": taken})
 
 
@@ -159,6 +165,13 @@ def _(runs: Runs, _: Scene) -> Float64:
 def _(worst: Worst) -> Said:
     joint, name, unit = _name(worst)
     taken = Effect(worst.taken, "N m s" if unit == "rad/s" else "N s")
+    advice = Message("p.changeDynamics(body, -1, maxJointVelocity=…) raises the limit")
+    cure: Cure | None = Cure("limits", worst.body, given={"maxJointVelocity": 1e5})
+    if worst.placed:  # the faster it may be, the harder a motor for places drives it
+        advice = Message(
+            "let its motor drive it slower: p.setJointMotorControl2(…, force=…, maxVelocity=…)"
+        )
+        cure = None
     message = Message(
         "{name} reaches {limit:g} {unit}, where PyBullet clamps every rate: in {steps} it takes "
         "{taken:.3g} {of} away"
@@ -167,8 +180,8 @@ def _(worst: Worst) -> Said:
         message=message,
         values={"name": name, "unit": unit, "of": taken.unit},
         level=None if worst.count >= RINGS_STEPS else "note",
-        advice=Message("p.changeDynamics(body, -1, maxJointVelocity=…) raises the limit"),
-        cure=Cure("limits", worst.body, given={"maxJointVelocity": 1e5}),
+        advice=advice,
+        cure=cure,
         effect=taken,
         share=worst.count / worst.scene.inputs.motions[worst.subject.number].samples,
         joint=joint,
