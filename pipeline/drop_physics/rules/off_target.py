@@ -171,8 +171,10 @@ def _(runs: Runs, _: Scene) -> Float64:
 @still_moves.says
 def _(worst: Worst) -> Said:
     if worst.kp < SMALL_GAIN and abs(worst.lawful - 1) < LAWFUL_GAP:
-        slow = "a positionGain of {kp:.4g} is the share of the gap that a step closes"
-        return _missed(worst, Cause(Message(slow, kp=worst.kp)))
+        why = Message(
+            "a positionGain of {kp:.4g} is the share of the gap that a step closes", kp=worst.kp
+        )
+        return _missed(worst, Cause(why))
     why = Message("it still moves at {rate}", rate=f"{abs(worst.rate):.2g} {worst.unit}/s")
     if worst.at_limit <= HALF_THE_STEPS * worst.steps_stood:
         return _missed(worst, Cause(why))
