@@ -423,7 +423,7 @@ b = box(1, [0, 0, .03], (.1, .1, .03), mu={mu})
 steps(60)
 a = math.radians({degrees})
 p.resetBaseVelocity(b, [{v} * math.cos(a), {v} * math.sin(a), 0])
-steps(60)
+steps(200)
 """
 )
 

@@ -20,13 +20,14 @@ FORCE = np.array([[[False, True]]])
 def beyond_urdf(joints: JointColumns) -> Match:
     """`getJointInfo` reports the effort and velocity of a file, and no motor heeds them."""
     told = (joints.mode != DEFAULT) | (joints.pd == 1)
-    told &= (joints.step > 1)[:, None]  # after the start
     limits = [
         joints.of_joints(lambda each: each.velocity * (each.widths[1] == 1)),
         joints.of_joints(lambda each: each.effort * (each.widths[1] == 1)),
     ]
     limit, most = np.stack(limits, axis=2), np.abs(np.stack([joints.rate, joints.torque], axis=2))
-    drives = np.stack([told & (joints.torque * joints.rate > 0), told], axis=2)
+    # A motor of position closes a share of its first gap in one step, however fast that is.
+    speeds = told & (joints.torque * joints.rate > 0) & (joints.step > 1)[:, None]
+    drives = np.stack([speeds, told], axis=2)
     beyond = drives & (limit > 0) & (most > (1 + BEYOND) * limit)
     return Match(beyond, 1 - limit / most, {"most": most, "limit": limit, "force": FORCE})
 

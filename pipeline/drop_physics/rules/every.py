@@ -9,6 +9,7 @@ from drop_physics.messages import Message
 from drop_physics.rules import (  # noqa: F401 - their rules are registered
     asleep,
     beyond_urdf,
+    collides_as_hull,
     control_clamped,
     deep_penetration,
     default_damping,
@@ -52,7 +53,6 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
     wheel_slip,
 )
 from drop_physics.rules.answer import Answer, Finding
-from drop_physics.rules.collides_as_hull import CollidesAsHull
 from drop_physics.rules.engines import engine_of
 from drop_physics.rules.filtered_out import FilteredOut
 from drop_physics.rules.input_rule import InputRules
@@ -66,7 +66,6 @@ ANSWERS: tuple[type[Answer], ...] = (
     # joints
     TableRules,
     # contacts
-    CollidesAsHull,
     NoContact,
     FilteredOut,
     # calls and files

@@ -77,8 +77,11 @@ def _(worst: Worst) -> Said:
         values={"gap": distance(gap, worst.unit), "of": mimic.of, "count": worst.joints},
         advice=Message(
             "join them: c = p.createConstraint(…, p.JOINT_GEAR, …); "
-            "p.changeConstraint(c, gearRatio={ratio}, maxForce=…)",
+            "p.changeConstraint(c, gearRatio={ratio}, maxForce=…), and turn its own motor off, "
+            "which else holds both: "
+            "p.setJointMotorControl2(…, {link}, p.VELOCITY_CONTROL, force=0)",
             ratio={1.0: "-1", -1.0: "1"}.get(mimic.multiplier, "…"),
+            link=worst.link,
         ),
         cure=Cure("mimic", worst.body),
         effect=Effect(gap, worst.unit),

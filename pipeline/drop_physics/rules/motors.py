@@ -167,8 +167,11 @@ def _(worst: Worst) -> Said:
         ),
         advice=Message(
             "in place of substeps set the timestep to 1/{substeps} of it, before the motors "
-            "are commanded, and step {substeps} times",
+            "are commanded, and step {substeps} times; it then has {force}, and needs "
+            "force={given:.3g} to do the same",
             substeps=substeps,
+            force=effort(worst.force, worst.effort),
+            given=worst.given,
         ),
         cure=Cure("substeps", value=float(substeps)),
         effect=Effect(worst.given - worst.force, worst.effort),

@@ -188,11 +188,11 @@ def _(worst: Worst) -> Said:
         advice = Message("give p.changeDynamics localInertiaDiagonal together with the mass")
     template = Message(
         "with the file's <inertia>, the moment of inertia of {body} about {axis}{more} would "
-        "be {ratio:.2f} times what PyBullet uses: {cause}"
+        "be {ratio} times what PyBullet uses: {cause}"
     )
     if joint is not None:
         template = Message(
-            "with the file's <inertia>, {joint}{more} would move {ratio:.2f} times the inertia "
+            "with the file's <inertia>, {joint}{more} would move {ratio} times the inertia "
             "that PyBullet uses: {cause}"
         )
     loaded = worst.scene.asked.loaded(body)
@@ -202,6 +202,7 @@ def _(worst: Worst) -> Said:
             "axis": "xyz"[row % 3],
             "joint": joint,
             "more": and_more(worst.among),
+            "ratio": f"{worst.ratio:.2f}" if worst.ratio < 1e3 else f"{worst.ratio:.2g}",
             "cause": cause,
         },
         advice=advice,

@@ -468,6 +468,13 @@ PYRAMID = _of(
 PYRAMID_STEPS = _of(
     "PYRAMID_STEPS", 10, "1", "Least number of steps with such friction.", "pyramid"
 )
+PYRAMID_TURNS_RAD = _of(
+    "PYRAMID_TURNS_RAD",
+    0.2,
+    "rad",
+    "Least angle by which friction of more than μN turns a slide.",
+    "a sled sent off at 20° slides at 0° in the end",
+)
 LONG_S = _of(
     "LONG_S",
     1 / 30,
