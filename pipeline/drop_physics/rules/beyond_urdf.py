@@ -11,6 +11,7 @@ from drop_physics.rules.joint import effort
 from drop_physics.rules.rule import Match, Said, Worst, joint_rule
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import BEYOND
+from drop_physics.trace.motors import VELOCITY
 
 FORCE = np.array([[[False, True]]])
 """The plane of forces in a table with two."""
@@ -29,13 +30,22 @@ def beyond_urdf(joints: JointColumns) -> Match:
     speeds = told & (joints.torque * joints.rate > 0) & (joints.step > 1)[:, None]
     drives = np.stack([speeds, told], axis=2)
     beyond = drives & (limit > 0) & (most > (1 + BEYOND) * limit)
-    return Match(beyond, 1 - limit / most, {"most": most, "limit": limit, "force": FORCE})
+    # A motor for rates has no maxVelocity: its target is the limit.
+    goal = np.where(joints.mode == VELOCITY, np.abs(joints.target_velocity), np.nan)
+    numbers = {"most": most, "limit": limit, "force": FORCE, "goal": goal}
+    return Match(beyond, 1 - limit / most, numbers)
 
 
 @beyond_urdf.says
 def _(worst: Worst) -> Said:
     unit = worst.effort if worst.force else f"{worst.unit}/s"
     name = "force" if worst.force else "maxVelocity"
+    advice: Message | None = Message("p.setJointMotorControl2(…, {name}={limit:g})")
+    cure: Cure | None = Cure("urdf-limits", worst.joint, worst.limit, given={name: worst.limit})
+    if not worst.force and not np.isnan(worst.goal):
+        cure, advice = None, Message("give it a targetVelocity of {limit:g} or less")
+        if worst.goal <= worst.limit:
+            advice = None
     return Said(
         message=Message(
             "{joint} reaches {most} where its file allows {limit}, in {steps}: PyBullet's "
@@ -47,7 +57,7 @@ def _(worst: Worst) -> Said:
             count=worst.joints,
         ),
         values={"name": name},
-        advice=Message("p.setJointMotorControl2(…, {name}={limit:g})"),
-        cure=Cure("urdf-limits", worst.joint, worst.limit, given={name: worst.limit}),
+        advice=advice,
+        cure=cure,
         effect=Effect(worst.most - worst.limit, unit),
     )
