@@ -218,11 +218,6 @@ class Scene:
         self.joints.forget()
         self.touches.forget()
 
-    def calls_of(self, *acts: Act) -> Iterator[tuple[Call, Body]]:
-        """Yield the calls of the latest piece that do any of these, each with its body."""
-        for call, _, came in self.piece.calls.of_bodies(*acts):
-            yield call, came.body
-
     def body_of(self, call: Call) -> Body | None:
         """Return the body that a call of the latest piece names, or whose constraint it names."""
         place = next((at for name in BODY_NAMES if (at := call.site.places.get(name))), None)

@@ -160,8 +160,6 @@ class Inputs:
     scene: Scene
     uses: dict[tuple[int, int, int | None], Use] = field(default_factory=dict)
     """Uses by the number of a site, its client, and the number of the body that its calls name."""
-    loads: dict[tuple[int, int], Call] = field(default_factory=dict)
-    """The last call that loaded a body, by client and the engine's id."""
     requests: list[Request] = field(default_factory=list)
     commanded: defaultdict[int, dict[int, Call | None]] = field(
         default_factory=lambda: defaultdict(dict)
@@ -310,8 +308,6 @@ class Inputs:
             self.filtered.add(call.client)
 
     def _use(self, call: Call) -> None:
-        if call.act is Act.LOAD and np.isfinite(call.result):
-            self.loads[call.client, int(call.result)] = call
         came = self.scene.body_of(call)
         key = call.site.number, call.client, None if came is None else came.number
         self.uses.setdefault(key, Use(call, came)).add(call)
@@ -332,10 +328,6 @@ class Inputs:
         """Return what the engine first reported of a body; None of a soft body."""
         its = (each for each in self.scene.seen.dynamics if each.body.number == body.number)
         return next(its, None)
-
-    def load_of(self, body: Body) -> Call | None:
-        """Return the call that loaded a body; None if it is not known."""
-        return self.loads.get((body.client, body.engine_id))
 
     def left_out(self, act: Act) -> tuple[list[Use], list[int]]:
         """Return the uses of a setter for client 0, and the clients that it was meant for as well.

@@ -145,7 +145,7 @@ def scale_keeps_mass(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
             dense=mass_kg * scale**3,
         )
         advice = Message("p.changeDynamics(body, -1, mass={dense:.2g})", dense=mass_kg * scale**3)
-        load = inputs.load_of(body)
+        load = inputs.scene.asked.load(body)
         cure = Cure("mass", body.label, float(f"{mass_kg * scale**3:.2g}"))
         share = float(abs(np.log10(scale**3)))
         said = Said(message=message, advice=advice, cure=cure, share=share)

@@ -111,7 +111,7 @@ def _stood(inputs: Inputs, request: Request) -> bool:
     body = request.body
     if request.before is not None:
         return request.before[0] == 0
-    load = None if body is None else inputs.load_of(body)
+    load = None if body is None else inputs.scene.asked.load(body)
     if body is None or load is None:
         return False
     fixed = given(load, "useFixedBase") or (0.0,)
@@ -152,8 +152,8 @@ def reset_frame(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """A reset places the centre of mass, where a load places the frame of the file."""
     for use in inputs.of(Act.SET_POSE):
         body = use.body
-        load = None if body is None else inputs.load_of(body)
-        if body is None or load is None:
+        load = None if body is None else inputs.scene.asked.load(body)
+        if body is None or load is None or load.act is not Act.LOAD:
             continue
         first = inputs.first_dynamics(body)
         if first is None:
