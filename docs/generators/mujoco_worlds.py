@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import datetime
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -230,6 +231,7 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=60.0, help="begin no other after that")
     parser.add_argument("--again", action="store_true", help="also those that are kept")
     given = parser.parse_args()
+    os.environ["PYTHONHASHSEED"] = "0"  # one environment chooses among the members of a set
     until_s = time.monotonic() + given.minutes * 60
     for suite in given.suites:
         for name in _last_names(given.python, suite):
