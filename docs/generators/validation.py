@@ -411,9 +411,9 @@ the bit; in *explained* ones the named impulses close the sum up to *remainder* 
 Nothing is wrong with these worlds, so each finding of the levels `broken` and `asked` (*grave*) was
 read and compared with the model. Those that are left are so: resets put bodies inside others
 (HalfCheetah, HumanoidStandup, dog/fetch, the Fetch tasks; PickPlace parks objects that it does not
-need in one place, out of sight), fingers are sent beyond their range, servos of the Shadow hand give
-way to its weight, and two steps of dm_control's cheetah use what was computed for the pose before
-its own reset.
+need in one place, out of sight), fingers are sent beyond their range, servos of the Shadow hand
+give way to its weight, and two steps of dm_control's cheetah use what was computed for the pose
+before its own reset.
 
 | suite | MuJoCo | date | worlds | same | steps | replayed | explained | remainder | bytes | grave |
 | --- | --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |
