@@ -105,7 +105,7 @@ class Falling:
             tumbled_step=tumbled,
             tumbles=course.tumbles,
             contact=self._law.contact(phases, tumbled),
-            bounces=find_bounces(case, course.touchdowns.episodes(), tumbled),
+            bounces=find_bounces(case, course.touchdowns.found(), tumbled),
             rest=find_rest(case, phases, tumbled, self._law),
             conservation=self._energies.conservation(),
             contact_j=self._energies.contact_j(),

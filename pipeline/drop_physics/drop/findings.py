@@ -309,23 +309,23 @@ def _swallowed(fall: Fall) -> Iterator[Finding]:
         return
     # A rebound that gravity stops within a step or two is not a bounce either.
     least_m_s = max(SWALLOWED_M_S, -2 * case.fall.gravity_m_s2 * case.timestep_s) / restitution
-    for number, episode in enumerate(fall.course.touchdowns.episodes()):
-        if tumbled is not None and episode.first >= tumbled:
+    for number, touchdown in enumerate(fall.course.touchdowns.found()):
+        if tumbled is not None and touchdown.first >= tumbled:
             return
-        flat = case.is_ball or (case.is_box and episode.lands_flat)
-        if flat and not episode.leaves and least_m_s < episode.approach_m_s < threshold_m_s:
+        flat = case.is_ball or (case.is_box and touchdown.lands_flat)
+        if flat and not touchdown.leaves and least_m_s < touchdown.approach_m_s < threshold_m_s:
             seen = Message(
                 "after {bounces} the body arrives at {speed:.3f} m/s and stays: restitution acts "
                 "only from {threshold:g} m/s on",
                 bounces=counted(number, "bounce"),
-                speed=episode.approach_m_s,
+                speed=touchdown.approach_m_s,
                 threshold=threshold_m_s,
             )
             advice = Message(
                 "lower that with p.setPhysicsEngineParameter(restitutionVelocityThreshold=…), i.e. "
                 "--restitution-threshold"
             )
-            yield _found("bounce-swallowed", seen, advice, first=episode.first)
+            yield _found("bounce-swallowed", seen, advice, first=touchdown.first)
             return
 
 

@@ -15,7 +15,7 @@ from drop_physics.drop.phases import Phases
 from drop_physics.drop.posture import face_up, flat_height_m, stands, tilt_rad
 from drop_physics.drop.results import Bounce, Contact, Landing, Rest, RestTerms
 from drop_physics.drop.samples import Samples
-from drop_physics.drop.touchdowns import Episode
+from drop_physics.drop.touchdowns import Touchdown
 from drop_physics.physics import theory
 from drop_physics.physics.laws.bullet import contact as bullet_contact
 from drop_physics.physics.laws.bullet.contact import (
@@ -176,41 +176,43 @@ def restitution_threshold_m_s(case: Case) -> float:
 # -- bounces --------------------------------------------------------------------------------------
 
 
-def find_bounces(case: Case, episodes: list[Episode], tumbled_step: int | None) -> list[Bounce]:
+def find_bounces(case: Case, touchdowns: list[Touchdown], tumbled_step: int | None) -> list[Bounce]:
     """Return the rebounds that leave the floor, beside what restitution alone would give."""
     floor_m = case.floor_height_m
     if not case.is_rigid or floor_m is None or case.fall.gravity_m_s2 >= 0:
         return []
-    leaving = [episode for episode in episodes if episode.leaves]
+    leaving = [touchdown for touchdown in touchdowns if touchdown.leaves]
     uncorrected_m = _uncorrected_m(case, floor_m) if leaving and covers(case) else []
     bounces = []
     plain = True
-    for number, episode in enumerate(leaving, start=1):
-        plain = plain and _is_plain(case, episode, tumbled_step)
+    for number, touchdown in enumerate(leaving, start=1):
+        plain = plain and _is_plain(case, touchdown, tumbled_step)
         # Where the recording ends on the way up, there is no apex to compare.
-        whole = plain and (episode.returned or case.end.velocity_m_s[0, 2] <= 0)
+        whole = plain and (touchdown.returned or case.end.velocity_m_s[0, 2] <= 0)
         bounces.append(
             Bounce(
-                step=episode.first - 1,
-                approach_m_s=episode.approach_m_s,
-                rebound_m_s=episode.pushed_m_s,
-                effective_restitution=episode.pushed_m_s / episode.approach_m_s if plain else None,
-                apex_m=episode.highest_m - floor_m,
+                step=touchdown.first - 1,
+                approach_m_s=touchdown.approach_m_s,
+                rebound_m_s=touchdown.pushed_m_s,
+                effective_restitution=touchdown.pushed_m_s / touchdown.approach_m_s
+                if plain
+                else None,
+                apex_m=touchdown.highest_m - floor_m,
                 predicted_apex_m=_predicted_apex_m(case, number) if whole else None,
                 uncorrected_apex_m=uncorrected_m[number - 1]
                 if whole and number <= len(uncorrected_m)
                 else None,
-                correction_m_s=_correction_m_s(case, episode) if plain else None,
+                correction_m_s=_correction_m_s(case, touchdown) if plain else None,
             )
         )
     return bounces
 
 
-def _is_plain(case: Case, episode: Episode, tumbled_step: int | None) -> bool:
+def _is_plain(case: Case, touchdown: Touchdown, tumbled_step: int | None) -> bool:
     """Return whether restitution alone gives the rebound: of a ball, or of a box landing flat."""
-    if case.is_springy or (tumbled_step is not None and episode.last >= tumbled_step):
+    if case.is_springy or (tumbled_step is not None and touchdown.last >= tumbled_step):
         return False
-    return case.is_ball or (case.is_box and episode.stays_flat)
+    return case.is_ball or (case.is_box and touchdown.stays_flat)
 
 
 def _predicted_apex_m(case: Case, number: int) -> float | None:
@@ -255,34 +257,34 @@ def _apexes(heights_m: Iterable[float], floor_m: float) -> Iterator[float]:
         yield top_m - floor_m
 
 
-def _correction_m_s(case: Case, episode: Episode) -> float | None:
+def _correction_m_s(case: Case, touchdown: Touchdown) -> float | None:
     """Return what the position correction adds to restitution × approach [m/s].
 
-    By the contact law, started from the recorded sample before the episode. None where contact
+    By the contact law, started from the recorded sample before the touchdown. None where contact
     pushes for more than one step, the law does not reproduce the recorded rebound, or without a
     position correction its rebound is not restitution × approach: a body that is not yet in the
     floor by the slop is slowed by the rest of the slop.
     """
-    height_m = float(episode.before.position_m[0, 2])
-    if not covers(case) or height_m <= _deepest_m(case) or episode.pushed != episode.first:
+    height_m = float(touchdown.before.position_m[0, 2])
+    if not covers(case) or height_m <= _deepest_m(case) or touchdown.pushed != touchdown.first:
         return None
 
     def rebound_m_s(contact_erp: float | None = None) -> float:
-        falls_m_s = float(episode.before.velocity_m_s[0, 2])
+        falls_m_s = float(touchdown.before.velocity_m_s[0, 2])
         _, (_, after_m_s) = itertools.islice(
             _path(case, height_m, falls_m_s, contact_erp=contact_erp), 2
         )
         return after_m_s
 
     corrected_m_s = rebound_m_s()
-    if abs(episode.pushed_m_s - corrected_m_s) > REPRODUCED * episode.approach_m_s:
+    if abs(touchdown.pushed_m_s - corrected_m_s) > REPRODUCED * touchdown.approach_m_s:
         return None
     asked_m_s = bullet_contact.rebound_speed(
-        -episode.approach_m_s,
+        -touchdown.approach_m_s,
         case.engine.pair_restitution or 0.0,
         threshold_m_s=restitution_threshold_m_s(case),
     )
-    if abs(rebound_m_s(0.0) - asked_m_s) > ROUNDED * episode.approach_m_s:
+    if abs(rebound_m_s(0.0) - asked_m_s) > ROUNDED * touchdown.approach_m_s:
         return None
     return corrected_m_s - asked_m_s
 

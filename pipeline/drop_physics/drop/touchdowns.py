@@ -17,7 +17,7 @@ CORNERS = 4
 
 
 @dataclass
-class Episode:
+class Touchdown:
     """A contact that begins in the air; ends with the last of its samples that were seen."""
 
     first: int
@@ -50,18 +50,18 @@ class Episode:
 
 
 class Touchdowns:
-    """The episodes of a drop, in order; grow part by part.
+    """The touchdowns of a drop, in order; they grow part by part.
 
     None with substeps: PyBullet reports only the contacts of the last one.
     """
 
     def __init__(self, case: Case) -> None:
         self._case = case
-        self._found: list[Episode] = []
-        self._open: Episode | None = None
+        self._found: list[Touchdown] = []
+        self._open: Touchdown | None = None
         """The run at whose samples the last ended, if it counts or not."""
 
-    def episodes(self) -> list[Episode]:
+    def found(self) -> list[Touchdown]:
         """Return those that pushed, after the last sample."""
         return [each for each in self._found if each.pushed is not None]
 
@@ -89,7 +89,7 @@ class Touchdowns:
         if self._open is not None:
             self._open.returned = True
         case, first, sample = self._case, part.first + row, before.at(np.array([row]))
-        self._open = Episode(
+        self._open = Touchdown(
             first, sample, _approach_m_s(case, sample), bool(part.contact_points[row] == CORNERS)
         )
         inside = first == 0 or (first == 1 and not case.starts_above)
