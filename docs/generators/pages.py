@@ -31,6 +31,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from difflib import SequenceMatcher
+from itertools import pairwise
 from pathlib import Path
 
 from generators.pictures import small
@@ -173,7 +174,7 @@ def _quoted(versions: dict[Path, list[Block]], folder: Path) -> dict[Path, list[
     quoted: dict[Path, list[str]] = {path: [] for path in versions}
     printed: dict[Path, list[str]] = {path: [] for path in versions}
     kinds = [block.kind for block in versions[page]]
-    for number, (kind, after) in enumerate(zip(kinds, [*kinds[1:], ""], strict=True)):
+    for number, (kind, after) in enumerate(pairwise([*kinds, ""])):
         is_quoted = kind == "console" or after == "text"
         for path in [*others, page] if is_quoted or kind == "text" else [page]:
             keep = path != page and kind != "text"
