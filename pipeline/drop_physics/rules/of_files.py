@@ -101,15 +101,26 @@ def no_inertial(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
 def impossible_inertia(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     """The two smaller moments of a link do not add up to the largest."""
     for body, tree in _came(inputs):
+        told = told_links(body, tree)
         for link in moving_links(tree):
-            low, middle, high = sorted(tree.inertias_kg_m2[link + 1].tolist())
+            moments = sorted(tree.inertias_kg_m2[link + 1].tolist())
             mass_kg = float(tree.masses_kg[link + 1])
-            point = high == 0 and not any(each.link == link for each in body.collisions)
-            if not mass_kg > 0 or low + middle >= high * (1 - 1e-6) > 0 or point:
+            template = Message(
+                "{link} of {body} has moments of inertia of {low:.3g}, {middle:.3g} and {high:.3g} "
+                "kg m² with {mass:.3g} kg"
+            )
+            if moments[2] == 0 and link in told and body.flags & FROM_FILE:
+                written = _written(body, told[link])
+                moments = moments if written is None else np.linalg.eigvalsh(written).tolist()
+                template = Message(
+                    "the file gives {link} of {body} moments of inertia of {low:.3g}, {middle:.3g} "
+                    "and {high:.3g} kg m² with {mass:.3g} kg, and PyBullet sets them to 0"
+                )
+            low, middle, high = moments
+            if not mass_kg > 0 or low + middle >= high * (1 - 1e-6):
                 continue
             message = Message(
-                "{link} of {body} has moments of inertia of {low:.3g}, {middle:.3g} and {high:.3g} "
-                "kg m² with {mass:.3g} kg",
+                template.template,
                 link=body.links[link + 1],
                 body=body.label,
                 low=low,
@@ -246,6 +257,8 @@ def _more_kg_m2(
     tree, more, unlikely = kin.tree, {}, set[int]()
     for link, told in told_links(body, tree).items():
         moments = _of_file(body, told)
+        if np.isnan(told.mass_kg) and link not in inertias:
+            unlikely.add(link)  # the flag gives it 1 kg m², which no file says
         if link in inertias or moments is None or (body.flags & FROM_FILE and link not in masses):
             continue
         if link in masses:  # spread as the file's own
@@ -282,14 +295,20 @@ def _axes(kin: Kinematics) -> Iterator[tuple[int, Float64, set[int]]]:
 
 def _of_file(body: Body, told: FileLink) -> Float64 | None:
     """Return the file's inertia, shape (3, 3), if a body can have it."""
+    moments = _written(body, told)
+    if moments is None:
+        return None
+    low, middle, high = np.linalg.eigvalsh(moments)
+    return moments if low > 0 and low + middle >= high * (1 - 1e-6) else None
+
+
+def _written(body: Body, told: FileLink) -> Float64 | None:
+    """Return the file's inertia, shape (3, 3), if it is complete."""
     if not told.mass_kg > 0 or len(told.inertia_kg_m2) != 6:
         return None
     xx, xy, xz, yy, yz, zz = told.inertia_kg_m2
     moments = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) * np.square(body.asked.scale)
-    if not np.isfinite(moments).all():
-        return None
-    low, middle, high = np.linalg.eigvalsh(moments)
-    return moments if low > 0 and low + middle >= high * (1 - 1e-6) else None
+    return moments if np.isfinite(moments).all() else None
 
 
 def _extent_m(body: Body, link: int) -> float:
