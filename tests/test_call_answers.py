@@ -775,6 +775,7 @@ def test_a_constraint_that_gives_way(scene: str, limit: str, stronger: str, tmp_
     assert float(weight[1]) > float(limit.split()[0])
     assert found.advice
     assert ("setTimeStep before" in found.advice) == ("setTimeStep" in scene)
+    assert "…)" not in found.advice or "setTimeStep" in scene  # it says how much
     assert found.site == site(6)
     # Bare PyBullet: it has fallen; with more force it has not.
     falls, holds = (
@@ -784,6 +785,13 @@ def test_a_constraint_that_gives_way(scene: str, limit: str, stronger: str, tmp_
     assert falls < 0.99
     assert holds == pytest.approx(1, abs=1e-3)
     assert not ask(stronger, tmp_path, "weak-constraint")
+
+
+def test_what_swings_pulls_with_more_than_its_weight(tmp_path: Path) -> None:
+    aside = held(2, 5).replace("JOINT_FIXED, [0, 0, 0], [0, 0, 0], [0, 0, 1]", "{}")
+    aside = aside.format("JOINT_POINT2POINT, [0, 0, 0], [0.5, 0, 0], [0.5, 0, 1]")
+    found = one(aside, tmp_path, "weak-constraint")
+    assert found.advice == "give it more: p.changeConstraint(…, maxForce=…)"
 
 
 ROPE = """

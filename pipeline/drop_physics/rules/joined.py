@@ -119,7 +119,8 @@ def weak_constraint(joined: ConstraintColumns) -> Match:
     numbers["held"] = np.full(n, held, object)
     since = joined.step > joined.of_held("limited_since")
     step = joined.step.astype(np.float64)
-    return Match(np.ones(n, np.bool_), step, numbers, sums={"full": at_limit & since})
+    most = {"swings": np.full(n, _swings_m_s(joined))}
+    return Match(np.ones(n, np.bool_), step, numbers, sums={"full": at_limit & since}, most=most)
 
 
 def _touched(joined: ConstraintColumns) -> NDArray[np.int64]:
@@ -138,6 +139,21 @@ def _weight_n(joined: ConstraintColumns) -> float:
         for _, steps in scene.stretches(moving[0].number)
     ]
     return float(weights_n[-1]) if weights_n else 0.0
+
+
+def _swings_m_s(joined: ConstraintColumns) -> float:
+    """Return how fast what is held turns or moves across gravity: it pulls then with more."""
+    fastest = [0.0]
+    for body in joined.bodies:
+        for _, steps in joined.scene.stretches(body.number) if body.base_moves else ():
+            acts = steps.steps >= joined.began
+            velocity, g = steps.after.velocity[acts], steps.reported.gravity_m_s2[acts]
+            down = g / np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-300)
+            along = np.sum(velocity[:, 3:6] * down, axis=1, keepdims=True)
+            turns = np.delete(velocity, np.s_[3:6], axis=1) * joined.part_m
+            across = np.hstack((turns, velocity[:, 3:6] - along * down))
+            fastest.append(float(np.abs(across).max(initial=0)))
+    return float(np.nanmax(fastest))
 
 
 def _ratio(scene: Scene, client: int) -> float:
@@ -167,9 +183,12 @@ def _(worst: Worst) -> Said | None:
         cure = Cure("constraint-force")
         if weight_n > limit_n:
             why = Message("{why}, and the weight is {weight:.3g} N", why=why, weight=weight_n)
-            enough = to_spare(weight_n)
-            advice = Message("give it more: p.changeConstraint(…, maxForce={force})", force=enough)
-            cure = Cure("constraint-force", value=float(enough))
+            if worst.swings < STILL_M_S:  # else its weight is not all that pulls
+                enough = to_spare(weight_n)
+                advice = Message(
+                    "give it more: p.changeConstraint(…, maxForce={force})", force=enough
+                )
+                cure = Cure("constraint-force", value=float(enough))
             if held.limited is not None and number(held.limited, "maxForce") > weight_n:
                 advice = Message("call p.setTimeStep before p.changeConstraint(…, maxForce=…)")
                 cure = Cure("timestep-first")
