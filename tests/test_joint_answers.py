@@ -329,7 +329,31 @@ def test_a_motor_that_nobody_thought_of(name: str, tmp_path: Path) -> None:
     assert [each for each in said("default-motor", off, tmp_path) if each.level != "note"] == []
 
 
+BALL = """
+s = p.createCollisionShape(p.GEOM_SPHERE, radius=0.1)
+k = p.createMultiBody(0, -1, -1, [0, 0, 1], linkMasses=[1], linkCollisionShapeIndices=[s],
+    linkVisualShapeIndices=[-1], linkPositions=[[0, 0, 0]], linkOrientations=[[0, 0, 0, 1]],
+    linkInertialFramePositions=[[0.2, 0, 0]], linkInertialFrameOrientations=[[0, 0, 0, 1]],
+    linkParentIndices=[0], linkJointTypes=[p.JOINT_SPHERICAL], linkJointAxis=[[0, 0, 1]])
+p.resetJointStateMultiDof(k, 0, p.getQuaternionFromEuler([0, -0.8, 0]))
+"""
+
+
+def test_the_motor_of_a_ball_joint_drives_it_back(tmp_path: Path) -> None:
+    (found,) = said("default-motor", DOWN + BALL + "steps(120)", tmp_path)
+    assert "the position motor to 0 that PyBullet gives every ball joint" in found.message
+    assert "velocity" not in found.message
+
+
 QUIET = {
+    "set in each step": DOWN
+    + BARE
+    + """
+for i in range(60):
+    for j in range(7):
+        p.resetJointState(k, j, 0.005 * i + 0.1 * j)
+    p.stepSimulation()
+""",
     "gravity compensation": KUKA
     + HOLD
     + """

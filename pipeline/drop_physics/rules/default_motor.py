@@ -12,7 +12,7 @@ from drop_physics.rules.joint import effort
 from drop_physics.rules.rule import Match, Said, Worst, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
-from drop_physics.rules.thresholds import HOLDS, MOVES, NO_TERM, ROLLS
+from drop_physics.rules.thresholds import HALF_THE_STEPS, HOLDS, MOVES, NO_TERM, ROLLS
 
 TORQUE = np.array([[[False, True]]])
 """The plane of the table for joints that torques drive."""
@@ -26,6 +26,8 @@ def default_motor(joints: JointColumns) -> Match | None:
     sent = ~default & ~torqued
     on = (joints.impulse > 0) & (joints.asked.pd != 1) & steps.closes[:, None]
     on &= steps.covered and not joints.body.before
+    moved = joints.before != joints.previous("default-motor after", joints.after)
+    turned = joints.rate_before != joints.previous("default-motor rate", joints.rate)
     own = on & ~torqued & default & ~sent.any(axis=0)
     carried = steps.law.tree.fixed or bool(np.any(steps.terms.get("constraints", 0)))
     terms = {name: joints.term(name) for name in steps.terms if name != "motors"}
@@ -39,6 +41,7 @@ def default_motor(joints: JointColumns) -> Match | None:
         "taken": np.minimum(-motor * sign, acting).clip(0),
         "time": steps.reported.timestep_s[:, None] * np.abs(sign),
     }
+    sums["set"] = sums["time"] * (steps.put[:, None] & (moved | turned))
     planes = np.stack([own, on & torqued], axis=2)
     since = np.nan_to_num(joints.torque_since)
     most = {"most": np.abs(joints.torque), "since": since, "since_not": -since}
@@ -75,6 +78,7 @@ def _pressed(joints: JointColumns) -> NDArray[np.float64]:
 @default_motor.counts
 def _(runs: Runs, _: Scene) -> NDArray[np.float64]:
     holds = (runs.acting > MOVES * runs.inertia) & (runs.taken > HOLDS * runs.acting)
+    holds &= runs.set < HALF_THE_STEPS * runs.time  # else calls hold it
     # Where torques began several times, it got a motor between them.
     holds &= runs.since == -runs.since_not
     # What carries a body that stands is not told apart from what should move it, but for a wheel:
@@ -97,8 +101,8 @@ def _(runs: Runs, _: Scene) -> NDArray[np.float64]:
 def _(worst: Worst) -> Said:
     if worst.torque and worst.own:
         template = Message(
-            "{joint} does not follow the torques that it is given: the velocity motor that "
-            "PyBullet gives every joint takes up to {most}, {share:.0%} of what acts on it"
+            "{joint} does not follow the torques that it is given: {motor} takes up "
+            "to {most}, {share:.0%} of what acts on it"
         )
     elif worst.torque:
         template = Message(
@@ -107,22 +111,23 @@ def _(worst: Worst) -> Said:
         )
     elif worst.gravity > HOLDS * worst.acting:
         template = Message(
-            "{joint} is held by the velocity motor that PyBullet gives every joint: it takes "
-            "{share:.0%} of its weight, {weight} on average"
+            "{joint} is held by {motor}: it takes {share:.0%} of its weight, {weight} on average"
         )
     elif worst.applied > HOLDS * worst.acting:
         template = Message(
-            "{joint} is held by the velocity motor that PyBullet gives every joint: it takes "
+            "{joint} is held by {motor}: it takes "
             "{share:.0%} of what calls push it with, up to {most} of the {limit} that it may"
         )
     else:
         template = Message(
-            "{joint} is held by the velocity motor that PyBullet gives every joint: it takes "
+            "{joint} is held by {motor}: it takes "
             "what touches it, up to {most} of the {limit} that it may"
         )
     advice = Message("turn it off: p.setJointMotorControl2(…, p.VELOCITY_CONTROL, force=0)")
+    motor = Message("the velocity motor that PyBullet gives every joint")
     ball = worst.subject.joints[worst.link].kind == "spherical"
     if ball:
+        motor = Message("the position motor to 0 that PyBullet gives every ball joint")
         advice = Message(
             "turn it off: p.setJointMotorControlMultiDof(…, p.POSITION_CONTROL, "
             "targetPosition=[0, 0, 0, 1], force=[0, 0, 0])"
@@ -134,6 +139,7 @@ def _(worst: Worst) -> Said:
         level="note" if commanded and not worst.torque else None,
         message=template,
         values={
+            "motor": motor,
             "most": effort(worst.most, worst.effort),
             "site": scene.site(worst.motor_site),
             "limit": effort(worst.limit, worst.effort),
