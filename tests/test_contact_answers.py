@@ -84,6 +84,17 @@ def test_what_friction_cannot_hold_slides(name: str, tmp_path: Path) -> None:
     assert not found(HOLDS[name], tmp_path, "slides")
 
 
+def test_what_is_restored_slides_once(tmp_path: Path) -> None:
+    again = "s = p.saveState()\nsteps(60)\np.restoreState(s)\nsteps(60)\n"
+    ways = []
+    for n, then in ((0, again), (60, "")):
+        scene = SLOPE.format(degrees=25, mu=0.3, above=0, steps=n) + then
+        (one,) = found(scene, tmp_path, "slides")
+        assert one.effect is not None
+        ways.append(one.effect.value)
+    assert ways[0] == pytest.approx(ways[1], rel=0.05)
+
+
 TILT = "turned = p.getBasePositionAndOrientation(b)[1]\n"
 CROSSWISE = (
     GRIP.replace("shape(.01, .01, .01)", "shape(.005, .015, .015)")

@@ -118,7 +118,8 @@ CAUSES = {
     ),
     "too weak for waypoints": (
         ARM + "go(0, 240)\ngo(0.8, 20)\ngo(0, 480)\n",
-        "its motor is at its limit of 300 N m in 19 of 20 steps", None,
+        "at step 260: its motor is at its limit of 300 N m in 19 of 20 steps",
+        "give each target more steps",
     ),
 }  # fmt: skip
 
@@ -152,6 +153,35 @@ CURED = {
 def test_what_is_at_its_target_is_not_told(name: str, tmp_path: Path) -> None:
     scene, joint, target = CURED[name]
     assert abs(off_at_the_end(scene, joint, target)) < 0.01
+    assert said("off-target", scene, tmp_path) == []
+
+
+BAR = (
+    DOWN
+    + """
+k = p.createMultiBody(0, -1, -1, [0, 0, 1], linkMasses=[2], linkCollisionShapeIndices=[-1],
+    linkVisualShapeIndices=[-1], linkPositions=[[0, 0, 0]], linkOrientations=[[0, 0, 0, 1]],
+    linkInertialFramePositions=[[0, 0, -0.5]], linkInertialFrameOrientations=[[0, 0, 0, 1]],
+    linkParentIndices=[0], linkJointTypes=[p.JOINT_REVOLUTE], linkJointAxis=[[0, 1, 0]])
+p.changeDynamics(k, 0, localInertiaDiagonal=[0.02] * 3)
+p.setJointMotorControl2(k, 0, p.POSITION_CONTROL, 2.8, force={force})
+steps({n})
+"""
+)
+
+
+def test_a_target_beyond_what_its_motor_lifts(tmp_path: Path) -> None:
+    """It hangs; 2 kg at 0.5 m take 9.81 N m on the way, 3.3 at the target."""
+    (found,) = said("off-target", BAR.format(force=7, n=100), tmp_path)
+    assert "the way to its target takes up to 9.8 N m" in found.message
+    assert found.advice == "allow at least 9.9 N m: p.setJointMotorControl2(…, force=13)"
+    assert abs(off_at_the_end(BAR.format(force=7, n=3000), 0, 2.8)) > 1
+    assert abs(off_at_the_end(BAR.format(force=13, n=3000), 0, 2.8)) < 0.01
+
+
+def test_a_stream_of_targets_that_ends_where_its_joint_stands(tmp_path: Path) -> None:
+    scene = ARM + "for i in range(5):\n    go(0.8 + 0.02 * i, 2, 60)\ngo(0.88, 600, 60)\n"
+    assert abs(off_at_the_end(scene, 1, 0.88)) < 0.01
     assert said("off-target", scene, tmp_path) == []
 
 
@@ -540,9 +570,17 @@ def test_the_rate_beyond_its_limit(tmp_path: Path) -> None:
     load = two("", tmp_path)
     drive = "p.setJointMotorControl2(k, 0, p.VELOCITY_CONTROL, targetVelocity={}, force=9)\n"
     (found,) = said("beyond-urdf", load + drive.format(3) + "steps(240)\n", tmp_path)
-    assert "ja reaches 3 rad/s where its file allows 2 rad/s" in found.message
+    assert "ja reaches 3 rad/s where its file allows 2 rad/s, in 240 steps" in found.message
     assert found.advice == "give it a targetVelocity of 2 or less"
     assert said("beyond-urdf", load + drive.format(1.99) + "steps(240)\n", tmp_path) == []
+
+
+def test_the_force_of_substeps_is_not_that_of_a_call(tmp_path: Path) -> None:
+    substeps = "p.setPhysicsEngineParameter(numSubSteps=4)\n"
+    scene = substeps + ARM + "go(0.8, 20, 100, maxVelocity=5)\n"
+    (found,) = said("beyond-urdf", scene, tmp_path)
+    assert "reaches 400 N m where its file allows 300 N m" in found.message
+    assert (found.advice, found.cure) == (None, None)
 
 
 OBEYS = """
@@ -560,6 +598,15 @@ for j in range(12):
 @pytest.mark.parametrize("then", [OBEYS, FALLS])
 def test_a_robot_within_its_limits_or_falling(then: str, tmp_path: Path) -> None:
     assert said("beyond-urdf", HAND.format(then=then), tmp_path) == []
+
+
+# -- reading --------------------------------------------------------------------------------------
+
+
+def test_a_pose_that_is_read_at_rest_is_not_stale(tmp_path: Path) -> None:
+    scene = ARM + "go(0.8, 20)\np.getLinkState(k, 6)\nsteps(300)\np.getLinkState(k, 6)\n"
+    (found,) = said("reading", scene, tmp_path)
+    assert found.site == site(8)
 
 
 # -- gains, and targets that stay ----------------------------------------------------------------

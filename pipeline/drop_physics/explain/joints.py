@@ -28,6 +28,8 @@ REST_STEPS = 10
 REST_SHARE, REST, NEVER_MOVED = 1e-3, 1e-3, 1e-5
 """A joint is at rest with a rate below that share of the greatest in the run, or below REST [SI] if
 that is less; one that was never above NEVER_MOVED is."""
+WAY_POSES = 32
+"""In how many poses between its own and its target what holding a body takes is looked at."""
 AT_LIMIT = 1 - 1e-6
 STOPPED = 1e-6
 """A stop whose impulse is below this share of the step's largest does nothing."""
@@ -121,6 +123,7 @@ class _Track:
     last: Driven | None = None
     needs: Float64 = field(default_factory=lambda: np.empty(0))
     needs_at_target: Float64 = field(default_factory=lambda: np.empty(0))
+    on_the_way: Float64 = field(default_factory=lambda: np.empty(0))
     numbers: Mapping[str, Float64] = field(default_factory=dict)
 
 
@@ -171,6 +174,14 @@ class JointTable:
             resting=bool(driven.all_resting[row]),
         )
 
+    def on_the_way(self, body: int, joint_rate: int) -> float:
+        """Return what a motor at its limit would need on the way from its pose to its target.
+
+        The most that holding takes against that way, or at its end [N] or [N m]: from the last
+        sample on straight to the targets of all joints. NaN where it is not known, or at rest.
+        """
+        return float(self._tracks[body].on_the_way[joint_rate])
+
     def rows(self, body: int) -> Sequence[JointRow]:
         """Return the joints of a body, by its number."""
         track = self._tracks.get(body)
@@ -208,6 +219,15 @@ class JointTable:
             if place is not None and np.isfinite(target[k]):
                 positions[place] = target[k]
         track.needs, track.needs_at_target = held.needs, held.at(positions)
+        track.on_the_way = np.full(len(target), np.nan)
+        if driven.at_limit.any() and not driven.all_resting[row]:
+            now = driven.steps.after.joints[row]
+            against = np.sign(target - driven.after[row])
+            ways = [
+                against * held.at(now + share * (positions - now))
+                for share in np.arange(WAY_POSES) / WAY_POSES
+            ]
+            track.on_the_way = np.maximum(np.max(ways, axis=0), np.abs(track.needs_at_target))
 
 
 def target_of(driven: Driven) -> Float64:

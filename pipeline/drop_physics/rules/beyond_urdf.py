@@ -29,11 +29,13 @@ def beyond_urdf(joints: JointColumns) -> Match:
     # A motor of position closes a share of its first gap in one step, however fast that is.
     speeds = told & (joints.torque * joints.rate > 0) & (joints.step > 1)[:, None]
     drives = np.stack([speeds, told], axis=2)
-    beyond = drives & (limit > 0) & (most > (1 + BEYOND) * limit)
+    beyond = told[:, :, None] & (limit > 0) & (most > (1 + BEYOND) * limit)
     # A motor for rates has no maxVelocity: its target is the limit.
     goal = np.where(joints.mode == VELOCITY, np.abs(joints.target_velocity), np.nan)
-    numbers = {"most": most, "limit": limit, "force": FORCE, "goal": goal}
-    return Match(beyond, 1 - limit / most, numbers)
+    substeps = np.full_like(joints.torque, joints.steps.substeps)
+    numbers = {"most": most, "limit": limit, "force": FORCE, "goal": goal, "substeps": substeps}
+    # It is beyond in the steps in which its motor brakes it, too.
+    return Match(beyond, np.where(drives, 1 - limit / most, 0.0), numbers)
 
 
 @beyond_urdf.says
@@ -46,6 +48,8 @@ def _(worst: Worst) -> Said:
         cure, advice = None, Message("give it a targetVelocity of {limit:g} or less")
         if worst.goal <= worst.limit:
             advice = None
+    elif worst.force and worst.substeps > 1:  # what a call gives acts in each of them
+        cure = advice = None
     return Said(
         message=Message(
             "{joint} reaches {most} where its file allows {limit}, in {steps}: PyBullet's "

@@ -172,8 +172,8 @@ class Inputs:
     """By the number of a body."""
     drives: dict[tuple[int, int], Drive] = field(default_factory=dict)
     """By client and the engine's id, the constraints whose target calls change."""
-    link_way_m: dict[tuple[int, int | None], float] = field(default_factory=dict)
-    """By body and link, of those whose poses are read: the longest way in one step [m]."""
+    link_way_m: dict[tuple[int, int, int], float] = field(default_factory=dict)
+    """By reading, body and link: the longest way of a link in one step while it is read [m]."""
     torque_alone: set[tuple[int, int]] = field(default_factory=set)
     """Bodies and joints that TORQUE_CONTROL drives, and whose motors gave nothing."""
     touched: dict[tuple[int, int], int] = field(default_factory=dict)
@@ -248,23 +248,27 @@ class Inputs:
 
     def _links(self) -> None:
         """Note how far links whose poses are read go in a step."""
-        read = {
-            (subject.body, subject.link)
+        read = [
+            (each, subject.body, subject.link)
             for each in self.scene.seen.readings
             if each.act is Act.READ_LINK
             for subject in each.targets
             if subject.link is not None
-        }
-        for number in {body for body, _ in read} & self.scene.judged.keys():
+        ]
+        for number in {body for _, body, _ in read} & self.scene.judged.keys():
             for steps in self.scene.judged[number].stretches:
                 tree = steps.law.tree
                 if not len(steps) or not tree.size:
                     continue
                 moved = motion(kinematics(tree, steps.after), steps.after.velocity).velocities
-                for link in [link for body, link in read if body == number and link < tree.links]:
+                for each, body, link in read:
+                    while_read = steps.steps >= each.first_step
+                    while_read &= (steps.steps <= each.last_step) | (not each.exact)
+                    if body != number or link >= tree.links or not while_read.any():
+                        continue
                     speed = np.linalg.norm(moved[link + 1], axis=0)
-                    way_m = float((speed * steps.reported.timestep_s).max())
-                    key = number, link
+                    way_m = float((speed * steps.reported.timestep_s)[while_read].max())
+                    key = each.number, number, link
                     self.link_way_m[key] = max(way_m, self.link_way_m.get(key, 0.0))
 
     def _torques(self) -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.explain.joints import REST_STEPS
 from drop_physics.explain.targets import rings_with
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene
@@ -20,7 +21,7 @@ from drop_physics.rules.thresholds import HALF_THE_STEPS, LAWFUL_GAP, LIMITED_OF
 Flags = NDArray[np.bool_]
 Float64 = NDArray[np.float64]
 
-GIVE_MORE = Message("give it more force, or each target more steps")
+MORE_FORCE = Message("give it more force")
 
 
 @target_rule("off-target", "asked")
@@ -56,7 +57,7 @@ def _(worst: Worst) -> Said:
 
 def _missed(worst: Worst, cause: Cause) -> Said:
     """Return what is said of a target that was missed, and why."""
-    message = Message("{joint}{more} misses a target of {target} by {off}: {why}")
+    message = Message("{joint}{more} misses a target of {target} by {off} at step {last}: {why}")
     going = worst.scene.going.get(tuple(worst.noted.keys[0, :2].tolist()))
     if going is not None and going.first[0] == worst.stood[0]:
         message = Message("{joint}{more} ends {off} off its target of {target}: {why}")
@@ -66,7 +67,7 @@ def _missed(worst: Worst, cause: Cause) -> Said:
         cure = replace(cure, target=worst.joint if worst.joints == 1 else worst.body)
     return Said(
         message=message,
-        values={"off": off, "target": target, "why": cause.why},
+        values={"off": off, "target": target, "why": cause.why, "last": worst.stood[1]},
         advice=cause.advice,
         cure=cure,
         level=None if cause.level == "asked" else cause.level,
@@ -91,7 +92,8 @@ def _followed(targets: TargetColumns, which: Flags) -> Match | None:
         return None
     size = np.where(which & (targets.off > targets.least) & ~targets.reached, targets.off, 0.0)
     sums = {"moved": targets.ended & moved, "limited": targets.at_limit}
-    return Match(moved, size, targets.numbers, sums=sums, counts=targets.steps)
+    numbers = {**targets.numbers, "left": np.abs(targets.lawful) / targets.least}
+    return Match(moved, size, numbers, sums=sums, counts=targets.steps)
 
 
 def _lawful(targets: TargetColumns) -> Flags:
@@ -143,9 +145,16 @@ def _(runs: Runs, _: Scene) -> Float64:
 
 
 @falls_behind.says
-def _(worst: Worst) -> Said:
+def _(worst: Worst) -> Said | None:
+    first, last = worst.stood
+    going = worst.scene.going.get(tuple(worst.noted.keys[0, :2].tolist()))
+    there = going is not None and going.at_rest[0] and going.off[0] <= going.least
+    if there and last - first + 1 < REST_STEPS:
+        return None  # one of many on the way to that at which it stands
     weak = at_limit(effort(worst.limit, worst.effort), worst.limited, worst.count)
-    return _missed(worst, Cause(weak, GIVE_MORE, Cure("force")))
+    if worst.left > 1:  # whatever its force, its gain leaves a gap
+        return _missed(worst, Cause(weak, Message("give each target more steps")))
+    return _missed(worst, Cause(weak, MORE_FORCE, Cure("force")))
 
 
 @target_rule("off-target", "asked")
@@ -159,6 +168,7 @@ def still_moves(targets: TargetColumns) -> Match | None:
     alone = moved & targets.ends_run & ~targets.at_rest & (targets.off >= targets.least)
     alone &= ~rings_with(targets.kp, targets.kd)
     lasts = {**targets.numbers, "alone": alone, "lawful": targets.lawful / targets.gap}
+    lasts |= {"away": targets.rate * targets.gap > 0}
     lasts |= {"rate": targets.rate, "at_limit": targets.at_limit, "steps_stood": targets.steps}
     return Match(where, targets.off, lasts=lasts, sums={"moved": targets.ended & moved})
 
@@ -175,15 +185,23 @@ def _(worst: Worst) -> Said:
             "a positionGain of {kp:.4g} is the share of the gap that a step closes", kp=worst.kp
         )
         return _missed(worst, Cause(why))
-    why = Message("it still moves at {rate}", rate=f"{abs(worst.rate):.2g} {worst.unit}/s")
+    rate = f"{abs(worst.rate):.2g} {worst.unit}/s"
+    why = Message("it still moves at {rate}", rate=rate)
+    if worst.away:
+        why = Message("it moves away at {rate}", rate=rate)
     if worst.at_limit <= HALF_THE_STEPS * worst.steps_stood:
         return _missed(worst, Cause(why))
     weak = at_limit(effort(worst.limit, worst.effort), worst.at_limit, worst.steps_stood)
-    rows = worst.scene.joints.rows(worst.subject.number)
-    takes = rows[int(worst.noted.keys[0, 1])].needs_at_target
-    if takes is not None and abs(takes) > worst.limit:
-        need = effort(takes, worst.effort)
-        why = Message("{weak}; the target takes {need}", weak=weak, need=need)
+    number, k = worst.noted.keys[0, :2].tolist()
+    takes = worst.scene.joints.on_the_way(number, k)
+    if takes > worst.limit:
+        need, there = effort(takes, worst.effort), worst.scene.joints.rows(number)[k]
+        why = Message("{weak}; the way to its target takes up to {need}", weak=weak, need=need)
+        if abs(there.needs_at_target or 0.0) == takes:
+            why = Message("{weak}; the target takes {need}", weak=weak, need=need)
         return _missed(worst, Cause(why, *give_at_least(takes, worst.effort, worst.force)))
     why = Message("{why}, and {weak}", why=why, weak=weak)
-    return _missed(worst, Cause(why, GIVE_MORE, Cure("force")))
+    advice = MORE_FORCE
+    if takes <= worst.limit and not worst.away:
+        advice = Message("give it more force, or each target more steps")
+    return _missed(worst, Cause(why, advice, Cure("force")))

@@ -27,7 +27,11 @@ def stale(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
             continue
         if each.flags.get("computeForwardKinematics", 0) != 0 or each.last_step < 1:
             continue
-        ways = [(inputs.link_way_m.get((s.body, s.link), 0.0), s) for s in each.targets]
+        ways = [
+            (inputs.link_way_m.get((each.number, s.body, s.link), 0.0), s)
+            for s in each.targets
+            if s.link is not None
+        ]
         way_m, subject = max(ways, default=(0.0, None), key=lambda one: one[0])
         if subject is None or way_m < STALE_M or subject.link is None:
             continue

@@ -177,7 +177,9 @@ def _slips(pair: PairColumns, slips: NDArray[np.bool_]) -> Match:
     sums |= {"slid": pair.slip_m_s[rows] * dt, "moved": moved * dt, "way": way * dt[:, None]}
     sums["needed"] = needed * (steady * dt)[:, None]
     firsts = {"began": pair.began_slip_m_s[rows]}
-    return Match(rows, pair.slip_m_s[rows], sums=sums, firsts=firsts, holds=alone)
+    bodies, step, placing = pair.body[rows], pair.step[rows], pair.scene.placing
+    begins = placing.moved(bodies, step) | placing.restored(bodies, step)
+    return Match(rows, pair.slip_m_s[rows], sums=sums, firsts=firsts, holds=alone, begins=begins)
 
 
 def _is_free(steps: Steps) -> bool:
