@@ -604,9 +604,10 @@ def test_a_robot_within_its_limits_or_falling(then: str, tmp_path: Path) -> None
 
 
 def test_a_pose_that_is_read_at_rest_is_not_stale(tmp_path: Path) -> None:
-    scene = ARM + "go(0.8, 20)\np.getLinkState(k, 6)\nsteps(300)\np.getLinkState(k, 6)\n"
-    (found,) = said("reading", scene, tmp_path)
+    moving, resting = (ARM + f"go(0.8, {n})\np.getLinkState(k, 6)\n" for n in (20, 240))
+    (found,) = said("reading", moving, tmp_path)
     assert found.site == site(8)
+    assert said("reading", resting, tmp_path) == []
 
 
 # -- gains, and targets that stay ----------------------------------------------------------------
