@@ -67,8 +67,8 @@ class Episode:
     """What was set in it: the numbers before it, and the latest call."""
     starts: dict[Key, Float64] = field(default_factory=dict)
     """The state that each body's first step begins with."""
-    touched: bool = False
-    """Whether there were contacts in its first step."""
+    touched: set[tuple[int, ...]] = field(default_factory=set)
+    """The bodies and links that touch in its first step, each pair once."""
 
     @property
     def kind(self) -> tuple[object, ...]:
@@ -159,7 +159,11 @@ class Episodes:
                 episode.starts[judged.body.engine_id, judged.body.label] = np.hstack(
                     (first.position_m, first.orientation, first.joints, first.velocity)
                 )[0]
-                episode.touched |= bool((steps.sides.step == start + 1).any())
+                its = steps.sides.at(steps.sides.step == start + 1)
+                pairs = np.stack((its.body, its.link, its.other_body, its.other_link), axis=1)
+                episode.touched |= {
+                    min((a, b, c, d), (c, d, a, b)) for a, b, c, d in pairs.tolist()
+                }
 
 
 def _changes(scene: Scene, call: Call) -> bool:

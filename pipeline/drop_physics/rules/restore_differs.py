@@ -35,13 +35,14 @@ def restore_differs(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
             kinds[each.kind].append(each)
     for episodes in kinds.values():
         for first, second in pairwise(episodes[:EPISODES_MOST]):
-            found = _compared(inputs.scene, first, second)
+            found = _compared(inputs, first, second)
             if found is not None:
                 yield found
                 break
 
 
-def _compared(scene: Scene, first: Episode, second: Episode) -> tuple[InputSubject, Said] | None:
+def _compared(inputs: Inputs, first: Episode, second: Episode) -> tuple[InputSubject, Said] | None:
+    scene = inputs.scene
     same = first.starts.keys() == second.starts.keys() and all(
         np.array_equal(start, second.starts[key], equal_nan=True)
         for key, start in first.starts.items()
@@ -63,9 +64,18 @@ def _compared(scene: Scene, first: Episode, second: Episode) -> tuple[InputSubje
     if cause is None:
         return None
     why, call = cause
-    message = Message(
+    template = Message(
         "{body} runs differently after p.{function}(…) although the calls are the same: from step "
-        "{step:,} on, and by {gap} after {last:,} steps; {why}",
+        "{step:,} on, and by {gap} after {last:,} steps; {why}"
+    )
+    ordered = call is None and _other_order(inputs, first, second)
+    if call is None and not ordered:
+        template = Message(
+            "{body} runs differently after p.{function}(…) although the calls are the same: from "
+            "step {step:,} on, and by {gap} after {last:,} steps"
+        )
+    message = Message(
+        template.template,
         body=key[1],
         step=begins[1] + since,
         gap=distance(gap, unit),
@@ -77,7 +87,7 @@ def _compared(scene: Scene, first: Episode, second: Episode) -> tuple[InputSubje
         "p.setPhysicsEngineParameter(deterministicOverlappingPairs=1) at the start sorts them: "
         "then both runs are equal to the bit"
     )
-    cure = Cure("pairs-sorted", value=1.0)
+    cure = Cure("pairs-sorted", value=1.0) if ordered else None
     if call is not None:
         cure = Cure("without", given={"function": call.function})
     numbers = scene.seen.bodies.values()
@@ -85,10 +95,31 @@ def _compared(scene: Scene, first: Episode, second: Episode) -> tuple[InputSubje
     steps = Span(begins[1] + since, begins[1] + last, last - since + 1)
     return InputSubject(call or second.begin, body, steps=steps), Said(
         message=message,
-        advice=advice if call is None else None,
+        advice=advice if ordered else None,
         cure=cure,
         effect=Effect(gap, unit),
         share=min(gap, 1.0),
+    )
+
+
+def _other_order(inputs: Inputs, first: Episode, second: Episode) -> bool:
+    """Return whether pairs in another order are what differs, and not contacts of before.
+
+    A state that was saved before the first step of what touches has no contacts to restore.
+    """
+    scene, client = inputs.scene, first.begin.client
+    sorts = [use for use in inputs.of(Act.SET_ENGINE) if "deterministicOverlappingPairs" in use.low]
+    saved = [
+        each.begin.at
+        for each in inputs.episodes.all()
+        if each.begin.act is Act.SAVE and each.kind == second.kind
+    ]
+    if not saved or sorts or len(first.touched | second.touched) < 2:
+        return False
+    at, changed = saved[-1], (scene.seen.puts, scene.seen.appearances)
+    placed = [(each.body.client, each.at) for its in changed for each in its]
+    return at.step > 0 and not any(
+        (number, made.step) == (client, at.step) and made.call < at.call for number, made in placed
     )
 
 
@@ -106,7 +137,9 @@ def _apart(scene: Scene, begins: tuple[int, int], until: int, client: int) -> di
             (steps, mine, its_units), (others, its, _) = one[key], other[key]
             if mine.shape != its.shape or (steps - begins[0] != others - begins[1]).any():
                 continue
-            gaps = np.abs(mine - its)
+            based = mine.shape[1] - len(its_units) + 1  # the columns of a base that moves
+            base_m = np.linalg.norm(mine[:, :based] - its[:, :based], axis=1, keepdims=True)
+            gaps = np.hstack((base_m, np.abs(mine - its)[:, based:]))
             differs = np.flatnonzero(gaps.any(axis=1))
             if not len(differs):
                 continue
@@ -121,16 +154,16 @@ def _apart(scene: Scene, begins: tuple[int, int], until: int, client: int) -> di
 def _places(
     scene: Scene, first: int, end: int, client: int
 ) -> dict[Key, tuple[NDArray[np.int64], Float64, list[str]]]:
-    """Return steps, and positions of base and joints with their units, of bodies that move."""
+    """Return steps, positions of base and joints, and units of base and joints, of what moves."""
     piece = scene.seen.sampled.piece(first, end)
     bases, found = by_body(piece.bases), {}
     for number in scene.moving:
         body, base, joints = scene.body(number), bases.get(number), piece.joints.get(number)
         if body.client != client or (base is None and joints is None):
             continue
-        columns, its_units, steps = [], list[str](), np.empty(0, np.int64)
+        columns, its_units, steps = [], ["m"], np.empty(0, np.int64)
         if base is not None:
-            columns, its_units, steps = [base["position_m"]], ["m"] * 3, base["step"]
+            columns, steps = [base["position_m"]], base["step"]
         if joints is not None:
             columns, steps = [*columns, joints.position], joints.steps
             for joint in body.joints:
