@@ -29,7 +29,7 @@ REST_SHARE, REST, NEVER_MOVED = 1e-3, 1e-3, 1e-5
 """A joint is at rest with a rate below that share of the greatest in the run, or below REST [SI] if
 that is less; one that was never above NEVER_MOVED is."""
 WAY_POSES = 32
-"""In how many poses between its own and its target what holding a body takes is looked at."""
+"""Number of poses on the way to a target at which it is computed what holding takes."""
 AT_LIMIT = 1 - 1e-6
 STOPPED = 1e-6
 """A stop whose impulse is below this share of the step's largest does nothing."""
