@@ -20,6 +20,7 @@ import socket
 import struct
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -31,6 +32,8 @@ STARTS = ("MALLOC_PERTURB_", "PYTHONHASHSEED", "LD_PRELOAD")
 PERTURB = "85"
 """What `Script` sets the first of them to."""
 STATUS = struct.Struct("i")
+ASKS = threading.Lock()
+"""Trials of one run ask from threads beside each other: a request is sent in one piece."""
 BEGAN = dict(os.environ)
 """The environment before any test: a command line that runs in this process adds to it."""
 IMPORTED = (
@@ -162,8 +165,9 @@ def _started_with() -> dict[str, str]:
 
 def _ask(asking: socket.socket, request: dict[str, Any], files: list[int]) -> None:
     text = json.dumps(request).encode()
-    socket.send_fds(asking, [STATUS.pack(len(text))], files)
-    asking.sendall(text)
+    with ASKS:
+        socket.send_fds(asking, [STATUS.pack(len(text))], files)
+        asking.sendall(text)
 
 
 @functools.cache
