@@ -15,7 +15,7 @@ from drop_physics.drop.analysis import Fall
 from drop_physics.drop.case import TOUCHING_M, Case
 from drop_physics.drop.landing import restitution_threshold_m_s
 from drop_physics.drop.posture import extent_m, tilt_rad
-from drop_physics.fields import counted, decimals
+from drop_physics.fields import counted, decimals, fraction
 from drop_physics.messages import Message, joined
 from drop_physics.rules.answer import Effect, Finding, Level, Span
 
@@ -262,7 +262,11 @@ def _deep_penetration(fall: Fall) -> Iterator[Finding]:
     if not case.is_soft:
         # It cannot get deeper than it moves in a step; a tenth more, for gravity in that step.
         times = math.ceil(1.1 * per_step_m / (DEEP_PENETRATION * tall_m))
-        advice = Message("use a timestep {times} times shorter: --timestep", times=times)
+        advice = Message(
+            "use a timestep {times} times shorter: --timestep {timestep}",
+            times=times,
+            timestep=fraction(case.timestep_s / times),
+        )
     yield _found("deep-penetration", seen, advice, metres=depth_m, case=case, first=impact.step)
 
 
