@@ -122,8 +122,8 @@ def put_states(puts: Sequence[Put], like: Chain) -> Chain:
     n = len(puts)
     return Chain(
         base=np.array([put.base for put in puts]),
-        position=np.concatenate([put.joints.position for put in puts]),
-        velocity=np.concatenate([put.joints.velocity for put in puts]),
+        position=np.array([put.position for put in puts]),
+        velocity=np.array([put.velocity for put in puts]),
         effort=np.zeros((n, like.effort.shape[1])),
         steps=np.array([put.at.step for put in puts], np.int64),
         sampled=np.zeros(n, np.bool_),

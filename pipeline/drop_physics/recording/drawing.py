@@ -17,7 +17,6 @@ from drop_physics.messages import Message
 from drop_physics.physics.tree import Tree
 from drop_physics.recording import pictures, schema, writer
 from drop_physics.recording.gathering import Gathering
-from drop_physics.recording.json_rows import Event
 from drop_physics.recording.writer import Chunk, Times, scalars_chunk
 from drop_physics.trace.calls import text_of
 from drop_physics.trace.events import (
@@ -27,6 +26,7 @@ from drop_physics.trace.events import (
     Collision,
     ContactRows,
     Dynamics,
+    Event,
     Image,
     Put,
     Raised,

@@ -1,20 +1,22 @@
 """What happened besides samples, as rows of JSON: from events to a recording, and back.
 
 A row is what changed at a moment: a body, what the engine reports, a place that calls it. JSON,
-because Rerun's index of a file grows with each column of each entity.
+because Rerun's index of a file grows with each column of each entity. It holds the event's fields
+by name, an array as lists, and of a body that another row describes its number.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
-from dataclasses import fields, is_dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import MISSING, fields, is_dataclass, replace
 from functools import cache
 from pathlib import PurePath
-from typing import Any, TypeVar
+from types import MappingProxyType
+from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
-from pydantic import TypeAdapter
+from pydantic import PlainValidator, ValidationInfo, create_model
 
 from drop_physics.recording import schema
 from drop_physics.trace.events import (
@@ -24,6 +26,7 @@ from drop_physics.trace.events import (
     Dynamics,
     EngineWarning,
     Equality,
+    Event,
     ImpulseCause,
     PairFriction,
     Put,
@@ -34,81 +37,50 @@ from drop_physics.trace.events import (
     Surface,
 )
 from drop_physics.trace.readings import Reading
-from drop_physics.trace.states import Joints
 
 T = TypeVar("T")
 Values = dict[str, Any]
 Row = tuple[At, Values]
 Told = Mapping[str, list[Row]]
 """Rows in the order of steps and calls, by entity."""
-Event = (
-    Appearance
-    | Surface
-    | Dynamics
-    | Settings
-    | Site
-    | Raised
-    | Solver
-    | Reading
-    | Put
-    | ImpulseCause
-    | PairFriction
-    | EngineWarning
-    | Equality
-)
 
-
-def row_of(event: Event) -> tuple[str, At, Values]:
-    """Return an event's entity, moment and values, which JSON can hold."""
-    match event:
-        case Appearance(at, body):
-            values = {"there": event.there, "came": event.came, "sampled": event.sampled}
-            return schema.BODIES, at, values | {"body": _plain_body(body)}
-        case Surface(at):
-            held = {"body": event.body, "shape": event.shape, "triangles": event.triangles.tolist()}
-            # To a micrometre: as text, numbers are as long as they are exact.
-            return schema.SURFACES, at, held | {"corners_m": event.corners_m.round(6).tolist()}
-        case Dynamics(at, body, reported):
-            held = {name: numbers.tolist() for name, numbers in reported.items()}
-            return schema.DYNAMICS, at, {"body": body.number, "reported": held}
-        case Settings(at, client, values):
-            # The viewer's times are rounded; later times are computed from this one.
-            held = {name: np.asarray(value, np.float64).tolist() for name, value in values.items()}
-            row = {"client": client, "time_s": at.time_s, "values": held}
-            return schema.SETTINGS, at, row | ({"engine": event.engine} if event.engine else {})
-        case Site():
-            # A place has no time of its own: a recording may know it before the first step.
-            return schema.SITES, At(0, 0.0, event.number), _plain_values(event)
-        case Raised(at, error):
-            return schema.RAISED, at, {"error": error}
-        case Solver(at):
-            held = {each.name: getattr(event, each.name) for each in fields(event)}
-            del held["at"]
-            return schema.SOLVER, at, held
-        case ImpulseCause() | PairFriction() | EngineWarning() | Equality():
-            return BARE[type(event)], event.at, _bare(event)
-        case Reading():  # at no time of its own, as a site
-            return schema.READINGS, At(0, 0.0, event.number), _plain_values(event)
-        case Put(at, body):
-            joints = {name: getattr(event.joints, name)[0].tolist() for name in schema.OF_JOINTS}
-            base = {"body": body.number, "base": event.base.tolist(), "counts": event.counts}
-            return schema.SET, at, base | joints
-
-
-BARE: Mapping[type[Any], str] = {
+ENTITIES: Mapping[type[Any], str] = {
+    Appearance: schema.BODIES,
+    Surface: schema.SURFACES,
+    Dynamics: schema.DYNAMICS,
+    Settings: schema.SETTINGS,
+    Site: schema.SITES,
+    Raised: schema.RAISED,
+    Solver: schema.SOLVER,
+    Reading: schema.READINGS,
+    Put: schema.SET,
     ImpulseCause: schema.CAUSES,
     PairFriction: schema.PAIRS,
     EngineWarning: schema.WARNINGS,
     Equality: schema.EQUALITIES,
 }
-"""The entities of events whose rows are all that they hold."""
+"""Where the rows of each kind of event are."""
+SHAPES: Mapping[str, tuple[int, ...]] = {
+    "base": (13,),
+    "corners_m": (-1, 3),
+    "triangles": (-1, 3),
+}
+"""The shapes of arrays that have the same one in every event."""
 
 
-def _bare(event: ImpulseCause | PairFriction | EngineWarning | Equality) -> Values:
-    """Return an event's values but for its moment."""
-    held = _plain_values(event)
-    del held["at"]
-    return held
+def row_of(event: Event) -> tuple[str, At, Values]:
+    """Return an event's entity, moment and values, which JSON can hold."""
+    values = _plain_values(event)
+    # A place has no time of its own: a recording may know it before the first step.
+    at: At = values.pop("at", None) or At(0, 0.0, values["number"])
+    match event:
+        case Appearance():
+            values["body"] = _plain_body(event.body)
+        case Surface():  # to a micrometre: as text, numbers are as long as they are exact
+            values["corners_m"] = event.corners_m.round(6).tolist()
+        case Settings():  # the viewer's times are rounded; later times are computed from this one
+            values["time_s"] = at.time_s
+    return ENTITIES[type(event)], at, values
 
 
 def packed(values: Values) -> str:
@@ -117,9 +89,15 @@ def packed(values: Values) -> str:
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever an event holds
-    """Return a dataclass as a dict, and what it holds likewise; `asdict` would copy each number."""
-    if is_dataclass(value):
+    """Return what JSON holds in place of a value; `asdict` would copy each number."""
+    if isinstance(value, Body):
+        return value.number
+    if is_dataclass(value) and not isinstance(value, At):
         return _plain_values(value)
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {name: _plain(each) for name, each in value.items()}
     if isinstance(value, tuple) and value and not isinstance(value[0], float | str):
         return [_plain(each) for each in value]
     return value
@@ -131,8 +109,6 @@ def _plain_values(held: Any) -> Values:  # noqa: ANN401 - any dataclass
 
 def _plain_body(body: Body) -> Values:
     plain = _plain_values(body)
-    if not body.actuators:  # as recordings without any always were
-        del plain["actuators"]
     for shape in (*plain["shapes"], *plain["collisions"]):
         shape["file"] = PurePath(shape["file"]).name
     for shape, held in zip(plain["collisions"], body.collisions, strict=True):
@@ -143,81 +119,61 @@ def _plain_body(body: Body) -> Values:
 # -- back -----------------------------------------------------------------------------------------
 
 
-def events(told: Told, entity: str, kind: type[T]) -> list[T]:
-    """Return the rows of an entity as what they are.
+def events(told: Told, kind: type[T], bodies: Mapping[int, Body] = MappingProxyType({})) -> list[T]:
+    """Return the events of a kind, which may name these bodies by number.
 
     Raises
     ------
     ValueError
-        If they are something else.
+        If the rows are something else.
     """
-    if not told[entity]:
+    rows = told[ENTITIES[kind]]
+    if not rows:
         return []
-    read = _reader(kind).validate_python  # type: ignore[arg-type]  # a type has a hash
-    return [read({**values, "at": at}) for at, values in told[entity]]
+    read = _reader(kind)  # type: ignore[arg-type]  # a type has a hash
+    found = []
+    for at, values in rows:
+        exact = replace(at, time_s=values["time_s"]) if kind is Settings else at
+        found.append(kind(**read({**values, "at": exact}, bodies)))
+    return found
 
 
-_reader = cache(TypeAdapter)
-"""The reader of a type; making one takes 10 ms of processor time."""
+@cache
+def _reader(kind: type[Any]) -> Callable[[Values, Mapping[int, Body]], Values]:
+    """Return what makes the fields of an event from a row; it takes 10 ms of processor time."""
+    hints = get_type_hints(kind)
+    typed: dict[str, Any] = {
+        each.name: (
+            hints[each.name] if kind is Appearance else _typed(each.name, hints[each.name]),
+            ... if each.default is MISSING else each.default,
+        )
+        for each in fields(kind)
+    }
+    model = create_model(kind.__name__, **typed)
+    return lambda row, bodies: dict(model.model_validate(row, context=bodies))
+
+
+def _typed(name: str, hint: Any) -> Any:  # noqa: ANN401 - a type
+    """Return the type by which a field of some type is read from JSON."""
+    if hint is Body:
+        return Annotated[Any, PlainValidator(_body)]
+    if get_origin(hint) is np.ndarray:
+        (kind,) = get_args(get_args(hint)[1])
+
+        def array(value: Any) -> Any:  # noqa: ANN401 - lists
+            read = np.array(value, kind)
+            return read.reshape(SHAPES.get(name, read.shape))
+
+        return Annotated[Any, PlainValidator(array)]
+    if get_origin(hint) is Mapping:
+        return dict.__class_getitem__((str, _typed(name, get_args(hint)[1])))
+    return hint
+
+
+def _body(number: Any, info: ValidationInfo) -> Any:  # noqa: ANN401
+    return info.context[number]  # type: ignore[index]
 
 
 def bodies_of(appearances: Iterable[Appearance]) -> dict[int, Body]:
     """Return the bodies by number, each as last seen."""
     return {appearance.body.number: appearance.body for appearance in appearances}
-
-
-def surfaces(told: Told) -> list[Surface]:
-    """Return the surfaces of hollow meshes."""
-    return [
-        Surface(
-            at,
-            values["body"],
-            values["shape"],
-            np.array(values["corners_m"], np.float64).reshape(-1, 3),
-            np.array(values["triangles"], np.int64).reshape(-1, 3),
-        )
-        for at, values in told[schema.SURFACES]
-    ]
-
-
-def dynamics(told: Told, bodies: Mapping[int, Body]) -> list[Dynamics]:
-    """Return what the engine reported of bodies."""
-    return [
-        Dynamics(
-            at,
-            bodies[values["body"]],
-            {name: np.array(held, np.float64) for name, held in values["reported"].items()},
-        )
-        for at, values in told[schema.DYNAMICS]
-    ]
-
-
-def settings(told: Told) -> list[Settings]:
-    """Return what the engine reported of itself."""
-    return [
-        Settings(
-            replace(at, time_s=values["time_s"]),
-            values["client"],
-            values["values"],
-            values.get("engine", ""),
-        )
-        for at, values in told[schema.SETTINGS]
-    ]
-
-
-def sites(told: Told) -> dict[int, Site]:
-    """Return the places that call the engine, by number."""
-    return {site.number: site for site in events(told, schema.SITES, Site)}
-
-
-def puts(told: Told, bodies: Mapping[int, Body]) -> list[Put]:
-    """Return where calls placed bodies."""
-    found = []
-    for at, values in told[schema.SET]:
-        held = (np.array([values[name]], np.float64) for name in schema.OF_JOINTS)
-        joints = Joints(np.array([at.step]), np.array([at.time_s]), *held)
-        base = np.array(values["base"], np.float64)
-        if base.shape != (13,):
-            raise ValueError(base.shape)
-        found.append(Put(at, bodies[values["body"]], base, joints, values["counts"]))
-    return found

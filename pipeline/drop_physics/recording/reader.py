@@ -38,13 +38,18 @@ from drop_physics.scenario import Camera, Scenario
 from drop_physics.trace.events import (
     Appearance,
     At,
+    Dynamics,
     EngineWarning,
     Equality,
     ImpulseCause,
     Joint,
     PairFriction,
+    Put,
     Raised,
+    Settings,
+    Site,
     Solver,
+    Surface,
     order,
 )
 from drop_physics.trace.history import Seen
@@ -256,30 +261,30 @@ def digests(held: Contents) -> dict[str, Any]:
 
 
 def _seen(told: Told, sampled: RecordedSamples, closing: Properties) -> Seen:
-    appearances = json_rows.events(told, schema.BODIES, Appearance)
+    appearances = json_rows.events(told, Appearance)
     bodies = json_rows.bodies_of(appearances)
-    sampled.sites = json_rows.sites(told)
-    sampled.raised = json_rows.events(told, schema.RAISED, Raised)
+    sampled.sites = _sites(told)
+    sampled.raised = json_rows.events(told, Raised)
     sampled.appearances = appearances
     sampled.numbers = {
         body.label: number for number, body in bodies.items() if any(map(_moves, body.joints))
     }
-    pairs = json_rows.events(told, schema.PAIRS, PairFriction)
+    pairs = json_rows.events(told, PairFriction)
     return Seen(
         bodies=bodies,
         appearances=appearances,
-        surfaces=json_rows.surfaces(told),
-        dynamics=json_rows.dynamics(told, bodies),
-        settings=json_rows.settings(told),
-        solvers=json_rows.events(told, schema.SOLVER, Solver),
-        readings=json_rows.events(told, schema.READINGS, Reading),
-        puts=json_rows.puts(told, bodies),
+        surfaces=json_rows.events(told, Surface),
+        dynamics=json_rows.events(told, Dynamics, bodies),
+        settings=json_rows.events(told, Settings),
+        solvers=json_rows.events(told, Solver),
+        readings=json_rows.events(told, Reading),
+        puts=json_rows.events(told, Put, bodies),
         samples=dict(enumerate(listed(closing.get("samples_of_clients")))),
         sampled=sampled,
         real_time=bool(closing.get("made_with_real_time", False)),
         unseeded=tuple(listed(closing.get("made_with_unseeded"))),
         machine=str(closing.get("made_with_machine", "")),
-        causes={each.number: each for each in json_rows.events(told, schema.CAUSES, ImpulseCause)},
+        causes={each.number: each for each in json_rows.events(told, ImpulseCause)},
         frictions={
             (each.body_a, each.link_a, each.body_b, each.link_b): each.friction for each in pairs
         },
@@ -288,9 +293,14 @@ def _seen(told: Told, sampled: RecordedSamples, closing: Properties) -> Seen:
             for each in pairs
             if each.solref
         },
-        warnings=json_rows.events(told, schema.WARNINGS, EngineWarning),
-        equalities=json_rows.events(told, schema.EQUALITIES, Equality),
+        warnings=json_rows.events(told, EngineWarning),
+        equalities=json_rows.events(told, Equality),
     )
+
+
+def _sites(told: Told) -> dict[int, Site]:
+    """Return the places that call the engine, by number."""
+    return {site.number: site for site in json_rows.events(told, Site)}
 
 
 def _moves(joint: Joint) -> bool:
@@ -316,7 +326,7 @@ def _told_digest(texts: Mapping[str, list[tuple[At, str]]]) -> str:
 
 
 def _calls_digests(held: Contents) -> str | list[str] | None:
-    sites = json_rows.sites(held.told)
+    sites = _sites(held.told)
     sampled, made = held.sampled, Digests()
     for chunk in sampled.chunks(schema.CALLS, 0, sampled.last + 1):
         for calls in columns.calls(chunk, sampled.path):

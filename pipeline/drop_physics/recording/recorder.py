@@ -217,7 +217,7 @@ class Recorder:
             case _:
                 yield from self._tell(event)
 
-    def _tell(self, event: json_rows.Event) -> Iterator[Chunk]:
+    def _tell(self, event: Event) -> Iterator[Chunk]:
         """Add a row of JSON; yield rows when there are enough."""
         if isinstance(event, Surface) and not self.drawn:
             return

@@ -403,9 +403,20 @@ class Put:
     body: Body
     base: Float64
     """Position, orientation, velocity, spin: shape (13,)."""
-    joints: Joints
+    position: Float64
+    """Of its joints [rad] or [m], shape (positions,)."""
+    velocity: Float64
+    """Likewise [rad/s] or [m/s]."""
+    effort: Float64
+    """Likewise [N m] or [N]."""
     counts: bool
     """Whether the next step starts from it; not so if the first sample of all follows it."""
+
+    @property
+    def joints(self) -> Joints:
+        """Its joints as a sample."""
+        rows = (each[None] for each in (self.position, self.velocity, self.effort))
+        return Joints(np.array([self.at.step]), np.array([self.at.time_s]), *rows)
 
 
 @dataclass(frozen=True)

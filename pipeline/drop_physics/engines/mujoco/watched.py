@@ -514,10 +514,7 @@ class MujocoDecoder:
             else base_of(its.arrays, made, qpos, qvel)[0]
         )
         position, velocity = joints_of(made, qpos, qvel)
-        joints = Joints(
-            np.array([at.step]), np.array([at.time_s]), position, velocity, np.zeros((1, 0))
-        )
-        return Put(at, made.body, base, joints, counts)
+        return Put(at, made.body, base, position[0], velocity[0], np.empty(0), counts)
 
     def _mocap(self, its: MujocoSimulation, made: DescribedBody) -> tuple[Float64, Float64] | None:
         """Return where a base is that the script moves; None of others."""

@@ -97,22 +97,27 @@ class Numbering:
 def _joints(note: dict[str, Any]) -> tuple[Joint, ...]:
     widths = iter([tuple(counts) for counts in note["joint_widths"]])
     return tuple(
-        Joint(
-            info[0],
-            info[1],
-            JOINT_KINDS.get(info[2], str(info[2])),
-            info[16],
-            (0, 0, 0) if info[2] == FIXED else next(widths),
-            (info[8], info[9]),
-            tuple(info[13]),
-            tuple(info[14]),
-            tuple(info[15]),
-            info[6],
-            info[7],
-            info[10],
-            info[11],
-        )
+        joint_of(info, info[1], (0, 0, 0) if info[2] == FIXED else next(widths))
         for info in note["joints"]
+    )
+
+
+def joint_of(info: Sequence[Any], name: str, widths: tuple[int, int, int]) -> Joint:
+    """Return a joint from what `getJointInfo` returned, its name, and its counts of numbers."""
+    return Joint(
+        info[0],
+        name,
+        JOINT_KINDS.get(info[2], str(info[2])),
+        info[16],
+        widths,
+        (info[8], info[9]),
+        tuple(info[13]),
+        tuple(info[14]),
+        tuple(info[15]),
+        info[6],
+        info[7],
+        info[10],
+        info[11],
     )
 
 

@@ -49,16 +49,18 @@ class Known:
 
     def joints_of(self, steps: Int64, times_s: Float64, values: Float64) -> Joints:
         """Return the joints at some steps, a row of numbers each."""
-        positions, velocities, _ = self.widths
-        position, velocity, effort = np.split(values, (positions, positions + velocities), axis=1)
-        return Joints(steps, times_s, position.copy(), velocity.copy(), effort.copy())
+        return Joints(steps, times_s, *self._split(values))
 
     def put(self, at: At, values: Float64) -> Put:
         """Return the state after calls have moved the body."""
-        joints = self.joints_of(
-            np.array([at.step]), np.array([at.time_s]), values[None, BASE_WIDTH:]
-        )
-        return Put(at, self.body, values[:BASE_WIDTH], joints, self.world.sampled)
+        position, velocity, effort = self._split(values[BASE_WIDTH:])
+        base, sampled = values[:BASE_WIDTH], self.world.sampled
+        return Put(at, self.body, base, position, velocity, effort, sampled)
+
+    def _split(self, values: Float64) -> list[Float64]:
+        """Return positions, velocities and efforts of its joints, an array each."""
+        ends = np.cumsum(self.widths[:2])
+        return [each.copy() for each in np.split(values, ends, axis=-1)]
 
 
 class World:

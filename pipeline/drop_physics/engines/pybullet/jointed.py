@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drop_physics.engine_report import LARGEST
 from drop_physics.engines.finite import non_finite
-from drop_physics.engines.pybullet.described import JOINT_KINDS
+from drop_physics.engines.pybullet.described import joint_of
 from drop_physics.engines.pybullet.engine import p
 from drop_physics.trace.events import Joint
 from drop_physics.trace.states import Int64, Joints
@@ -22,21 +22,7 @@ def joints_of(body: int, links: Sequence[int], client: int) -> tuple[Joint, ...]
     """Return what connects a body's links, in order."""
     infos = [p.getJointInfo(body, link, client) for link in links]
     return tuple(
-        Joint(
-            info[0],
-            info[1].decode(errors="replace"),
-            JOINT_KINDS.get(info[2], str(info[2])),
-            info[16],
-            _widths(info, body, client),
-            (info[8], info[9]),
-            info[13],
-            info[14],
-            info[15],
-            info[6],
-            info[7],
-            info[10],
-            info[11],
-        )
+        joint_of(info, info[1].decode(errors="replace"), _widths(info, body, client))
         for info in infos
     )
 
