@@ -23,6 +23,7 @@ from drop_physics.figures import style
 from drop_physics.figures.panel_plot import build_figure, render
 from drop_physics.figures.theme import LIGHT
 from drop_physics.messages import LOCALE, VARIABLES, Message, joined, localized, translated, wrapped
+from drop_physics.rules.reference import references, sentences
 from drop_physics.stages.panels import plot_of
 from drop_physics.stages.run import Run
 from fontTools.fontBuilder import FontBuilder
@@ -59,7 +60,7 @@ def templates() -> dict[str, str]:
                 assert not isinstance(template, ast.JoinedStr | ast.BinOp | ast.IfExp), where
             if isinstance(template, ast.Constant) and template.value:
                 found[template.value] = where
-    return found
+    return found | dict.fromkeys(sentences(), "reference.py")
 
 
 def catalogue() -> dict[str, str]:
@@ -184,6 +185,18 @@ CODE = re.compile(
     r"\S*[\w)]\.[a-z]\S*|--[\w-]+|[a-z]+(?:-[a-z]+)+|\bdrop view\b|\w+=\w+|\d[\d.e+-]*|\(body,"
 )
 NAMES = {"PyBullet", "Bullet", "mm", "Ns", "kB", "run", "rrd", "gif", "png", "linearDamping"}
+
+
+@pytest.mark.usefixtures("japanese")
+def test_what_a_code_means_is_in_japanese() -> None:
+    """A message of a rule has … where a finding has a value, in either language."""
+    for each in references().values():
+        shown = [each.meaning, *each.measured, *(limit.meaning for limit in each.thresholds)]
+        assert all(JAPANESE.search(translated(text)) for text in shown), each.code
+    for text in references()["off-target"].says:
+        assert JAPANESE.search(translated(text))
+        assert "…" in translated(text) or "…" not in text
+        assert "{" not in translated(text)
 
 
 @pytest.mark.usefixtures("japanese")

@@ -53,6 +53,9 @@ def _examples(page: str) -> dict[str, dict[str, str | None]]:
                     texts[-1], code = said.strip(), last
                 else:  # what a page shows of it ends before
                     texts[-1] += " …"
+                says, advises = texts[0], " ".join(texts[1:]).strip() or None
+                if advises is None:
+                    says, advises = _parted(says.strip(), code)
                 lines = (ROOT / script).read_text(encoding="utf-8").split("\n") if script else []
                 found.setdefault(
                     code,
@@ -60,8 +63,8 @@ def _examples(page: str) -> dict[str, dict[str, str | None]]:
                         "asked": asked,
                         "script": script or f"docs/examples/why/{name}.py",
                         "line": lines[int(line) - 1].strip() if script else None,
-                        "says": texts[0],
-                        "advises": " ".join(texts[1:]).strip() or None,
+                        "says": says,
+                        "advises": advises,
                     },
                 )
     return found
@@ -76,3 +79,13 @@ def _texts(lines: list[str]) -> list[str]:
         if following and INDENT + len(f"{line} {word}") <= WIDTH:
             texts.append("")
     return texts
+
+
+def _parted(text: str, code: str) -> tuple[str, str | None]:
+    """Return message and advice where the lines do not show it: it is one of those of its code."""
+    advises = [each for each in references()[code].advises if not each.startswith("…")]
+    forms = (".+".join(map(re.escape, each.split("…"))) for each in advises)
+    for form in (*forms, r"p\.(?:set|change)\w+\(.*"):
+        if found := re.search(f" ({form})$", text):
+            return text[: found.start()], found[1]
+    return text, None

@@ -18,7 +18,7 @@ if one of its runs does; `record` finishes its recording on Ctrl-C and exits wit
 are missing. With `--json` standard output is exactly one JSON object, described in
 [json.md](json.md). Lines are as wide as the terminal, from 50 to 100 columns. With
 `LANG=ja_JP.UTF-8` or `DROP_LANG=ja` results, notes and errors are in Japanese, and so are plots
-where a Japanese font is installed; help, `drop explain` and JSON stay English.
+where a Japanese font is installed; help and JSON stay English.
 """
 WIDTH = 90
 

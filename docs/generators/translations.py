@@ -14,6 +14,7 @@ from typing import ClassVar
 from babel.messages.catalog import Catalog
 from babel.messages.mofile import write_mo
 from babel.messages.pofile import read_po, write_po
+from drop_physics.rules.reference import sentences
 
 from generators.typed import ROOT
 
@@ -68,6 +69,8 @@ def templates() -> Iterator[tuple[str, str]]:
                     match arguments[TEMPLATES[name] :]:
                         case [ast.Constant(value=str(text)), *_]:
                             yield text, path.relative_to(PACKAGE).as_posix()
+    for text in sentences():
+        yield text, "rules/reference.py"
 
 
 def made() -> dict[Path, bytes]:

@@ -15,9 +15,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
-from typing import get_args
+from typing import Any, get_args
 
 from drop_physics.errors import ScenarioError
+from drop_physics.messages import Message
 from drop_physics.rules.answer import LEVELS, Level
 from drop_physics.rules.codes import CODES
 from drop_physics.rules.thresholds import TABLE
@@ -30,7 +31,18 @@ EXAMPLES = "examples.json"
 """File of examples, by code, which `docs/regenerate.py` writes."""
 LEAST = 25
 """Characters of a message that is a sentence, and no part of one."""
-PLACEHOLDER = re.compile(r"\{[^{}]*\}")
+PLACEHOLDER = re.compile(r"(\}?)\{(\w+)[^{}]*(?=\})")
+"""A value in a template: what is before it, if that is another, and its name."""
+
+
+class Blank:
+    """What stands for a value that only a finding has."""
+
+    def __init__(self, shown: str) -> None:
+        self._shown = shown
+
+    def __format__(self, form: str) -> str:
+        return self._shown
 
 
 @dataclass(frozen=True)
@@ -109,9 +121,9 @@ def references() -> dict[str, CodeReference]:
     """Return all of them, by their names."""
     folder = resources.files("drop_physics.rules")
     held = json.loads(folder.joinpath(EXAMPLES).read_text(encoding="utf-8"))
-    examples = {code: CodeExample(**example) for code, example in held.items()}
+    examples = {code: _example(**example) for code, example in held.items()}
     made = {
-        name: CodeReference(name, None, None, meaning, example=examples.get(name))
+        name: CodeReference(name, None, None, Message(meaning), example=examples.get(name))
         for name, meaning in CODES.items()
     }
     for room in ROOMS:
@@ -123,6 +135,18 @@ def references() -> dict[str, CodeReference]:
                     for name in {code, reason or code}:
                         made[name] = _with(made[name], parts, limits, code, level)
     return made
+
+
+def _example(*, says: str, advises: str | None, **where: Any) -> CodeExample:
+    return CodeExample(**where, says=Message(says), advises=advises and Message(advises))
+
+
+def sentences() -> Iterator[str]:
+    """Yield what is translated of all of them, but for what stands in the rules as a `Message`."""
+    for each in references().values():
+        yield from (each.meaning, *each.measured, *(limit.meaning for limit in each.thresholds))
+        if each.example is not None:
+            yield from filter(None, (each.example.says, each.example.advises))
 
 
 def _rules_in(
@@ -201,8 +225,8 @@ def _with(
 ) -> CodeReference:
     """Return what is known of a name, and what one more rule of it tells."""
     documented = [each for each in parts if isinstance(each, ast.FunctionDef | ast.ClassDef)]
-    sentences = [_first(ast.get_docstring(each)) for each in documented]
-    sentences = [each for each in sentences[:1] if not each.startswith(("Return", "Yield"))]
+    first = [Message(_first(ast.get_docstring(each))) for each in documented[:1]]
+    measured = [each for each in first if each and not each.startswith(("Return", "Yield"))]
     advised: list[str] = []
     said: list[str] = []
     for node in [inner for each in parts for inner in ast.walk(each)]:
@@ -215,7 +239,7 @@ def _with(
         said += [text for text in _messages(each) if text not in advised and len(text) > LEAST]
     names = {node.id for each in parts for node in ast.walk(each) if isinstance(node, ast.Name)}
     used = [
-        Limit(name, TABLE[name].value, TABLE[name].unit, TABLE[name].meaning)
+        Limit(name, TABLE[name].value, TABLE[name].unit, Message(TABLE[name].meaning))
         for name in TABLE
         if name in names & limits
     ]
@@ -225,7 +249,7 @@ def _with(
         reason_of=None if known.code == code else code,
         level=min((each for each in (known.level, rated) if each), key=LEVELS.index, default=None),
         meaning=known.meaning,
-        measured=_once([*known.measured, *filter(None, sentences)]),
+        measured=_once([*known.measured, *measured]),
         thresholds=[*dict.fromkeys([*known.thresholds, *used])],
         says=_once([*known.says, *said]),
         advises=_once([*known.advises, *advised]),
@@ -234,13 +258,17 @@ def _with(
 
 
 def _messages(node: ast.AST) -> list[str]:
-    """Return the templates of messages in a node, with … in place of what is filled in."""
+    """Return the messages in a node, with … in place of what is filled in, once of two in a row."""
     texts = [
         _text(call.args[0])
         for call in ast.walk(node)
         if isinstance(call, ast.Call) and _name(call.func) == "Message" and call.args
     ]
-    return [re.sub("…+", "…", PLACEHOLDER.sub("…", text)) for text in texts if text]
+    blanks = [
+        {name: Blank("" if before else "…") for before, name in PLACEHOLDER.findall(text or "")}
+        for text in texts
+    ]
+    return [Message(text, **those) for text, those in zip(texts, blanks, strict=True) if text]
 
 
 def _once(texts: list[str]) -> list[str]:
