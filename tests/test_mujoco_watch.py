@@ -91,26 +91,38 @@ for k in range(5):
     look()
 """,
     "callbacks": """
+m = mujoco.MjModel.from_xml_string(XML.replace(
+    "<keyframe>", '<sensor><user dim="1" needstage="vel"/></sensor><keyframe>'))
+d, ahead = mujoco.MjData(m), mujoco.MjData(m)
+mujoco.mj_step(m, ahead)
 def control(m, d):
-    d.ctrl[0] = np.sin(50 * d.time) + d.qvel[6]
+    if d is not ahead:
+        ahead.qpos[:], ahead.qvel[:] = d.qpos, d.qvel
+        mujoco.mj_step(m, ahead)
+        mujoco.mj_forward(m, ahead)
+        d.ctrl[0] = np.sin(50 * d.time) + ahead.qvel[6]
 def passive(m, d):
     d.qfrc_passive[6] -= 0.3 * d.qvel[6] ** 3
+def sensor(m, d, stage):
+    d.qfrc_applied[6] = -0.1 * d.qvel[6]
+mujoco.set_mjcb_sensor(sensor)
 mujoco.set_mjcb_control(control)
 assert mujoco.get_mjcb_control() is control
 for k in range(10):
     mujoco.mj_step(m, d)
-    look()
+    look(d)
 m.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
 for k in range(10):
     mujoco.mj_step(m, d)
-    look()
+    look(d)
 mujoco.set_mjcb_control(None)
 assert mujoco.get_mjcb_control() is None
 mujoco.set_mjcb_passive(passive)
 for k in range(10):
     mujoco.mj_step(m, d)
-    look()
+    look(d)
 mujoco.set_mjcb_passive(None)
+mujoco.set_mjcb_sensor(None)
 """,
     "user actuators": """
 m = mujoco.MjModel.from_xml_string(XML.replace(

@@ -74,7 +74,7 @@ CAUSES = (
 )
 """What changed a state: the script's own writes; nothing, it is what data were computed for; it is
 the state when first seen; the step before, in which MuJoCo has reset itself; or a function."""
-CALLBACKS = ("control", "passive", "act_dyn", "act_gain", "act_bias", "contactfilter")
+CALLBACKS = ("control", "passive", "act_dyn", "act_gain", "act_bias", "contactfilter", "sensor")
 
 CORE = ("qpos", "qvel", "act", "history", "plastic", "qacc_warmstart", "plugin_state")
 """What a step changes, in the order of MuJoCo's memory."""

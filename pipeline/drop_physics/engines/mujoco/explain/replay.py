@@ -297,7 +297,7 @@ class Replay:
         for _ in range(count):
             which = payload[at]
             at += 1
-            if CALLBACKS[which] not in ("control", "passive"):
+            if CALLBACKS[which] not in ("control", "passive", "sensor"):
                 state.answers.append((which, struct.unpack_from("<d", payload, at)[0]))
                 at += 8
                 continue
@@ -411,11 +411,11 @@ class Replay:
         core, user = memory.core_of(other), memory.user_of(other)
         sparse = state.model.sparse
         calls = _by_callback(state.answers)
+        if user.size:
+            user.view[:] = before[2]
         for stage in stages:
             core.view[:] = stage[:-8]
             (other.time,) = struct.unpack("<d", stage[-8:])
-            if user.size:
-                user.view[:] = before[2]
             self._now, self._calls = _Elsewhere(other), calls
             mujoco.mj_forward(m, other)
             self._now = None

@@ -98,7 +98,7 @@ class MujocoWatch:
         )
         self.uncounted: set[int] = set()
         """Threads that make more steps than the script asks for."""
-        self.stepping: dict[int, WatchedData] = {}
+        self.stepping: dict[int, WatchedData | None] = {}
         """The state that a thread makes a step of, while there are callbacks."""
         self.sites: dict[tuple[int, int], int] = {}
         """Sites by code and instruction, of calls that no library makes."""
@@ -285,6 +285,13 @@ class MujocoWatch:
 
     # -- callbacks --------------------------------------------------------------------------------
 
+    def begin_calling(self, state: WatchedData) -> WatchedData | None:
+        """Note what is called within a step of a state; return the state whose step this is in."""
+        outer = self.stepping.get(get_ident())
+        state.begin_calling()
+        self.stepping[get_ident()] = state
+        return outer
+
     def _hook_callback(self, module: Any, name: str) -> None:
         setter, getter = getattr(module, f"set_{name}", None), getattr(module, f"get_{name}", None)
         if setter is None or getter is None or getattr(setter, "drop_watch", None) is self:
@@ -386,6 +393,7 @@ def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
                     state, site = watch.seen(m, d, place)
             if state is None:
                 return original(*args, **kwargs)
+            outer = None
             for _ in range(count):
                 if state.lost:
                     original(m, d, *rest)
@@ -398,8 +406,7 @@ def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
                     if number:
                         function = number | state.staleness(everything=number > 1)
                     if callbacks:
-                        state.begin_calling()
-                        now[get_ident()] = state
+                        outer = watch.begin_calling(state)
                 except Exception as error:  # noqa: BLE001 - our errors must not reach the script
                     watch.lose(state, error)
                 finally:
@@ -410,7 +417,7 @@ def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
                     original(m, d, *rest)
                 finally:
                     if now:
-                        now.pop(get_ident(), None)
+                        now[get_ident()] = outer
                 acquire()
                 try:
                     state.after(d, site, function)
@@ -488,19 +495,19 @@ def _posing(watch: MujocoWatch, name: str, original: Any) -> Any:
             if not host.on or len(given) < 2:
                 return original(*args, **kwargs)
             m, d = given[:2]
+            outer = now.get(get_ident())
             with host.lock:
                 host.check()
                 state, site = watch.seen(m, d, _getframe(watch.depth))
                 if state is not None:
                     watch.guarded(state, state.pose, d, site, cause, complete)
                     if callbacks and name == "mj_step1":
-                        state.begin_calling()
-                        now[get_ident()] = state
+                        watch.begin_calling(state)
             try:
                 return original(*args, **kwargs)
             finally:
                 if now:
-                    now.pop(get_ident(), None)
+                    now[get_ident()] = outer
         except BaseException as error:
             host.hide(error)
             raise
@@ -516,7 +523,8 @@ def _calling(watch: MujocoWatch, which: int, callback: Any) -> Any:
         try:
             answer = callback(*args)
             state = now.get(get_ident())
-            if state is not None and not state.lost:
+            # A callback may step other data, which call it, too.
+            if state is not None and not state.lost and state.ref() is args[1]:
                 with watch.host.lock:
                     watch.guarded(state, state.called, which, answer)
             return answer
