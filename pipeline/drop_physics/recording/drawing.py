@@ -36,6 +36,7 @@ from drop_physics.trace.events import (
     Site,
 )
 from drop_physics.trace.poses import inertial_frames, links_of, tree_of, within
+from drop_physics.trace.states import BASE
 
 Float64 = NDArray[np.float64]
 
@@ -43,6 +44,8 @@ POSES_TOGETHER, IMAGES_TOGETHER, LINES_TOGETHER = 1 << 16, 32, 1024
 """Rows that are held until they become chunks."""
 MOST_TRAILS, TRAIL_PER_S, TRAIL_M = 6, 20, 1e-3
 """Bodies whose way is drawn; its points per second, and how far apart they are at least."""
+DEEPEST = 64
+"""Links of a chain that are drawn each below the one before."""
 ARROW = 1 / 3
 """Length of the heaviest body's weight as an arrow, of the diagonal of its box; twice as long at
 most."""
@@ -390,11 +393,20 @@ def part_path(body: Body, link: int) -> str:
 
     Its shapes are below it, by number.
     """
-    names = list[str]()
+    names = [_plain(f"{each}_{body.links[each + 1]}") for each in _line_to(body, link)]
+    return "/".join([schema.WORLD, body.label, "base", *names])
+
+
+def _line_to(body: Body, link: int) -> list[int]:
+    """Return the links below which one is drawn, which is the last of them; none for the base.
+
+    Beyond `DEEPEST` a link is drawn below the base: a name has no room for longer chains.
+    """
+    line = list[int]()
     while link >= 0:
-        names.append(_plain(f"{link}_{body.links[link + 1]}"))
+        line.append(link)
         link = body.joints[link].parent
-    return "/".join([schema.WORLD, body.label, "base", *reversed(names)])
+    return line[::-1] if len(line) <= DEEPEST else line[:1]
 
 
 def _plain(name: str) -> str:
@@ -412,7 +424,8 @@ def poses_in_tree(body: Body, parts: Float64) -> Iterator[tuple[str, Float64]]:
     for column in range(parts.shape[1]):
         poses = parts[:, column, :7]
         if column:
-            poses = within(parts[:, body.joints[column - 1].parent + 1, :7], poses)
+            above = (BASE, *_line_to(body, column - 1))[-2]
+            poses = within(parts[:, above + 1, :7], poses)
         yield part_path(body, column - 1), poses
 
 
