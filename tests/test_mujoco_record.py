@@ -11,9 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import Drop
 from drop_physics.recording.reader import Recording, read
 from drop_physics.stages.info import info
-from drop_physics.stages.record import Recorded, record_script
+from drop_physics.stages.record import Recorded, ReplayedSteps, record_script
 from mujoco_scripts import bare
 
 SCENE = """
@@ -186,7 +187,7 @@ d = mujoco.MjData(m)
 def bullet():
     for _ in range(10): p.stepSimulation()
 def muj():
-    for _ in range(10): mujoco.mj_step(m, d)
+    for _ in range(20): mujoco.mj_step(m, d)
 """
 INTEGRATES = """
 import mujoco
@@ -202,11 +203,15 @@ for _ in range(5):
 @pytest.mark.parametrize(
     ("text", "samples", "said"),
     [
-        (f"{BOTH}muj(); bullet()", 11, "only MuJoCo, which came first"),
-        (f"{BOTH}bullet(); muj()", 11, "only PyBullet, which came first"),
         (INTEGRATES, 0, "positions change between 5 calls of mj_forward"),
+        (
+            f"{BOTH}import mujoco.rollout\nbullet()\nstate = [0] * 14\n"
+            "mujoco.rollout.rollout(m, d, state, nstep=2)",
+            11,
+            "mujoco.rollout.rollout",
+        ),
     ],
-    ids=["mujoco-first", "pybullet-first", "own-integration"],
+    ids=["own-integration", "rollout-beside-pybullet"],
 )
 def test_what_is_not_recorded_is_said(tmp_path: Path, text: str, samples: int, said: str) -> None:
     script, notes = tmp_path / "script.py", list[str]()
@@ -215,6 +220,53 @@ def test_what_is_not_recorded_is_said(tmp_path: Path, text: str, samples: int, s
     assert found.samples == samples
     assert len([note for note in notes if said in note]) == 1
     read(found.recording)
+
+
+@pytest.mark.parametrize("first", ["PyBullet", "MuJoCo"])
+def test_a_script_that_steps_two_engines_has_a_recording_of_each(
+    tmp_path: Path, drop: Drop, monkeypatch: pytest.MonkeyPatch, first: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    calls = {"PyBullet": "bullet()", "MuJoCo": "muj()"}
+    (other,) = {*calls} - {first}
+    tmp_path.joinpath("script.py").write_text(
+        f"{BOTH}{calls[first]}; {calls[other]}; bullet(); muj()\n"
+        "print(p.getBasePositionAndOrientation(0)[0][2], d.qpos[2])"
+    )
+    text = tmp_path.joinpath("script.py").read_text()
+    first_time, again = (json.loads(drop("record", "--json", "script.py").stdout) for _ in "ab")
+    assert first_time["beside"]["recording"] == again["beside"]["recording"], "it is replaced"
+    assert [again["samples"], again["beside"]["samples"]] == (
+        [21, 41] if first == "PyBullet" else [41, 21]
+    )
+    ends = {}
+    for found in (again, again["beside"]):
+        held = read(Path(found["recording"])).seen
+        assert len(held.bodies) == 1
+        ends[held.engine.split()[0]] = float(held.bases["position_m"][-1, 2])
+        assert ("replay" in found) == held.engine.startswith("MuJoCo")
+    printed = [float(each) for each in bare(tmp_path, text).stdout.split()[-2:]]
+    assert [ends["PyBullet"], ends["MuJoCo"]] == printed
+    both = drop("script.py")
+    assert both.stdout.count("script.py finished: 1 body, ") == 2, "both are analyzed"
+    note = f"the script steps {first} and {other}: {other} has a recording of its own"
+    assert note in " ".join(both.stderr.split())
+
+
+@pytest.mark.long
+def test_a_chain_of_hundreds_of_links_is_recorded(tmp_path: Path) -> None:
+    """The names of links that are each drawn below the one before would be too long to read."""
+    link = '<body pos="0 .1 0"><joint/><geom size=".02" contype="0" conaffinity="0"/>'
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import mujoco\n"
+        f"m = mujoco.MjModel.from_xml_string('<mujoco><worldbody>{link * 400}{'</body>' * 400}"
+        "</worldbody></mujoco>')\nmujoco.mj_step(m, mujoco.MjData(m))"
+    )
+    found = record_script(str(script), out=tmp_path / "run.rrd", stdout=2)
+    assert found.replay == ReplayedSteps(1, 1, 1, pytest.approx(0, abs=1e-11))
+    (body,) = read(found.recording).seen.bodies.values()
+    assert len(body.links) == 401
 
 
 def test_recordings_are_compared_to_the_bit(recorded: tuple[Recorded, str], tmp_path: Path) -> None:

@@ -422,7 +422,7 @@ RECORD = Object(
      "ended": Literal["finished", "steps", "duration", "idle", "disk", "interrupted", "failed"],
      "error": str | None, "samples": int,
      "bodies": int, "frames": int, "bytes": int, "wall_s": float,
-     "replay": ReplayedSteps, "first_difference": int | None},
+     "replay": ReplayedSteps, "beside": dict[str, Any], "first_difference": int | None},
     {"recording": "The file.", "recording_id": "Its id.", "script": "The script, or the module.",
      "ended": "How it ended; `steps` and `duration` mean that it was stopped there, `idle` that it "
      "waited 60 s without a step, `disk` that no room was left.",
@@ -430,6 +430,8 @@ RECORD = Object(
      "frames": "Images that it took.", "bytes": "The file's size.",
      "wall_s": "How long it took [s].", "error": "The error that the script failed with.",
      "replay": "What became of the steps of MuJoCo; not of PyBullet.",
+     "beside": "Of a script that steps PyBullet and MuJoCo: the recording of the one that came "
+     "second, with the same keys.",
      "first_difference": "With `--twice`: the first step whose state differs; null if none "
      "does."},
     frozenset({"recording", "recording_id", "script", "ended", "samples", "bodies", "frames",

@@ -382,10 +382,13 @@ def script(context: typer.Context, program: given.Program) -> None:
 
     code = show(recorded, stream=sys.stderr, analyzed=True)
 
-    with progress() as report:
-        analysis = analyze(recorded.recording, choice=choice, script=Path(target), progress=report)
-    found = show(analysis, choice=choice)
-    raise typer.Exit(code or found)
+    for each in (recorded, recorded.beside):
+        if each is None:
+            continue
+        with progress() as report:
+            analysis = analyze(each.recording, choice=choice, script=Path(target), progress=report)
+        code = code or show(analysis, choice=choice)
+    raise typer.Exit(code)
 
 
 @app.command(

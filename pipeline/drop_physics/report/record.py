@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from drop_physics.explain.jsonable import jsonable
@@ -18,8 +19,10 @@ if TYPE_CHECKING:
 def json_of(recorded: Recorded) -> dict[str, Any]:
     """Return what `--json` prints."""
     left_out = {"failure", "twice", "outside"} | (set() if recorded.twice else {"first_difference"})
-    left_out |= {"replay"} if recorded.replay is None else set()
+    left_out |= {name for name in ("replay", "beside") if getattr(recorded, name) is None}
     values = vars(recorded) | {"error": recorded.error or None}
+    if recorded.beside is not None:
+        values["beside"] = json_of(recorded.beside)
     return {name: value for name, value in jsonable(values).items() if name not in left_out}
 
 
@@ -29,20 +32,9 @@ def report_of(recorded: Recorded, *, analyzed: bool = False) -> Report:
     Where the analysis follows, it says what the script failed with, and there is nothing to type.
     """
     failed = recorded.ended == "failed"
-    facts = Message(
-        "{samples}, {bodies}, {frames}, {megabytes:.2f} MB, {wall_s:.1f} s",
-        samples=counted(recorded.samples, "sample"),
-        bodies=counted(recorded.bodies, "body", "bodies"),
-        frames=counted(recorded.frames, "frame"),
-        megabytes=recorded.bytes / 1e6,
-        wall_s=recorded.wall_s,
-    )
-    rows: list[Fact | File] = [
-        Fact(SCRIPT, ENDED[recorded.ended], "dim"),
-        File(Message("recorded"), recorded.recording, facts),
-    ]
-    if recorded.replay is not None:
-        rows.append(Fact("", _replayed(recorded.replay)))
+    rows: list[Fact | File] = [Fact(SCRIPT, ENDED[recorded.ended], "dim"), *_written(recorded)]
+    if recorded.beside is not None:
+        rows += _written(recorded.beside)
     if not analyzed and (failed or recorded.samples):
         command = shell_command("drop", "analyze", recorded.recording)
         rows.append(Fact(Message("next"), command, "dim", is_command=True))
@@ -53,6 +45,21 @@ def report_of(recorded: Recorded, *, analyzed: bool = False) -> Report:
     )
     notes = [fails] if failed and not analyzed else []
     return Report(sections=[Section([Facts(rows)])], notes=notes, code=int(failed))
+
+
+def _written(recorded: Recorded) -> Iterator[Fact | File]:
+    """Yield which file was written, and what is in it."""
+    facts = Message(
+        "{samples}, {bodies}, {frames}, {megabytes:.2f} MB, {wall_s:.1f} s",
+        samples=counted(recorded.samples, "sample"),
+        bodies=counted(recorded.bodies, "body", "bodies"),
+        frames=counted(recorded.frames, "frame"),
+        megabytes=recorded.bytes / 1e6,
+        wall_s=recorded.wall_s,
+    )
+    yield File(Message("recorded"), recorded.recording, facts)
+    if recorded.replay is not None:
+        yield Fact("", _replayed(recorded.replay))
 
 
 def _replayed(replay: ReplayedSteps) -> Message:

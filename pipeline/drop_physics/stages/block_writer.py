@@ -7,7 +7,7 @@ import socket
 import sys
 import time
 import uuid
-from dataclasses import asdict
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,8 @@ from drop_physics.engines.pybullet.script import BlockListener
 from drop_physics.errors import NO_MEMORY, DropError
 from drop_physics.recording import schema
 from drop_physics.recording.recorder import Recorder
-from drop_physics.stages.record import recorded_of, written
+from drop_physics.stages.record import recorded_beside, recorded_of, written
+from drop_physics.stages.record_target import target_of
 
 
 def write(
@@ -49,10 +50,12 @@ def write(
             verified=verified,
             full=lambda: listener.stop("disk"),
         )
+        placed = partial(target_of, schema.BLOCK, path, is_module=False, keep=False, force=force)
+        beside = recorded_beside(listener, recorder, schema.BLOCK, placed)
     except MemoryError:
         raise DropError(NO_MEMORY) from None
     finally:
         listener.close()
         os.close(memory)
     recorded = recorded_of(recorder, ended, path, recording_id=recording_id, name=schema.BLOCK)
-    return asdict(recorded) | {"wall_s": time.perf_counter() - began}
+    return vars(recorded) | {"wall_s": time.perf_counter() - began, "beside": beside}

@@ -16,6 +16,7 @@ import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,10 +41,11 @@ from drop_physics.stages.program import (
     encodable,
     texts_of,
 )
-from drop_physics.stages.record_target import target_of
+from drop_physics.stages.record_target import Target, target_of
 from drop_physics.trace.events import Ending
 
 if TYPE_CHECKING:
+    from drop_physics.engines.pybullet.watched import Decoder
     from drop_physics.recording.recorder import Recorder
 
 NAMED_AFTER_S = 60.0
@@ -94,6 +96,8 @@ class Recorded(Printable, reported_by="drop_physics.report.record"):
     """The first step whose state differed in the second run; None if none did."""
     replay: ReplayedSteps | None = None
     """What became of the steps of MuJoCo that were taken again; None of others."""
+    beside: Recorded | None = None
+    """The recording of the other engine, if the script steps two."""
     outside: tuple[tuple[str, str], ...] = ()
     """What it reached beside its simulation, if that was noted: `connects`, `starts`, `writes`,
     `removes`, or in its working directory `keeps`, and a name."""
@@ -212,7 +216,12 @@ def record_script(
                 note=note,
                 full=lambda: process.stop("disk"),
             )
+            placed_beside = partial(
+                target_of, target, out, is_module=is_module, keep=keep, force=force
+            )
+            beside = recorded_beside(process, recorder, target, placed_beside)
         path = place.settled(stepped=process.decoder.steps > 0)
+        path.touch()  # the newest of the script
     for sentence in _worth_knowing(process, recorder, ended, keep_sleeping=keep_sleeping):
         note(sentence)
     compared, again = False, None
@@ -222,17 +231,57 @@ def record_script(
     recorded = recorded_of(recorder, ended, path, recording_id=recording_id, name=target)
     return replace(
         recorded,
-        replay=_replay(process) if explain else None,
+        replay=_replay(process.decoder) if explain else None,
         wall_s=time.perf_counter() - began,
+        beside=beside,
         twice=compared,
         first_difference=again,
         outside=tuple(process.decoder.outside),
     )
 
 
-def _replay(process: running.Script) -> ReplayedSteps | None:
+def recorded_beside(
+    process: running.Listener,
+    recorder: Recorder,
+    name: str,
+    placed: Callable[..., contextlib.AbstractContextManager[Target]],
+) -> Recorded | None:
+    """Record the other engine of a script that steps two; return None of any other script.
+
+    Parameters
+    ----------
+    process
+        What has read all events of the first.
+    recorder
+        What has recorded these.
+    name
+        The script.
+    placed
+        Returns the recording to write, given its `engine`.
+    """
+    other = process.other()
+    if other is None:
+        return None
+    from drop_physics.recording.recorder import Recorder
+
+    began = time.perf_counter()
+    second = Recorder(recorder.inputs, drawn=recorder.drawn)
+    recording_id = uuid.uuid4().hex
+    with contextlib.closing(other.decoder), placed(engine=other.decoder.engine) as place:
+        ended = written(
+            other, second, place.path, name=place.name, recording_id=recording_id, force=False
+        )
+        path = place.settled(stepped=True)
+    return replace(
+        recorded_of(second, ended, path, recording_id=recording_id, name=name),
+        replay=None if other.explains_with is None else _replay(other.decoder),
+        wall_s=time.perf_counter() - began,
+    )
+
+
+def _replay(decoder: Decoder) -> ReplayedSteps | None:
     """Return what became of the steps of MuJoCo."""
-    mujoco = process.decoder.mujoco
+    mujoco = decoder.mujoco
     if not mujoco.steps or not mujoco.samples:
         return None
     return ReplayedSteps(mujoco.steps, mujoco.replayed, mujoco.explains, mujoco.remainder)

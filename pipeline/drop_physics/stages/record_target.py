@@ -72,6 +72,7 @@ def target_of(
     is_module: bool,
     keep: bool,
     force: bool,
+    engine: str = "",
 ) -> Iterator[Target]:
     """Yield the recording to write.
 
@@ -85,6 +86,9 @@ def target_of(
         Whether an earlier recording of the script stays.
     force
         Whether what has the name is replaced, whatever it is.
+    engine
+        The engine of a script that steps two, in the name of the second recording; empty of the
+        first. Of a name that is given it is beside that, numbered if need be.
 
     Raises
     ------
@@ -97,6 +101,11 @@ def target_of(
         raise ScenarioError(
             "--keep numbers recordings that are given no name; omit it, or --out and --force"
         )
+    beside = f"-{engine.lower()}" if engine else ""
+    if out is not None and engine:
+        with reserved(Path(out).parent, Path(out).stem + beside) as path:
+            yield Target(path)
+        return
     if out is not None:
         path = Path(out)
         check_target(path, force=force)
@@ -104,7 +113,7 @@ def target_of(
         yield Target(path)
         return
     make_folder(FOLDER)
-    stem = stem_of(script)
+    stem = stem_of(script) + beside
     with reserved(FOLDER, stem) as path:
         earlier = [] if keep else [*_earlier(stem, path, script, is_module=is_module, force=force)]
         yield Target(path, earlier)

@@ -185,8 +185,6 @@ class MujocoDecoder:
         self._sites: dict[tuple[Any, ...], int] = {}
         self._new_sites: list[Site] = []
         self._calls = 0
-        self.first_body = self.first_site = self.first_client = 0
-        """Numbers from which on bodies, sites and simulations are counted."""
         self.samples = self.replayed = self.explains = 0
         """Samples; steps that were replayed to the bit, and of these, those whose sum closes."""
         self.remainder = 0.0
@@ -334,8 +332,8 @@ class MujocoDecoder:
         assert self._folder is not None
         model = self._received.models[number_of_model]
         arrays = {name: np.array(values) for name, values in model.arrays.items()}
-        number = self.first_body + sum(len(s.described.bodies) for s in self._simulations.values())
-        client = self.first_client + len(self._simulations)
+        number = sum(len(s.described.bodies) for s in self._simulations.values())
+        client = len(self._simulations)
         made = described(arrays, client=client, first=number, folder=self._folder)
         before = [each for (of, _), each in self._simulations.items() if of == world]
         held = dict(before[-1].held) if before else {}
@@ -651,7 +649,7 @@ class MujocoDecoder:
         key = function, form, line.file, line.line
         number = self._sites.get(key)
         if number is None:
-            number = self._sites[key] = self.first_site + len(self._sites)
+            number = self._sites[key] = len(self._sites)
             whole = tuple(name in ("index", "key") for name in names)
             form = form.replace("{", "{{").replace("}", "}}").replace("{{}}", "{}")
             self._new_sites.append(Site(number, function, line.file, line.line, form, names, whole))

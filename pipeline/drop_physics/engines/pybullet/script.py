@@ -139,8 +139,16 @@ class Listener(ABC):
             yield from self.decoder.feed(self._left_behind())
         self.decoder.counters = self._counters()
         yield from self.decoder.rest()
+        yield from self._explained()
+
+    def _explained(self) -> Iterator[Event]:
         if self.explains_with is not None:
             yield from self.decoder.explained(self.explains_with)
+
+    def other(self) -> OtherEngine | None:
+        """Return what reads the other engine, after all events; None if there is but one."""
+        found = self.decoder.other()
+        return None if found is None else OtherEngine(self, *found)
 
     @abstractmethod
     def _is_over(self) -> bool:
@@ -183,6 +191,37 @@ class Listener(ABC):
         else:
             ending.how, ending.error = "failed", Message("its process ended")
         return ending
+
+
+class OtherEngine(Listener):
+    """Yields what was kept of a script's other engine; close its `decoder`.
+
+    Parameters
+    ----------
+    listener
+        What has read it all.
+    decoder, kept
+        What decodes the other engine, and its events.
+    """
+
+    def __init__(self, listener: Listener, decoder: Decoder, kept: Iterator[Event]) -> None:
+        self.decoder, self._kept = decoder, kept
+        self.target, self.explains_with = listener.target, listener.explains_with
+        self._listener = listener
+
+    def events(self) -> Iterator[Event]:
+        """Yield its events."""
+        yield from self._kept
+        yield from self._explained()
+
+    def ending(self) -> Ending:
+        """Return how the script ended, and what is worth knowing of this engine."""
+        ending, its = self._listener.ending(), super().ending()
+        ending.notes, ending.made_with = its.notes, its.made_with
+        return ending
+
+    def _is_over(self) -> bool:
+        return True
 
 
 class BlockListener(Listener):

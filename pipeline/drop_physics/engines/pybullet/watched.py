@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.engines.mujoco.frames import STEP
 from drop_physics.engines.mujoco.watched import MujocoDecoder
 from drop_physics.engines.pybullet.described import Numbering, moving_links, reported_of, shapes_of
 from drop_physics.engines.pybullet.frames import Frames, StreamError
@@ -38,6 +40,7 @@ from drop_physics.trace.events import (
     counted_s,
     located,
 )
+from drop_physics.trace.history import PYBULLET
 
 Float64 = NDArray[np.float64]
 
@@ -50,6 +53,7 @@ OF_PYBULLET = frozenset(
 """Notes about its simulations."""
 TIMESTEPS = ("timeStep", "fixedTimeStep")
 """Arguments of `setTimeStep` and `setPhysicsEngineParameter`."""
+MUJOCO = "MuJoCo"
 
 
 class Decoder:
@@ -57,6 +61,9 @@ class Decoder:
 
     Samples and calls are gathered: they are yielded when there are enough of them, or before
     something else is told of their simulation. Only a `Put` does not wait for calls before it.
+
+    A script may step PyBullet and MuJoCo, but a recording has one engine: the first that steps. The
+    frames of the other are kept for a decoder of its own (`other`), and until one steps all are.
 
     Parameters
     ----------
@@ -66,6 +73,12 @@ class Decoder:
 
     def __init__(self, finer: int = 1) -> None:
         self._finer = finer
+        self.engine = ""
+        """The engine whose frames are events: the first that steps; empty until then."""
+        self._kept: IO[bytes] | None = None
+        """The frames that are kept; None while there are none."""
+        self._both = False
+        """Whether the other engine steps, too."""
         self._timesteps: dict[int, int] = {}
         """The number of each site that is a timestep and is divided, by site."""
         self.calls = 0
@@ -93,9 +106,6 @@ class Decoder:
         """Where the script first read a time after a step: file and line."""
         self.mujoco = MujocoDecoder()
         """What takes the payloads of `engines/mujoco/frames`."""
-        self.both = ""
-        """The engine that stepped, too, after the other had: it is not recorded."""
-        self._sites = 0
         self._frames = Frames()
         self._worlds: dict[int, World] = {}
         self._bodies: dict[int, Known] = {}
@@ -120,48 +130,81 @@ class Decoder:
         return its or self.mujoco.time_s
 
     def close(self) -> None:
-        """Free what was kept for a replay."""
+        """Free what was kept."""
         self.mujoco.close()
+        if self._kept is not None:
+            self._kept.close()
+
+    def other(self) -> tuple[Decoder, Iterator[Event]] | None:
+        """Return what decodes the other engine that was stepped, and its events, after all others.
+
+        None if only one engine was stepped.
+        """
+        if not self._both:
+            return None
+        other = Decoder(self._finer)
+        other.engine = PYBULLET if self.engine == MUJOCO else MUJOCO
+        other.python, other.main_sha256 = self.python, self.main_sha256
+        other.counters = self.counters
+
+        def events() -> Iterator[Event]:
+            for kind, payload in _frames_in(self._kept):
+                yield from other._on_frame(kind, payload)
+            yield from other.rest()
+
+        return other, events()
+
+    def _begin(self, engine: str) -> Iterator[Event]:
+        """Yield the events of an engine that were kept, and keep only the other's from now on."""
+        self.engine = engine
+        kept, self._kept = self._kept, None
+        for kind, payload in _frames_in(kept):
+            yield from self._on_frame(kind, payload)
+        if kept is not None:
+            kept.close()
 
     def feed(self, data: bytes) -> Iterator[Event]:
         """Yield the events in the next part of the stream."""
         for kind, payload in self._frames.feed(data):
-            if kind == pipe.MUJOCO:
-                if self.samples:
-                    self.both = "MuJoCo"
-                else:
-                    yield from self._on_mujoco(payload)
-            elif kind != pipe.NOTE and self.mujoco.steps:
-                self.both = "PyBullet"
-            elif kind == pipe.SAMPLE:  # most frames are: without a generator for each
-                number, step = pipe.HEAD.unpack_from(payload)
-                world = self._worlds[number]
-                if world.is_full:
-                    yield from world.gathered()
-                if not world.add_sample(step, payload, self.calls):
-                    raise StreamError(
-                        "the script's process sent step {step} out of order", step=step
-                    )
-                self.samples += 1
-            elif kind == pipe.CALL:
-                self._on_call(payload)
-            elif kind == pipe.NOTE:
-                try:
-                    note = json.loads(payload)
-                except ValueError:
-                    self._frames.broken = True
-                    break
-                what = note.pop("what")
-                if self.mujoco.steps and what in OF_PYBULLET:
-                    continue
-                yield from getattr(self, f"_on_{what}")(**note) or ()
-            elif kind == pipe.SET:
-                yield self._put(payload)
-            elif kind == pipe.RESULT:
-                if self._caller is not None:
-                    self._caller.add_result(*pipe.NUMBER.unpack(payload))
+            if kind == pipe.SAMPLE and self.engine == PYBULLET:
+                yield from self._add_sample(payload)
             else:
-                yield from self._on_image(payload)
+                yield from self._on_frame(kind, payload)
+
+    def _on_frame(self, kind: bytes, payload: bytes) -> Iterator[Event]:
+        """Yield the events in a frame, or keep it."""
+        of, note = MUJOCO if kind == pipe.MUJOCO else PYBULLET, {}
+        if kind == pipe.NOTE:
+            try:
+                note = json.loads(payload)
+            except ValueError:
+                self._frames.broken = True
+                return
+            of = PYBULLET if note["what"] in OF_PYBULLET else ""
+        if of and of != self.engine:
+            steps = kind == pipe.SAMPLE or (kind == pipe.MUJOCO and payload[:1] == STEP)
+            if not steps or self.engine:
+                if self._kept is None:
+                    self._kept = tempfile.TemporaryFile()  # noqa: SIM115 - until it is closed
+                self._kept.write(pipe.frame(kind, payload))
+                self._both |= steps
+                return
+            yield from self._begin(of)
+        if kind == pipe.SAMPLE:
+            yield from self._add_sample(payload)
+        elif kind == pipe.MUJOCO:
+            yield from self.mujoco.take(payload)
+        elif kind == pipe.CALL:
+            self._on_call(payload)
+        elif kind == pipe.NOTE:
+            yield from getattr(self, f"_on_{note.pop('what')}")(**note) or ()
+        elif kind == pipe.SET:
+            yield self._put(payload)
+        elif kind == pipe.RESULT:
+            if self._caller is not None:
+                self._caller.add_result(*pipe.NUMBER.unpack(payload))
+        else:
+            yield from self._on_image(payload)
 
     def explained(self, python: str) -> Iterator[Event]:
         """Yield what the steps of MuJoCo are, replayed and explained in an interpreter."""
@@ -172,18 +215,23 @@ class Decoder:
 
     def rest(self) -> Iterator[Event]:
         """Yield what is gathered and not yet yielded; the stream is over."""
+        if not self.engine:
+            yield from self._begin(PYBULLET)
+        if self.engine == PYBULLET and not self._both:  # it says what of MuJoCo is not caught
+            for _, payload in _frames_in(self._kept):
+                yield from self.mujoco.take(payload)
         for world in self._worlds.values():
             yield from world.gathered()
-        yield from self.mujoco.rest()
+        if not self._worlds:
+            yield from self.mujoco.rest()
         self.faults += self.mujoco.notes()
-        if self.both:
-            first = "PyBullet" if self.both == "MuJoCo" else "MuJoCo"
+        if self._both:
+            engines = PYBULLET, MUJOCO
             self.faults.append(
                 Message(
-                    "the script steps {first} and {other}: only {first}, which came first, is "
-                    "recorded",
-                    first=first,
-                    other=self.both,
+                    "the script steps {first} and {other}: {other} has a recording of its own",
+                    first=self.engine,
+                    other=engines[self.engine == PYBULLET],
                 )
             )
         yield from self._solvers.values()
@@ -209,13 +257,15 @@ class Decoder:
 
     # -- numbers ----------------------------------------------------------------------------------
 
-    def _on_mujoco(self, payload: bytes) -> Iterator[Event]:
-        """Yield the events of MuJoCo's; what PyBullet had before keeps its numbers."""
-        if not self.mujoco.steps:
-            bodies = [known.body.number for known in self._bodies.values()]
-            self.mujoco.first_body = max(bodies, default=-1) + 1
-            self.mujoco.first_client, self.mujoco.first_site = len(self._worlds), self._sites
-        yield from self.mujoco.take(payload)
+    def _add_sample(self, payload: bytes) -> Iterable[Event]:
+        """Take a sample, as most frames are; return what is gathered before it, if that is much."""
+        number, step = pipe.HEAD.unpack_from(payload)
+        world = self._worlds[number]
+        gathered = [*world.gathered()] if world.is_full else ()
+        if not world.add_sample(step, payload, self.calls):
+            raise StreamError("the script's process sent step {step} out of order", step=step)
+        self.samples += 1
+        return gathered
 
     def _on_call(self, payload: bytes) -> None:
         number, site = pipe.CALL_HEAD.unpack_from(payload)
@@ -259,7 +309,6 @@ class Decoder:
         if self._finer > 1 and at is not None:
             self._timesteps[note["number"]] = at
             whole = [each and number != at for number, each in enumerate(whole)]
-        self._sites += 1
         yield Site(names=tuple(names), whole=tuple(whole), **note)
 
     def _on_raised(self, error: str) -> Iterator[Event]:
@@ -435,3 +484,13 @@ class Decoder:
     def _at(self, world: World, step: int | None = None) -> At:
         step = world.step if step is None else step
         return At(step, world.time_s(step), self.calls)
+
+
+def _frames_in(kept: IO[bytes] | None) -> Iterator[tuple[bytes, bytes]]:
+    """Yield kind and payload of the frames in a file."""
+    if kept is None:
+        return
+    kept.seek(0)
+    while head := kept.read(pipe.HEADER.size):
+        kind, length = pipe.HEADER.unpack(head)
+        yield kind, kept.read(length)
