@@ -202,7 +202,7 @@ def judged(
         verdict = "refuted"
     elif far is None:
         verdict = "chaotic"
-    elif left <= CURED and not new and (trial.ended, trial.steps) == (base.ended, base.steps):
+    elif left <= CURED and not new and _as_long(trial, base):
         verdict = "cured"
     else:
         verdict = "part"
@@ -216,6 +216,14 @@ def _left(finding: Finding, other: Finding | None) -> float:
     if finding.effect is None or other.effect is None or not finding.effect.value:
         return 1.0
     return other.effect.value / finding.effect.value
+
+
+def _as_long(trial: Outcome, base: Outcome) -> bool:
+    """Return whether a run ended as another, after as many steps.
+
+    One that ends at a time may make one more or less: a sum of finer timesteps is rounded.
+    """
+    return trial.ended == base.ended and abs(trial.steps - base.steps) <= 1
 
 
 def _is_chaotic(finding: Finding, nudged: Sequence[Finding]) -> bool:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect
-from drop_physics.rules.engines import ANY, MUJOCO, engine_of
+from drop_physics.rules.engines import ANY, MUJOCO
 from drop_physics.rules.placing import NEAR
 from drop_physics.rules.rule import Match, Said, Worst, side_rule
 from drop_physics.rules.tables import PairColumns
@@ -45,7 +45,7 @@ def _(worst: Worst) -> Said | None:
         return None
     advice = Message("set the velocity, too: p.resetBaseVelocity({other}, …), each step")
     cure: Cure | None = Cure("support-velocity", worst.other, bodies=(worst.other,))
-    if engine_of(worst.scene.seen) == MUJOCO:
+    if worst.engine == MUJOCO:
         advice = Message("let a <joint> with an actuator move it, or <weld> it to the mocap body")
         cure = None
     return Said(

@@ -16,6 +16,7 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
     default_motor,
     dragged_by_nothing,
     energy_gained,
+    filtered_out,
     friction_pyramid,
     held_by_friction,
     ik_off,
@@ -54,7 +55,6 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
 )
 from drop_physics.rules.answer import Answer, Finding
 from drop_physics.rules.engines import engine_of
-from drop_physics.rules.filtered_out import FilteredOut
 from drop_physics.rules.input_rule import InputRules
 from drop_physics.rules.no_contact import NoContact
 from drop_physics.rules.not_finite import NotFinite
@@ -67,7 +67,6 @@ ANSWERS: tuple[type[Answer], ...] = (
     TableRules,
     # contacts
     NoContact,
-    FilteredOut,
     # calls and files
     InputRules,
     ScriptFailed,

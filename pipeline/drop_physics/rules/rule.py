@@ -8,8 +8,8 @@
 
 Chunks, runs of consecutive steps, the worst row, how often, in which steps, which joints of which
 body and which line of the script belong to the mechanism here. Tables are of joints, of actuators,
-of constraints, of pairs of bodies that touch, and of bodies (`tables`); rules of what calls set are
-`input_rule`.
+of constraints, of pairs of bodies that touch, or may not, and of bodies (`tables`); rules of what
+calls set are `input_rule`.
 """
 
 from __future__ import annotations
@@ -184,6 +184,11 @@ class Worst:
         return Span(-first, last, self.count)
 
     @property
+    def engine(self) -> str:
+        """The engine that stepped it, whose words are said."""
+        return engine_of(self.scene.seen)
+
+    @property
     def body_size_m(self) -> float:
         """The size of its body."""
         return size_m(self.subject)
@@ -302,6 +307,8 @@ target_rule = partial(_maker, "targets")
 """The same of targets that position motors were given: of each robot its worst is told."""
 constraint_rule = partial(_maker, "constraints")
 """The same of constraints."""
+filtered_rule = partial(_maker, "filtered")
+"""The same of pairs of shapes that the model keeps contacts away from."""
 pair_rule = partial(_maker, "pairs")
 """The same of pairs of bodies that touch: what is told is about the one with the higher number."""
 side_rule = partial(_maker, "sides")
@@ -391,7 +398,7 @@ class TableRules(Answer):
             actuator = body.actuators[keys[1]]
             joint = actuator.target if actuator.acts_on == "joint" else None
             about = {"actuator": actuator, "joint": joint}
-        elif len(subject) > 1 and rule.table != "constraints":
+        elif len(subject) > 1 and rule.table not in ("constraints", "filtered"):
             partner = self.scene.body(keys[1])
             about = {"partner": partner, "other": partner.label}
         if rule.argument is not None:

@@ -12,7 +12,7 @@ from drop_physics.messages import Message
 from drop_physics.physics.laws.lookup import RIGID
 from drop_physics.rules.answer import Cure, Effect, Span
 from drop_physics.rules.arguments import site_of
-from drop_physics.rules.engines import ANY, MUJOCOS
+from drop_physics.rules.engines import ANY, MUJOCO, MUJOCOS, engine_of
 from drop_physics.rules.input_rule import InputSubject, input_rule
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.rule import Said
@@ -110,43 +110,68 @@ def no_gravity(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
         )
 
 
-@input_rule("timestep-changed", "model")
+@input_rule("timestep-changed", "model", engines=ANY)
 def timestep_changed(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
-    """The timestep changes in the life of what keeps force × timestep of its call."""
+    """The timestep changes in the life of what goes by it."""
+    is_mujoco = engine_of(inputs.scene.seen) == MUJOCO
     for client, times in inputs.scene.times.items():
         keeps = [
             life
             for (number, _), life in inputs.lives.items()
             if (body := inputs.scene.body(number)).client == client
-            if life.held or any(joint.widths[1] for joint in body.joints)
+            if is_mujoco or life.held or any(joint.widths[1] for joint in body.joints)
         ]
         changes = [
             change
             for change in times.changes
             if any(life.first <= change[0] < life.last for life in keeps)
         ]
+        constants_s = [
+            solref[0]
+            for bodies, (solref, _) in inputs.scene.seen.softness.items()
+            if inputs.scene.body(bodies[0]).client == client
+        ]
+        if is_mujoco:  # whose contacts alone go by it, where it is too long for them
+            changes = [
+                each for each in changes if any(0 < s < 2 * max(each[1:]) for s in constants_s)
+            ]
         if not changes:
             continue
         (step, *around_s), count = changes[0], len(changes)
         uses = [use for at, use in inputs.made(client, *SETS_TIMESTEP) if at.step == step]
+        values = {
+            "before": fraction(around_s[0]),
+            "after": fraction(around_s[1]),
+            "step": step,
+            "more": Message(" (the first of {n:,} changes)", n=count) if count > 1 else "",
+        }
         message = Message(
             "the timestep changes from {before} s to {after} s at step {step:,}{more}: motors "
             "and constraints keep force × timestep of their call, and a position motor closes "
             "a share of its gap per step",
-            before=fraction(around_s[0]),
-            after=fraction(around_s[1]),
-            step=step,
-            more=Message(" (the first of {n:,} changes)", n=count) if count > 1 else "",
+            **values,
         )
+        advice = Message("call p.setTimeStep once, before the first motor")
+        cure = Cure("timestep-first")
+        if is_mujoco:
+            message = Message(
+                "the timestep changes from {before} s to {after} s at step {step:,}{more}: MuJoCo "
+                "makes no contact stiffer than a time constant of 2 steps, {least:g} s with the "
+                "longer, and solref gives one {constant:g} s",
+                least=2 * max(around_s),
+                constant=min(each for each in constants_s if each > 0),
+                **values,
+            )
+            advice = Message("one timestep for the whole run, at most half of that time constant")
+            cure = Cure("without", given={"function": Act.SET_TIMESTEP.value[-1]})
         ratio = max(around_s) / max(min(around_s), 1e-300)
         site = site_of(uses[-1].first) if uses else None
-        advice = Message("call p.setTimeStep once, before the first motor")
         yield (
             InputSubject(None, steps=Span(step, changes[-1][0], count), site=site),
             Said(
                 message=message,
                 advice=advice,
-                cure=Cure("timestep-first"),
+                cure=cure,
                 effect=Effect(ratio, "1"),
                 share=ratio,
             ),

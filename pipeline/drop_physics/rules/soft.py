@@ -14,7 +14,15 @@ from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import effort
 from drop_physics.rules.rule import Match, Said, Worst, body_rule, pair_rule
 from drop_physics.rules.tables import BodyColumns, PairColumns
-from drop_physics.rules.thresholds import LAG_SHARE, LEFT_M, SINKS_M, SINKS_STEPS, STEADY_SHARE
+from drop_physics.rules.thresholds import (
+    CARRIES,
+    LAG_SHARE,
+    LEFT_M,
+    SINKS_M,
+    SINKS_STEPS,
+    STANDARD_M_S2,
+    STEADY_SHARE,
+)
 from drop_physics.trace.events import Equality
 
 Float64 = NDArray[np.float64]
@@ -37,7 +45,7 @@ def _steady(values: Float64) -> NDArray[np.bool_]:
 
 @pair_rule("deep-penetration", "model", engines=MUJOCOS)
 def sinks_in(pair: PairColumns) -> Match:
-    """A contact softer than MuJoCo's own lets a body that rests on it sink in."""
+    """A contact that is soft, or soft for what it carries, lets a body that rests on it sink in."""
     rows = np.flatnonzero((pair.depth_m >= SINKS_M) & (pair.body != pair.other))
     rows = rows[np.lexsort((pair.step[rows], *pair.keys[rows].T))]
     lasts = np.zeros(len(rows), np.bool_)
@@ -51,15 +59,14 @@ def sinks_in(pair: PairColumns) -> Match:
         "links": pair.points.link[order[pair.starts[rows]]],
         "bodies": pair.pairs.body[rows],
         "force": pair.normal_n[rows],
+        "timestep": pair.timestep_s[rows],
     }
     return Match(rows, pair.depth_m[rows], numbers, keys=pair.keys[rows])
 
 
 @sinks_in.says
 def _(worst: Worst) -> Said | None:
-    (first, second), (one, two) = worst.bodies, worst.links
-    held = worst.scene.seen.softness
-    soft = held.get((first, one, second, two), held.get((second, two, first, one)))
+    soft = worst.scene.seen.soft(worst.bodies, worst.links)
     if soft is None:
         return None
     solref, solimp = soft
@@ -69,7 +76,7 @@ def _(worst: Worst) -> Said | None:
         text = " ".join(f"{each:g}" for each in solimp[:3])
         name, usual = "solimp", "0.9 0.95 0.001"
     elif not solref[0] > USUAL_S:
-        return None
+        return _carries(worst, solref)
     advice = Message('{name}="{usual}" of both <geom>s')
     return Said(
         message=Message(
@@ -84,6 +91,53 @@ def _(worst: Worst) -> Said | None:
             "usual": usual,
         },
         cure=Cure("solref", worst.body, None, advice),
+        effect=Effect(worst.size, "m"),
+        share=worst.size / worst.body_size_m,
+    )
+
+
+def _carries(worst: Worst, solref: tuple[float, ...]) -> Said | None:
+    """Return what is said of a contact of usual softness that carries much more than a body weighs.
+
+    Its stiffness is that of the time constant for the mass of the bodies, whatever lies on them:
+    the depth is proportional to the load over the mass, and to the square of the time constant.
+    """
+    both = worst.subject, worst.partner
+    masses_kg = {
+        each.body.number: float(each.reported["mass_kg"][0])
+        for each in worst.scene.seen.dynamics
+        if each.body.base_moves and each.body.number in (both[0].number, both[1].number)
+    }
+    if not masses_kg or any(len(each.links) > 1 and each.moving for each in both):
+        return None
+    light = min(masses_kg, key=lambda number: masses_kg[number])
+    ratio = worst.force / (STANDARD_M_S2 * max(masses_kg[light], 1e-300))
+    if ratio < CARRIES:
+        return None
+    least_s = 2 * worst.timestep
+    advice = Message(
+        'solref="{least:g} 1" of both <geom>s, the least for this timestep, leaves {left:.2g} mm; '
+        "or give {light} more mass"
+    )
+    cure = Cure("solref", worst.body, least_s, advice, "contact")
+    if not 0 < least_s < solref[0]:
+        cure = Cure("mass", worst.scene.body(light).label, None, Message("give {light} more mass"))
+    return Said(
+        message=Message(
+            "{body} stays {depth:.3g} mm inside {other} under {force}, {ratio:.3g} times what "
+            "{light} weighs ({mass:.3g} kg): MuJoCo makes a contact as stiff as the masses that "
+            "touch ask for, whatever lies on them"
+        ),
+        values={
+            "depth": worst.size * 1e3,
+            "force": effort(worst.force, "N"),
+            "ratio": ratio,
+            "light": worst.scene.body(light).label,
+            "mass": masses_kg[light],
+            "least": least_s,
+            "left": worst.size * 1e3 * (least_s / solref[0]) ** 2,
+        },
+        cure=cure,
         effect=Effect(worst.size, "m"),
         share=worst.size / worst.body_size_m,
     )

@@ -1,4 +1,4 @@
-"""The tables of a piece that rules read: joints, targets, constraints, pairs, bodies."""
+"""The tables of a piece that rules read: of joints, constraints, pairs, bodies and others."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.rules.answer import Scene
 from drop_physics.rules.constraint_columns import constraint_columns
+from drop_physics.rules.filtered_columns import filtered_columns
 from drop_physics.rules.joint import units_of
 from drop_physics.rules.target_columns import target_columns
 from drop_physics.rules.thresholds import AT_TARGET_M, AT_TARGET_RAD
@@ -28,7 +29,9 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 Rows = NDArray[np.intp]
 
-TableName = Literal["joints", "targets", "actuators", "constraints", "pairs", "sides", "bodies"]
+TableName = Literal[
+    "joints", "targets", "actuators", "constraints", "filtered", "pairs", "sides", "bodies"
+]
 TABLES: tuple[TableName, ...] = get_args(TableName)
 
 
@@ -61,6 +64,8 @@ def tables(name: TableName, scene: Scene) -> Iterator[RuleTable]:
         yield from target_columns(scene)
     elif name == "constraints":
         yield from constraint_columns(scene)
+    elif name == "filtered":
+        yield from filtered_columns(scene)
     elif name == "bodies":
         yield from (BodyColumns(scene, *each) for each in scene.batches if len(each[0].whole))
     elif name == "sides" and touching:

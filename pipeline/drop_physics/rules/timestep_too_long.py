@@ -8,14 +8,32 @@ from drop_physics.explain.steps import BodySteps
 from drop_physics.fields import fraction
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect
+from drop_physics.rules.engines import ANY, MUJOCO
 from drop_physics.rules.rule import Match, Said, Worst, body_rule
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import ENDLESS_M, LONG_S
+from drop_physics.trace.history import PYBULLET
 
-ADVICE = Message("p.setTimeStep(…), smaller, before the motors")
+ADVICE = {
+    PYBULLET: Message("p.setTimeStep(…), smaller, before the motors"),
+    MUJOCO: Message('<option timestep="{finer:.2g}"/>, or smaller'),
+}
+LATE = {
+    PYBULLET: Message(
+        "{body} is simulated in steps of {step_s} s: position motors close a share of "
+        "their gap per step, and contacts act only at its end"
+    ),
+    MUJOCO: Message(
+        "{body} is simulated in steps of {step_s} s: MuJoCo makes no contact and no limit stiffer "
+        "than a time constant of 2 steps, and actuators act on a state as old as a step"
+    ),
+}
+"""What helps, and what long steps do, by engine."""
+FINER = 4.0
+"""By what a timestep is divided to be tried."""
 
 
-@body_rule("timestep-too-long", "model")
+@body_rule("timestep-too-long", "model", engines=ANY)
 def far(bodies: BodyColumns) -> Match | None:
     """Before or after a contact, a body moves further in a step than it is thick."""
     if bodies.law.tree.size != 6:
@@ -35,15 +53,19 @@ def _(worst: Worst) -> Said:
             "{body} moves {way:.3g} m in a step of {step_s} s, and is {thick:.3g} m thick: it "
             "can pass through others, or overlap them before contact acts"
         ),
-        values={"way": worst.size, "step_s": fraction(worst.step)},
-        advice=ADVICE,
-        cure=Cure("timestep", value=4.0),
+        values={
+            "way": worst.size,
+            "step_s": fraction(worst.step),
+            "finer": worst.step / FINER,
+        },
+        advice=ADVICE[worst.engine],
+        cure=Cure("timestep", value=FINER),
         effect=Effect(worst.size, "m"),
         share=worst.size / worst.thick,
     )
 
 
-@body_rule("timestep-too-long", "model")
+@body_rule("timestep-too-long", "model", engines=ANY)
 def long(bodies: BodyColumns) -> Match:
     """A robot's steps are so long that motors and contacts act late."""
     step_s = bodies.reported.timestep_s / bodies.substeps
@@ -54,13 +76,10 @@ def long(bodies: BodyColumns) -> Match:
 @long.says
 def _(worst: Worst) -> Said:
     return Said(
-        message=Message(
-            "{body} is simulated in steps of {step_s} s: position motors close a share of "
-            "their gap per step, and contacts act only at its end"
-        ),
-        values={"step_s": fraction(worst.size)},
-        advice=ADVICE,
-        cure=Cure("timestep", value=4.0),
+        message=LATE[worst.engine],
+        values={"step_s": fraction(worst.size), "finer": worst.size / FINER},
+        advice=ADVICE[worst.engine],
+        cure=Cure("timestep", value=FINER),
         effect=Effect(worst.size, "s"),
         share=worst.size / LONG_S,
     )

@@ -10,27 +10,47 @@ from numpy.typing import NDArray
 
 from drop_physics.messages import Message
 from drop_physics.physics.columns import rotation
+from drop_physics.physics.tree import BASE
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.arguments import site_of
+from drop_physics.rules.engines import ANY, MUJOCO
 from drop_physics.rules.rule import Match, Said, Worst, body_rule
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body, Collision
+from drop_physics.trace.history import PYBULLET
 
 Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+FINER = {
+    PYBULLET: Message(
+        "use a timestep in which it goes less than that: p.setTimeStep({shorter:.1g})"
+    ),
+    MUJOCO: Message(
+        'use a timestep in which it goes less than that: <option timestep="{shorter:.1g}"/>'
+    ),
+}
+SHAPE = {
+    PYBULLET: Message("give it one: p.createCollisionShape(…), in a URDF <collision>"),
+    MUJOCO: Message('contype="1" conaffinity="1" of one of its <geom>s'),
+}
+"""What helps, by engine."""
 
 
-@body_rule("tunnelled", "asked")
+@body_rule("tunnelled", "asked", engines=ANY)
 def tunnelled(bodies: BodyColumns) -> Match | None:
     """Where steps begin, between which nothing is in the way, a body is on two sides of a box."""
     scene, tree = bodies.scene, bodies.law.tree
     if tree.links or not tree.size:
         return None
     before_m, after_m = bodies.before.position_m, bodies.after.position_m
+    body = bodies.batch.bodies[0].body
     parts = [
         (other, *_crossing(before_m, after_m, scene.records[other.number].told(bodies.step), box))
         for other, box in _standing(scene)
-        if other.client == bodies.batch.bodies[0].body.client
+        if other.client == body.client and _may_meet(body, other, box)
     ]
     if not parts:
         return None
@@ -43,6 +63,9 @@ def tunnelled(bodies: BodyColumns) -> Match | None:
         found.append(passes & (came < left))
     rows, at = np.nonzero(np.array(found).T)
     boxes = np.array([other.number for other, _, _ in parts])[at]
+    # What it touches on the way holds it off, and it is pushed through.
+    alone = ~_touching(bodies, rows, boxes)
+    rows, at, boxes = rows[alone], at[alone], boxes[alone]
     share = np.array([left - came for _, came, left in parts])[at, rows]
     return Match(
         rows,
@@ -59,15 +82,14 @@ def tunnelled(bodies: BodyColumns) -> Match | None:
 @tunnelled.says
 def _(worst: Worst) -> Said | None:
     scene, body, box = worst.scene, worst.subject, worst.partner
-    touched = [each.other for each in scene.touches.rows(body.number)]
-    if body.client in scene.inputs.filtered or box.label in touched:
-        return None  # they may be meant to pass; or it was held off, and pushed through
+    if body.client in scene.inputs.filtered:
+        return None  # they may be meant to pass
     why = _why(scene, body, box)
     message = Message(
         "{body} passes through {other} at {time:.4g} s without touching it: it goes "
         "{way:.3g} m in one step, and {other} is {thick:.3g} m thick there"
     )
-    advice = Message("use a timestep in which it goes less than that: p.setTimeStep({shorter:.1g})")
+    advice = FINER[worst.engine]
     finer = min(max(2, math.ceil(2 / worst.part - 1e-6)), 64)
     cure: Cure | None = Cure("timestep", value=float(finer))
     if isinstance(why, Call):
@@ -81,7 +103,7 @@ def _(worst: Worst) -> Said | None:
         message = Message(
             "{body} passes through {other} at {time:.4g} s: it has no collision shape"
         )
-        advice = Message("give it one: p.createCollisionShape(…), in a URDF <collision>")
+        advice = SHAPE[worst.engine]
         cure = None
     return Said(
         level="broken" if why is None else "note" if isinstance(why, Call) else "asked",
@@ -101,14 +123,33 @@ def _(worst: Worst) -> Said | None:
 
 
 def _standing(scene: Scene) -> list[tuple[Body, Collision]]:
-    """Return the bodies that nothing moves, and which are one box."""
+    """Return the bodies that nothing moves, with each of their boxes."""
     puts = Counter(each.body.number for each in scene.seen.puts)
     return [
-        (body, body.collisions[0])
+        (body, each)
         for number, body in scene.seen.bodies.items()
-        if [each.kind for each in body.collisions] == ["box"]
-        and not (body.moving or body.before or puts[number] > 1)
+        if not (body.moving or body.before or puts[number] > 1)
+        for each in body.collisions
+        if (each.kind, each.link) == ("box", BASE)
     ]
+
+
+def _may_meet(body: Body, other: Body, box: Collision) -> bool:
+    """Return whether the model lets a body touch a box, if it has a say in that."""
+    if (BASE, other.number, BASE) in body.apart or (BASE, body.number, BASE) in other.apart:
+        return False
+    bits = [each.bits for each in body.collisions if each.bits]
+    kind, affinity = box.bits or (0, 0)
+    return not bits or any(a & affinity or kind & b for a, b in bits)
+
+
+def _touching(bodies: BodyColumns, rows: Int64, others: Int64) -> Flags:
+    """Return whether a body touches another in a step, or in the one before or after."""
+    pairs, found = bodies.scene.touches.pairs, np.zeros(len(rows), np.bool_)
+    for k, (number, other) in enumerate(zip(bodies.body[rows], others, strict=True)):
+        both = (pairs.body == sorted((number, other))).all(axis=1)
+        found[k] = (np.abs(pairs.step[both] - bodies.step[rows[k]]) <= 1).any()
+    return found
 
 
 def _why(scene: Scene, body: Body, other: Body) -> Call | str | None:

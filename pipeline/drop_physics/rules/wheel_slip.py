@@ -11,6 +11,7 @@ from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.tree import BASE, Tree
 from drop_physics.rules.answer import Cure, Effect, Scene
+from drop_physics.rules.engines import ANY, MUJOCO
 from drop_physics.rules.rule import Match, Said, Worst, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
@@ -23,6 +24,7 @@ from drop_physics.rules.thresholds import (
     WHEEL_SLIPS,
     WHEEL_TURN_RAD,
 )
+from drop_physics.trace.history import PYBULLET
 from drop_physics.trace.motors import VELOCITY
 
 Float64 = NDArray[np.float64]
@@ -33,8 +35,21 @@ SUMS = ("rolled", "slipped", "limited", "across", "available", "normal", "second
 """What a wheel rolls, what of it slips, the same where friction is at its limit, what it slips
 across [m]; friction available, normal impulse [N s]; time [s]."""
 
+ADVICE = {
+    PYBULLET: Message(
+        "p.changeDynamics(…, lateralFriction=…) of the wheels or the ground, or "
+        "change the wheels' speed more slowly"
+    ),
+    MUJOCO: Message(
+        "friction=\"…\" of the wheels' <geom> or the ground's, or change the wheels' speed more "
+        "slowly"
+    ),
+}
+OF_BOTH = {PYBULLET: Message("the product of both"), MUJOCO: Message("the larger of both")}
+"""What helps, and which coefficient of a pair counts, by engine."""
 
-@joint_rule("wheel-slip", "asked")
+
+@joint_rule("wheel-slip", "asked", engines=ANY)
 def wheel_slip(joints: JointColumns) -> Match | None:
     """A wheel slips: the joint alone would move its contact point otherwise than it moves."""
     steps, number = joints.steps, joints.body.number
@@ -108,19 +123,15 @@ def _(worst: Worst) -> Said:
     ground, slipped = scene.body(worst.ground), abs(worst.slipped)
     message = Message(
         "{joint} spins at {rolls:.3g} m/s (rim) on {ground} but travels at {goes:.3g} m/s: "
-        "friction is at its limit (coefficient {friction:.3g}, the product of both)"
+        "friction is at its limit (coefficient {friction:.3g}, {of})"
     )
     turns = worst.across > WHEEL_SIDEWAYS * slipped
     if turns:
         message = Message(
             "{joint} spins at {rolls:.3g} m/s (rim) on {ground} but travels at {goes:.3g} m/s: "
             "the robot's turn drags it sideways, too, with friction at its limit (coefficient "
-            "{friction:.3g}, the product of both)"
+            "{friction:.3g}, {of})"
         )
-    advice = Message(
-        "p.changeDynamics(…, lateralFriction=…) of the wheels or the ground, or "
-        "change the wheels' speed more slowly"
-    )
     return Said(
         message=message,
         values={
@@ -128,8 +139,9 @@ def _(worst: Worst) -> Said:
             "rolls": worst.rolled / seconds,
             "goes": (worst.rolled - worst.slipped) / seconds,
             "friction": worst.available / worst.normal,
+            "of": OF_BOTH[worst.engine],
         },
-        advice=None if turns else advice,
+        advice=None if turns else ADVICE[worst.engine],
         cure=None if turns else Cure("friction", worst.body),
         other=ground.label,
         effect=Effect(slipped, "m"),

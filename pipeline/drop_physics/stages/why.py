@@ -269,7 +269,7 @@ def why(
         tuple(map(str, arguments)),
         python or sys.executable,
         is_module,
-        all_steps + (recorded.ended not in STOPPED),
+        all_steps + 2 * (recorded.ended not in STOPPED),  # may make one more, and end by itself
         seed=seed,
         begins_s=SEEDED_CLOCK_S,
         explain=True,

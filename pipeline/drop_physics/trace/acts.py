@@ -43,7 +43,7 @@ class Act(Enum):
     SET_PROPERTY = ("changeDynamics",)
     """Sets properties of a body or a link."""
     SET_GRAVITY = ("setGravity",)
-    SET_TIMESTEP = ("setTimeStep",)
+    SET_TIMESTEP = ("setTimeStep", "opt.timestep")
     SET_ENGINE = ("setPhysicsEngineParameter",)
     SET_REAL_TIME = ("setRealTimeSimulation",)
     FILTER_PAIR = ("setCollisionFilterPair",)

@@ -78,6 +78,10 @@ class Sampled(Protocol):
         """Return what was sampled of the steps from `first` to before `end`."""
 
 
+Softness = tuple[tuple[float, ...], tuple[float, ...]]
+"""`solref` and `solimp` of a `PairFriction`."""
+
+
 @dataclass(frozen=True)
 class Seen:
     """Everything observed of simulations; lists in the order of events."""
@@ -107,9 +111,7 @@ class Seen:
     """What gives impulses, by its number in the recording."""
     frictions: Mapping[tuple[int, int, int, int], float] = field(default_factory=dict)
     """Coefficients of friction by two bodies and links, where the engine has one for each pair."""
-    softness: Mapping[tuple[int, int, int, int], tuple[tuple[float, ...], tuple[float, ...]]] = (
-        field(default_factory=dict)
-    )
+    softness: Mapping[tuple[int, int, int, int], Softness] = field(default_factory=dict)
     """Likewise, `solref` and `solimp` of a `PairFriction`."""
     warnings: Sequence[EngineWarning] = ()
     equalities: Sequence[Equality] = ()
@@ -118,6 +120,11 @@ class Seen:
     def engine(self) -> str:
         """Name and version of the engine; of PyBullet its name."""
         return next((each.engine for each in self.settings if each.engine), PYBULLET)
+
+    def soft(self, bodies: Sequence[int], links: Sequence[int]) -> Softness | None:
+        """Return how soft two links touch, if the engine says so."""
+        (a, b), (i, k) = bodies, links
+        return self.softness.get((a, i, b, k), self.softness.get((b, k, a, i)))
 
     def pieces(self, steps: int = PIECE) -> Iterator[Piece]:
         """Yield what was sampled, so many steps at a time."""

@@ -6,6 +6,7 @@ the script's interpreter.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -34,6 +35,8 @@ LEAST = {"": "value", "above": "least"}
 """How a number is written, by a cure's form."""
 SOLREF, SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
 """How soft MuJoCo's own contacts are."""
+BOUNCES = 2500.0
+"""Stiffness of a contact that bounces, that of a time constant of 0.02 s [1/s²]."""
 USUAL: dict[str, float] = {
     "timestep": 2.0,
     "solver": 500.0,
@@ -44,6 +47,7 @@ USUAL: dict[str, float] = {
     "armature": ARMATURE_KG_M2,
     "damping": 0.0,
     "joint-damping": 0.0,
+    "restitution": 1.0,
 }
 """What is given where a cure has no number."""
 
@@ -74,6 +78,10 @@ CALLS = {
     "noslip": 'noslip_iterations="{value:g}"',
     "solref": 'solref="0.02 1" solimp="0.9 0.95 0.001"',
     "solref:given": 'solref="{value:g} 1"',
+    "solref:contact": 'solref="{value:g} 1"',
+    "restitution": 'solref="-{stiffness:g} -{damping:.3g}"',
+    "mass": 'mass="{value:g}"',
+    "collision-off": "<exclude>",
     "gravity": 'gravity="0 0 {value:g}"',
     "gravcomp": 'gravcomp="{value:g}"',
     "armature": 'armature="{value:g}"',
@@ -93,7 +101,7 @@ CALLS = {
     "without": "without {function}",
 }
 """By name and form."""
-FACTORS = {"gains": "kp", "forcerange": "forcerange", "friction": "friction"}
+FACTORS = {"gains": "kp", "forcerange": "forcerange", "friction": "friction", "mass": "mass"}
 """What is multiplied where a cure gives no number."""
 
 
@@ -105,7 +113,10 @@ def call_of(cure: Cure) -> str:
     form = cure.form or ("given" if cure.name == "solref" and number is not None else "")
     text = CALLS.get(f"{cure.name}:{form}", CALLS.get(cure.name, cure.name))
     value = 0.0 if number is None else number
-    return text.format(value=value, mm=1e3 * value, larger=LARGER, function=_written(cure))
+    bounce = dict(zip(("stiffness", "damping"), _bouncing(value), strict=True))
+    return text.format(
+        value=value, mm=1e3 * value, larger=LARGER, function=_written(cure), **bounce
+    )
 
 
 def _written(cure: Cure) -> str:
@@ -123,6 +134,9 @@ def applied(cure: Cure, scope: Scope) -> ChangedRun | None:
     """Return what a run with a cure does otherwise; None if MuJoCo has none such."""
     if cure.name == "timestep":
         return ChangedRun([], int(_number(cure) or 2))
+    file, _, line = (scope.site or "").rpartition(":")
+    if cure.name == "without" and file and line.isdecimal():
+        return left_out(str(cure.given["function"]), file, int(line), None)
     made = TABLE.get(cure.name)
     operations = [] if made is None else [{"engine": ENGINE, **each} for each in made(scope, cure)]
     return ChangedRun(operations) if operations else None
@@ -232,21 +246,50 @@ def _impratio(_: Scope, cure: Cure) -> Iterator[Operation]:
 
 
 def _softness(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    """Give equalities a time constant, or contacts MuJoCo's own softness."""
-    links = {"of": "body", "names": _all_links(scope)}
-    if cure.value is not None:
+    """Give equalities or contacts a time constant, or contacts MuJoCo's own softness."""
+    if cure.value is not None and not cure.form:
+        links = {"of": "body", "names": _all_links(scope)}
         yield _write("eq_solref", column=0, value=cure.value, **links)
         return
-    links["names"] = [*links["names"], *([] if scope.other is None else _links(scope.other))]
-    yield _write("geom_solref", value=SOLREF, **links)
-    yield _write("geom_solimp", value=SOLIMP, **links)
+    solref = SOLREF if cure.value is None else (cure.value, 1.0)
+    yield _write("geom_solref", value=solref, **_with_other(scope))
+    if cure.value is None:
+        yield _write("geom_solimp", value=SOLIMP, **_with_other(scope))
 
 
-def _masses(field: str) -> Applies:
-    """Return what writes a number from which MuJoCo derives others."""
-    return lambda scope, cure: iter(
-        [_write(field, value=_number(cure), derived=True, **_of(scope))]
-    )
+def _with_other(scope: Scope) -> dict[str, Any]:
+    """Return the bodies that are meant, with the other that they touch."""
+    other = [] if scope.other is None else _links(scope.other)
+    return {"of": "body", "names": [*_all_links(scope), *other]}
+
+
+def _bouncing(restitution: float) -> tuple[float, float]:
+    """Return stiffness and damping of a contact of some restitution: those of a damped spring.
+
+    Half a swing of damping ratio z leaves exp(-pi z / sqrt(1 - z²)) of the speed.
+    """
+    loss = -math.log(min(max(restitution, 1e-3), 1.0))
+    return BOUNCES, 2 * math.sqrt(BOUNCES) * loss / math.hypot(math.pi, loss)
+
+
+def _bounce(scope: Scope, cure: Cure) -> Iterator[Operation]:
+    stiffness, damping = _bouncing(_number(cure) or 0.0)
+    yield _write("geom_solref", value=(-stiffness, -damping), **_with_other(scope))
+
+
+def _armature(scope: Scope, cure: Cure) -> Iterator[Operation]:
+    yield _write("dof_armature", value=_number(cure), derived=True, **_of(scope))
+
+
+def _mass(scope: Scope, cure: Cure) -> Iterator[Operation]:
+    """Give bodies a mass, and inertia in proportion; to a body of several parts, to its base."""
+    names = [_links(body)[0] for body in scope.bodies]
+    yield {"do": "weigh", "names": names, "mass": cure.value, "factor": MORE, "derived": True}
+
+
+def _pass(scope: Scope, _: Cure) -> Iterator[Operation]:
+    if scope.other is not None:
+        yield {"do": "part", "names": [_all_links(scope), _links(scope.other)]}
 
 
 def _compensation(scope: Scope, cure: Cure) -> Iterator[Operation]:
@@ -311,7 +354,10 @@ TABLE: dict[str, Applies] = {
     "solref": _softness,
     "gravity": _gravity,
     "gravcomp": _compensation,
-    "armature": _masses("dof_armature"),
+    "armature": _armature,
+    "mass": _mass,
+    "restitution": _bounce,
+    "collision-off": _pass,
     "exclude": _exclude,
     "contype": _meet,
     "filterparent": _done("flag", name="mjDSBL_FILTERPARENT"),

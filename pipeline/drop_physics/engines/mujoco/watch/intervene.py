@@ -41,6 +41,8 @@ SOURCES = ("body_mass", "body_inertia", "body_ipos", "body_iquat", "dof_armature
 """What it derives them from."""
 FREE, BALL = 0, 1
 """Types of joints (`mjtJoint`); those above have one coordinate."""
+LEAST_KG = 1e-15
+"""The mass of a body that has none (`mjMINVAL`)."""
 BITS = 31
 """Bits of `contype` and `conaffinity` that are used."""
 NOT_A_PAIR = 0
@@ -513,6 +515,12 @@ def _writes_of(module: Any, m: Any, operation: Operation) -> Iterator[Write]:
         if operation.get("column") is not None:
             where = (where, operation["column"])
         yield field, where, _becoming(operation)
+    elif do == "weigh":
+        ids = _ids(module, m, "body", operation["names"])
+        given, masses = operation["mass"], m.body_mass[ids].clip(LEAST_KG)
+        factor = np.full(len(ids), operation["factor"]) if given is None else given / masses
+        yield "body_mass", ids, lambda held: held * factor
+        yield "body_inertia", ids, lambda held: held * factor[:, None]
     elif do == "flag":
         bit = int(getattr(module.mjtDisableBit, operation["name"]))
         yield "opt.disableflags", ..., lambda flags: flags | bit
