@@ -1,12 +1,13 @@
 """A recording whose engine has computed each step again: what acted is recorded, not derived.
 
 Each step is judged all the same: with the mass matrix from our own kinematics the recorded impulses
-must close its sum. `Replayed` takes the place of `recording.Explanation`, and yields the same.
+must close its sum, and the velocities that it ends with must lead to its pose. `Replayed` takes the place of `recording.Explanation`, and yields the same.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,7 @@ from drop_physics.physics.dynamics import lifted_j, mass_matrix
 from drop_physics.physics.impulses import MOVED, PULLED, Sum, change_of
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.laws.bullet.tree import BulletTree, Reported
+from drop_physics.physics.moving import moved, way_between
 from drop_physics.physics.rotations import products, rotate, rotate_inverse
 from drop_physics.physics.tree import States
 from drop_physics.trace.events import REPLAYS, Body, ImpulseCause, Impulses
@@ -55,6 +57,11 @@ NAMED = (ACTUATOR, "tendon")
 ALWAYS = (PULLED, MOVED, "damping", "applied", "contacts", "constraints", "stops")
 """Causes that others ask for, whether they act or not."""
 NEVER = REPLAYS.index("not replayed")
+RUNGE_KUTTA = 1.0
+"""The setting `integrator` of steps whose pose follows from velocities within them."""
+MOVED_BY = 1e-12
+"""Largest distance [m, rad] of a pose from where the velocities lead that is rounding, of a body
+that is at most 1 m away; measured: 3e-15."""
 SEGMENT_OF = (
     (DRIVEN, f"{ACTUATOR} "),
     (CONTACT, "contacts"),
@@ -191,9 +198,18 @@ class Replayed:
             unknown=np.zeros(n, np.bool_),
             alone=None,
         )
+        stages = self._by_stages(body.client, ends)
+        strays = _strays(record, whole) & ~stages if tree.size else np.zeros(n, np.bool_)
         (changes,) = changes_of(law, states, rows, added, [(slice(0, len(real)), slice(0, n))])
         batch = StepBatch(whole, [_of_body(whole, body, asked, changes)])
-        return batch, _verdicts(whole, status)
+        return batch, _verdicts(whole, status, strays)
+
+    def _by_stages(self, client: int, ends: Int64) -> NDArray[np.bool_]:
+        """Return which steps were made by RK4."""
+        settings = self._settings[client]
+        which = np.searchsorted([each.at.step for each in settings], ends - 1, side="right") - 1
+        by = np.array([each.values.get("integrator") == RUNGE_KUTTA for each in settings])
+        return np.asarray(by[which])
 
 
 def _of_body(whole: Steps, body: Body, asked: Commanded, changes: Changes) -> BodySteps:
@@ -275,6 +291,14 @@ def _sum(
     return Sum(matrices, states.velocity, spread, left, lifted, np.zeros(len(rows.real)))
 
 
+def _arms(record: Record, states: States) -> Float64:
+    """Return the ways from the frame of a base to its centre of mass [m], shape (n, 3)."""
+    reported = record.dynamics[-1].reported
+    centre, axes = reported["inertial_position_m"][:1], reported["inertial_orientation"][:1]
+    arm = np.tile(rotate_inverse(axes, centre), (len(states.position_m), 1))
+    return rotate(states.orientation, arm)
+
+
 def _frame_turn(record: Record, before: States, after: States) -> Float64:
     """Return what the turning axes of a free base add to u' - u, shape (n, size).
 
@@ -285,28 +309,42 @@ def _frame_turn(record: Record, before: States, after: States) -> Float64:
         spin      (Q Q'ᵀ - 1) ω'
         velocity  (Q Q'ᵀ ω') × r - ω' × r'
     """
-    reported = record.dynamics[-1].reported
-    centre, axes = reported["inertial_position_m"][:1], reported["inertial_orientation"][:1]
-    n = len(before.position_m)
-    arm = np.tile(rotate_inverse(axes, centre), (n, 1))
     spin = after.velocity[:, :3]
     back = products(before.orientation, after.orientation * [-1.0, -1.0, -1.0, 1.0])
     turned = rotate(back, spin)
     out = np.zeros_like(before.velocity)
     out[:, :3] = turned - spin
-    r, r_after = rotate(before.orientation, arm), rotate(after.orientation, arm)
-    out[:, 3:6] = np.cross(turned, r) - np.cross(spin, r_after)
+    out[:, 3:6] = np.cross(turned, _arms(record, before))
+    out[:, 3:6] -= np.cross(spin, _arms(record, after))
     return out
 
 
-def _verdicts(steps: Steps, status: Int64) -> StepVerdicts:
+def _strays(record: Record, steps: Steps) -> NDArray[np.bool_]:
+    """Return which steps end in a pose that their last velocities do not lead to, shape (n,).
+
+    What moves by its velocity is the origin of a free base's frame (`mj_integratePos`).
+    """
+    tree, before, after = steps.law.tree, steps.before, steps.after
+    if not tree.fixed:
+        arm = _arms(record, after)
+        velocity = after.velocity.copy()
+        velocity[:, 3:6] -= np.cross(velocity[:, :3], arm)
+        before = replace(before, position_m=before.position_m - _arms(record, before))
+        after = replace(after, position_m=after.position_m - arm, velocity=velocity)
+    reached = moved(tree, before, after.velocity, steps.reported.timestep_s, np.inf)
+    off = np.abs(way_between(tree, reached, after)).max(axis=1)
+    far = 1.0 + np.abs(np.hstack((after.position_m, after.joints))).max(axis=1)
+    return np.asarray(~(off <= MOVED_BY * far))
+
+
+def _verdicts(steps: Steps, status: Int64, strays: NDArray[np.bool_]) -> StepVerdicts:
     """Return what steps are: replayed, explained, and closed by our own kinematics."""
     n = len(steps)
     why = np.full(n, -1, np.int8)
     if steps.law.tree.size:
         known = np.array([WHYS.index(each) if each != "explained" else -1 for each in REPLAYS])
         why[:] = known[status]
-        why[(status == 0) & ~(steps.unexplained <= EXPLAINED)] = WHYS.index("remainder")
+        why[(status == 0) & (strays | ~(steps.unexplained <= EXPLAINED))] = WHYS.index("remainder")
         why[(why >= 0) & stands(steps) & (status != NEVER)] = -1
     kinds = np.full(n, FLIGHT if steps.law.tree.size else SET, np.int8)
     for kind, beginning in SEGMENT_OF:

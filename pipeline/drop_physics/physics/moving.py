@@ -1,4 +1,4 @@
-"""Where a step of Bullet's moves a body, given the velocities that it ends with.
+"""Where a step moves a body, given the velocities that it ends with.
 
 x' = x + v' dt        q' = q + q̇' dt        orientations turn by the exponential map
 """
@@ -21,23 +21,29 @@ TURNED = 1e-12
 """Largest difference of quaternions that is rounding; measured: 2e-15 [1]."""
 
 
-def moved(tree: Tree, before: States, velocity: Float64, timestep_s: Float64) -> States:
-    """Return the states that velocities lead to, shape (n, size).
+def moved(
+    tree: Tree,
+    before: States,
+    velocity: Float64,
+    timestep_s: Float64,
+    most_rad: float = MAX_TURN_RAD,
+) -> States:
+    """Return the states that velocities lead to, shape (n, size), by turns of at most so much.
 
-    Source: `btMultiBody::stepPositionsMultiDof`.
+    Source: `btMultiBody::stepPositionsMultiDof`; MuJoCo's `mj_integratePos`, which has no limit.
     """
     dt, joints = timestep_s[:, None], before.joints.copy()
     position, orientation = before.position_m, before.orientation
     if not tree.fixed:
         position = position + velocity[:, 3:6] * dt
-        orientation = products(_turn(velocity[:, :3] * dt), orientation)
+        orientation = products(_turn(velocity[:, :3] * dt, most_rad), orientation)
         orientation = orientation / np.linalg.norm(orientation, axis=1, keepdims=True)
     for link, joint in enumerate(tree.joints):
         at, turned = tree.coordinates[link], velocity[:, tree.rates[link]] * dt
         if RATES[joint] == 1:
             joints[:, at] += turned
         elif joint == "spherical":  # its rates are about the link's own axes
-            product = products(joints[:, at], _turn(turned))
+            product = products(joints[:, at], _turn(turned, most_rad))
             joints[:, at] = product / np.linalg.norm(product, axis=1, keepdims=True)
     return States(position, orientation, joints, velocity)
 
@@ -81,13 +87,13 @@ def _near(before: Float64, reached: Float64, after: Float64) -> Flags:
     return np.asarray((off <= ROUNDED * (np.abs(before) + way)).all(axis=1))
 
 
-def _turn(vectors: Float64) -> Float64:
+def _turn(vectors: Float64, most_rad: float) -> Float64:
     """Return rotations by these vectors [rad] as quaternions x, y, z, w, shape (n, 4).
 
-    The sine of half the angle is that of MAX_TURN_RAD where it is more, the axis is not shortened.
+    The sine of half the angle is that of the most where it is more, the axis is not shortened.
     """
     angle = np.linalg.norm(vectors, axis=1, keepdims=True)
-    held = np.minimum(angle, MAX_TURN_RAD)
+    held = np.minimum(angle, most_rad)
     share = np.divide(np.sin(held / 2), held, out=np.full_like(held, 0.5), where=held > 0)
     return np.hstack((vectors * share, np.cos(held / 2)))
 

@@ -64,7 +64,7 @@ class WaitingSteps:
         self._stages = STAGES if integrator == RK4 else 1
         self.room = max(1, self.copies.room // self._stages)
         self._qpos, self._qvel = np.empty((self.room, m.nq)), np.empty((self.room, m.nv))
-        self._after = np.empty((self.room, m.nv))
+        self._after, self._reached = np.empty((self.room, m.nv)), np.empty((self.room, m.nq))
         self._begin()
 
     def _begin(self) -> None:
@@ -73,6 +73,7 @@ class WaitingSteps:
         self._qfrc: dict[int, Any] = {}
         self._xfrc: dict[int, Any] = {}
         self._xipos: dict[int, Any] = {}
+        self._rates: list[Any] = []
         self.copies.begin()
 
     @property
@@ -93,11 +94,13 @@ class WaitingSteps:
         if pushed:
             self._xfrc[at] = d.xfrc_applied.copy()
             self._xipos[at] = d.xipos.copy()
+        if self._stages > 1:
+            self._rates.append(d.qvel.copy())
         self.copies.copy(sparse)
 
-    def after(self, step: int, qvel: Any, h: float) -> None:
+    def after(self, step: int, qpos: Any, qvel: Any, h: float) -> None:
         """Count a step."""
-        self._after[len(self.steps)] = qvel
+        self._reached[len(self.steps)], self._after[len(self.steps)] = qpos, qvel
         self.steps.append(step)
         self._h.append(h)
 
@@ -139,6 +142,12 @@ class WaitingSteps:
             ]
         after = layout.mass.times(mass[::stages], self._after[:n])
         total = summed(self._terms, momentum, dense, groups, h, added, after)
+        if stages > 1:
+            rates = np.array(self._rates).reshape(n, stages, m.nv)
+            strays = integrators.strays_by_stages(
+                m, rates, h, before["qpos"], self._reached[:n], self._version
+            )
+            total.remainder[~(strays <= integrators.MOVED_BY)] = np.inf
         numbers = np.array(self.steps)
         forces = held["actuator_force"][::stages, self._read] if m.nu else np.zeros((n, 0))
         answer = ExplainedBatch(

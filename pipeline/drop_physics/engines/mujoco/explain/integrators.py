@@ -18,7 +18,7 @@ import numpy as np
 
 from .flags import NO_EULERDAMP
 from .forces import Force, damping_of, polynomial, term
-from .layout import Layout
+from .layout import BALL, FREE, Layout
 
 EULER, RK4, IMPLICIT, IMPLICITFAST = 0, 1, 2, 3
 """`mjtIntegrator`."""
@@ -26,6 +26,10 @@ INTEGRATOR, SOLVER = "integrator", "solver"
 STAGES = 4
 WEIGHTS = (1 / 6, 1 / 3, 1 / 3, 1 / 6)
 """The weights of RK4's stages."""
+MUNTHE_KAAS = (4, 0)
+"""The first version whose RK4 turns bodies so; those before turn by the mean of the spins."""
+MOVED_BY = 1e-12
+"""Largest distance of a pose from where the velocities lead that is rounding; measured: 2e-15."""
 GYROSCOPIC_SINCE = (3, 11)
 """The first version whose implicitfast has the slope of the bias of bodies that move freely."""
 
@@ -102,6 +106,58 @@ def added_by_stages(layout: Layout, held: dict[str, Any]) -> list[Force]:
         term(SOLVER, averaged(left_by_solver(layout, held))),
         term(INTEGRATOR, averaged(layout.mass.times(first - numbers, accelerations))),
     ]
+
+
+def strays_by_stages(
+    m: Any, rates: Any, h: Any, before: Any, after: Any, version: tuple[int, ...]
+) -> Any:
+    """Return how far RK4's poses are from where the velocities of its stages lead [m, rad], (n,).
+
+    `rates` has the shape (n, 4, nv), poses (n, nq). Turns of the stages are first taken back to the
+    axes of the first, where that is done (`MUNTHE_KAAS`).
+    """
+    h = h[:, None]
+    moves = np.tensordot(np.array(WEIGHTS), rates, (0, 1)) * h
+    off = np.zeros(len(rates))
+    for kind, at, dof in zip(m.jnt_type, m.jnt_qposadr, m.jnt_dofadr):
+        straight = {FREE: 3, BALL: 0}.get(int(kind), 1)
+        way = after[:, at : at + straight] - before[:, at : at + straight]
+        differs = np.abs(way - moves[:, dof : dof + straight]) / (
+            1.0 + np.abs(after[:, at : at + straight])
+        )
+        off = np.maximum(off, differs.max(axis=1, initial=0.0))
+        if kind not in (FREE, BALL):
+            continue
+        at, dof = at + straight, dof + straight
+        turn = moves[:, dof : dof + 3]
+        if version >= MUNTHE_KAAS:
+            a, b, c, d = np.moveaxis(rates[:, :, dof : dof + 3], 1, 0)
+            b = _taken_back(h / 2 * a, b)
+            c = _taken_back(h / 2 * b, c)
+            turn = h * (a + 2 * b + 2 * c + _taken_back(h * c, d)) / 6
+        reached = _matrices(before[:, at : at + 4]) @ _matrices(_turn(turn))
+        differs = np.abs(reached - _matrices(after[:, at : at + 4]))
+        off = np.maximum(off, differs.max(axis=(1, 2), initial=0.0))
+    return off
+
+
+def _turn(vectors: Any) -> Any:
+    """Return turns by these vectors [rad] as quaternions, real part first, shape (n, 4)."""
+    half = np.linalg.norm(vectors, axis=1, keepdims=True) / 2
+    return np.hstack([np.cos(half), np.sinc(half / np.pi) * vectors / 2])
+
+
+def _taken_back(turn: Any, spin: Any) -> Any:
+    """Return the inverse derivative of the exponential map, applied to a spin after a turn, (n, 3).
+
+    k + u × k / 2 + (1 - θ/2 cot θ/2)/θ² u × (u × k), with θ = |u| (Munthe-Kaas).
+    """
+    angle = np.linalg.norm(turn, axis=1, keepdims=True)
+    small = angle < 1e-3
+    half = np.where(small, 1.0, angle) / 2
+    share = np.where(small, 1 / 12 + angle**2 / 720, (1 - half / np.tan(half)) / (4 * half**2))
+    once = np.cross(turn, spin)
+    return spin + once / 2 + share * np.cross(turn, once)
 
 
 def _rows(layout: Layout, slopes: Any, dof: int) -> Any:

@@ -386,7 +386,7 @@ class Replay:
         else:
             batch.evaluated(model.sparse, state.is_applied, state.is_pushed)
         if status == EXPLAINED and batch is not None:
-            batch.after(state.step, state.qvel, model.timestep)
+            batch.after(state.step, state.qpos, state.qvel, model.timestep)
         state.answers, state.posed = [], []
         state.statuses.append((status, REASONS.index(reason)))
         state.step += 1
