@@ -20,8 +20,8 @@ from drop_physics.engines.mujoco.interventions import (  # noqa: E402
 from drop_physics.engines.mujoco.watch.intervene import ModelChanges  # noqa: E402
 from drop_physics.errors import ScenarioError  # noqa: E402
 from drop_physics.experiments.interventions import KINDS  # noqa: E402
-from drop_physics.stages.trust import trust  # noqa: E402
-from drop_physics.stages.variations import of_engine, variations_of  # noqa: E402
+from drop_physics.stages.asked import cures_of  # noqa: E402
+from drop_physics.stages.trust import USUAL, candidates_of, trust  # noqa: E402
 from drop_physics.stages.why import why  # noqa: E402
 from drop_physics.trace.cures import Cure, Scope  # noqa: E402
 from drop_physics.trace.events import Actuator, Body, Joint  # noqa: E402
@@ -193,17 +193,26 @@ def test_a_run_that_becomes_a_trial_differs_from_its_first_call_on() -> None:
 
 
 def test_usual_variations_are_those_of_the_engine_that_the_model_has_not() -> None:
-    usual = variations_of(None)
-    held = {"solver": 2.0, "cone": 0.0, "impratio": 1.0}
-    found = of_engine(usual, held, engine="MuJoCo 4.0.0", usual=True)
-    assert {*found} == {
+    usual = cures_of(USUAL, "--vary", whole=True)
+
+    def names(engine: str, **held: float) -> set[str]:
+        seen: Any = SimpleNamespace(
+            engine=engine,
+            bodies={},
+            settings=[SimpleNamespace(values={"fixedTimeStep": 0.002, **held})],
+        )
+        found = candidates_of(seen, usual, "--vary", usual=True)
+        with pytest.raises(ScenarioError, match=f"no option of {engine}"):
+            candidates_of(seen, usual, "--vary", usual=False)
+        return {each.intervention.call for each in found}
+
+    assert names("MuJoCo 4.0.0", solver=2.0, cone=0.0, impratio=1.0) == {
         *("timestep/2", "timestep/4", "iterations*4", "nudge", "seed"),
         *("solver=CG", "cone=elliptic", "impratio=10"),
     }
-    others = of_engine(usual, {}, engine="PyBullet", usual=True)
-    assert {*others} == {"timestep/2", "timestep/4", "iterations*4", "residual 0", "nudge", "seed"}
-    with pytest.raises(ScenarioError, match="no option of PyBullet"):
-        of_engine(variations_of(["cone=elliptic"]), {}, engine="PyBullet", usual=False)
+    assert names("PyBullet") == {
+        *("timestep/2", "timestep/4", "iterations*4", "residual 0", "nudge", "seed")
+    }
 
 
 def test_a_write_is_left_out_before_its_line_alone() -> None:

@@ -14,8 +14,8 @@ from drop_physics import analyze
 from drop_physics.errors import OutputError, ScenarioError
 from drop_physics.experiments import run_distance as comparing
 from drop_physics.recording.reader import read
-from drop_physics.stages.trust import Trust, trust
-from drop_physics.stages.variations import lengths_of, variations_of
+from drop_physics.stages.asked import cures_of
+from drop_physics.stages.trust import Trust, lengths_of, trust
 from drop_physics.trace.tables import table_of
 
 HEAD = """
@@ -101,10 +101,10 @@ def test_other_variations_are_chosen_by_name(tmp_path: Path) -> None:
     assert apart["gravity=5"]["m"] == pytest.approx(0.025, rel=0.1)
     assert apart["gravity=10"]["m"] == apart["contactERP=0.1"]["m"] == 0
     with pytest.raises(ScenarioError, match="timestep/2"):
-        variations_of(["fixedTimeStep=0.002"])
+        cures_of(["fixedTimeStep=0.002"], "--vary", whole=True)
     for wrong in ("gravity", "mass=", "timestep/1", "iterations*x", "noSuchParameter=1", "mass=-1"):
-        with pytest.raises(ScenarioError, match="vary must be"):
-            variations_of([wrong])
+        with pytest.raises(ScenarioError, match="vary takes"):
+            cures_of([wrong], "--vary", whole=True)
 
 
 @pytest.mark.parametrize(

@@ -7,15 +7,21 @@ reads what it would have read. Verdicts are held against scripts whose cause is 
 from __future__ import annotations
 
 import ast
+import contextlib
+import json
+import os
 import re
 import sys
+import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import drop_physics
 import numpy as np
+import polars as pl
 import pybullet as p
 import pybullet_data
 import pytest
@@ -23,6 +29,7 @@ from conftest import Drop
 from drop_physics import Scenario, analyze, simulate
 from drop_physics.engines.mujoco.interventions import TABLE as MUJOCO_TABLE
 from drop_physics.engines.pybullet.interventions import TABLE, applied, call_of
+from drop_physics.engines.pybullet.script import Program, Script
 from drop_physics.engines.pybullet.watch.calls import shown_file
 from drop_physics.engines.pybullet.watch.intervene import Interventions
 from drop_physics.errors import DropError, ScenarioError
@@ -34,16 +41,19 @@ from drop_physics.recording.layer_file import trials_of
 from drop_physics.recording.reader import read
 from drop_physics.report.html import CURVES, html_of
 from drop_physics.rules.answer import Effect, Finding
+from drop_physics.stages.changed_runs import RunChanged
+from drop_physics.stages.parting import MOST
 from drop_physics.stages.record import record_script
 from drop_physics.stages.view import view
 from drop_physics.stages.why import Proved, Why, why
-from drop_physics.stages.why_trials import RunTrial
 from drop_physics.trace.acts import Act
 from drop_physics.trace.cures import Cure, Scope
-from drop_physics.trace.events import Asked, Body, Calls, Joint, Mimic, Site
+from drop_physics.trace.events import Appearance, Asked, Body, Calls, Joint, Mimic, Site
+from jsonschema import Draft202012Validator
 from PIL import Image
 from watching import watched
 
+DOCS = Path(__file__).parents[1] / "docs"
 HEAD = """
 import pybullet as p, pybullet_data
 p.connect(p.DIRECT)
@@ -297,9 +307,9 @@ def test_trials_that_part_from_one_run_are_runs_of_their_own_to_the_bit(
         return {n: read(path).ended["state_sha256"] for n, path in paths.items() if path}  # type: ignore[index]
 
     with monkeypatch.context() as patched:
-        patched.setattr(RunTrial, "__call__", None)
+        patched.setattr(RunChanged, "__call__", None)
         parted = digests()
-    monkeypatch.setattr("drop_physics.stages.why.can_part", lambda *_, **__: False)
+    monkeypatch.setattr("drop_physics.stages.parting.FORKS", False)
     assert parted == digests()
     assert len(set(parted.values())) == len(tries)
 
@@ -328,6 +338,36 @@ def test_trials_go_with_the_recording(tmp_path: Path, monkeypatch: pytest.Monkey
     assert folder.joinpath("why.json").is_file()
     assert record_script("script.py", stdout=2).recording == result.recording
     assert not folder.exists()
+
+
+def test_a_script_is_swept_over_interventions(
+    drop: Drop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A row for each of a product; a resumed sweep makes only the runs that are gone."""
+    monkeypatch.chdir(tmp_path)
+    Path("script.py").write_text(HEAD + HELD)
+    call = ["sweep", "--try", "constraint-force=10,30", "--try", "damping=0", "--out", "out"]
+    done = drop(*call, "--json", "script.py")
+    assert done.returncode == 0, done.stderr
+    validator = Draft202012Validator(
+        json.loads((DOCS / "schemas/sweep_script.json").read_text(encoding="utf-8"))
+    )
+    validator.validate(json.loads(done.stdout))
+    rows = pl.read_parquet("out/results.parquet")
+    assert rows.to_dicts() == json.loads(done.stdout)["table"]
+    assert rows["constraint-force"].to_list() == [10, 30]
+    assert rows["damping"].to_list() == [0, 0]
+    # 10 N of 19.62 are lacking: it falls, semi-implicitly and undamped; 30 N hold it.
+    fell_m = 1 - rows["0_box z_m"].to_numpy()
+    assert fell_m == pytest.approx([(9.81 - 10 / 2) / 240**2 * 60 * 61 / 2, 0], abs=1e-3)
+    assert ["weak-constraint" in each for each in rows["findings"]] == [True, False]
+    first, second = (Path("out") / each for each in rows["recording"])
+    kept, _ = first.stat().st_mtime_ns, second.unlink()
+    assert drop(*call, "script.py").returncode == 0
+    assert first.stat().st_mtime_ns == kept
+    assert pl.read_parquet("out/results.parquet").equals(rows)
+    assert drop(*call, "--plot", "a.svg", "script.py").returncode == 2
+    assert drop(*call).returncode == 2
 
 
 def test_a_script_without_a_step_has_nothing_to_compare(tmp_path: Path) -> None:
@@ -450,6 +490,128 @@ def test_what_a_rule_proposes_is_an_intervention_that_an_engine_has() -> None:
 
 
 # -- what a run does otherwise --------------------------------------------------------------------
+
+LINK = """<link name="{0}"><inertial><mass value="1"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><geometry><sphere radius="0.05"/></geometry></collision></link>"""
+HINGE = """<joint name="j{0}" type="revolute"><parent link="{0}"/><child link="{1}"/>
+<origin xyz="0.3 0 0"/><axis xyz="0 1 0"/><dynamics damping="0.1"/>
+<limit lower="-1" upper="1" effort="9" velocity="2"/>{2}</joint>"""
+TWO_HINGES = "".join(
+    (
+        '<robot name="arm">',
+        *(LINK.format(n) for n in range(3)),
+        HINGE.format(0, 1, ""),
+        HINGE.format(1, 2, '<mimic joint="j0"/>'),
+        "</robot>",
+    )
+)
+EVERYTHING = """
+p.connect(p.DIRECT)
+p.setGravity(0, 0, -9)
+p.setPhysicsEngineParameter(numSubSteps=2, numSolverIterations=20, enableConeFriction=0)
+p.loadURDF("plane.urdf", physicsClientId=1)
+arm = p.loadURDF("arm.urdf", useFixedBase=True, flags=p.URDF_USE_SELF_COLLISION)
+shape = p.createCollisionShape(p.GEOM_MESH, fileName="duck.obj")
+box = p.createMultiBody(2, shape, basePosition=[1, 0, 1])
+held = p.createConstraint(box, -1, -1, -1, p.JOINT_FIXED, [0, 0, 0], [0, 0, 0], [1, 0, 1.1])
+p.changeConstraint(held, maxForce=10)
+p.changeDynamics(box, 2, lateralFriction=0.4)
+p.setTimeStep(1 / 100)
+for i in range(3):
+    p.calculateInverseKinematics(arm, 1, [0.3, 0, 0.5])
+    p.setJointMotorControl2(arm, 1, p.POSITION_CONTROL, 0.4, force=20, positionGain=0.3)
+    p.resetJointState(arm, 1, 0.1)
+    p.resetBasePositionAndOrientation(box, [1 + i / 100, 0, 1], [0, 0, 0, 1])
+    p.resetBaseVelocity(box, [0.1, 0, 0])
+    if not i:
+        p.applyExternalForce(box, -1, [1, 0, 0], [1, 0.1, 1], p.WORLD_FRAME)
+    steps(1)
+"""
+CURES = {
+    "right-client": {"given": {"function": "setGravity", "client": 1}},
+    "right-link": {"given": {"arguments": ["lateralFriction"]}},
+    "right-link:joints": {"given": {"links": {1: 0}}},
+    "inertial": {"given": {"links": [1]}},
+    "without": {"given": {"function": "setTimeStep"}},
+    "without:of-body": {"given": {"function": "resetBaseVelocity"}},
+    "lifted": {},
+}
+"""What only a finding knows of a cure."""
+MUJOCO_ONLY = {
+    *("impratio", "noslip", "solref", "armature", "gravcomp", "ctrlrange", "forcerange"),
+    *("exclude", "contype", "filterparent", "keyframe-ctrl", "set-const", "memory", "forward"),
+}
+
+
+@pytest.mark.long
+def test_each_intervention_changes_a_call_of_a_script_or_is_another_engines(
+    tmp_path: Path,
+) -> None:
+    script = HEAD + EVERYTHING
+    tmp_path.joinpath("arm.urdf").write_text(TWO_HINGES)
+    events, ending, _ = watched(tmp_path, script, seed=0)
+    assert ending.how == "finished", ending.error
+    bodies = [each.body for each in events if isinstance(each, Appearance)]
+    lines = script.splitlines()
+    site_of = {
+        function: f"script.py:{next(n for n, line in enumerate(lines, 1) if function in line)}"
+        for function in ("setTimeStep", "lateralFriction", "resetBaseVelocity")
+    }
+    trials: dict[str, Program] = {}
+    none = set()
+    for key in [*KINDS, *TABLE]:
+        name, _, form = key.partition(":")
+        cure = Cure(name, form=form, **CURES.get(key, {}))
+        if name == "parameter":
+            cure = replace(cure, value=0.1, given={"name": "contactERP"})
+        function = str(cure.given.get("function", "lateralFriction"))
+        box = [each for each in bodies if (each.client, each.engine_id) == (0, 1)]
+        about = box if form == "of-body" else bodies
+        scope = Scope(about, site=site_of.get(function), timestep_s=0.01)
+        run = applied(cure, scope)
+        if run is None:
+            none.add(key)
+            continue
+        trials[key] = Program(
+            "script.py",
+            (),
+            sys.executable,
+            variation=run.below or None,
+            interventions=run.operations,
+        )
+    assert none == MUJOCO_ONLY
+    unseeded = {key: each for key, each in trials.items() if key != "seed"}
+    keys, fired = [*unseeded], set()
+    for at in range(0, len(keys), MOST):
+        fired |= parted(tmp_path, {key: trials[key] for key in keys[at : at + MOST]})
+    assert fired == {*unseeded}
+
+
+def parted(folder: Path, trials: dict[str, Program]) -> set[str]:
+    """Return the trials that change something, of all that part from a run of `script.py`."""
+    found = set()
+    run = Program("script.py", (), sys.executable, trials=[*trials.values()])
+    with (
+        contextlib.chdir(folder),
+        Path(os.devnull).open("wb") as null,
+        Script(run, stdout=null.fileno()) as process,
+        ThreadPoolExecutor(1) as reader,
+    ):
+        own = reader.submit(lambda: [*process.events()])
+        for number, (key, trial) in enumerate(trials.items()):
+            over = False
+            while (part := process.part(number, trial)) is None and not over:
+                over = bool(process.decoder.ended or own.done())
+                time.sleep(0.005)
+            if part is None:
+                continue
+            with part:
+                assert [*part.events()]
+            assert part.ending().how == "finished", (key, part.ending().error)
+            if part.decoder.intervened or trial.variation:
+                found.add(key)
+    return found
 
 
 @pytest.fixture

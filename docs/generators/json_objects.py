@@ -417,6 +417,47 @@ SWEEP = Object(
     },
     frozenset({"runs", "failed", "results", "table"}),
 )
+SCRIPT_SWEEP = Object(
+    {
+        "script": str,
+        "recording": Path,
+        "runs": int,
+        "failed": int,
+        "results": Path,
+        "table": [
+            Object(
+                {
+                    "run": int, "ended": str, "error": str | None, "steps": int, "same": bool,
+                    "end_m": float | None, "end_rad": float | None, "findings": list[str],
+                    "recording": str,
+                },
+                {
+                    "run": "Its number.",
+                    "ended": "How it ended, as of `drop record`.",
+                    "error": "The error that it failed with.",
+                    "steps": "Steps that the script made.",
+                    "same": "Whether no position differs from the script's own run, to the bit.",
+                    "end_m": "How far from its own run a body ends.",
+                    "end_rad": "Likewise a joint, or an orientation.",
+                    "findings": "Codes of its findings.",
+                    "recording": "Its file.",
+                },
+                frozenset({"run", "ended", "steps", "same", "findings", "recording"}),
+                "What is tried, by name: a number, a name, or true where nothing is given; and "
+                "where each body and joint ends, such as `1_box z_m`.",
+            )
+        ],
+    },
+    {
+        "script": "The script.",
+        "recording": "The recording of its own run.",
+        "runs": "Number of runs, without its own.",
+        "failed": "Number of failed runs.",
+        "results": "The Parquet file with the table.",
+        "table": "A row for each run.",
+    },
+    frozenset({"script", "recording", "runs", "failed", "results", "table"}),
+)  # fmt: skip
 RECORD = Object(
     {"recording": Path, "recording_id": str, "script": str,
      "ended": Literal["finished", "steps", "duration", "idle", "disk", "interrupted", "failed"],
@@ -579,6 +620,7 @@ COMMANDS: dict[str, Object] = {
     ),
     "check": CHECK,
     "sweep": SWEEP,
+    "sweep_script": SCRIPT_SWEEP,
     "record": RECORD,
     "trust": TRUST,
     "why": WHY,
@@ -590,7 +632,10 @@ COMMANDS: dict[str, Object] = {
 }  # fmt: skip
 
 
-TITLES = {"analyze_script": "drop analyze, of a script's recording"}
+TITLES = {
+    "analyze_script": "drop analyze, of a script's recording",
+    "sweep_script": "drop sweep, of a script",
+}
 """Titles that differ from the command's."""
 
 

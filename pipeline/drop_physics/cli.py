@@ -305,11 +305,14 @@ def check(
     rich_help_panel=BOX,
     short_help="Run many scenarios, and show how the error behaves.",
     epilog="Example: drop sweep --timestep 1/240,1/480,1/960 --out sweep",
+    context_settings={"allow_interspersed_args": False},
 )
 @takes_scenario_lists
 def sweep(
     *,
+    program: given.Swept = None,
     out: given.SweepFolder,
+    tries: given.SweepTries = None,
     at: Annotated[str, takes("SECONDS", "Time at which to break the error down [s].")] = "0.3",
     samples: given.Samples = None,
     seed: Annotated[int, takes("S", "Random seed.", parser=an_integer)] = 0,
@@ -329,8 +332,20 @@ def sweep(
 
     Every scenario option takes a list A,B,C; vectors are separated by semicolons: "0,0,0;0,0,1".
     The sweep is the product of the lists, in the order of the options below, the last one changing
-    fastest.
+    fastest. With --try, it is a script that runs, once for each combination; of the options below
+    it takes --duration.
     """
+    if program or tries:
+        others = {
+            "samples": samples, "vary": vary, "until-ci": until_ci, "no-record": no_record,
+            "plot": plot, "dark": dark, "camera": camera,
+            **{Scenario.options()[name].name[2:]: None if each is True else each
+               for name, each in lists.items() if name != "duration_s"},
+        }  # fmt: skip
+        refused = [f"--{name}" for name, each in others.items() if each]
+        _sweep_script(
+            program, tries, refused, lists["duration_s"], out, seed, jobs, ray, force, json
+        )
     if ray is None and jobs != 1 and (jobs or samples):
         from drop_physics.sweeping.engines import get_ready
 
@@ -354,6 +369,50 @@ def sweep(
             plot=plot,
             dark=dark,
             force=force,
+            progress=report,
+        )
+    raise typer.Exit(show(result, as_json=json))
+
+
+def _sweep_script(
+    program: list[str] | None,
+    tries: list[str] | None,
+    refused: list[str],
+    duration: str | bool | None,
+    out: Path,
+    seed: int,
+    jobs: int | None,
+    ray: str | None,
+    force: bool,
+    json: bool,
+) -> None:
+    from drop_physics.errors import ScenarioError
+
+    if not program or not tries or refused:
+        raise ScenarioError(
+            "a sweep of a script takes --try, --out, --duration, --seed, --jobs, --ray, --force, "
+            "and the script: drop sweep --try friction=0.2,0.4 --out DIR SCRIPT.py; got {others}",
+            others=all_of(refused) if refused else "--try" if tries else "no --try",
+        )
+    from drop_physics.option_types import number
+    from drop_physics.report.terminal import show
+    from drop_physics.stages.program import digest_of_script
+    from drop_physics.stages.sweep_script import sweep_script
+
+    target, *arguments = program
+    digest_of_script(target, is_module=False)
+    with sweep_progress() as report:
+        result = sweep_script(
+            target,
+            arguments,
+            tries=tries,
+            out=out,
+            duration_s=number(duration) if isinstance(duration, str) else None,
+            seed=seed,
+            jobs=jobs,
+            ray=ray,
+            force=force,
+            stdout=output.descriptor(sys.stderr),
             progress=report,
         )
     raise typer.Exit(show(result, as_json=json))
@@ -532,8 +591,7 @@ def trust(
     """
     from drop_physics.console.progress import sweep_progress
     from drop_physics.report.terminal import show
-    from drop_physics.stages.trust import trust
-    from drop_physics.stages.variations import lengths_of
+    from drop_physics.stages.trust import lengths_of, trust
 
     target, *arguments = program
     lengths = lengths_of(within)

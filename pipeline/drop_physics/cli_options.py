@@ -90,6 +90,21 @@ Program = Annotated[
     list[str],
     typer.Argument(metavar="SCRIPT.py …", help="The script to run, and its arguments."),
 ]
+Swept = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="SCRIPT.py …", help="With --try: a script to run instead, and its arguments."
+    ),
+]
+SweepTries = Annotated[
+    list[str] | None,
+    takes(
+        "NAME=V,…",
+        "Values of an intervention in a script, such as friction=0.2,0.4 or timestep/2,4; "
+        "repeatable: the sweep is the product.",
+        "--try",
+    ),
+]
 Module = Annotated[bool, flag("Run a module by its name, as python -m does.", "-m")]
 Connect = Annotated[str | None, takes("URL", "Show it live in a viewer that is already open.")]
 Layer = Annotated[
@@ -228,7 +243,10 @@ Again = Annotated[
         "--again",
     ),
 ]
-Budget = Annotated[float, takes("SECONDS", "Begin no trial after this time [s].", parser=a_number)]
+Budget = Annotated[
+    float,
+    takes("SECONDS", "Begin no trial so long after the script's own run [s].", parser=a_number),
+]
 Every = Annotated[
     bool, flag("Show every trial, and everything that the outcome hangs on.", "--all")
 ]

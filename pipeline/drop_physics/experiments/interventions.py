@@ -37,6 +37,10 @@ KINDS: dict[str, Kind] = {
     "substeps": Kind(UNDOES, whole_run=True),
     "timestep-first": Kind(UNDOES, decides=True, whole_run=True),
     "timestep": Kind(NUMERICS, whole_run=True),
+    "iterations": Kind(NUMERICS, whole_run=True),
+    "parameter": Kind(NUMERICS, whole_run=True),
+    "nudge": Kind(NUMERICS, whole_run=True),
+    "seed": Kind(NUMERICS, whole_run=True),
     "damping": Kind(NUMERICS, decides=True),
     "joint-damping": Kind(NUMERICS, decides=True),
     "inertia-from-file": Kind(UNDOES, decides=True),
@@ -79,7 +83,7 @@ KINDS: dict[str, Kind] = {
     "forward": Kind(UNDOES, decides=True, whole_run=True),
     "without": Kind(LEAVES_OUT),
 }
-"""All interventions by name, as `--try` takes them."""
+"""All interventions by name, as `--try` and `--vary` take them; a `parameter` by its own name."""
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drop_physics.analysis.results import renamed
+from drop_physics.experiments.run_distance import APART
 from drop_physics.experiments.verdicts import CAUSES, VERDICTS
 from drop_physics.explain.jsonable import jsonable
 from drop_physics.fields import counted
@@ -200,7 +201,8 @@ def _hangs(why: Why, *, every: bool) -> Iterator[Section]:
     if rest:
         most = Message("{value} or less", value=readable(rest[0].value, rest[0].unit))
         rows.append((counted(len(rest), "other"), most, ""))
-    if why.noise is not None:
+    chaotic = any(each.verdict == "chaotic" for each in why.findings)
+    if why.noise is not None and (every or chaotic or why.noise.value > APART):
         noise = readable(why.noise.value, why.noise.unit)
         rows.append((Message("nudge of 1e-9"), noise, ""))
     if not rows:

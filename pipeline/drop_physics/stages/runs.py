@@ -33,6 +33,8 @@ class Ended:
     """Steps of all its simulations."""
     intervened: frozenset[int]
     """The interventions that have changed something, by number."""
+    outside: bool
+    """Whether the script reached something beside its simulation, where it was listened to."""
 
 
 @dataclass(frozen=True)
@@ -49,9 +51,7 @@ class RunsUnderWay:
         origin: Mapping[str, Any],
         recording_id: str,
         stdout: int,
-        stderr: int | None = None,
         drawn: bool = False,
-        ends_by: Callable[[], bool] = lambda: False,
     ) -> Ended:
         """Run and record a program.
 
@@ -65,24 +65,17 @@ class RunsUnderWay:
             What it says of the script.
         recording_id
             Its id.
-        stdout, stderr
-            File descriptors of the script's streams.
+        stdout
+            File descriptor of the script's standard output.
         drawn
             Whether what is only for looking is recorded, too.
-        ends_by
-            Asked ten times a second whether the run is to be stopped.
 
         Raises
         ------
         DropError
             If it cannot be started.
         """
-
-        def tell(_: float, __: int) -> None:
-            if ends_by():
-                process.stop("interrupted")
-
-        with running.Script(program, stdout=stdout, stderr=stderr, tell=tell) as process:
+        with running.Script(program, stdout=stdout) as process:
             return self.recorded(
                 process, path, origin=origin, recording_id=recording_id, drawn=drawn
             )
@@ -108,7 +101,7 @@ class RunsUnderWay:
         finally:
             self.under_way.discard(process)
         decoder = process.decoder
-        return Ended(ended.how, decoder.steps, frozenset(decoder.intervened))
+        return Ended(ended.how, decoder.steps, frozenset(decoder.intervened), bool(decoder.outside))
 
     def stop(self) -> None:
         """End what runs now."""

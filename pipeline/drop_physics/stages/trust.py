@@ -2,33 +2,60 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from drop_physics.engines.cures import cures_of as engine_cures
 from drop_physics.engines.pybullet.script import Program
-from drop_physics.errors import DropError
-from drop_physics.messages import Message
+from drop_physics.errors import ScenarioError
+from drop_physics.fields import shown
+from drop_physics.option_types import number
 from drop_physics.printable import Printable
-from drop_physics.stages.program import SEEDED_CLOCK_S, STOPPED, checked_limits
+from drop_physics.stages.asked import cures_of
+from drop_physics.stages.program import SEEDED_CLOCK_S, checked_limits
+from drop_physics.stages.proposals import Candidate, Proposals
 from drop_physics.stages.runs import Progress
 from drop_physics.stages.trust_runs import (
     BASE,
     Made,
+    RunFolder,
     RunVariation,
-    TrustFolder,
     Varied,
     identity_of,
     made_of,
-    run_varied,
+    run_kept,
 )
-from drop_physics.stages.variations import Variations, of_engine, variations_of
+from drop_physics.trace.cures import NUDGE, Cure
+from drop_physics.trace.history import PYBULLET
 
 if TYPE_CHECKING:
     from drop_physics.experiments.robustness import Converging, Growth, Standing
     from drop_physics.rules.answer import Finding
+    from drop_physics.trace.history import Seen
+
+USUAL = (
+    *("timestep/2", "timestep/4", "iterations*4", "residual 0"),
+    *("solver=CG", "solver=Newton", "cone=pyramidal", "cone=elliptic", "impratio=10"),
+    *("nudge", "seed"),
+)
+"""The usual variations; an engine has some of them, and its model may have others already."""
+UNITS = {
+    "m": (1.0, "m"),
+    "cm": (1e-2, "m"),
+    "mm": (1e-3, "m"),
+    "µm": (1e-6, "m"),
+    "um": (1e-6, "m"),
+    "nm": (1e-9, "m"),
+    "rad": (1.0, "rad"),
+    "mrad": (1e-3, "rad"),
+    "deg": (0.017453292519943295, "rad"),
+    "°": (0.017453292519943295, "rad"),
+}
+LENGTH = re.compile(r"([^\s]*?[\d.])\s*([^\d\s.]+)?")
 
 
 @dataclass(frozen=True)
@@ -121,7 +148,7 @@ def trust(
         If the interpreter cannot be started, or the script makes no step.
     """
     steps, duration_s, _ = checked_limits(steps, duration_s, seed)
-    variations = variations_of(vary)
+    asked = cures_of(vary or USUAL, "--vary", whole=True)
     outputs = [None if each is None else Path(each) for each in (table, plot)]
     if any(outputs):
         from drop_physics.stages.trust_outputs import check_outputs, write_outputs
@@ -139,65 +166,103 @@ def trust(
         explain=True,
     )
     place = Path("recordings") / f"{Path(target).stem}-trust" if out is None else Path(out)
-    folder = TrustFolder(place.resolve(), identity_of(program), force)
-    with folder.claimed((BASE, *variations)):
-        work, base = _begun(program, variations, folder, usual=not vary, stdout=stdout)
-        try:
-            varied = run_varied(work, jobs=jobs, ray=ray, progress=progress)
-        except BaseException as stop:
-            stop.add_note(Message("run the same command again to resume it"))
-            raise
-    result = _trust(target, base, varied, work.variations)
+    folder = RunFolder(place.resolve(), identity_of(program), force)
+    with folder.claimed((BASE, *(each.call for each in asked))):
+        base, limited, parts = folder.begun(program, stdout=stdout)
+        candidates = candidates_of(base.seen, asked, "--vary", usual=not vary)
+        work = RunVariation(limited, candidates, folder.path, base.path, base, runs=folder.runs)
+        varied = run_kept(work, parts=parts, jobs=jobs, ray=ray, progress=progress)
+    result = _trust(target, work, varied)
     if any(outputs):
         write_outputs(result, *outputs, dark=dark, force=force)
     return result
 
 
-def _begun(
-    program: Program, variations: Variations, folder: TrustFolder, *, usual: bool, stdout: int
-) -> tuple[RunVariation, Made]:
-    """Run the script itself, and return what runs its variations, and what it was."""
-    steps = folder.run(BASE, program, stdout=stdout)
-    if not steps:
-        raise DropError(
-            "{script} makes no step, so there is nothing to compare; give it the arguments "
-            "with which it steps",
-            script=program.target,
-        )
-    from drop_physics.recording.reader import read  # while the script ran
+def candidates_of(
+    seen: Seen, asked: Sequence[Cure], option: str, *, usual: bool
+) -> list[Candidate]:
+    """Return what is asked for as its engine has it, on the whole run.
 
-    base = read(folder.recording(BASE))
-    made = made_of(BASE, base)
-    settings = base.seen.settings[-1].values
-    variations = of_engine(variations, settings, engine=made.engine, usual=usual)
-    limited = replace(program, steps=steps + (made.ended not in STOPPED), duration_s=None)
-    return RunVariation(limited, variations, folder, base), made
+    Parameters
+    ----------
+    seen
+        The script's own run.
+    asked
+        What is asked for.
+    option
+        By which option.
+    usual
+        Whether those of other engines, and what the model has already, are left out silently.
+
+    Raises
+    ------
+    ScenarioError
+        If one is another engine's.
+    """
+    engine, settings = seen.engine, seen.settings[-1].values
+    proposals, found = Proposals(seen, [], engine_cures(engine)), []
+    for cure in asked:
+        candidate, name = proposals.whole(cure), cure.given.get("name")
+        if candidate.run is None and not usual:
+            raise ScenarioError(
+                "{option} {name} is no option of {engine}, which steps the script",
+                option=option,
+                name=cure.call,
+                engine=engine,
+            )
+        has_it = usual and engine != PYBULLET and name and settings.get(name) == cure.value
+        if candidate.run is not None and not has_it:
+            found.append(candidate)
+    return found
 
 
-def _trust(
-    target: str,
-    base: Made,
-    varied: dict[str, Varied],
-    variations: Mapping[str, Mapping[str, Any]],
-) -> Trust:
+def _trust(target: str, work: RunVariation, varied: Sequence[Varied]) -> Trust:
     from drop_physics.experiments.robustness import converging, geometric, growth, standing
     from drop_physics.stages.trust_findings import findings_of
 
-    for name, given in variations.items():
-        if given == {"draws": None} and varied[name].apart.same:  # it draws none
-            del varied[name]
-    nudge = next((name for name in varied if "nudge" in variations[name]), None)
-    grown = nudge and growth(varied[nudge].apart, variations[nudge]["nudge"])
-    finer = {
-        variations[name].get("finer", 1): each
-        for name, each in varied.items()
-        if "finer" in variations[name]
-    }
+    base = made_of(BASE, work.own)
+    made = [
+        (each.intervention.cure, one)
+        for each, one in zip(work.candidates, varied, strict=True)
+        if not (each.intervention.call == "seed" and one.apart.same)  # it draws none
+    ]
+    nudged = next(((cure, one) for cure, one in made if cure.name == "nudge"), None)
+    grown = nudged and growth(nudged[1].apart, nudged[0].value or NUDGE)
+    finer = {int(cure.value or 0): one for cure, one in made if cure.name == "timestep"}
     three = geometric([*finer])
     found = []
     if three is not None:
         runs = [None if each == 1 else finer[each].apart for each in three]
         found = converging([1 / each for each in three], runs)
-    stands = standing({name: each.apart for name, each in varied.items()})
+    varied = [one for _, one in made]
+    stands = standing({each.name: each.apart for each in varied})
     findings = findings_of(varied, grown or None, found, base)
-    return Trust(target, base, [*varied.values()], stands, grown or None, found, findings)
+    return Trust(target, base, varied, stands, grown or None, found, findings)
+
+
+def lengths_of(text: str | float | None) -> Mapping[str, float]:
+    """Return the largest distances by unit, m or rad, of a text such as `1mm` or `1mm,0.5deg`.
+
+    Raises
+    ------
+    ScenarioError
+        If it is something else.
+    """
+    if text is None:
+        return {}
+    found: dict[str, float] = {}
+    for part in str(text).split(","):
+        match = LENGTH.fullmatch(part.strip())
+        try:
+            if match is None:
+                raise ValueError
+            value, (size, unit) = number(match[1]), UNITS[match[2] or "m"]
+            if not 0 <= value < float("inf"):
+                raise ValueError
+        except (ScenarioError, KeyError, ValueError):
+            raise ScenarioError(
+                "--within must be a length or an angle such as 1mm or 0.5deg, got {text}",
+                text=shown(text),
+            ) from None
+        found[unit] = value * size
+    return found

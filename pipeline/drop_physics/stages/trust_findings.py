@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from drop_physics.experiments.robustness import Converging, Growth
@@ -59,22 +59,22 @@ def part_of(body: str, joint: str | None, unit: str = "m") -> str:
 
 
 def findings_of(
-    varied: Mapping[str, Varied], grown: Growth | None, found: list[Converging], base: Made
+    varied: Sequence[Varied], grown: Growth | None, found: list[Converging], base: Made
 ) -> list[Finding]:
     """Return what was found, the gravest first."""
     grows = [] if grown is None else [_grows(grown)]
     return sorted([*_ending(varied, base), *grows, *_converges(found)], key=lambda each: each.rank)
 
 
-def _ending(varied: Mapping[str, Varied], base: Made) -> Iterator[Finding]:
+def _ending(varied: Sequence[Varied], base: Made) -> Iterator[Finding]:
     """Yield variations that end by themselves where the script did not, or fail."""
-    for name, each in varied.items():
+    for each in varied:
         if each.made.ended == "failed" != base.ended:
             yield Finding(
                 code="variation-failed",
                 level="broken",
                 message=Message(
-                    "with {name} the script fails: {error}", name=name, error=each.made.error
+                    "with {name} the script fails: {error}", name=each.name, error=each.made.error
                 ),
             )
         elif each.made.steps > base.steps:
@@ -83,7 +83,7 @@ def _ending(varied: Mapping[str, Varied], base: Made) -> Iterator[Finding]:
                 level="model",
                 message=Message(
                     "with {name} the script goes on after its {all} steps; only these are compared",
-                    name=name,
+                    name=each.name,
                     all=base.steps,
                 ),
             )
@@ -93,7 +93,7 @@ def _ending(varied: Mapping[str, Varied], base: Made) -> Iterator[Finding]:
                 level="model",
                 message=Message(
                     "with {name} the script ends after {steps} of {all} steps",
-                    name=name,
+                    name=each.name,
                     steps=each.made.steps,
                     all=base.steps,
                 ),

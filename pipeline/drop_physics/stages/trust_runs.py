@@ -1,4 +1,4 @@
-"""The runs of `drop trust`: the script's own and its variations, recorded in a folder that resumes.
+"""Runs of a script in a folder that resumes: its own, and those of `drop trust` and of a sweep.
 
 Rerun and polars are imported where they are used: the script starts while they load.
 """
@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -21,14 +21,18 @@ from drop_physics.errors import DropError, OutputError, RecordingError
 from drop_physics.files.outputs import make_folder
 from drop_physics.files.whole import lock, opened, written_whole
 from drop_physics.messages import Message
-from drop_physics.stages.program import digest_of_script
-from drop_physics.stages.runs import Progress, RunsUnderWay, run_all
+from drop_physics.stages.changed_runs import RunChanged, plain
+from drop_physics.stages.parting import parts_first, run_changed
+from drop_physics.stages.program import STOPPED, digest_of_script
+from drop_physics.stages.runs import Ended, Progress, RunsUnderWay
 from drop_physics.workers import cores
 
 if TYPE_CHECKING:
     from drop_physics.engines.pybullet.script import Program
     from drop_physics.experiments.run_distance import Apart
     from drop_physics.recording.reader import Recording
+
+T = TypeVar("T")
 
 BASE = "base"
 """The script's own run, among the variations."""
@@ -71,38 +75,49 @@ class Varied:
 
 
 @dataclass(frozen=True)
-class RunVariation:
-    """Runs one variation, called with its number; picklable."""
+class RunKept(RunChanged[T]):
+    """Runs one candidate, called with its number; one that is there already is read."""
 
-    program: Program
-    variations: Mapping[str, Mapping[str, Any]]
-    folder: TrustFolder
-    base: Recording | None = None
-    """The script's own run; None where it is to be read."""
+    def compared(self, number: int, other: Recording) -> T:
+        """Return what a run came to, by its recording."""
+        raise NotImplementedError
 
-    def __call__(self, number: int) -> Varied:
-        """Run a variation, record it, and compare it with the script's own run."""
-        from drop_physics.experiments.first_term import first_term
-        from drop_physics.experiments.run_distance import apart
+    def __call__(self, number: int) -> T:
+        """Return a run that is there, or make it."""
+        path, name = self.path_of(number), self.name_of(number)
+        if not os.path.lexists(path):
+            return super().__call__(number)
+        return self.compared(number, whole(path, self.id_of(name)))
+
+    def made(self, number: int, ended: Ended) -> T:
+        """Return what a run came to, by its recording."""
         from drop_physics.recording.reader import read
 
-        name, given = [*self.variations.items()][number]
-        finer = given.get("finer", 1)
-        other = self.folder.found(name)
-        if other is None:
-            variation = {key: value for key, value in given.items() if key != "draws"}
-            program = replace(self.program, variation=variation)
-            if "draws" in given:
-                seed = given["draws"]
-                program = replace(program, seed=(program.seed or 0) + 1 if seed is None else seed)
-            with Path(os.devnull).open("wb") as null:
-                self.folder.run(name, program, stdout=null.fileno(), stderr=null.fileno())
-            other = read(self.folder.recording(name))
-        base = self.base or read(self.folder.recording(BASE))
+        if ended.how == "interrupted":
+            raise DropError(
+                "{name} was interrupted; run the same command again", name=self.name_of(number)
+            )
+        return self.compared(number, read(self.path_of(number)))
+
+
+@dataclass(frozen=True)
+class RunVariation(RunKept[Varied]):
+    """Runs one variation, and compares it with the script's own run."""
+
+    def has_failed(self, made: Varied) -> bool:
+        """Return whether a run failed by itself."""
+        return made.made.ended == "failed"
+
+    def compared(self, number: int, other: Recording) -> Varied:
+        """Return what a variation came to, by its recording."""
+        from drop_physics.experiments.first_term import first_term
+        from drop_physics.experiments.run_distance import apart
+
+        base, finer = self.own, self.finer(number)
         with np.errstate(all="ignore"):  # of states that are not finite
             found = apart(base.seen, other.seen, finer=finer)
             term = first_term(base.seen, other.seen, found, finer=finer)
-        return Varied(made_of(name, other, finer=finer), found, term)
+        return Varied(made_of(self.name_of(number), other, finer=finer), found, term)
 
 
 def made_of(name: str, recording: Recording, *, finer: int = 1) -> Made:
@@ -119,29 +134,29 @@ def made_of(name: str, recording: Recording, *, finer: int = 1) -> Made:
     )
 
 
-def run_varied(
-    work: RunVariation, *, jobs: int | None, ray: str | None, progress: Progress
-) -> dict[str, Varied]:
-    """Run the variations, those with the most steps first, and return them in order."""
-    numbers = range(len(work.variations))
-    steps = [each.get("finer", 1) for each in work.variations.values()]
-    done = run_all(
-        work,
-        sorted(numbers, key=lambda number: -steps[number]),
-        stop=work.folder.runs.stop,
-        has_failed=lambda varied: varied.made.ended == "failed",
-        jobs=jobs or cores(),
-        progress=progress,
-        ray=None if ray is None else (replace(work, base=None), ray),
-    )
-    return {done[number].name: done[number] for number in numbers}
+def run_kept(
+    work: RunKept[T], *, parts: bool, jobs: int | None, ray: str | None, progress: Progress
+) -> list[T]:
+    """Run all candidates, those with the most steps first, and return them in order."""
+    numbers = range(len(work.candidates))
+    # What parts later has to be held against the script's own run before it counts.
+    parts = parts and all(parts_first(work.run_of(number)) for number in numbers)
+    order = sorted(numbers, key=lambda number: -work.finer(number))
+    try:
+        done = run_changed(
+            work, order, parts=parts, jobs=jobs or cores(), ray=ray, progress=progress
+        )
+    except BaseException as stop:
+        stop.add_note(Message("run the same command again to resume it"))
+        raise
+    return [done[number] for number in numbers]
 
 
 # -- the folder -----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class TrustFolder:
+class RunFolder:
     """The recordings of a script's runs: each whole, with an id of its own, or not there.
 
     Parameters
@@ -152,11 +167,17 @@ class TrustFolder:
         What determines the runs, as far as it is known before.
     force
         Whether what is there is replaced.
+    described
+        The file that says whose it is.
+    reads
+        Whether all runs may be there already.
     """
 
     path: Path
     identity: Mapping[str, Any]
     force: bool = False
+    described: str = "trust.json"
+    reads: bool = False
     runs: RunsUnderWay = field(default_factory=RunsUnderWay, compare=False)
     """What runs now in this process."""
 
@@ -180,7 +201,7 @@ class TrustFolder:
             )
             known = self._known()
             ours = known is not None and {**known, "finished": False} == self._described(False)
-            resumes = ours and known is not None and not known["finished"]
+            resumes = ours and known is not None and (self.reads or not known["finished"])
             recordings = [*map(self.recording, names)]
             there = [each for each in (self._description, *recordings) if os.path.lexists(each)]
             if there and not (resumes or self.force):
@@ -204,63 +225,53 @@ class TrustFolder:
 
     def recording(self, name: str) -> Path:
         """Return the recording of a run."""
-        plain = "".join(each if each.isalnum() or each in "=.-+" else "_" for each in name)
-        return self.path / f"{plain}.rrd"
+        return self.path / f"{plain(name)}.rrd"
 
-    def found(self, name: str) -> Recording | None:
-        """Return a run that is there.
+    def begun(self, program: Program, *, stdout: int) -> tuple[Recording, Program, bool]:
+        """Run and record a program as it is, or read what is there.
 
-        Raises
-        ------
-        OutputError
-            If its recording is another, or damaged.
-        """
-        from drop_physics.recording.reader import read
-
-        path = self.recording(name)
-        if not os.path.lexists(path):
-            return None
-        with contextlib.suppress(RecordingError):
-            recording = read(path)
-            if recording.recording_id == self._id(name):
-                return recording
-        raise OutputError(
-            "{path} was altered or replaced after it was written; run all again with --force",
-            path=path,
-        )
-
-    def run(self, name: str, program: Program, *, stdout: int, stderr: int | None = None) -> int:
-        """Run and record a program, and return how many steps it made.
-
-        What is only for looking is recorded of the script's own run alone.
+        Also return it limited to the steps that it made, and whether others may part from it.
 
         Raises
         ------
         DropError
-            If it is interrupted, or cannot be started.
+            If it is interrupted, cannot be started, or makes no step.
+        OutputError
+            If its recording is another, or damaged.
         """
-        variation = {} if name == BASE else {"variation": name}
-        origin = {key: value for key, value in self.identity.items() if key != "python"}
-        ended = self.runs.record(
-            program,
-            self.recording(name),
-            origin={**origin, **variation},
-            recording_id=self._id(name),
-            stdout=stdout,
-            stderr=stderr,
-            drawn=name == BASE,
-        )
-        if ended.how == "interrupted":
-            raise DropError("{name} was interrupted; run the same command again", name=name)
-        return ended.steps
+        path, parts = self.recording(BASE), False
+        if not os.path.lexists(path):
+            ended = self.runs.record(
+                replace(program, listens=True),
+                path,
+                origin={key: value for key, value in self.identity.items() if key != "python"},
+                recording_id=self.id,
+                stdout=stdout,
+                drawn=True,
+            )
+            if ended.how == "interrupted":
+                raise DropError("{name} was interrupted; run the same command again", name=BASE)
+            parts = not ended.outside
+        base = whole(path, self.id)
+        made = made_of(BASE, base)
+        if not made.steps:
+            raise DropError(
+                "{script} makes no step, so there is nothing to compare; give it the arguments "
+                "with which it steps",
+                script=program.target,
+            )
+        steps = made.steps + (made.ended not in STOPPED)
+        return base, replace(program, steps=steps, duration_s=None), parts
 
-    def _id(self, name: str) -> str:
-        text = json.dumps([self.identity, name], sort_keys=True)
+    @property
+    def id(self) -> str:
+        """Return the id of the script's own run, of which those of others are made."""
+        text = json.dumps(self.identity, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:32]
 
     @property
     def _description(self) -> Path:
-        return self.path / "trust.json"
+        return self.path / self.described
 
     def _described(self, finished: bool) -> dict[str, Any]:
         return {**self.identity, "finished": finished}
@@ -276,6 +287,26 @@ class TrustFolder:
             return known if isinstance(known, dict) else None
         except (OSError, ValueError, RecursionError):
             return None
+
+
+def whole(path: Path, recording_id: str) -> Recording:
+    """Return a recording that is there.
+
+    Raises
+    ------
+    OutputError
+        If it is another, or damaged.
+    """
+    from drop_physics.recording.reader import read
+
+    with contextlib.suppress(RecordingError):
+        recording = read(path)
+        if recording.recording_id == recording_id:
+            return recording
+    raise OutputError(
+        "{path} was altered or replaced after it was written; run all again with --force",
+        path=path,
+    )
 
 
 def identity_of(program: Program) -> dict[str, Any]:

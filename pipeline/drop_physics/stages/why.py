@@ -21,14 +21,15 @@ from drop_physics.files.whole import written_whole
 from drop_physics.messages import Message
 from drop_physics.printable import Printable
 from drop_physics.recording.layer_file import VERDICTS, forget_trials, trials_of
+from drop_physics.stages.asked import cures_of as cures_asked
+from drop_physics.stages.parting import run_changed
 from drop_physics.stages.program import SEEDED_CLOCK_S, STOPPED
+from drop_physics.stages.proposals import Candidate, Proposals
 from drop_physics.stages.record import record_script
-from drop_physics.stages.runs import Progress, run_all
+from drop_physics.stages.runs import Progress
 from drop_physics.stages.scratch import can_be_copied
-from drop_physics.stages.why_parts import MOST as MOST_PARTS
-from drop_physics.stages.why_parts import Parting, can_part, parting
 from drop_physics.stages.why_shares import shares
-from drop_physics.stages.why_trials import Candidate, Proposals, RunTrial, TrialRun, first_tried
+from drop_physics.stages.why_trials import RunTrial, TrialRun, first_tried
 from drop_physics.workers import cores
 
 if TYPE_CHECKING:
@@ -46,7 +47,9 @@ MOST_KEPT = 12
 LARGE_BYTES = 10_000_000
 """Trials that take more room on disk are worth a word."""
 BUDGET_S = 60.0
-"""No trial begins later [s]."""
+"""No trial begins later after the script's own run [s]."""
+TAKES = 5.0
+"""Time that a trial may take, its comparison included, in that of the script's own run."""
 
 
 OUTSIDE = {
@@ -160,7 +163,7 @@ def why(
         Whether a script that connects, starts programs or writes outside the working directory is
         run again all the same.
     budget_s
-        After this time [s] no trial begins.
+        So long [s] after the script's own run no trial begins; the first one always does.
     out
         A folder for the recording and its trials; None for `recordings`, as of `record_script`.
     steps, duration_s, seed, python
@@ -194,6 +197,7 @@ def why(
         raise outside("--budget", Message("finite and above {low:g}", low=0), budget_s)
     if jobs is not None and jobs < 1:
         raise outside("--jobs", Message("at least {low}", low=1), jobs)
+    asked = cures_asked(tries, "--try", whole=False)
     placed = None if out is None else Path(out) / f"{Path(target).stem}.rrd"
     if placed is not None:
         placed.parent.mkdir(parents=True, exist_ok=True)
@@ -254,7 +258,7 @@ def why(
     proposals = Proposals(base.seen, findings, cures_of(base.seen.engine))
     chosen = _about(findings, about)
     if tries:
-        candidates = proposals.asked(tries, chosen)
+        candidates = proposals.asked(asked, chosen)
     else:
         candidates = [each for each in proposals.of_findings() if {*each.findings} & {*chosen}]
         known = {each.intervention for each in candidates}
@@ -280,44 +284,26 @@ def why(
         folder,
         recorded.recording,
         base,
-        time.time() + budget_s - (time.monotonic() - began),
         recorded.wall_s,
         drawn,
         written,
+        until=time.time() + budget_s,
     )
 
-    parts = can_part(reaches_out=bool(recorded.outside), ray=ray)
-
-    def run_by(
-        runs: RunTrial | Parting, which: RunTrial, numbers: Sequence[int]
-    ) -> dict[int, TrialRun]:
-        return run_all(
-            runs,
-            numbers,
-            stop=runs.stop,
-            has_failed=lambda made: made.outcome is not None and made.outcome.ended == "failed",
-            jobs=jobs or cores(),
-            progress=progress,
-            ray=None if ray is None else (replace(which, base=None), ray),
-        )
-
     def run(which: RunTrial, numbers: Sequence[int]) -> dict[int, TrialRun]:
-        done: dict[int, TrialRun] = {}
-        size = MOST_PARTS if parts else max(len(numbers), 1)
-        for at in range(0, len(numbers), size):
-            some = numbers[at : at + size]
-            if parts:
-                with parting(which, some) as runs:
-                    made = run_by(runs, which, some)
-                    if runs.is_same(base):
-                        done |= made
-                        continue
-            done |= run_by(which, which, some)
-        return done
+        return run_changed(
+            which,
+            numbers,
+            parts=not recorded.outside,
+            jobs=jobs or cores(),
+            ray=ray,
+            progress=progress,
+        )
 
     own = _own(base, findings)
     try:
-        done = run(work, [work.nudge, *first_tried(work.candidates)])
+        order = [*first_tried(work.candidates)]
+        done = run(work, [*order[:1], work.nudge, *order[1:]])
         summed = shares(work, done, run, own)
     except BaseException:  # Ctrl-C, too: half a trial is none
         forget_trials(recorded.recording)
@@ -326,6 +312,20 @@ def why(
         target, base.path, recorded.ended, own, work, done, chosen, summed, time.monotonic() - began
     )
     _keep(folder, result, base.recording_id)
+    late = [work.candidates[n] for n, made in done.items() if n != work.nudge and not made.outcome]
+    untried = [each.intervention.short for each in late if each.run is not None]
+    if untried:
+        enough_s = budget_s + TAKES * max(recorded.wall_s, 1.0) * len(untried)
+        note(
+            Message(
+                "not tried within {budget:g} s: {names}; for all: drop why --budget {enough:.0f} "
+                "{script}",
+                budget=budget_s,
+                names=", ".join(untried),
+                enough=enough_s,
+                script=target,
+            )
+        )
     held = sum(path.stat().st_size for path in folder.glob("*.rrd"))
     if held > LARGE_BYTES:
         note(

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from drop_physics.experiments.interventions import Intervention
 from drop_physics.experiments.shares import FINER, TIMESTEP, Shares, coordinate_of, shares_of
 from drop_physics.experiments.verdicts import Outcome, judged, moved
-from drop_physics.stages.why_trials import Candidate, RunTrial, TrialRun
+from drop_physics.stages.proposals import Candidate
+from drop_physics.stages.why_trials import RunTrial, TrialRun
 from drop_physics.trace.cures import ChangedRun, Cure
 
 if TYPE_CHECKING:
@@ -48,11 +49,13 @@ def shares(
     coordinate = coordinate_of(alone, {each.unit: each.value for each in nudge.apart.end})
     if coordinate is None or (len(alone) < 2 and timed is None):
         return None
-    operations = [each for _, one in causes for each in (one.run or ChangedRun([])).operations]
+    off = ChangedRun()
+    for _, cause in causes:
+        off += cause.run or ChangedRun()
     by = FINER if timed is not None else FINER[:1]
-    tries = [_switched_off(operations, finer) for finer in by]
+    tries = [_switched_off(off, finer) for finer in by]
     if timed is not None:
-        tries.append(_switched_off([], FINER[-1]))
+        tries.append(_switched_off(ChangedRun(), FINER[-1]))
     others = run(replace(work, candidates=tries), range(len(tries)))
     if any(each.outcome is None for each in others.values()):
         return None
@@ -102,6 +105,10 @@ def _apart(made: TrialRun) -> Apart:
     return made.outcome.apart
 
 
-def _switched_off(operations: Sequence[dict[str, object]], finer: int) -> Candidate:
+def _switched_off(run: ChangedRun, finer: int) -> Candidate:
     what = Cure("shares", value=float(finer), call=f"all of it, timestep/{finer}")
-    return Candidate(Intervention(what), ChangedRun([*operations], finer))
+    below = {name: value for name, value in run.below.items() if name != "finer"}
+    return Candidate(
+        Intervention(what),
+        ChangedRun(run.operations, below | ({"finer": finer} if finer > 1 else {})),
+    )

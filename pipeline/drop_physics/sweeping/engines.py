@@ -60,7 +60,7 @@ def in_threads(
     jobs
         How many threads.
     stop
-        Called when nobody wants more results, to end the processes that are at work.
+        Called when nobody wants the results that are left, to end what is at work.
     """
     with ThreadPoolExecutor(jobs) as threads:
         under_way = {threads.submit(work, shard): shard for shard in shards}
@@ -71,7 +71,8 @@ def in_threads(
         finally:
             for future in under_way:
                 future.cancel()
-            stop()
+            if under_way:
+                stop()
 
 
 # -- processes ------------------------------------------------------------------------------------

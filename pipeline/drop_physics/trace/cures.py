@@ -50,6 +50,8 @@ class Scope:
     """Numbers of bodies and links of the joints whose motors a call commands."""
     timestep_s: float = 1 / 240
     """The last one of the run."""
+    whole: bool = False
+    """Whether it is all of the run, because nothing else is named."""
 
     def links(self, body: Body) -> list[int]:
         """Return the joints that are meant, of those that move, by their links."""
@@ -64,10 +66,54 @@ class Scope:
 class ChangedRun:
     """What a run does otherwise."""
 
-    operations: list[dict[str, Any]]
+    operations: list[dict[str, Any]] = field(default_factory=list)
     """The operations, as the engine's hooks take them."""
-    finer: int = 1
-    """Steps of the engine for each of the script's."""
+    below: dict[str, Any] = field(default_factory=dict)
+    """What differs in the engine, unseen by the script: the arguments of a `Variation`, and
+    `draws`, a seed in place of the script's own."""
+
+    @property
+    def finer(self) -> int:
+        """Return the steps of the engine for each of the script's."""
+        return int(self.below.get("finer", 1))
+
+    def __add__(self, other: ChangedRun) -> ChangedRun:
+        """Return a run that does both otherwise."""
+        below = {**self.below, **other.below}
+        if self.finer > 1 and other.finer > 1:
+            below["finer"] = self.finer * other.finer
+        return ChangedRun([*self.operations, *other.operations], below)
+
+
+def whole_number(value: float) -> float:
+    """Return a number as an engine takes it: one that is whole as an integer."""
+    return int(value) if float(value).is_integer() else value
+
+
+NUDGE = 1e-9
+"""How far bodies and joints are moved before the first step [m, rad]."""
+FACTOR, FACTORS = "factor", ("gravity", "friction", "mass")
+"""The form of a cure whose value changes the whole run, and the names of those: a factor of all
+friction or masses, or the magnitude of gravity [m/s2]."""
+BELOW: dict[str, tuple[str, float | None]] = {
+    "timestep": ("finer", 2),
+    "iterations": ("iterations", 4),
+    "nudge": ("nudge", NUDGE),
+    "seed": ("draws", None),
+}
+"""Cures that any engine makes, unseen by the script; how a run names them, and what is given
+without a value."""
+
+
+def below(cure: Cure) -> ChangedRun | None:
+    """Return a run in which any engine differs, unseen by the script; None of another cure."""
+    if cure.form == FACTOR:
+        return ChangedRun(below={cure.name: cure.value})
+    if cure.name not in BELOW:
+        return None
+    name, usual = BELOW[cure.name]
+    value = usual if cure.value is None else cure.value
+    return ChangedRun(below={name: value if value is None or name == "nudge" else int(value)})
 
 
 class EngineCures(Protocol):

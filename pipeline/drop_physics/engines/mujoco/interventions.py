@@ -12,7 +12,7 @@ from typing import Any
 
 from drop_physics.engines.mujoco.frames import PARTS
 from drop_physics.engines.mujoco.watch.intervene import ENGINE
-from drop_physics.trace.cures import ChangedRun, Cure, Scope
+from drop_physics.trace.cures import ChangedRun, Cure, Scope, below, whole_number
 from drop_physics.trace.events import Actuator, Body
 
 Operation = dict[str, Any]
@@ -50,6 +50,16 @@ USUAL: dict[str, float] = {
     "restitution": 1.0,
 }
 """What is given where a cure has no number."""
+
+OPTIONS: dict[str, tuple[str, ...]] = {
+    "solver": ("PGS", "CG", "Newton"),
+    "cone": ("pyramidal", "elliptic"),
+    "integrator": ("Euler", "RK4", "implicit", "implicitfast"),
+    **dict.fromkeys(("impratio", "tolerance", "ls_tolerance", "ls_iterations"), ()),
+    **dict.fromkeys(("noslip_iterations", "noslip_tolerance", "ccd_iterations"), ()),
+}
+"""Fields of `model.opt` that `parameter` sets; where they are a choice, its names by their
+numbers."""
 
 
 def _number(cure: Cure) -> float | None:
@@ -132,8 +142,12 @@ def _written(cure: Cure) -> str:
 
 def applied(cure: Cure, scope: Scope) -> ChangedRun | None:
     """Return what a run with a cure does otherwise; None if MuJoCo has none such."""
-    if cure.name == "timestep":
-        return ChangedRun([], int(_number(cure) or 2))
+    if cure.name == "parameter":
+        name, value = cure.given["name"], whole_number(cure.value or 0.0)
+        return ChangedRun(below={"options": {name: value}}) if name in OPTIONS else None
+    run = below(cure)
+    if run is not None:
+        return run
     file, _, line = (scope.site or "").rpartition(":")
     if cure.name == "without" and file and line.isdecimal():
         return left_out(str(cure.given["function"]), file, int(line), None)

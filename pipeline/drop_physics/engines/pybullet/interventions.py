@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
-from drop_physics.trace.cures import ChangedRun, Cure, Scope
+from drop_physics.engines.pybullet.watch.arguments import ARGUMENTS, CLIENT
+from drop_physics.trace.cures import ChangedRun, Cure, Scope, below, whole_number
 from drop_physics.trace.events import Body
 
 Operation = dict[str, Any]
@@ -35,7 +37,11 @@ MORE = 10.0
 """Factor of what is to be raised or lowered where an advice gives no number."""
 LIGHT_KG, LIGHT_KG_M2 = 1e-3, 1e-6
 """Mass and inertia of a link that is to weigh nothing: with less, the solver fails."""
-UP = 0.0, 0.0, 1.0
+UP, LIFTED_M = (0.0, 0.0, 1.0), 0.01
+"""Where a body is moved, and how far, where no depth is known."""
+RESIDUAL, TIMESTEPS = "solverResidualThreshold", ("fixedTimeStep", "numSubSteps", "timestep")
+PARAMETERS = {*ARGUMENTS[ENGINE]}.difference(TIMESTEPS, [CLIENT])
+"""What `parameter` sets; a timestep is varied by `timestep`."""
 WIDE = 1e3
 """A joint limit that nothing reaches [rad, m]."""
 
@@ -98,7 +104,7 @@ def call_of(cure: Cure) -> str:
     text = CALLS.get(_key(cure))
     if text is not None:
         given = {n: ", ".join(v) if n == "arguments" else v for n, v in cure.given.items()}
-        return text.format(value=cure.value, mm=1e3 * (cure.value or 0.0), **given)
+        return text.format(value=cure.value, mm=1e3 * (cure.value or LIFTED_M), **given)
     function = FUNCTIONS.get(cure.name)
     if function is None:
         return cure.name
@@ -163,10 +169,15 @@ GIVEN: dict[str, tuple[tuple[str, ...], dict[str, float]]] = {
 
 def applied(cure: Cure, scope: Scope) -> ChangedRun | None:
     """Return what a run with a cure does otherwise; None if this engine has none such."""
-    if cure.name == "timestep":
-        return ChangedRun([], int(cure.value or 2))
+    if cure.name == "parameter":
+        name = cure.given["name"]
+        value = whole_number(cure.value or 0.0)
+        return ChangedRun(below={"engine": {name: value}}) if name in PARAMETERS else None
     if cure.name == "substeps":
-        return ChangedRun([_leave([ENGINE], "numSubSteps")], int(cure.value or 2))
+        return ChangedRun([_leave([ENGINE], "numSubSteps")], {"finer": int(cure.value or 2)})
+    run = below(cure)
+    if run is not None:
+        return run
     made = TABLE.get(_key(cure))
     if made is None or NEEDS.get(_key(cure), "") not in ("", *cure.given):
         return None
@@ -213,10 +224,7 @@ def _done(do: str, *functions: str) -> Applies:
 
 def _engine(_: Scope, cure: Cure) -> Iterator[Operation]:
     """Yield parameters of the engine, from the beginning on and whatever the script sets."""
-    values = {
-        name: int(each) if float(each).is_integer() else each
-        for name, each in _values(cure).items()
-    }
+    values = {name: whole_number(each) for name, each in _values(cure).items()}
     yield _begins(ENGINE, values)
     yield {**_set(ENGINE), "values": values, "given": True}
 
@@ -268,13 +276,26 @@ def _motors(*modes: int) -> Applies:
                 "functions": MOTORS,
                 "values": _values(cure),
                 "factors": _factors(cure),
-                "least": cure.name == "force" and scope.joint is None,
+                "least": cure.name == "force" and scope.joint is None and not scope.whole,
                 "links": None if scope.joint is None else scope.links(body),
                 "modes": [*modes],
                 **_of(body),
             }
 
     return made
+
+
+def _urdf_limits(scope: Scope, cure: Cure) -> Iterator[Operation]:
+    """Give motors what a finding says, or what their file allows each of them."""
+    motors = _motors(VELOCITY, POSITION, PD)
+    if cure.given:
+        yield from motors(scope, cure)
+        return
+    for body in scope.bodies:
+        for joint in body.joints:
+            if joint.effort and scope.joint in (None, joint.name):
+                one = replace(scope, bodies=[body], joint=joint.name)
+                yield from motors(one, replace(cure, given={"force": joint.effort}))
 
 
 def _motor_off(scope: Scope, _: Cure) -> Iterator[Operation]:
@@ -402,7 +423,7 @@ def _lifted(*functions: str) -> Applies:
     """Return bodies placed farther away, a thousandth more than what is asked for."""
 
     def made(scope: Scope, cure: Cure) -> Iterator[Operation]:
-        by_m = [1.001 * (cure.value or 0.0) * each for each in cure.given.get("away", UP)]
+        by_m = [1.001 * (cure.value or LIFTED_M) * each for each in cure.given.get("away", UP)]
         for body in scope.bodies:
             yield {"do": "lift", "functions": [*functions], "by_m": by_m, **_of(body)}
 
@@ -458,7 +479,7 @@ TABLE: dict[str, Applies] = {
     "default-motor-off": _motor_off,
     "default-motor-off:ball": _motor_off,
     "gains": _motors(POSITION, PD),
-    "urdf-limits": _motors(VELOCITY, POSITION, PD),
+    "urdf-limits": _urdf_limits,
     "damping": _damping,
     "joint-damping": _joint_damping,
     "friction": _friction,

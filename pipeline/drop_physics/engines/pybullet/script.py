@@ -78,7 +78,7 @@ class Program:
     scratch: str | None = None
     """A copy of the working directory, in which it runs."""
     trials: Sequence[Program] = ()
-    """Programs of which only variation and interventions differ: they part from this one's run."""
+    """Programs that differ only in what is changed, and in their steps: they part from this run."""
 
 
 def _seeded(seed: int | None) -> dict[str, str]:
@@ -371,6 +371,7 @@ class Script(Listener):
                 {
                     "pipe": end,
                     "block": block.fileno(),
+                    "steps": trial.steps,
                     "variation": trial.variation,
                     "interventions": trial.interventions,
                 }

@@ -34,8 +34,8 @@ class Forks:
     watch
         What watches the run.
     trials
-        Of each the file descriptors of its `pipe` and its `block`, and its `variation` and
-        `interventions`, as of a run of its own.
+        Of each the file descriptors of its `pipe` and its `block`, and its `steps`, `variation`
+        and `interventions`, as of a run of its own.
     """
 
     def __init__(self, watch: Watch, trials: Sequence[dict[str, Any]]) -> None:

@@ -239,6 +239,7 @@ class Watch:
         """
         self._process, self.is_parting = getpid(), False
         self.pipe.become(trial["pipe"], trial["block"])
+        self._limit_steps = trial["steps"]
         self._variation = varied_by(trial["variation"])
         World.varied = {} if self._variation is None else self._variation.engine
         self._interventions = Interventions(trial["interventions"], self.tell_intervention)

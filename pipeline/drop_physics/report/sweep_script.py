@@ -1,0 +1,64 @@
+"""What a sweep of a script shows: a row for each run."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from drop_physics.explain.jsonable import jsonable
+from drop_physics.fields import counted
+from drop_physics.messages import Message
+from drop_physics.report.blocks import Column, DataTable, Facts, File, Report, Section, Words
+from drop_physics.stages.trust_findings import readable
+
+if TYPE_CHECKING:
+    from drop_physics.stages.sweep_script import Row, ScriptSweep
+
+MOST_ROWS = 30
+"""Runs that fit on a screen; of more, the first are shown."""
+
+
+def json_of(sweep: ScriptSweep) -> dict[str, Any]:
+    """Return what `--json` prints."""
+    return dict(
+        jsonable(
+            {
+                "script": sweep.script,
+                "recording": sweep.recording,
+                "runs": len(sweep.rows),
+                "failed": sweep.failed,
+                "results": sweep.results,
+                "table": sweep.rows,
+            }
+        )
+    )
+
+
+def report_of(sweep: ScriptSweep) -> Report:
+    """Say how each run ended, and how far from the script's own."""
+    runs = counted(len(sweep.rows), "run")
+    head = Message("{script}: {runs}, beside its own", script=sweep.script, runs=runs)
+    rows = sweep.rows[:MOST_ROWS]
+    tried = [Column(name, [_value(row[name]) for row in rows]) for name in sweep.tried]
+    moved = Column(Message("at the end"), [_moved(row) for row in rows])
+    found = [", ".join(dict.fromkeys(row["findings"])) for row in rows]
+    blocks = [DataTable([*tried, moved, Column(Message("findings"), found, wraps=True)])]
+    sections = [Section([*blocks])]
+    if len(sweep.rows) > len(rows):
+        more = counted(len(sweep.rows) - len(rows), "run")
+        sections.append(Section([Words(Message("and {more} more: --json", more=more), "dim")]))
+    sections.append(Section([Facts([File(Message("results"), sweep.results)], 12)]))
+    return Report(verdict=Words(head, key=sweep.script), sections=sections)
+
+
+def _value(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else "" if value is True else str(value)
+
+
+def _moved(row: Row) -> str:
+    """Return how far a run ends from the script's own."""
+    if row["ended"] == "failed":
+        return Message("fails")
+    if row["same"]:
+        return Message("the same")
+    ends = [readable(row[f"end_{unit}"], unit) for unit in ("m", "rad") if row[f"end_{unit}"]]
+    return ", ".join(ends) or "0"

@@ -1,0 +1,102 @@
+"""What `--try` and `--vary` name: interventions of one table, as texts such as `force=35,70`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from drop_physics.engines.mujoco.interventions import OPTIONS
+from drop_physics.engines.pybullet.interventions import PARAMETERS, RESIDUAL, TIMESTEPS
+from drop_physics.errors import ScenarioError
+from drop_physics.experiments.interventions import KINDS
+from drop_physics.fields import alternatives
+from drop_physics.option_types import number
+from drop_physics.trace.cures import FACTORS, Cure
+
+SIGNS = {"timestep": "/", "iterations": "*"}
+MOST_TIMES = 1000
+"""The largest of the factors that a sign takes."""
+UNNAMED = ("without", "parameter")
+"""Interventions that have no name of their own here."""
+
+
+def cures_of(texts: Sequence[str], option: str, *, whole: bool) -> list[Cure]:
+    """Return interventions of texts, one for each value; all have their text as their call.
+
+    Parameters
+    ----------
+    texts
+        Such as `timestep/8`, `nudge`, `force=35,70` or `contactERP=0.1`.
+    option
+        The option that they are of.
+    whole
+        Whether they are made on the whole run, where an engine's parameter comes before an
+        intervention of its name.
+
+    Raises
+    ------
+    ScenarioError
+        If a text is something else.
+    """
+    return [cure for text in texts for cure in _named(text, option, whole=whole)]
+
+
+def _named(text: str, option: str, *, whole: bool) -> list[Cure]:
+    refused = ScenarioError(
+        "{option} takes timestep/K, iterations*K, residual=0, or NAME=V,… of a parameter of "
+        "p.setPhysicsEngineParameter or of MuJoCo's model.opt, or of {names}, some of which need "
+        "no value; got {text!r}",
+        option=option,
+        names=alternatives(sorted({*KINDS}.difference(UNNAMED, SIGNS))),
+        text=text,
+    )
+    if text in ("residual 0", "residual=0"):
+        return [Cure("parameter", value=0.0, call="residual 0", given={"name": RESIDUAL})]
+    for name, sign in SIGNS.items():
+        if text.startswith(name + sign):
+            times = text.removeprefix(name + sign).split(",")
+            if not all(each.isdecimal() and 2 <= int(each) <= MOST_TIMES for each in times):
+                raise refused
+            return [Cure(name, value=float(n), call=f"{name}{sign}{int(n)}") for n in times]
+    name, equals, given = text.partition("=")
+    if name in TIMESTEPS and equals:
+        raise ScenarioError(
+            "{option} takes no {name}; vary it with timestep/2", option=option, name=name
+        )
+    if not equals:
+        if name not in KINDS or name in UNNAMED or (whole and name in FACTORS):
+            raise refused
+        return [Cure(name, call=text)]
+    values = given.split(",")
+    choices = OPTIONS.get(name, ())
+    if {*values} <= {*choices}:
+        parameter = {"name": name}
+        return [
+            Cure("parameter", None, float(choices.index(n)), f"{name}={n}", given=parameter)
+            for n in values
+        ]
+    is_parameter = not choices and (name in PARAMETERS or name in OPTIONS)
+    if choices and whole:
+        raise ScenarioError(
+            "{option} {name} takes {choices}, got {text!r}",
+            option=option,
+            name=name,
+            choices=alternatives(choices),
+            text=text,
+        )
+    if not is_parameter and (name not in KINDS or name in UNNAMED):
+        raise refused
+    is_parameter = is_parameter and (whole or name not in KINDS)
+    found = []
+    for each in values:
+        try:
+            value = number(each)
+        except ScenarioError:
+            raise refused from None
+        is_wrong = (name == "seed" and not value.is_integer()) or (name == "nudge" and value <= 0)
+        if is_wrong or (whole and name in FACTORS and value < 0):
+            raise refused
+        cure = Cure(name, value=value, call=f"{name}={value:g}")
+        if is_parameter:
+            cure = Cure("parameter", value=value, call=cure.call, given={"name": name})
+        found.append(cure)
+    return found

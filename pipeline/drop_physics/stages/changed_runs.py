@@ -1,0 +1,166 @@
+"""Runs of a script with something changed, each recorded and compared with the script's own."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+from drop_physics.engines.pybullet.script import PartedTrial, Program, Script
+from drop_physics.stages.proposals import Candidate
+from drop_physics.stages.runs import Ended, RunsUnderWay
+from drop_physics.stages.scratch import scratch_copy
+from drop_physics.trace.cures import ChangedRun
+
+if TYPE_CHECKING:
+    from drop_physics.recording.reader import Recording
+
+T = TypeVar("T")
+
+LONGEST = 10.0
+"""A run that takes so many times the script's own, and `LEAST_S`, is stopped."""
+LEAST_S = 20.0
+SECOND = "own"
+"""The name of a second run of the script as it is, from which others part."""
+
+
+def plain(name: str) -> str:
+    """Return the name of a run as a file may have it."""
+    return "".join(each if each.isalnum() or each in "=.-+" else "_" for each in name)
+
+
+@dataclass(frozen=True)
+class RunChanged(Generic[T]):
+    """Runs one candidate, called with its number; picklable while none is under way."""
+
+    program: Program
+    candidates: Sequence[Candidate]
+    folder: Path
+    recording: Path
+    """The recording of the script's own run."""
+    base: Recording | None
+    """The same; None where it is to be read."""
+    took_s: float = math.inf
+    """Time that the script's own run took [s]; infinite where no run is stopped for its time."""
+    drawn: bool = False
+    """Whether what is only for looking is recorded, too."""
+    written: Sequence[Path] = ()
+    """Files of the working directory that the script writes: it then runs in a copy of that."""
+    runs: RunsUnderWay = field(default_factory=RunsUnderWay)
+
+    def run_of(self, number: int) -> ChangedRun | None:
+        """Return what a run does otherwise; None if the engine has no such run."""
+        return self.candidates[number].run
+
+    def name_of(self, number: int) -> str:
+        """Return the name of a run."""
+        return self.candidates[number].intervention.call
+
+    def made(self, number: int, ended: Ended) -> T:
+        """Return what a run came to, by its recording."""
+        raise NotImplementedError
+
+    def not_made(self) -> T:
+        """Return what stands for a run that was not made, or stopped."""
+        raise NotImplementedError
+
+    def has_failed(self, made: T) -> bool:
+        """Return whether a run failed by itself."""
+        raise NotImplementedError
+
+    def __call__(self, number: int) -> T:
+        """Run a candidate, record it, and compare it with the script's own run."""
+        if self.run_of(number) is None or self.is_late(number):
+            return self.not_made()
+        program, until = self.program_of(number), self._until(number)
+        with ExitStack() as stack:
+            if self.written:
+                copy = stack.enter_context(scratch_copy(Path.cwd().resolve(), self.written))
+                program = replace(program, scratch=str(copy), target=_from_home(program))
+            null = stack.enter_context(Path(os.devnull).open("wb")).fileno()
+
+            def tell(_: float, __: int) -> None:
+                if time.time() > until:
+                    process.stop("interrupted")
+
+            process = stack.enter_context(Script(program, stdout=null, stderr=null, tell=tell))
+            ended = self.recorded(process, number)
+        return self.made(number, ended)
+
+    def of_part(self, number: int, part: PartedTrial) -> T:
+        """Record a candidate that has parted from another run, and compare it."""
+        until = self._until(number)
+        part.tell = lambda: part.stop("interrupted") if time.time() > until else None
+        return self.made(number, self.recorded(part, number))
+
+    def is_late(self, number: int) -> bool:
+        """Return whether there is no time left for a candidate."""
+        del number
+        return False
+
+    def stop(self) -> None:
+        """End what runs now."""
+        self.runs.stop()
+
+    @property
+    def patience_s(self) -> float:
+        """How long a run may take, of one step for each of the script's [s]."""
+        return LEAST_S + LONGEST * self.took_s
+
+    def program_of(self, number: int) -> Program:
+        """Return what runs, of a candidate that the engine has."""
+        run = self.run_of(number)
+        assert run is not None
+        variation, seed = dict(run.below), self.program.seed
+        if "draws" in variation:
+            draws = variation.pop("draws")
+            seed = (seed or 0) + 1 if draws is None else draws
+        return replace(
+            self.program, variation=variation or None, interventions=run.operations, seed=seed
+        )
+
+    def path_of(self, number: int | None) -> Path:
+        """Return where a run is recorded; None is the second one, without a change."""
+        name = SECOND if number is None else self.name_of(number)
+        return self.folder / f"{plain(name)}.rrd"
+
+    def id_of(self, name: str) -> str:
+        """Return the id of a run's recording."""
+        return hashlib.sha256(f"{self.own.recording_id} {name}".encode()).hexdigest()[:32]
+
+    @property
+    def own(self) -> Recording:
+        """Return the script's own run."""
+        from drop_physics.recording.reader import read
+
+        return self.base or read(self.recording)
+
+    def recorded(self, process: Script | PartedTrial, number: int | None) -> Ended:
+        """Record a run that has begun; None is one without a change."""
+        name = SECOND if number is None else self.name_of(number)
+        return self.runs.recorded(
+            process,
+            self.path_of(number),
+            origin={**self.own.origin, "variation": name},
+            recording_id=self.id_of(name),
+            drawn=self.drawn,
+        )
+
+    def finer(self, number: int) -> int:
+        """Return the steps of the engine for each of the script's."""
+        run = self.run_of(number)
+        return 1 if run is None else run.finer
+
+    def _until(self, number: int) -> float:
+        return time.time() + LEAST_S + LONGEST * self.took_s * self.finer(number)
+
+
+def _from_home(program: Program) -> str:
+    """Return a script as it is named from anywhere."""
+    return program.target if program.is_module else str(Path(program.target).absolute())

@@ -1,0 +1,175 @@
+"""What is to be tried of a script: cures of its findings, what is asked for, what is left out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from drop_physics.experiments.interventions import KINDS, Intervention
+from drop_physics.trace.acts import FILTERS, PUSHES, Act
+from drop_physics.trace.cures import FACTOR, FACTORS, ChangedRun, Cure, EngineCures, Scope
+from drop_physics.trace.events import located
+from drop_physics.trace.history import PYBULLET
+
+if TYPE_CHECKING:
+    from drop_physics.rules.answer import Finding
+    from drop_physics.trace.history import Seen
+
+READING = "reading"
+"""The code of what is about a number that a script reads: no run can show it."""
+SETTERS = (
+    *PUSHES,
+    *FILTERS,
+    Act.COMMAND,
+    Act.CHANGE_CONSTRAINT,
+    Act.SET_PROPERTY,
+    Act.SET_GRAVITY,
+    Act.SET_TIMESTEP,
+    Act.SET_ENGINE,
+    Act.SET_REAL_TIME,
+    Act.SET_VELOCITY,
+)
+"""The calls that are left out by `--ablate`."""
+NEEDED = re.compile(
+    r"^(body\w*|object\w*|link\w*|joint\w*|controlMode|physicsClientId|flags|"
+    r"userConstraint\w*|\w*Obj|grav[XYZ]|timeStep|mass)$"
+)
+"""Arguments that a call cannot do without, or that say what it is about."""
+ARGUMENT = re.compile(r"(?:^|, )(\w+)=")
+
+
+@dataclass
+class Candidate:
+    """An intervention that is to be tried, and the findings that propose it, by their places."""
+
+    intervention: Intervention
+    run: ChangedRun | None
+    """None where the engine has no such intervention."""
+    findings: list[int] = field(default_factory=list)
+
+
+class Proposals:
+    """What is to be tried of a script, by its own run.
+
+    Parameters
+    ----------
+    seen
+        The script's own run.
+    findings
+        What is found in it.
+    cures
+        What is known of cures for its engine.
+    """
+
+    def __init__(self, seen: Seen, findings: Sequence[Finding], cures: EngineCures) -> None:
+        self._seen, self._findings, self._cures = seen, findings, cures
+        settings = [each.values.get("fixedTimeStep") for each in seen.settings]
+        self._timestep_s = float(np.ravel(settings[-1])[0]) if settings else 1 / 240  # type: ignore[arg-type]
+        self._commanded: frozenset[tuple[int, int]] | None = None
+
+    def of_findings(self) -> list[Candidate]:
+        """Return the cures of the findings, in their order; the same thing is tried once."""
+        found: dict[Any, Candidate] = {}
+        for place, finding in enumerate(self._findings):
+            if finding.cure is None or finding.code == READING:  # not about what the bodies do
+                continue
+            candidate = self._candidate(replace(finding.cure, call=""), finding)
+            places = found.setdefault(candidate.intervention, candidate).findings
+            if place not in places:
+                places.append(place)
+        return [*found.values()]
+
+    def always(self) -> list[Candidate]:
+        """Return what is tried of every script, since every outcome may hang on it."""
+        return [
+            self.whole(Cure("timestep", value=2.0)),
+            self.whole(Cure("solver", value=500.0)),
+        ]
+
+    def asked(self, cures: Sequence[Cure], about: Sequence[int]) -> list[Candidate]:
+        """Return what is asked for, made on what the findings about are about."""
+        found: list[Candidate] = []
+        named = [self._findings[place] for place in about]
+        for cure in cures:
+            proposes = [one for one in named if one.cure is not None and one.cure.name == cure.name]
+            of = [] if KINDS[cure.name].whole_run else named
+            candidates = [
+                self._candidate(replace(cure, target=one.joint or one.body), one) for one in of
+            ] or [self.whole(cure)]
+            if cure.value is None and proposes:  # what a finding says itself is meant
+                candidates = [self._candidate(each.cure, each) for each in proposes if each.cure]
+            for candidate in candidates:
+                candidate.findings += about
+            # What comes to the same calls is one trial, whatever it was made on.
+            found += {repr(each.run): each for each in reversed(candidates)}.values()
+        return found
+
+    def left_out(self) -> list[Candidate]:
+        """Return each call of a setter, and each of its optional arguments, to be left out."""
+        found: dict[tuple[str, str, int, str | None], Candidate] = {}
+        for piece in self._seen.pieces():
+            for call in piece.calls.of(*(SETTERS if self._seen.engine == PYBULLET else Act)):
+                names = ARGUMENT.findall(call.site.form)
+                for argument in (None, *(each for each in names if not NEEDED.match(each))):
+                    key = call.function, call.file, call.line, argument
+                    if key not in found:
+                        found[key] = self._without(*key)
+        return [each for each in found.values() if each.run is not None]
+
+    def _without(self, function: str, file: str, line: int, argument: str | None) -> Candidate:
+        form = "" if argument is None else "argument"
+        cure = Cure("without", form=form, given={"function": function, "argument": argument})
+        cure = replace(cure, call=self._cures.call_of(cure))
+        intervention = Intervention(cure, site=located(file, line))
+        return Candidate(intervention, self._cures.left_out(function, file, line, argument))
+
+    def whole(self, cure: Cure) -> Candidate:
+        """Return a cure that is made on the whole run: there, some values are factors."""
+        if cure.name in FACTORS and cure.value is not None and cure.value >= 0:
+            cure = replace(cure, form=FACTOR)
+        scope = Scope([*self._seen.bodies.values()], timestep_s=self._timestep_s, whole=True)
+        return self._made(cure, scope, whole=True)
+
+    def _candidate(self, cure: Cure, finding: Finding) -> Candidate:
+        labels = {body.label: body for body in self._seen.bodies.values()}
+        bodies = [labels[each] for each in cure.bodies or (finding.body,) if each in labels]
+        other = labels.get(finding.other or "")
+        if not bodies or (finding.bodies > 1 and not cure.bodies):
+            bodies = [*labels.values()]
+        joint = cure.target if len(bodies) == 1 and cure.target == finding.joint else None
+        target = joint or (bodies[0].label if len(bodies) == 1 else None)
+        scope = Scope(bodies, joint, finding.site, other, cure.target, timestep_s=self._timestep_s)
+        return self._made(replace(cure, target=target), scope, whole=False)
+
+    def _made(self, cure: Cure, scope: Scope, *, whole: bool) -> Candidate:
+        if whole or KINDS[cure.name].whole_run:
+            whole, scope, cure = True, replace(scope, joint=None), replace(cure, target=None)
+        cure = replace(cure, call=cure.call or self._cures.call_of(cure))
+        numbers = None if whole else tuple(body.number for body in scope.bodies)
+        if cure.name == "default-motor-off":
+            scope = replace(scope, commanded=self._motors())
+        what = Intervention(cure, numbers, scope.joint, scope.site)
+        return Candidate(what, self._cures.applied(cure, scope))
+
+    def _motors(self) -> frozenset[tuple[int, int]]:
+        """Return body and link of each joint that a call gives a motor, but no torque."""
+        if self._commanded is None:
+            found = set()
+            for piece in self._seen.pieces():
+                for each in piece.calls.commands():
+                    modes = np.ravel(each.values["controlMode"])
+                    which = modes != 1
+                    for engine_id in np.unique(each.bodies[which]).tolist():
+                        links = each.joints[which & (each.bodies == engine_id)]
+                        bodies = [
+                            body.number
+                            for body in self._seen.bodies.values()
+                            if (body.client, body.engine_id) == (each.client, engine_id)
+                        ]
+                        found |= {(n, link) for n in bodies for link in np.unique(links).tolist()}
+            self._commanded = frozenset(found)
+        return self._commanded

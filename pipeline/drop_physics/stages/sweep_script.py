@@ -1,0 +1,223 @@
+"""Run a script with each combination of interventions, and keep a row for each run."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+import operator
+import re
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from drop_physics.engines.pybullet.script import Program
+from drop_physics.errors import DropError, ScenarioError
+from drop_physics.experiments.interventions import Intervention
+from drop_physics.printable import Printable
+from drop_physics.stages.asked import cures_of
+from drop_physics.stages.program import SEEDED_CLOCK_S, checked_limits
+from drop_physics.stages.proposals import Candidate
+from drop_physics.stages.runs import Progress
+from drop_physics.stages.trust import candidates_of
+from drop_physics.stages.trust_runs import BASE, RunFolder, RunKept, identity_of, made_of, run_kept
+from drop_physics.trace.cures import Cure
+
+if TYPE_CHECKING:
+    from drop_physics.experiments.run_distance import Track
+    from drop_physics.recording.reader import Recording
+
+MOST_RUNS = 10_000
+"""Each run is a process, and a recording."""
+GIVEN = re.compile(r"([^=/*]+)(?:[=/*](.*))?")
+"""The name and the value of an intervention as it is asked for."""
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class ScriptSweep(Printable, reported_by="drop_physics.report.sweep_script"):
+    """The runs of a script over interventions."""
+
+    script: str
+    recording: Path
+    """Its own run."""
+    tried: list[str]
+    """What differs between runs: the first columns of the table, by name."""
+    rows: list[Row]
+    """One for each run: what is tried, how it ended, where its bodies and joints end."""
+    results: Path
+    """The same in Parquet."""
+
+    @property
+    def failed(self) -> int:
+        """Return how many runs failed."""
+        return sum(row["ended"] == "failed" for row in self.rows)
+
+
+@dataclass(frozen=True)
+class RunSwept(RunKept[Row]):
+    """Runs one combination of interventions."""
+
+    def has_failed(self, made: Row) -> bool:
+        """Return whether a run failed by itself."""
+        return bool(made["ended"] == "failed")
+
+    def compared(self, number: int, other: Recording) -> Row:
+        """Return the row of a run, by its recording."""
+        from drop_physics.analysis.story import Story
+        from drop_physics.experiments.run_distance import apart
+
+        finer = self.finer(number)
+        with np.errstate(all="ignore"):  # of states that are not finite
+            far = apart(self.own.seen, other.seen, finer=finer)
+        made = made_of(self.name_of(number), other, finer=finer)
+        findings = Story(other.seen, other.origin_and_end).analysis().findings
+        ends = {f"end_{each.unit}": each.value for each in far.end}
+        return {
+            "ended": made.ended,
+            "error": made.error or None,
+            "steps": made.steps,
+            "same": far.same,
+            "end_m": ends.get("end_m"),
+            "end_rad": ends.get("end_rad"),
+            "findings": [each.code for each in findings],
+            "recording": made.recording.name,
+            **{name: value for track in far.tracks for name, value in _ends(track)},
+        }
+
+
+def sweep_script(
+    target: str,
+    arguments: Sequence[str] = (),
+    *,
+    tries: Sequence[str],
+    out: Path | str,
+    duration_s: float | None = None,
+    seed: int = 0,
+    jobs: int | None = None,
+    ray: str | None = None,
+    force: bool = False,
+    stdout: int = 1,
+    progress: Progress = lambda *_: None,
+) -> ScriptSweep:
+    """Run a script as it is, and with each combination of interventions.
+
+    Parameters
+    ----------
+    target, arguments
+        The script's path, and its arguments.
+    tries
+        What is tried: texts such as `friction=0.2,0.4`, as `--try` takes them; the runs are their
+        product, the last one changing fastest.
+    out
+        The folder for the table and the recordings. What is there of the same call is not run
+        again.
+    duration_s, seed
+        As of `record_script`, for all runs.
+    jobs, ray
+        Processes on this machine, None for one per core; or a Ray cluster's address.
+    force
+        Whether all is run again, and what is in the folder is replaced.
+    stdout
+        File descriptor of the script's standard output, in its own run.
+    progress
+        Called while it runs.
+
+    Raises
+    ------
+    ScenarioError
+        If something tried is no intervention, or is named twice.
+    OutputError
+        If the folder holds something else, or cannot be written.
+    DropError
+        If the script makes no step, or all runs fail.
+    """
+    _, duration_s, _ = checked_limits(None, duration_s, seed)
+    lists = [cures_of([text], "--try", whole=True) for text in tries]
+    names = [_given(cures[0])[0] for cures in lists]
+    if len({*names}) < len(names):
+        raise ScenarioError("--try must name an intervention once, got {names}", names=names)
+    runs = math.prod(map(len, lists))
+    if runs > MOST_RUNS:
+        raise ScenarioError(
+            "a sweep of a script has at most {most:,} runs, got {runs:,}; give fewer values",
+            most=MOST_RUNS,
+            runs=runs,
+        )
+    program = Program(
+        target,
+        tuple(map(str, arguments)),
+        sys.executable,
+        duration_s=duration_s,
+        seed=seed,
+        begins_s=SEEDED_CLOCK_S,
+        explain=True,
+    )
+    identity = {**identity_of(program), "tries": [*tries]}
+    folder = RunFolder(Path(out).resolve(), identity, force, "sweep.json", reads=True)
+    combined = [", ".join(each.call for each in one) for one in itertools.product(*lists)]
+    with folder.claimed((BASE, *combined)):
+        base, limited, parts = folder.begun(program, stdout=stdout)
+        known = [candidates_of(base.seen, cures, "--try", usual=False) for cures in lists]
+        all_of = [*itertools.product(*known)]
+        candidates = [_together(each) for each in all_of]
+        work = RunSwept(limited, candidates, folder.path, base.path, base, runs=folder.runs)
+        found = run_kept(work, parts=parts, jobs=jobs, ray=ray, progress=progress)
+        rows = [
+            {"run": n, **dict(_given(each.intervention.cure) for each in one), **row}
+            for n, (one, row) in enumerate(zip(all_of, found, strict=True))
+        ]
+        results = Path(out) / "results.parquet"
+        _write(results, rows)
+    swept = ScriptSweep(target, base.path, names, rows, results)
+    if swept.failed == runs and (base.ended or {}).get("ended") != "failed":
+        raise DropError(
+            "all {runs:,} runs failed, the first with: {error}", runs=runs, error=rows[0]["error"]
+        )
+    return swept
+
+
+def _together(candidates: Sequence[Candidate]) -> Candidate:
+    """Return several interventions as one."""
+    call = ", ".join(each.intervention.call for each in candidates)
+    runs = (each.run for each in candidates if each.run is not None)
+    return Candidate(Intervention(Cure("sweep", call=call)), functools.reduce(operator.add, runs))
+
+
+def _given(cure: Cure) -> tuple[str, float | str | bool]:
+    """Return the name and the value of what is tried; True where it has no value."""
+    found = GIVEN.fullmatch(cure.call)
+    name, value = (cure.call, None) if found is None else found.groups()
+    if value is None:
+        return name, True
+    try:
+        return name, float(value)
+    except ValueError:
+        return name, value
+
+
+def _ends(track: Track) -> list[tuple[str, float]]:
+    """Return where a body or a joint ends, by column; of an orientation nothing."""
+    if track.joint is not None and len(track.theirs) == 1:
+        return [(f"{track.body} {track.joint}_{track.unit}", float(track.theirs[0]))]
+    if track.unit != "m":
+        return []
+    return [(f"{track.body} {axis}_m", float(track.theirs[n])) for n, axis in enumerate("xyz")]
+
+
+def _write(path: Path, rows: Sequence[Row]) -> None:
+    import polars as pl
+
+    from drop_physics.files.table import written_by_polars
+
+    columns = dict.fromkeys(name for row in rows for name in row)
+    table = pl.DataFrame(
+        {name: pl.Series([row.get(name) for row in rows], strict=False) for name in columns}
+    )
+    with written_by_polars(path, force=True) as file:
+        table.write_parquet(file)
