@@ -15,10 +15,10 @@ import sys
 import tempfile
 import textwrap
 import uuid
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 from unittest.mock import patch
 
 import pybullet as p
@@ -34,6 +34,7 @@ from drop_physics.recording.layout import layout
 from drop_physics.recording.reader import Recording, read
 from drop_physics.recording.recorder import Recorder
 from drop_physics.rules.answer import Finding
+from drop_physics.trace.cures import ChangedRun
 from drop_physics.trace.history import Seen
 
 HEAD = """\
@@ -57,7 +58,7 @@ def site(line: int) -> str:
     return f"{NAME}:{line}"
 
 
-def record(scene: str, path: Path, *, for_viewer: bool = False) -> Recording:
+def record(scene: str, path: Path, *, for_viewer: bool = False, folder: Path = Path()) -> Recording:
     """Record a scene, and read its recording back.
 
     Parameters
@@ -69,10 +70,22 @@ def record(scene: str, path: Path, *, for_viewer: bool = False) -> Recording:
     for_viewer
         Whether it has a layout, as users' recordings do. Without one the viewer makes its own, and
         keeps that if the layer's arrives first.
+    folder
+        Where it runs.
     """
-    code = ((HEAD, NAME), (textwrap.dedent(scene).lstrip("\n"), NAME))
-    _worker().submit(_record, code, path, for_viewer).result(timeout=HANGS_S)
+    _worker().submit(_record, _code(scene), path, for_viewer, folder).result(timeout=HANGS_S)
     return read(path)
+
+
+def number_of(scene: str, name: str, folder: Path, changed: ChangedRun | None = None) -> float:
+    """Run a scene in a folder, with something changed, and return a number that it works out."""
+    run = changed or ChangedRun([])
+    made = _worker().submit(_number_of, _code(scene), name, folder, run.operations, run.finer)
+    return float(made.result(timeout=HANGS_S))
+
+
+def _code(scene: str) -> Code:
+    return (HEAD, NAME), (textwrap.dedent(scene).lstrip("\n"), NAME)
 
 
 def record_file(script: Path, path: Path, *arguments: str) -> Recording:
@@ -94,33 +107,11 @@ def _worker() -> ProcessPoolExecutor:
 def _record(
     code: Code, path: Path, for_viewer: bool, folder: Path = Path(), arguments: Sequence[str] = ()
 ) -> None:
-    _as_at_first()
     text, name = code[-1]
     digest = hashlib.sha256(text.encode()).hexdigest()
     origin = ORIGIN | {"script": name, "arguments": [*arguments], "script_sha256": digest}
-    with (
-        contextlib.chdir(folder),
-        patch.object(sys, "argv", [name, *arguments]),
-        tempfile.TemporaryFile() as memory,
-        tempfile.TemporaryFile() as stream,
-    ):
-        memory.truncate(pipe.SHARED_BYTES)
-        watch = start.watch(
-            os.dup(stream.fileno()),
-            os.dup(memory.fileno()),
-            steps=None,
-            duration_s=None,
-            keep_sleeping=False,
-            seed=None,
-        )
-        try:
-            _run(code)
-        finally:
-            ending.end(watch, "finished")
-            watch.remove()
-            watch.pipe.close()
-            for client in filter(p.isConnected, range(MOST_CLIENTS)):
-                p.disconnect(client)
+    with patch.object(sys, "argv", [name, *arguments]), _watched(code, folder) as (files, _):
+        stream, memory = files
         stream.seek(0)  # a file in place of a pipe: nobody has to read it meanwhile
         recorder = Recorder({schema.ORIGIN_PROPERTY: origin})
         listener = BlockListener(stream.fileno(), memory.fileno(), process=os.getppid())
@@ -137,6 +128,46 @@ def _record(
         )
 
 
+@contextlib.contextmanager
+def _watched(
+    code: Code, folder: Path, **how: Any
+) -> Iterator[tuple[tuple[IO[bytes], IO[bytes]], dict[str, Any]]]:
+    """Run a scene; yield what was sent and the memory shared with it, and its names."""
+    _as_at_first()
+    with (
+        contextlib.chdir(folder),
+        tempfile.TemporaryFile() as memory,
+        tempfile.TemporaryFile() as stream,
+    ):
+        memory.truncate(pipe.SHARED_BYTES)
+        limits: dict[str, Any] = {"steps": None, "duration_s": None}
+        watch = start.watch(
+            os.dup(stream.fileno()),
+            os.dup(memory.fileno()),
+            **limits,
+            keep_sleeping=False,
+            seed=None,
+            **how,
+        )
+        try:
+            names = _run(code)
+        finally:
+            ending.end(watch, "finished")
+            watch.remove()
+            watch.pipe.close()
+            for client in filter(p.isConnected, range(MOST_CLIENTS)):
+                p.disconnect(client)
+        yield (stream, memory), names
+
+
+def _number_of(
+    code: Code, name: str, folder: Path, operations: Sequence[dict[str, Any]], finer: int
+) -> Any:
+    variation = {"finer": finer} if finer > 1 else None
+    with _watched(code, folder, interventions=operations, variation=variation) as (_, names):
+        return names[name]
+
+
 def _as_at_first() -> None:
     """Set back what PyBullet keeps for a whole process."""
     client = p.connect(p.DIRECT)
@@ -144,10 +175,11 @@ def _as_at_first() -> None:
     p.disconnect(client)
 
 
-def _run(code: Code) -> None:
+def _run(code: Code) -> dict[str, Any]:
     names: dict[str, Any] = {"__name__": "__main__"}
     for text, name in code:
         exec(compile(text, name, "exec"), names)
+    return names
 
 
 def analyze(seen: Seen, **how: Any) -> Analysis:

@@ -55,6 +55,8 @@ class NoContact(Answer):
         self._records = records_of(scene.seen)
         self._off: dict[tuple[Place, Place], Call] = {}
         """Pairs that a call switched off."""
+        self._groups: dict[Place, Call] = {}
+        """The latest call that gave a link its group and mask."""
         self._joined: set[frozenset[int]] = set()
         """Bodies that a constraint joined, and with them on purpose."""
         self._found: dict[tuple[Place, Place], _Passing] = {}
@@ -72,7 +74,9 @@ class NoContact(Answer):
             pairs.setdefault(pair, passing)
         for pair, passing in pairs.items():
             numbers = [place[0] for place in pair]
-            if frozenset(numbers) not in self._joined and not self._tunnels(*numbers):
+            by_mask = passing.call is not None and passing.call.act is Act.FILTER_GROUP
+            left = self._tunnels(*numbers) and not by_mask
+            if frozenset(numbers) not in self._joined and not left:
                 self._look(pair, self._found.get(pair, passing))
 
     def _calls(self) -> None:
@@ -97,10 +101,13 @@ class NoContact(Answer):
             else:
                 self._off.pop(pair, None)
                 self._off.pop(pair[::-1], None)
+        for call, _, one in calls.of_bodies(Act.FILTER_GROUP):
+            self._groups[one.body.number, int(number(call, "linkIndexA", -1.0))] = call
 
     def _unpaired(self) -> Iterator[tuple[tuple[Place, Place], _Passing]]:
         """Yield pairs of links that the engine makes no contact of, and why."""
         bodies = self.scene.seen.bodies
+        yield from self._excluded()
         posed = {use.body.number for use in self.scene.inputs.of(Act.SET_POSE) if use.body}
         asked = {
             frozenset((subject.body, subject.other))
@@ -133,6 +140,24 @@ class NoContact(Answer):
                 for other in self._shapes:
                     if bodies[other[0]].client == body.client:
                         yield ((body.number, BASE), other), _Passing(reason="no-shape")
+
+    def _excluded(self) -> Iterator[tuple[tuple[Place, Place], _Passing]]:
+        """Yield links of two bodies whose groups and masks, both given, exclude each other.
+
+        One that meets the other's is enough, unless `collisionFilterMode` is 0. A group or mask of
+        0 meets nothing on purpose.
+        """
+        given = {place: call for place, call in self._groups.items() if place in self._shapes}
+        for one, two in combinations(given, 2):
+            calls = given[one], given[two]
+            group, mask = (
+                [int(number(each, f"collisionFilter{name}")) for each in calls]
+                for name in ("Group", "Mask")
+            )
+            meets = group[0] & mask[1], group[1] & mask[0]
+            if one[0] != two[0] and all((*group, *mask)) and not any(meets):
+                last = max(calls, key=lambda each: each.at.call)
+                yield (one, two), _Passing(reason="filter", call=last)
 
     def _tunnels(self, *numbers: int) -> bool:
         """Return whether one goes through the other as `tunnelled` sees it: a box that stays."""
@@ -237,7 +262,12 @@ class NoContact(Answer):
             body=names[0],
             other=names[1],
             steps=len(passing.steps),
-            why=Message(why, body=names[0], other=names[1]),
+            why=Message(
+                why,
+                body=names[0],
+                other=names[1],
+                function="" if passing.call is None else passing.call.function,
+            ),
         )
         return Finding(
             code="no-contact",
@@ -277,8 +307,8 @@ _WHY: dict[str, tuple[Message, Message, str | None, Level]] = {
         "note",
     ),
     "filter": (
-        Message("a call of p.setCollisionFilterPair switched this pair off"),
-        Message("p.setCollisionFilterPair(…, enableCollision=1)"),
+        Message("a call of p.{function} switched this pair off"),
+        Message("leave that call out"),
         None,
         "note",
     ),

@@ -14,6 +14,7 @@ from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.rule import Said
 from drop_physics.rules.thresholds import FRAME_APART_M, LEFT_M
 from drop_physics.trace.acts import Act
+from drop_physics.trace.events import Body
 from drop_physics.trace.requests import Request
 
 
@@ -107,15 +108,34 @@ def wrong_body(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
 
 
 def _stood(inputs: Inputs, request: Request) -> bool:
-    """Return whether a body had no mass before a request: by the engine, its load or its file."""
+    """Return whether a body had no mass before a request: by the engine, its load or its file.
+
+    What a call itself made massless is let go on purpose; so is what is made without mass, unless
+    its line gives mass to bodies that have some, too.
+    """
     body = request.body
     if request.before is not None:
-        return request.before[0] == 0
+        return request.before[0] == 0 and not any(
+            each.body is body and each.name == "mass" and each.asked[0] == 0
+            for each in inputs.requests
+        )
     load = None if body is None else inputs.scene.asked.load(body)
     if body is None or load is None:
         return False
+    if load.act is Act.MAKE:
+        return not _made_kg(inputs, body) and any(
+            each.name == "mass" and each.call.site.place == request.call.site.place
+            for each in inputs.requests
+            if each.body is not None and _made_kg(inputs, each.body)
+        )
     fixed = given(load, "useFixedBase") or (0.0,)
     return fixed[0] == 1 or any(link.mass_kg == 0 for link in body.asked.links[:1])
+
+
+def _made_kg(inputs: Inputs, body: Body) -> float:
+    """Return the mass with which a body was made; 0 of one from a file."""
+    load = inputs.scene.asked.load(body)
+    return 0.0 if load is None else (given(load, "baseMass") or (0.0,))[0]
 
 
 @input_rule("taken-elsewhere", "asked", "ik-index")

@@ -404,7 +404,10 @@ def _gravity(_: Scope, cure: Cure) -> Iterator[Operation]:
 
 
 def _first(scope: Scope, _: Cure) -> Iterator[Operation]:
-    yield _begins("setTimeStep", {"timeStep": scope.timestep_s})
+    """Set the last timestep at the beginning, and in each call that would set another."""
+    last = {"timeStep": scope.timestep_s}
+    yield _begins("setTimeStep", last)
+    yield {**_set("setTimeStep"), "values": last}
 
 
 def _ik(_: Scope, cure: Cure) -> Iterator[Operation]:
