@@ -205,6 +205,35 @@ mujoco.mj_step(m, d, 100)
 """
 
 
+EDITED = """
+import mujoco
+m = mujoco.MjModel.from_xml_string('<mujoco><worldbody><geom type="plane" size="5 5 1"/>'
+    '<body name="box" pos="0 0 .1"><freejoint/><geom type="box" size=".1 .1 .1"/></body>'
+    '<body name="cart" pos="0 3 1"><joint type="slide" axis="1 0 0" springref="1" stiffness="9" '
+    'armature=".3"/><geom size=".1"/></body></worldbody></mujoco>')
+d = mujoco.MjData(m)
+mujoco.mj_step(m, d, 20)
+m.body_mass[1:] *= 3
+mujoco.mj_step(m, d, 20)
+m.body_inertia[1] *= 2
+d.qvel[3:6] = 3, 2, 1
+mujoco.mj_step(m, d, 20)
+mujoco.mj_setConst(m, mujoco.MjData(m))
+mujoco.mj_step(m, d, 20)
+"""
+
+
+def test_bodies_whose_mass_is_edited_in_place_are_explained(tmp_path: Path) -> None:
+    """Until `mj_setConst` MuJoCo pulls at the new mass and moves the old one (`dof_M0`)."""
+    analysis = told(tmp_path, EDITED).analysis
+    box, cart = (body for body in analysis.bodies if body.name != "world")
+    for body in (box, cart):
+        assert body.unexplained == [], body.name
+        assert body.energy is not None
+        assert abs(body.energy.by_cause_j["remainder"]) < 1e-11
+    assert analysis.explained.remainder < CLOSES
+
+
 def test_a_push_and_friction_are_seen(tmp_path: Path) -> None:
     """Of 20 N, friction takes half of 19.6: what slides gets the rest."""
     found = told(tmp_path, PUSHES)

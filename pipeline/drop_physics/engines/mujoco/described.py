@@ -47,6 +47,8 @@ SHOWN_GROUPS = 3
 """Geometries of the first groups are shown, as MuJoCo's viewer does."""
 UNPAINTED = (0.5, 0.5, 0.5, 1.0)
 """The colour of a geometry that takes that of its material."""
+ROUNDED = 1e-12
+"""A mass whose part that a matrix lacks is a smaller share of it was not edited."""
 MOST_KEYFRAMES = 64
 """So many of a model are told."""
 NOWHERE, UPRIGHT = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])
@@ -378,7 +380,11 @@ def _joint(
 
 
 def reported_of(arrays: Arrays, made: DescribedBody) -> dict[str, Float64]:
-    """Return what a model says of base and links: masses, inertias, and where they are."""
+    """Return what a model says of base and links: masses, inertias, and where they are.
+
+    Inertias are those in MuJoCo's mass matrix, which takes them of simple bodies from `dof_M0`: as
+    they were compiled, until `mj_setConst`. What it has in place of an edited mass is `coupled`.
+    """
     count = len(made.links)
     masses, inertias, positions = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3))
     orientations, friction = np.tile(UPRIGHT, (count, 1)), np.full(count, np.nan)
@@ -399,8 +405,12 @@ def reported_of(arrays: Arrays, made: DescribedBody) -> dict[str, Float64]:
         if geoms := _geoms_of(arrays, link.of):
             friction[row] = max(arrays["geom_friction"][geoms, 0])
     if made.free >= 0:
-        armature[0] = arrays["dof_armature"][arrays["jnt_dofadr"][made.free]]
-    coupled = [*_tendons_with_inertia(arrays, made)]
+        dof = int(arrays["jnt_dofadr"][made.free])
+        armature[0] = arrays["dof_armature"][dof]
+        held = arrays["dof_M0"][dof + 3 : dof + 6] - armature[0]
+        if arrays["dof_simplenum"][dof] and not np.allclose(held, inertias[0], ROUNDED, 0.0):
+            inertias[0] = held
+    coupled = [*_tendons_with_inertia(arrays, made), *_edited_masses(arrays, made)]
     return {
         "mass_kg": masses,
         "inertia_kg_m2": inertias,
@@ -410,6 +420,29 @@ def reported_of(arrays: Arrays, made: DescribedBody) -> dict[str, Float64]:
         "armature": armature,
         **({"coupled": np.array(coupled)} if coupled else {}),
     }
+
+
+def _edited_masses(arrays: Arrays, made: DescribedBody) -> Iterator[list[float]]:
+    """Yield, as inertia and motion by each rate, what the matrix lacks of edited masses."""
+    moves: list[tuple[int, int]] = []
+    if made.free >= 0:
+        first = int(arrays["jnt_dofadr"][made.free])
+        moves = [(first + axis, made.root) for axis in range(3)]
+    moves += [
+        (int(arrays["jnt_dofadr"][link.joint]), link.of)
+        for link in made.links
+        if link.joint >= 0 and arrays["jnt_type"][link.joint] == SLIDE
+    ]
+    begin = 6 * (made.free >= 0)
+    rates = made.rates.tolist()
+    for dof, body in moves:
+        held = float(arrays["dof_M0"][dof] - arrays["dof_armature"][dof])
+        lacks = held - float(arrays["body_mass"][body])
+        if not arrays["dof_simplenum"][dof] or abs(lacks) <= ROUNDED * held:
+            continue
+        moved = [0.0] * (begin + len(rates))
+        moved[begin + rates.index(dof) if dof in rates else dof - first + 3] = 1.0
+        yield [lacks, *moved]
 
 
 def _tendons_with_inertia(arrays: Arrays, made: DescribedBody) -> Iterator[list[float]]:

@@ -422,7 +422,9 @@ class MujocoDecoder:
             if old.body != new.body:
                 yield Appearance(at, new.body, there=True)
             was, now = (reported_of(a, b) for a, b in ((before.arrays, old), (its.arrays, new)))
-            if any(not np.array_equal(was[name], now[name], equal_nan=True) for name in now):
+            same = was.keys() == now.keys()
+            same = same and all(np.array_equal(was[n], now[n], equal_nan=True) for n in now)
+            if not same:
                 yield Dynamics(at, new.body, now)
 
     def _described(self, its: MujocoSimulation) -> DescribedModel:
