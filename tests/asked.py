@@ -31,7 +31,7 @@ def codes(scene: str, path: Path) -> list[str]:
 
 def told_in_pieces(seen: Seen, **origin: str) -> list[Finding]:
     """Return what is found where a recording comes in ten pieces, of seven steps at least."""
-    story = Story(seen, COMPLETE | origin)
+    story = Story(seen, COMPLETE | origin, call_of=call_of(seen.engine))
     steps = max(7, max(seen.samples.values()) // 10)
     for piece in story.explanation.pieces(steps):
         story.see(piece)

@@ -227,7 +227,7 @@ def test_what_is_too_fast_passes_through(name: str, tmp_path: Path) -> None:
     (other,) = in_pieces(scene, tmp_path, "tunnelled")
     assert (other.message, other.steps) == (one.message, one.steps)
     assert one.advice is not None
-    shorter = float(one.advice.rsplit("(", 1)[1].rstrip(")"))
+    shorter = 1 / 240 / float(one.advice.rsplit("/", 1)[1].rstrip(")"))
     steps = int(40 / 240 / shorter)
     cured = SHOT.format(**BULLETS[name], dt=shorter, n=steps)
     moves, stopped = (np.array(bare(each)["velocity"]) for each in (scene, cured))

@@ -40,7 +40,7 @@ def test_a_rule_is_explained_in_its_own_words() -> None:
 
 def test_thresholds_messages_and_cure_are_those_of_the_rule() -> None:
     """Of two rules in one file each has its own."""
-    made = references()["target-clamped"]
+    (made,) = explain("target-clamped").codes
     limits = {each.name: each.value for each in made.thresholds}
     assert limits["BEYOND_RANGE"] == BEYOND_RANGE
     assert "CROSSINGS" not in limits

@@ -273,7 +273,7 @@ def test_a_motor_on_its_way_that_lost_its_force_to_the_timestep(tmp_path: Path) 
     scene = KUKA + "go(60)\np.setTimeStep(1 / 60)\nsteps(60)\n"
     (found,) = said("off-target", scene, tmp_path)
     assert "it still moves" not in found.message
-    assert found.advice == "call p.setTimeStep before the motors are commanded"
+    assert found.advice == "p.setTimeStep(…) before motors and constraints get their force"
 
 
 def test_targets_that_are_kept_up_with_are_not_told(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -80,6 +79,7 @@ class Story:
             times={client: Times(seen, client) for client in clients},
             joints=JointTable(seen),
             touches=TouchTable(seen),
+            call_of=call_of,
         )
         self.curves = CurveTable(seen, self.scene.times)
         if answers is None:
@@ -87,7 +87,6 @@ class Story:
         self._answers = [question(self.scene) for question in answers]
         self._seen, self._origin = seen, origin
         self._whole, self._also, self._reports = whole, also, reports
-        self._call_of = call_of
         self._rows: list[SampleRows] = []
         ends_s = [
             self.scene.times[body.client].of(seen.samples.get(body.client, 1) - 1)
@@ -147,15 +146,7 @@ class Story:
 
     @cached_property
     def _found(self) -> list[Finding]:
-        return [self._worded(each) for answer in self._answers for each in answer.findings()]
-
-    def _worded(self, finding: Finding) -> Finding:
-        """Return a finding whose cure has a call; that is its advice if it has none."""
-        cure = finding.cure
-        if cure is None:
-            return finding
-        cure = replace(cure, call=cure.call or self._call_of(cure))
-        return replace(finding, cure=cure)
+        return [each for answer in self._answers for each in answer.findings()]
 
     @property
     def table(self) -> pl.DataFrame:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from drop_physics.explain.jsonable import jsonable
 from drop_physics.messages import Message
 from drop_physics.report.blocks import Fact, Facts, Report, Section
 
@@ -61,4 +61,4 @@ def _in_its_unit(limit: Limit) -> str:
 
 def json_of(manual: CodeManual) -> dict[str, Any]:
     """Return what `--json` prints."""
-    return {"codes": [asdict(each) for each in manual.codes]}
+    return {"codes": [jsonable(each) for each in manual.codes]}

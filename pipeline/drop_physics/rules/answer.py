@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar, Literal, TypeVar, get_args
@@ -142,6 +142,8 @@ class Scene:
     joints: JointTable
     touches: TouchTable
     actuators: ActuatorTable = field(default_factory=ActuatorTable)
+    call_of: Callable[[Cure], str] = lambda cure: cure.call
+    """Returns a cure as its user would write it, in the words of the engine."""
     asked: AskedOfBodies = field(init=False)
     placing: Placing = field(init=False)
     inputs: Inputs = field(init=False)

@@ -14,6 +14,8 @@ from drop_physics.rules.answer import LEVELS, Finding, Level
 from drop_physics.rules.codes import CODES
 from drop_physics.rules.thresholds import MINOR
 
+MEANT = frozenset(("no-gravity",))
+"""What may be meant where it is no mistake: it is folded away even alone."""
 ALL, NEVER = "all", "never"
 """Words in place of codes, and of a level."""
 
@@ -109,4 +111,8 @@ def minor(findings: Sequence[Finding]) -> list[Finding]:
     """Return the findings that are no mistake, and explain little of what is wrong."""
     mistakes = [each for each in findings if each.level in ("broken", "asked")]
     most = max((each.share for each in mistakes or findings), default=0.0)
-    return [each for each in findings if each not in mistakes and each.share < MINOR * most]
+    return [
+        each
+        for each in findings
+        if each not in mistakes and (each.share < MINOR * most or each.code in MEANT)
+    ]

@@ -64,8 +64,7 @@ def _(worst: Worst) -> Said:
         ),
         values={"other": other, "off": worst.size * 1e3},
         advice=Message(
-            "if it never moves, p.createCollisionShape(…, "
-            'flags=p.GEOM_FORCE_CONCAVE_TRIMESH), in a URDF <collision concave="yes">; '
+            'if it never moves, {call}, in a URDF <collision concave="yes">; '
             "else split it into convex parts, as p.vhacd(…) does"
         ),
         cure=Cure("concave"),

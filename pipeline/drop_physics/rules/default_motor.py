@@ -123,15 +123,10 @@ def _(worst: Worst) -> Said:
             "{joint} is held by {motor}: it takes "
             "what touches it, up to {most} of the {limit} that it may"
         )
-    advice = Message("turn it off: p.setJointMotorControl2(…, p.VELOCITY_CONTROL, force=0)")
     motor = Message("the velocity motor that PyBullet gives every joint")
     ball = worst.subject.joints[worst.link].kind == "spherical"
     if ball:
         motor = Message("the position motor to 0 that PyBullet gives every ball joint")
-        advice = Message(
-            "turn it off: p.setJointMotorControlMultiDof(…, p.POSITION_CONTROL, "
-            "targetPosition=[0, 0, 0, 1], force=[0, 0, 0])"
-        )
     cure = Cure("default-motor-off", worst.joint, form="ball" if ball else "")
     scene, share = worst.scene, min(worst.taken / worst.acting, 1.0)
     commanded = scene.inputs.commanded.get(worst.subject.number)
@@ -146,7 +141,7 @@ def _(worst: Worst) -> Said:
             "share": share,
             "weight": effort(worst.gravity / max(worst.time, 1e-300), worst.effort),
         },
-        advice=advice,
+        advice=Message("turn it off: {call}"),
         cure=cure,
         effect=Effect(worst.most, worst.effort),
         share=share,

@@ -34,6 +34,8 @@ class Cause:
     cure: Cure | None = None
     level: Level = "asked"
     other: str | None = None
+    need: str = ""
+    """What the advice says that the motor takes."""
 
 
 def cause_of(scene: Scene, driven: Driven, held: Holding, stood: Stood) -> Cause | None:
@@ -100,26 +102,20 @@ def _too_weak(driven: Driven, held: Holding, stood: Stood, here: float) -> Cause
             there=effort(there, unit),
             here=effort(here, unit),
         )
-    return Cause(why, *give_at_least(need, unit, float(driven.asked.force[row, k])))
+    return give_at_least(why, need, unit, float(driven.asked.force[row, k]))
 
 
-def give_at_least(need: float, unit: str, force: float) -> tuple[Message, Cure]:
-    """Return the advice to give a motor a round force limit with some to spare, and the cure.
+def give_at_least(why: Message, need: float, unit: str, force: float) -> Cause:
+    """Return a cause whose cure is a round force limit with some to spare.
 
     `force` is what it was given: if that is enough, its call came before that of the timestep.
     """
     if force > abs(need):
-        return (
-            Message("call p.setTimeStep before the motors are commanded"),
-            Cure("timestep-first"),
-        )
+        return Cause(why, cure=Cure("timestep-first"))
     digit = 10.0 ** min(0, math.floor(math.log10(abs(need))) - 1)  # the last that is written
-    advice = Message(
-        "allow at least {need}: p.setJointMotorControl2(…, force={force})",
-        need=effort(math.ceil(abs(need) / digit) * digit, unit),
-        force=to_spare(need),
-    )
-    return advice, Cure("force", value=float(to_spare(need)))
+    least = effort(math.ceil(abs(need) / digit) * digit, unit)
+    cure = Cure("force", value=float(to_spare(need)))
+    return Cause(why, Message("allow at least {need}: {call}"), cure, need=least)
 
 
 def to_spare(need: float) -> str:
@@ -169,9 +165,8 @@ def _gains(driven: Driven, row: int, k: int, gap: float) -> Cause | None:
         return None
     kp, kd, rate = (float(getattr(asked, name)[row, k]) for name in ("kp", "kd", "target_velocity"))
     if kp == 0:
-        advice = Message("p.setJointMotorControl2(…, positionGain=0.1)")
         cure = Cure("gains", value=0.1, given={"positionGain": 0.1})
-        return Cause(Message("its positionGain is {kp:g}", kp=kp), advice, cure)
+        return Cause(Message("its positionGain is {kp:g}", kp=kp), cure=cure)
     timestep_s = float(steps.reported.timestep_s[row])
     (matrix,) = mass_matrix(kinematics(steps.law.tree, steps.before.at(np.array([row]))))
     pull = sum(steps.terms[name][row] for name in FREE)
@@ -184,11 +179,9 @@ def _gains(driven: Driven, row: int, k: int, gap: float) -> Cause | None:
     if abs(pushed) > abs(sags):
         return Cause(
             Message("its targetVelocity of {rate:.3g} pushes it past", rate=rate),
-            Message("p.setJointMotorControl2(…, targetVelocity=0)"),
-            Cure("gains", value=0.0, given={"targetVelocity": 0.0}),
+            cure=Cure("gains", value=0.0, given={"targetVelocity": 0.0}),
         )
     return Cause(
         Message("with a velocityGain of {kd:.4g} its motor gives way to the load", kd=kd),
-        Message("p.setJointMotorControl2(…, velocityGain=1)"),
-        Cure("gains", value=1.0, given={"velocityGain": 1.0}),
+        cure=Cure("gains", value=1.0, given={"velocityGain": 1.0}),
     )

@@ -110,10 +110,7 @@ def _(worst: Worst) -> Said:
         advice = Message("ask again from where the arm has got to")
         if worst.iterations < IK_ENOUGH:
             cure = Cure("ik", value=1000.0)
-            advice = Message(
-                "p.calculateInverseKinematics(…, maxNumIterations=1000, residualThreshold=1e-6), "
-                "or ask again from where the arm has got to"
-            )
+            advice = Message("{call}, or ask again from where the arm has got to")
     size_m = np.ptp(np.reshape(worst.subject.bounds_m, (-1, 3)), axis=0).max(initial=0.0)
     return Said(
         message=message,

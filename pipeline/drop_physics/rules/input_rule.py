@@ -7,7 +7,7 @@ def other_client(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]: ...
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from drop_physics.rules.answer import Answer, Finding, Level, Span
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.engines import ANY, BULLETS, engine_of
 from drop_physics.rules.inputs import Inputs
-from drop_physics.rules.rule import Said
+from drop_physics.rules.rule import Said, finding_of
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body
 
@@ -76,18 +76,10 @@ class InputRules(Answer):
         engine = engine_of(self.scene.seen)
         for rule in (rule for rule in INPUT_RULES if engine in rule.engines):
             for subject, said in rule.matches(self.scene.inputs):
-                yield Finding(
-                    code=rule.code,
-                    level=said.level or rule.level,
-                    reason=said.reason or rule.reason,
-                    message=said.message,
-                    advice=said.advice or (said.cure and said.cure.call) or None,
-                    cure=said.cure,
-                    body=None if subject.body is None else subject.body.label,
-                    joint=subject.joint,
-                    other=said.other,
-                    effect=said.effect,
-                    share=said.share or 0.0,
-                    steps=subject.steps,
-                    site=subject.site if subject.call is None else site_of(subject.call),
+                site = subject.site if subject.call is None else site_of(subject.call)
+                reason = said.reason or rule.reason
+                said = replace(
+                    said, joint=subject.joint, steps=subject.steps, site=site, reason=reason
                 )
+                body = None if subject.body is None else subject.body.label
+                yield finding_of(rule.code, rule.level, said, self.scene, body)

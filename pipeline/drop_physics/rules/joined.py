@@ -71,25 +71,16 @@ def _(worst: Worst) -> Said:
         "{body} is joined to {other} in frames that are turned by {angle:.2g} rad, which the "
         "constraint turns back"
     )
-    advice = Message(
-        "give p.createConstraint the parentFrameOrientation and childFrameOrientation of one and "
-        "the same frame"
-    )
     if pulled:
         message = Message(
             "{body} is joined to {other} at points that are {gap:.3g} m apart, which the "
             "constraint pulls together"
         )
-        advice = Message(
-            "give p.createConstraint the parentFramePosition and childFramePosition of one and the "
-            "same point"
-        )
     return Said(
         message=message,
         values=_names(worst),
         other=_other(worst),
-        advice=advice,
-        cure=Cure("constraint-frames"),
+        cure=Cure("constraint-frames") if pulled else Cure("constraint-frames", form="turned"),
         effect=gap if pulled else angle,
         share=gap.value / worst.part if pulled else angle.value,
         site=site_of(worst.held.made),
@@ -179,26 +170,22 @@ def _(worst: Worst) -> Said | None:
             limit=limit_n,
             count=worst.full,
         )
-        advice = Message("give it more: p.changeConstraint(…, maxForce=…)")
+        advice: Message | None = Message("give it more: p.changeConstraint(…, maxForce=…)")
         cure = Cure("constraint-force")
         if weight_n > limit_n:
             why = Message("{why}, and the weight is {weight:.3g} N", why=why, weight=weight_n)
             if worst.swings < STILL_M_S:  # else its weight is not all that pulls
-                enough = to_spare(weight_n)
-                advice = Message(
-                    "give it more: p.changeConstraint(…, maxForce={force})", force=enough
-                )
-                cure = Cure("constraint-force", value=float(enough))
+                cure = Cure("constraint-force", value=float(to_spare(weight_n)))
+                advice = Message("give it more: {call}")
             if held.limited is not None and number(held.limited, "maxForce") > weight_n:
-                advice = Message("call p.setTimeStep before p.changeConstraint(…, maxForce=…)")
-                cure = Cure("timestep-first")
+                advice, cure = None, Cure("timestep-first")
     elif ratio >= MASS_RATIO and worst.gap > APART * worst.part:
         why = Message(
             "of what constraints join, one is {ratio:.4g} times as heavy as another, and the "
             "solver uses up its iterations",
             ratio=ratio,
         )
-        advice = Message("raise p.setPhysicsEngineParameter(numSolverIterations=500)")
+        advice = None
         cure = Cure("solver", value=500.0)
     else:
         return None

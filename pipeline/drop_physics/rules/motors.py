@@ -3,14 +3,29 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+from drop_physics.explain.commands import DEFAULT
 from drop_physics.explain.targets import flips, grows_with, rings_with
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Cure, Effect, and_more
+from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.joint import distance, effort
 from drop_physics.rules.rule import Match, Said, Worst, joint_rule
+from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
-from drop_physics.rules.thresholds import BEYOND_RANGE, COASTS_RAD_S, CROSSINGS, OTHER_FORCE
+from drop_physics.rules.thresholds import (
+    BEYOND,
+    BEYOND_RANGE,
+    COASTS_RAD_S,
+    CROSSINGS,
+    DAMPS_ANY,
+    DAMPS_STEADY,
+    FOLLOWS,
+    MOVES,
+    OTHER_FORCE,
+    SAME_SIGN,
+)
+from drop_physics.trace.motors import VELOCITY
 
 
 @joint_rule("target-clamped", "asked")
@@ -32,20 +47,22 @@ def _(worst: Worst) -> Said:
             "{joint}{more} is sent to {target:.4g} {unit}, beyond its {side} limit of {limit:.4g} "
             "{unit}: PyBullet takes the limit as the target",
             joint=worst.joint,
-            more=and_more(worst.joints),
+            more=worst.more,
             target=worst.target,
             unit=unit,
             side=Message("upper") if over else Message("lower"),
             limit=high if over else low,
         ),
-        advice=Message(
-            "give a target within {low:.4g} and {high:.4g}, or other limits by "
-            "p.changeDynamics(body, {link}, jointLowerLimit=…, jointUpperLimit=…)",
-            low=low,
-            high=high,
-            link=worst.link,
+        values={"low": low, "high": high},
+        advice=Message("give a target within {low:.4g} and {high:.4g}, or other limits: {call}"),
+        cure=Cure(
+            "limits",
+            worst.joint,
+            given={
+                "jointLowerLimit": min(low, worst.target),
+                "jointUpperLimit": max(high, worst.target),
+            },
         ),
-        cure=Cure("limits", worst.joint if worst.joints == 1 else worst.body),
         effect=Effect(worst.size, unit),
         share=worst.size if unit == "rad" else worst.size / (high - low),
     )
@@ -82,36 +99,34 @@ def _(worst: Worst) -> Said:
         each = Message("each step makes the gap {left:.4g} times as large", left=left)
     elif half**2 < 4 * last:
         each = Message("a swing keeps {left:.2g} of its size from step to step", left=left)
-    gains = {"positionGain": 0.1} if worst.at_place else {}
-    gains["velocityGain"] = 1.0
-    values = {
-        "joint": worst.joint,
-        "off": distance(worst.size, unit),
-        "kp": kp,
-        "kd": kd,
-        "each": each,
-    }
+    site = worst.scene.joints.site(worst.site)
+    given = [] if site is None else [name.removesuffix("s") for name in site.places]
+    usual = {"positionGain": (kp, 0.1), "velocityGain": (kd, 1.0)}
+    # What no call gave is PyBullet's own, and is not changed.
+    gains = {name: each for name, each in usual.items() if name in given} or usual
     if not worst.at_place:
-        template = Message(
+        message = Message(
             "{joint} turns around with every step, at up to {off}: gains are shares per step, and "
-            "with velocityGain={kd:.4g} {each}"
+            "with {gains} {each}"
         )
     elif not worst.turned:
-        template = Message(
+        message = Message(
             "{joint} shakes about its target, by up to {off}: gains are shares per step, and with "
-            "positionGain={kp:.4g}, velocityGain={kd:.4g} {each}"
+            "{gains} {each}"
         )
     else:
-        template = Message(
+        message = Message(
             "{joint} turns around with every step, {off} off its target: gains are shares per "
-            "step, and with positionGain={kp:.4g}, velocityGain={kd:.4g} {each}"
+            "step, and with {gains} {each}"
         )
     return Said(
-        message=Message(template, **values),
-        advice=Message("p.setJointMotorControl2(…, positionGain=0.1, velocityGain=1)")
-        if worst.at_place
-        else Message("p.setJointMotorControl2(…, velocityGain=1)"),
-        cure=Cure("gains", worst.joint, given=gains),
+        message=message,
+        values={
+            "off": distance(worst.size, unit),
+            "gains": ", ".join(f"{name}={now:.4g}" for name, (now, _) in gains.items()),
+            "each": each,
+        },
+        cure=Cure("gains", worst.joint, given={name: to for name, (_, to) in gains.items()}),
         effect=Effect(worst.size, unit),
     )
 
@@ -137,7 +152,6 @@ def _(worst: Worst) -> Said:
             limit=effort(worst.limit, worst.effort),
             force=effort(worst.force, worst.effort),
         ),
-        advice=Message("call p.setTimeStep before the motors are commanded"),
         cure=Cure("timestep-first"),
         effect=Effect(abs(worst.limit - worst.force), worst.effort),
     )
@@ -165,14 +179,195 @@ def _(worst: Worst) -> Said:
             force=effort(worst.force, worst.effort),
             substeps=substeps,
         ),
-        advice=Message(
-            "in place of substeps set the timestep to 1/{substeps} of it, before the motors "
-            "are commanded, and step {substeps} times; it then has {force}, and needs "
-            "force={given:.3g} to do the same",
-            substeps=substeps,
-            force=effort(worst.force, worst.effort),
-            given=worst.given,
-        ),
+        values={"limit": effort(worst.force, worst.effort)},
+        advice=Message("{call}; it then has {limit}, and needs force={given:.3g} to do the same"),
         cure=Cure("substeps", value=float(substeps)),
         effect=Effect(worst.given - worst.force, worst.effort),
+    )
+
+
+# -- beyond-urdf ----------------------------------------------------------------------------------
+
+
+FORCE = np.array([[[False, True]]])
+"""The plane of forces in a table with two."""
+
+
+@joint_rule("beyond-urdf", "model")
+def beyond_urdf(joints: JointColumns) -> Match:
+    """`getJointInfo` reports the effort and velocity of a file, and no motor heeds them."""
+    told = (joints.mode != DEFAULT) | (joints.pd == 1)
+    limits = [
+        joints.of_joints(lambda each: each.velocity * (each.widths[1] == 1)),
+        joints.of_joints(lambda each: each.effort * (each.widths[1] == 1)),
+    ]
+    limit, most = np.stack(limits, axis=2), np.abs(np.stack([joints.rate, joints.torque], axis=2))
+    # A motor of position closes a share of its first gap in one step, however fast that is.
+    speeds = told & (joints.torque * joints.rate > 0) & (joints.step > 1)[:, None]
+    drives = np.stack([speeds, told], axis=2)
+    beyond = told[:, :, None] & (limit > 0) & (most > (1 + BEYOND) * limit)
+    # A motor for rates has no maxVelocity: its target is the limit.
+    goal = np.where(joints.mode == VELOCITY, np.abs(joints.target_velocity), np.nan)
+    substeps = np.full_like(joints.torque, joints.steps.substeps)
+    numbers = {"most": most, "limit": limit, "force": FORCE, "goal": goal, "substeps": substeps}
+    # It is beyond in the steps in which its motor brakes it, too.
+    return Match(beyond, np.where(drives, 1 - limit / most, 0.0), numbers)
+
+
+@beyond_urdf.says
+def _(worst: Worst) -> Said:
+    unit = worst.effort if worst.force else f"{worst.unit}/s"
+    name = "force" if worst.force else "maxVelocity"
+    advice = None
+    cure: Cure | None = Cure("urdf-limits", worst.joint, worst.limit, given={name: worst.limit})
+    if not worst.force and not np.isnan(worst.goal):
+        cure = None
+        if worst.goal > worst.limit:
+            advice = Message("give it a targetVelocity of {limit:g} or less")
+    elif worst.force and worst.substeps > 1:  # what a call gives acts in each of them
+        cure = None
+    return Said(
+        message=Message(
+            "{joint} reaches {most} where its file allows {limit}, in {steps}: PyBullet's "
+            "motors do not enforce that limit (joints beyond theirs: {count})",
+            joint=worst.joint,
+            most=effort(worst.most, unit),
+            limit=f"{worst.limit:g} {unit}",
+            steps=worst.steps,
+            count=worst.joints,
+        ),
+        advice=advice,
+        cure=cure,
+        effect=Effect(worst.most - worst.limit, unit),
+    )
+
+
+# -- joint-damping --------------------------------------------------------------------------------
+
+
+OTHERS = ("contacts", "constraints", "rolling", "stops", "clamp", "motors")
+"""Where one of these acts on a joint, it is not damping that decides."""
+
+
+@joint_rule("joint-damping", "model")
+def joint_damping(joints: JointColumns) -> Match:
+    """`<dynamics damping>` acts on joints that torques drive, and inverse dynamics omits it."""
+    damping, applied = joints.steps.law.joint_damping, joints.term("applied")
+    # One that a call set is meant.
+    told = joints.of_joints(lambda each: each.damping)
+    alone = ~np.any([joints.term(name) != 0 for name in OTHERS], axis=0)
+    where = alone & (applied != 0) & ~np.isnan(joints.torque_since) & (damping > 0)
+    drive = applied + joints.term("gravity")
+    driven, taken = np.abs(drive), np.abs(joints.term("joint damping"))
+    return Match(
+        where & (told == damping),
+        taken,
+        {"damping": damping},
+        {"driven": driven, "net": drive, "taken": taken},
+        firsts={"torque_site": joints.torque_site},
+        lasts={"inertia": joints.inertia},
+    )
+
+
+@joint_damping.counts
+def _(runs: Runs, _: Scene) -> NDArray[np.float64]:
+    share = np.where(runs.driven > MOVES * runs.inertia, runs.taken / runs.driven, 0.0)
+    steady = np.abs(runs.net) > SAME_SIGN * runs.driven
+    return np.where(share > np.where(steady, DAMPS_STEADY, DAMPS_ANY), share, 0.0)
+
+
+@joint_damping.says
+def _(worst: Worst) -> Said:
+    unit = f"{worst.effort} s"
+    return Said(
+        message=Message(
+            "{joint} is driven by torques: beyond its weight they give it {given}, and the "
+            "joint damping in its file, {damping}, takes {taken} (joints of this robot: "
+            "{count})",
+            joint=worst.joint,
+            count=worst.joints,
+            given=effort(worst.driven, unit),
+            taken=effort(worst.taken, unit),
+            damping=effort(worst.damping, unit + ("/m" if unit == "N s" else "/rad")),
+        ),
+        advice=Message(
+            "{call}, or give torques that make up for it: p.calculateInverseDynamics leaves it out"
+        ),
+        cure=Cure("joint-damping", worst.body, 0.0),
+        effect=Effect(worst.taken, unit),
+        share=min(worst.taken / worst.driven, 1.0),
+        site=worst.scene.site(worst.torque_site),
+    )
+
+
+# -- mimic-ignored --------------------------------------------------------------------------------
+
+
+@joint_rule("mimic-ignored", "asked")
+def mimic_ignored(joints: JointColumns) -> Match | None:
+    """Where both are at rest, or at the end, a joint is not where its file wants it to follow."""
+    places = zip(joints.body.joints, joints.body.rates, strict=True)
+    rates = {each.name: at.start for each, at in places if each.widths[1] == 1}
+    pairs = [each for each in joints.body.asked.mimics if {each.joint, each.of} <= rates.keys()]
+    if not pairs:
+        return None
+    own, leads = (
+        np.array([rates[getattr(each, name)] for each in pairs]) for name in ("joint", "of")
+    )
+    times, offset = np.array([(each.multiplier, each.offset) for each in pairs]).T
+    low, high = np.array([j.limits for j in joints.body.joints for _ in range(j.widths[1])]).T
+    extent = np.where(high > low, high - low, 1.0)[own]
+    began, apart = (
+        at[:, own] - times * at[:, leads] - offset for at in (joints.before, joints.after)
+    )
+    rests = joints.resting[:, own] & joints.resting[:, leads]
+    drives = (joints.mode != DEFAULT) & (joints.asked.force != 0)
+
+    def column(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return values of the followers as a column of all joints."""
+        found = np.zeros(joints.after.shape)
+        found[:, own] = values
+        return found
+
+    return Match(
+        column(np.ones(apart.shape)) > 0,
+        column(np.abs(apart)),
+        {"site": np.full(joints.after.shape, np.nan)},
+        most={
+            "high": column(apart),
+            "low": column(-apart),
+            "rested": column(np.abs(apart) * rests),
+            "sent": column(drives[:, own] | drives[:, leads]),
+        },
+        firsts={"began": column(began)},
+        lasts={"now": column(np.abs(apart)), "extent": column(extent + 0.0 * apart)},
+        counts=(column(np.abs(apart)) > FOLLOWS * column(extent + 0.0 * apart)).astype(np.int64),
+    )
+
+
+@mimic_ignored.counts
+def _(runs: Runs, _: Scene) -> NDArray[np.float64]:
+    moved = np.maximum(runs.high - runs.began, runs.low + runs.began)
+    share = np.maximum(runs.rested, runs.now) / runs.extent
+    return np.where((moved > FOLLOWS * runs.extent) & (share > FOLLOWS), share, 0.0)
+
+
+@mimic_ignored.says
+def _(worst: Worst) -> Said:
+    gap = max(worst.rested, worst.now)
+    mimic = next(each for each in worst.subject.asked.mimics if each.joint == worst.joint)
+    return Said(
+        level=None if worst.sent else "note",
+        message=Message(
+            "{joint} is {gap} away from where its <mimic> tag puts it: PyBullet ignores "
+            "the tag, so it does not follow {of} (joints that do not follow: {count})"
+        ),
+        values={"gap": distance(gap, worst.unit), "of": mimic.of, "count": worst.joints},
+        cure=Cure(
+            "mimic",
+            worst.body,
+            given={"ratio": f"{-1 / (mimic.multiplier or np.nan):g}", "link": worst.link},
+        ),
+        effect=Effect(gap, worst.unit),
+        share=gap / worst.extent,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations, product
 
 import numpy as np
@@ -254,8 +254,10 @@ class NoContact(Answer):
         (one, link), (two, other_link) = pair
         body, other = self.scene.body(one), self.scene.body(two)
         names = [_named(each, at) for each, at in ((body, link), (other, other_link))]
-        why, advice, cure, level = _WHY[passing.reason]
-        advice = Message(advice, other=names[1])
+        why, advice, name, level = _WHY[passing.reason]
+        cure = None if name is None else Cure(name, body.label)
+        if cure is not None:
+            cure = replace(cure, call=self.scene.call_of(cure))
         made = self.scene.seen.samples[body.client] - 1
         message = Message(
             "{body} gets into {other} in {steps:,} steps, and nothing pushes it out: {why}",
@@ -274,8 +276,8 @@ class NoContact(Answer):
             level=level,
             reason=passing.reason,
             message=message,
-            advice=advice,
-            cure=None if cure is None else Cure(cure, body.label),
+            advice=Message(advice, other=names[1], call=cure and cure.call),
+            cure=cure,
             body=body.label,
             other=None if one == two else other.label,
             share=len(passing.steps) / max(made, 1),
@@ -293,7 +295,7 @@ _WHY: dict[str, tuple[Message, Message, str | None, Level]] = {
     ),
     "both-static": (
         Message("neither has mass, and PyBullet makes no contacts between two static bodies"),
-        Message("give the one that moves a mass"),
+        Message("give the one that moves a mass: {call}"),
         "mass",
         "asked",
     ),

@@ -82,14 +82,10 @@ def no_inertial(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
             mass=float(len(links)),
             total=total_kg,
         )
-        advice = Message(
-            "give the link an <inertial>, or p.changeDynamics(body, {link}, mass=…)", link=links[0]
-        )
         yield (
             InputSubject(None, body, site=inputs.scene.asked.loaded(body)),
             Said(
                 message=message,
-                advice=advice,
                 cure=Cure("inertial", body.label, given={"links": links}),
                 effect=Effect(float(len(links)), "kg"),
                 share=len(links) / total_kg,
@@ -193,7 +189,7 @@ def _(worst: Worst) -> Said:
     cause = Message("PyBullet computes it from the collision shape")
     if not body.collisions:
         cause = Message("PyBullet computes it from the collision shape, and there is none")
-    advice = Message("load it with flags=p.URDF_USE_INERTIA_FROM_FILE")
+    advice = None
     if other.changed is not None:
         cause = Message("p.changeDynamics(mass=…) computes it anew from the collision shape")
         advice = Message("give p.changeDynamics localInertiaDiagonal together with the mass")

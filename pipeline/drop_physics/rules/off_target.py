@@ -1,4 +1,4 @@
-"""`off-target` of position motors: joints rest off their targets, or lag behind them."""
+"""`off-target` of motors: joints rest off their targets, lag behind them, or turn too slowly."""
 
 from __future__ import annotations
 
@@ -8,15 +8,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.joints import REST_STEPS
-from drop_physics.explain.targets import rings_with
+from drop_physics.explain.targets import flips, rings_with
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene
-from drop_physics.rules.held_off import Cause, at_limit, cause_of, give_at_least
+from drop_physics.rules.held_off import Cause, at_limit, cause_of, give_at_least, holds_off
 from drop_physics.rules.joint import distance, effort, place
-from drop_physics.rules.rule import Match, Said, Worst, target_rule
+from drop_physics.rules.rule import Match, Said, Worst, joint_rule, target_rule
 from drop_physics.rules.runs import Runs
+from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.target_columns import TargetColumns
-from drop_physics.rules.thresholds import HALF_THE_STEPS, LAWFUL_GAP, LIMITED_OFTEN, SMALL_GAIN
+from drop_physics.rules.thresholds import (
+    HALF_THE_STEPS,
+    LAWFUL_GAP,
+    LIMITED_OFTEN,
+    SLOW,
+    SMALL_GAIN,
+)
+from drop_physics.trace.motors import VELOCITY
 
 Flags = NDArray[np.bool_]
 Float64 = NDArray[np.float64]
@@ -67,7 +75,13 @@ def _missed(worst: Worst, cause: Cause) -> Said:
         cure = replace(cure, target=worst.joint if worst.joints == 1 else worst.body)
     return Said(
         message=message,
-        values={"off": off, "target": target, "why": cause.why, "last": worst.stood[1]},
+        values={
+            "off": off,
+            "target": target,
+            "why": cause.why,
+            "last": worst.stood[1],
+            "need": cause.need,
+        },
         advice=cause.advice,
         cure=cure,
         level=None if cause.level == "asked" else cause.level,
@@ -124,7 +138,7 @@ def _(worst: Worst) -> Said | None:
             "often": often,
             "left": (1 - worst.kp) ** every,
         },
-        advice=Message("p.setJointMotorControl2(…, positionGain=1) leaves nothing of it"),
+        advice=Message("{call} leaves nothing of it"),
         cure=Cure("gains", worst.joint, 1.0, given={"positionGain": 1.0}),
         effect=Effect(worst.off, worst.unit),
         share=worst.share,
@@ -199,9 +213,64 @@ def _(worst: Worst) -> Said:
         why = Message("{weak}; the way to its target takes up to {need}", weak=weak, need=need)
         if abs(there.needs_at_target or 0.0) == takes:
             why = Message("{weak}; the target takes {need}", weak=weak, need=need)
-        return _missed(worst, Cause(why, *give_at_least(takes, worst.effort, worst.force)))
+        return _missed(worst, give_at_least(why, takes, worst.effort, worst.force))
     why = Message("{why}, and {weak}", why=why, weak=weak)
     advice = MORE_FORCE
     if takes <= worst.limit and not worst.away:
         advice = Message("give it more force, or each target more steps")
     return _missed(worst, Cause(why, advice, Cure("force")))
+
+
+# -- too-slow -------------------------------------------------------------------------------------
+
+
+@joint_rule("off-target", "asked")
+def too_slow(joints: JointColumns) -> Match:
+    """A velocity motor is at its limit, most of the time that its target stood.
+
+    What grips something, or presses its stop, is to stand still; and a target beyond every rate
+    stands for a constant force.
+    """
+    goal = joints.target_velocity
+    told = (joints.mode == VELOCITY) & (joints.impulse > 0) & (goal != 0)
+    told &= np.abs(goal) < joints.steps.law.velocity_limit
+    weak = told & joints.at_limit & ~flips(joints.driven)  # else that is motor-gain's
+    takes = np.full_like(goal, np.nan)
+    for k in np.flatnonzero(weak.any(axis=0)).tolist():
+        row, way = int(np.flatnonzero(told[:, k])[-1]), np.sign(goal[:, k])
+        if weak[row, k]:
+            held, on = joints.scene.joints.holding(joints.driven, row), float(way[row])
+            weak[:, k] &= held.stops[k] * on >= 0 and not holds_off(joints.scene, held, k, -on)
+            takes[:, k] = held.needs[k] * on
+    step = np.broadcast_to(joints.step[:, None], goal.shape).astype(np.float64)
+    lasts = {"weak": weak, "rate": joints.rate, "goal": goal, "takes": takes}
+    lasts |= {"limit": joints.limit}
+    return Match(told, step, sums={"told": told * 1}, lasts=lasts, counts=weak * 1)
+
+
+@too_slow.counts
+def _(runs: Runs, _: Scene) -> NDArray[np.float64]:
+    slow = runs.weak & (runs.rate / runs.goal < SLOW)
+    return np.where(slow & (runs.count > HALF_THE_STEPS * runs.told), runs.count * 1.0, 0.0)
+
+
+@too_slow.says
+def _(worst: Worst) -> Said:
+    rate, goal, unit, takes = worst.rate, worst.goal, f"{worst.unit}/s", worst.takes
+    why = at_limit(effort(worst.limit, worst.effort), worst.count, worst.told)
+    advice = cure = None
+    if takes > worst.limit:
+        here = effort(takes, worst.effort)
+        why = Message("{weak}; holding it here takes {here}", weak=why, here=here)
+        # Holding is the least of it: what turns takes more where it is heavier, and gets faster.
+        advice = Message("give it more force")
+        cure = Cure("force", worst.joint if worst.joints == 1 else None)
+    message = Message("{joint}{more} ends at {rate:.2g} {unit}, its target is {target:.3g}: {weak}")
+    return Said(
+        message=message,
+        values={"unit": unit, "target": goal, "weak": why},
+        advice=advice,
+        cure=cure,
+        effect=Effect(abs(goal - rate), unit),
+        share=abs(goal - rate) / abs(goal),
+    )

@@ -71,17 +71,12 @@ def push_lasted_a_step(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
             asked = act is Act.PUSH and _came_to_nothing(inputs, number)
         else:
             continue
-        advice = Message(
-            "call p.{function} before each p.stepSimulation() in which it is to act",
-            function=call.function,
-        )
         yield (
             InputSubject(call, body, steps=Span(steps[0] + 1, steps[-1] + 1, len(steps))),
             Said(
                 level="asked" if asked else None,
                 message=message,
-                cure=Cure("push-repeated"),
-                advice=advice,
+                cure=Cure("push-repeated", given={"function": call.function}),
                 effect=Effect(lost, "1") if lost else None,
                 share=lost,
             ),
@@ -194,10 +189,11 @@ def _(worst: Worst) -> Said | None:
             "point": ", ".join(f"{round(x, 6):g}" for x in point),
             "frame": Message("its own frame") if own else Message("the world's frame"),
         },
-        advice=Message("give it in p.WORLD_FRAME, or at [0, 0, 0]")
-        if own
-        else Message("give it in p.LINK_FRAME, or at the body's position"),
-        cure=Cure("push-at-centre", worst.body),
+        cure=Cure(
+            "push-at-centre",
+            worst.body,
+            given={"frame": "WORLD_FRAME" if own else "LINK_FRAME"},
+        ),
         effect=Effect(worst.arm, "m"),
         share=worst.arm / worst.reach,
         site=site_of(use.first),

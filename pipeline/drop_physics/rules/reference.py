@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import difflib
 import json
+import math
 import re
 from collections import defaultdict
 from collections.abc import Iterator
@@ -22,6 +23,7 @@ from drop_physics.messages import Message
 from drop_physics.rules.answer import LEVELS, Level
 from drop_physics.rules.codes import CODES
 from drop_physics.rules.thresholds import TABLE
+from drop_physics.trace.cures import Cure
 
 ROOMS = "rules", "drop"
 """Folders whose modules find something."""
@@ -29,6 +31,8 @@ ADVISES = {"advice", "cure"}
 """Arguments that hold what is advised."""
 EXAMPLES = "examples.json"
 """File of examples, by code, which `docs/regenerate.py` writes."""
+FULL = 4
+"""Arguments of a cure whose rule writes the call itself."""
 LEAST = 25
 """Characters of a message that is a sentence, and no part of one."""
 PLACEHOLDER = re.compile(r"(\}?)\{(\w+)[^{}]*(?=\})")
@@ -97,6 +101,8 @@ class CodeReference:
     """What changes it."""
     example: CodeExample | None = None
     """A script that shows it; null where the documentation has none."""
+    cures: tuple[Cure, ...] = field(default=(), metadata={"json": False})
+    """Those of its rules whose calls the engine writes; nan where it depends."""
 
 
 def reference_of(name: str) -> CodeReference:
@@ -137,7 +143,7 @@ def references() -> dict[str, CodeReference]:
     return made
 
 
-def _example(*, says: str, advises: str | None, **where: Any) -> CodeExample:
+def _example(*, says: str, advises: str | None, **where: Any) -> CodeExample:  # noqa: ANN401
     return CodeExample(**where, says=Message(says), advises=advises and Message(advises))
 
 
@@ -229,12 +235,15 @@ def _with(
     measured = [each for each in first if each and not each.startswith(("Return", "Yield"))]
     advised: list[str] = []
     said: list[str] = []
+    cures: list[Cure] = []
     for node in [inner for each in parts for inner in ast.walk(each)]:
         match node:
             case ast.keyword(arg=name, value=value) if name in ADVISES:
                 advised += _messages(value)
             case ast.Assign(targets=[ast.Name(id=name)], value=value) if name in ADVISES:
                 advised += _messages(value)
+        if isinstance(node, ast.Call) and _name(node.func) == "Cure" and len(node.args) < FULL:
+            cures.append(_cure(node))
     for each in parts:
         said += [text for text in _messages(each) if text not in advised and len(text) > LEAST]
     names = {node.id for each in parts for node in ast.walk(each) if isinstance(node, ast.Name)}
@@ -254,6 +263,23 @@ def _with(
         says=_once([*known.says, *said]),
         advises=_once([*known.advises, *advised]),
         example=known.example,
+        cures=(*known.cures, *cures),
+    )
+
+
+def _cure(call: ast.Call) -> Cure:
+    """Return a cure as its rule writes it."""
+    given = next((each.value for each in call.keywords if each.arg == "given"), None)
+    numbers = dict.fromkeys(
+        [_text(each) or "" for each in given.keys if each] if isinstance(given, ast.Dict) else (),
+        math.nan,
+    )
+    has_value = len(call.args) == FULL - 1 or any(each.arg == "value" for each in call.keywords)
+    return Cure(
+        _text(call.args[0]) or "",
+        value=math.nan if has_value else None,
+        form=_keyword(call, "form") or "",
+        given=numbers,
     )
 
 

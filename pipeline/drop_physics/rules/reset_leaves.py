@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -51,16 +49,15 @@ def driven_off(runs: Runs, _: Scene) -> NDArray[np.float64]:
     return np.where(off, runs.size + 1e6 * runs.back, 0.0)
 
 
-def _said(worst: Worst, message: Message, advice: Message) -> Said:
+def _said(worst: Worst, message: Message, cure: Cure, level: Level | None = None) -> Said:
     values = {
         "position": place(worst.position, worst.unit),
         "off": distance(worst.size, worst.unit),
         "target": place(worst.target, worst.unit),
         "count": worst.joints,
-        "function": (Act.RESTORE if worst.restored else Act.SET_JOINT).function,
     }
     effect = Effect(worst.size, worst.unit)
-    return Said(message=message, values=values, advice=advice, effect=effect)
+    return Said(message=message, values=values, cure=cure, effect=effect, level=level)
 
 
 @joint_rule("reset-leaves", "asked", consecutive=True)
@@ -75,10 +72,10 @@ def _(worst: Worst) -> Said:
         "{joint} is reset to {position}, then driven {off} away: its motor keeps the target of "
         "{target} that it had before (joints of this robot: {count})"
     )
-    said = _said(worst, message, Message("give the motors new targets after p.{function}"))
+    function = (Act.RESTORE if worst.restored else Act.SET_JOINT).function
+    cure = Cure("targets-held", worst.body, given={"function": function})
     # A target that was given once, before a reset to anywhere else, is meant.
-    level: Level | None = None if worst.back else "note"
-    return replace(said, cure=Cure("targets-held", worst.body), level=level)
+    return _said(worst, message, cure, None if worst.back else "note")
 
 
 @joint_rule("reset-leaves", "model", consecutive=True, engines=MUJOCOS)
@@ -94,8 +91,8 @@ def _(worst: Worst) -> Said:
         "before qpos was written (joints of this robot: {count})"
     )
     advice = Message("write data.ctrl with data.qpos, or reset both by mujoco.mj_resetData")
-    said = _said(worst, message, advice)  # sent there again on purpose it looks the same
-    return replace(said, cure=Cure("targets-held", worst.body))
+    # Sent there again on purpose it looks the same.
+    return _said(worst, message, Cure("targets-held", worst.body, None, advice))
 
 
 for _rule in (reset_leaves, state_leaves_control):

@@ -83,10 +83,7 @@ def _compared(inputs: Inputs, first: Episode, second: Episode) -> tuple[InputSub
         why=why,
         function=second.begin.function,
     )
-    advice = Message(
-        "p.setPhysicsEngineParameter(deterministicOverlappingPairs=1) at the start sorts them: "
-        "then both runs are equal to the bit"
-    )
+    advice = Message("{call} at the start sorts them: then both runs are equal to the bit")
     cure = Cure("pairs-sorted", value=1.0) if ordered else None
     if call is not None:
         cure = Cure("without", given={"function": call.function})

@@ -41,6 +41,7 @@ from drop_physics.rules.joint import link_of, units
 from drop_physics.rules.runs import Kind, Runs
 from drop_physics.rules.tables import TABLES, RuleTable, TableName, tables
 from drop_physics.rules.target_columns import left_standing
+from drop_physics.rules.thresholds import MINOR
 from drop_physics.trace.events import Body
 
 Float64 = NDArray[np.float64]
@@ -123,7 +124,8 @@ class Match:
 class Said:
     """What a rule says of the worst that it found.
 
-    What a text without values names is taken from `values`, or from the `Worst`.
+    What a text without values names is taken from `values`, or from the `Worst`; `{call}` is what
+    the engine's user would write for the cure.
     """
 
     message: Message
@@ -132,7 +134,7 @@ class Said:
     cure: Cure | None = None
     """What would change it, to be tried."""
     advice: Message | None = None
-    """The advice; the cure's call if it is None."""
+    """The advice, where the cure's call alone is not enough."""
     effect: Effect | None = None
     share: float | None = None
     """The effect over what is normal for it; the size, if it is None."""
@@ -154,7 +156,7 @@ class Worst:
     """The worst of a subject: its numbers, and who it is, as attributes.
 
     `size`, `count`, `first` and `last` step, and what the rule noted; `among`, how many of its kind
-    the subject has; labels of the `body` and of
+    the subject has that are not ten times smaller; labels of the `body` and of
     the `other`, and both as they are, `subject` and `partner`; of joints `joint`, `link`, `unit`,
     `effort`, and how many `joints` of the body it holds for; of actuators `actuator` and
     its `joint`.
@@ -261,25 +263,43 @@ class Rule:
         said = self.words(worst)
         if said is None:
             return None
-        cure, advice = said.cure, said.advice
-        if cure is not None and cure.call:
-            cure = replace(cure, call=filled(cure.call, said.values, worst))
-        told = cure.call if advice is None and cure is not None else advice
-        return Finding(
-            code=said.code or self.code,
-            level=said.level or self.level,
-            reason=said.reason or self.reason,
-            message=filled(said.message, said.values, worst),
-            advice=filled(told, said.values, worst) if told else None,
-            cure=cure,
-            effect=said.effect,
+        said = replace(
+            said,
             share=worst.size if said.share is None else said.share,
             steps=said.steps or worst.span,
-            body=None if self.subject == 0 else worst.body,
             joint=said.joint or vars(worst).get("joint"),
             other=said.other or vars(worst).get("other"),
             site=said.site or site,
+            reason=said.reason or self.reason,
         )
+        body = None if self.subject == 0 else worst.body
+        return finding_of(self.code, self.level, said, worst.scene, body, worst)
+
+
+def finding_of(
+    code: str, level: Level, said: Said, scene: Scene, body: str | None, worst: object = None
+) -> Finding:
+    """Return what a rule says as a finding: texts filled, the call of its cure written."""
+    cure, values = said.cure, said.values
+    if cure is not None:
+        cure = replace(cure, call=filled(cure.call, values, worst) or scene.call_of(cure))
+        values = {**values, "call": cure.call}
+    advice = said.advice or (cure and cure.call)
+    return Finding(
+        code=said.code or code,
+        level=said.level or level,
+        reason=said.reason,
+        message=filled(said.message, values, worst),
+        advice=filled(advice, values, worst) if advice else None,
+        cure=cure,
+        body=body,
+        joint=said.joint,
+        other=said.other,
+        effect=said.effect,
+        share=said.share or 0.0,
+        steps=said.steps,
+        site=said.site,
+    )
 
 
 PARTS = "joints", "targets", "actuators"
@@ -379,12 +399,16 @@ class TableRules(Answer):
                 its = np.flatnonzero((subjects == subject).all(axis=1))
                 mine = runs.at(its)
                 worst = mine.at(np.lexsort((-mine.count, -sizes[its]))[:1])
-                finding = self._finding(rule, worst, len(np.unique(mine.keys[:, :2], axis=0)))
+                alike = ~(mine.size < MINOR * worst.size[0])
+                joints, among = (
+                    len(np.unique(each[:, :2], axis=0)) for each in (mine.keys, mine.keys[alike])
+                )
+                finding = self._finding(rule, worst, among, joints)
                 if finding is not None:
                     yield finding
 
     @np.errstate(all="ignore")
-    def _finding(self, rule: Rule, worst: Runs, among: int) -> Finding | None:
+    def _finding(self, rule: Rule, worst: Runs, among: int, joints: int) -> Finding | None:
         keys, about, site = worst.keys[0].tolist(), dict[str, Any](), None
         subject = keys[: rule.subject]
         body = self.scene.body(keys[0])
@@ -392,7 +416,7 @@ class TableRules(Answer):
             link = link_of(body, keys[1])
             unit, effort = units(body.joints[link])
             about = {"joint": body.joints[link].name, "link": link, "unit": unit, "effort": effort}
-            about |= {"joints": among, "more": and_more(among)}
+            about |= {"joints": joints, "more": and_more(among)}
             site = self.scene.site(worst.site[0])
         elif rule.table == "actuators":
             actuator = body.actuators[keys[1]]

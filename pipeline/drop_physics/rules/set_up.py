@@ -86,7 +86,7 @@ def no_gravity(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
         message = Message(
             "gravity is 0, so {body} does not fall: PyBullet starts without it", body=body.label
         )
-        advice = Message("call p.setGravity(0, 0, -9.81)")
+        advice = None
         if gravity_m_s2 > 0:
             message = Message(
                 "gravity is 0 from step {step:,} on, so {body} does not fall: p.resetSimulation() "
@@ -95,7 +95,7 @@ def no_gravity(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
                 body=body.label,
                 gravity=gravity_m_s2,
             )
-            advice = Message("call p.setGravity(0, 0, -9.81) after each p.resetSimulation()")
+            advice = Message("{call} after each p.resetSimulation()")
         # What moves without gravity may be meant to.
         moves = any(other.fastest > 0 for each, other in free if each.client == client)
         call = use.first if use and gravity_m_s2 > 0 else None
@@ -151,7 +151,7 @@ def timestep_changed(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
             "a share of its gap per step",
             **values,
         )
-        advice = Message("call p.setTimeStep once, before the first motor")
+        advice = None
         cure = Cure("timestep-first")
         if is_mujoco:
             message = Message(
@@ -223,7 +223,7 @@ def massless(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
         message = Message("{body} has no mass, so it does not fall", body=body.label)
         if number in pushed:
             message = Message("{body} has no mass, so no force moves it", body=body.label)
-        advice = Message("p.createMultiBody(baseMass=…): without it a body is static")
+        advice = Message("{call}: without it a body is static")
         said = Said(message=message, advice=advice, cure=Cure("mass", body.label, 1.0, form="made"))
         yield InputSubject(call, body), said if number in pushed else replace(said, level="note")
 

@@ -1,4 +1,4 @@
-"""`slides`, `creeps`: what rests on something, or is held by it, slips fast, or slowly."""
+"""What friction does not hold: `slides`, `creeps`, `friction-pyramid`, `dragged-by-nothing`."""
 
 from __future__ import annotations
 
@@ -10,10 +10,13 @@ from drop_physics.messages import Message
 from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.body_properties import size_m
-from drop_physics.rules.rule import Match, Said, Worst, side_rule
+from drop_physics.rules.engines import ANY, MUJOCO
+from drop_physics.rules.placing import NEAR
+from drop_physics.rules.rule import Match, Said, Worst, pair_rule, side_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import PairColumns
 from drop_physics.rules.thresholds import (
+    AHEAD,
     CREEPS_M_S,
     CREEPS_STEADY,
     CREEPS_STEPS,
@@ -23,11 +26,16 @@ from drop_physics.rules.thresholds import (
     GRIPPED,
     LANDS_M_S,
     NO_FORCE,
+    PYRAMID,
+    PYRAMID_M_S,
+    PYRAMID_STEPS,
+    PYRAMID_TURNS_RAD,
     SLIDES,
     SLIPS_M,
     SLIPS_M_S,
     SLIPS_SHARE,
     SLIPS_STEPS,
+    STAYS,
     TREMBLES_M_S,
 )
 
@@ -72,8 +80,8 @@ def _(worst: Worst) -> Said:
             "({wanted:.3g})"
         )
         advice = Message(
-            "raise the product of both bodies' coefficients well above {wanted:.3g} with "
-            "p.changeDynamics(…, lateralFriction=…), or press them together with more force"
+            "raise the product of both bodies' coefficients well above {wanted:.3g}: {call}, or "
+            "press them together with more force"
         )
     return Said(
         message=message,
@@ -125,9 +133,6 @@ def _(worst: Worst) -> Said:
             "available": worst.available / seconds,
             "needed": float(np.linalg.norm(worst.needed)) / seconds,
         },
-        advice=Message(
-            "call p.setPhysicsEngineParameter(solverResidualThreshold=0, numSolverIterations=500)"
-        ),
         cure=Cure(
             "solver", given={"solverResidualThreshold": 0, "numSolverIterations": 500}, value=500.0
         ),
@@ -232,3 +237,99 @@ def _acting(pair: PairColumns, rows: Rows) -> tuple[Float64, ...]:
 
 def _dot(a: Float64, b: Float64) -> Float64:
     return np.asarray(np.einsum("ni,ni->n", a, b))
+
+
+# -- friction-pyramid -----------------------------------------------------------------------------
+
+
+@pair_rule("friction-pyramid", "model", least_count=PYRAMID_STEPS)
+def friction_pyramid(pair: PairColumns) -> Match | None:
+    """Friction is more than μN in most steps, or turns a slide, with enableConeFriction=0."""
+    clients = pair.scene.clients_with("set_enableConeFriction", 0)
+    bodies = [number for number, body in pair.scene.seen.bodies.items() if body.client in clients]
+    slides = (pair.slip_m_s > PYRAMID_M_S) & (pair.available_n > 0) & (pair.body != pair.other)
+    used = np.linalg.norm(pair.tangential_n, axis=1) / pair.available_n
+    more = used > PYRAMID
+    where = slides & np.isin(pair.body, bodies)
+    along = pair.tangential_n / np.linalg.norm(pair.tangential_n, axis=1)[:, None]
+    return Match(
+        where,
+        used,
+        sums={"all": np.ones(len(used))},
+        firsts={"began": along},
+        lasts={"ended": along},
+        counts=more.astype(np.int64),
+    )
+
+
+@friction_pyramid.counts
+def _(runs: Runs, _: Scene) -> NDArray[np.float64]:
+    straight = (runs.began * runs.ended).sum(axis=1) > np.cos(PYRAMID_TURNS_RAD)
+    return np.where((2 * runs.count > runs.all) | ~straight, runs.size, 0.0)
+
+
+@friction_pyramid.says
+def _(worst: Worst) -> Said:
+    return Said(
+        message=Message(
+            "friction on {other} brakes {body} with up to {most:.3g} times μN: with "
+            "enableConeFriction=0 each of two axes has a limit of its own"
+        ),
+        values={"most": worst.size},
+        cure=Cure("cone", value=1.0),
+        effect=Effect(worst.size, "1"),
+    )
+
+
+# -- dragged-by-nothing ---------------------------------------------------------------------------
+
+
+@side_rule("dragged-by-nothing", "asked", engines=ANY)
+def dragged_by_nothing(pair: PairColumns) -> Match | None:
+    """Friction acts on velocities: where only poses are set, there is none to be dragged by."""
+    moves = pair.points.moves[pair.starts]
+    lies = moves[:, pair.side] & ~moves[:, 1 - pair.side] & (pair.available_n > 0)
+    ahead_m, where = np.zeros((len(lies), 3)), np.zeros(len(lies), np.bool_)
+    for support, (steps, bases) in pair.scene.placing.animated.items():
+        rows = np.flatnonzero(lies & (pair.other == support))
+        held = np.minimum(np.searchsorted(steps, pair.step[rows]), len(steps) - 1)
+        moved = (held > 0) & (steps[held] == pair.step[rows])
+        moved &= steps[held] - steps[held - 1] <= NEAR
+        moved &= np.linalg.norm(bases[held, 7:10], axis=1) < 1e-9
+        where[rows] = moved
+        ahead_m[rows] = bases[held, :3] - bases[held - 1, :3]
+    if not where.any():
+        return None
+    went_m = pair.own("ended_m_s") * pair.timestep_s[:, None]
+    ways = {"ahead_m": _along(ahead_m, pair.line), "went_m": _along(went_m, pair.line)}
+    return Match(where, pair.normal_n, sums=ways)
+
+
+@dragged_by_nothing.says
+def _(worst: Worst) -> Said | None:
+    ways, size = np.array([worst.ahead_m, worst.went_m]), worst.body_size_m
+    behind, (ahead, went) = float(np.linalg.norm(ways[0] - ways[1])), np.linalg.norm(ways, axis=1)
+    if went > STAYS * ahead or behind < AHEAD * size:
+        return None
+    advice = None
+    cure: Cure | None = Cure("support-velocity", worst.other, bodies=(worst.other,))
+    if worst.engine == MUJOCO:
+        advice = Message("let a <joint> with an actuator move it, or <weld> it to the mocap body")
+        cure = None
+    return Said(
+        message=Message(
+            "{body} stays behind while calls move {other} by {ahead:.3g} m under it: a "
+            "body whose pose is set has no velocity, and drags nothing"
+        ),
+        values={"ahead": float(ahead)},
+        advice=advice,
+        cure=cure,
+        effect=Effect(behind, "m"),
+        share=behind / size,
+        site=worst.scene.placing.site(worst.partner, worst.last),
+    )
+
+
+def _along(ways: Float64, line: Float64) -> Float64:
+    """Return the parts of ways along a contact, given its normals, shape (n, 3)."""
+    return np.asarray(ways - np.einsum("mi,mi->m", ways, line)[:, None] * line)

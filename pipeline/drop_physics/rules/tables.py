@@ -242,6 +242,15 @@ class BodyColumns:
         return np.concatenate([self.scene.came(each, name) for each in self.batch.bodies])
 
     @property
+    def puts(self) -> Int64:
+        """How often calls had set the body before each step: with each it begins anew."""
+        records, its = self.scene.records, self.batch.bodies
+        puts = ([put.at.step for put in records[each.body.number].puts] for each in its)
+        return np.concatenate(
+            [np.searchsorted(at, each.steps) for at, each in zip(puts, its, strict=True)]
+        )
+
+    @property
     def segment(self) -> NDArray[np.int8]:
         """What each sample is: indices into `SEGMENTS`."""
         return self.verdict.segment

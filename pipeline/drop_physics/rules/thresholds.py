@@ -486,7 +486,11 @@ ENDLESS_M = _of(
     "ENDLESS_M", 1e20, "m", "Least thickness of a box that counts as a plane.", "plane.urdf"
 )
 DAMPED = _of(
-    "DAMPED", 0.01, "share", "Least share of a flight's energy that damping takes.", "damping_urdf"
+    "DAMPED",
+    0.1,
+    "share",
+    "Least share of the energy of what nothing touches that damping takes.",
+    "spring_constraint; in right scripts it is 1 to 8 %",
 )
 UNBALANCED = _of(
     "UNBALANCED",

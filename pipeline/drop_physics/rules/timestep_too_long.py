@@ -14,10 +14,6 @@ from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import ENDLESS_M, LONG_S
 from drop_physics.trace.history import PYBULLET
 
-ADVICE = {
-    PYBULLET: Message("p.setTimeStep(…), smaller, before the motors"),
-    MUJOCO: Message('<option timestep="{finer:.2g}"/>, or smaller'),
-}
 LATE = {
     PYBULLET: Message(
         "{body} is simulated in steps of {step_s} s: position motors close a share of "
@@ -28,7 +24,7 @@ LATE = {
         "than a time constant of 2 steps, and actuators act on a state as old as a step"
     ),
 }
-"""What helps, and what long steps do, by engine."""
+"""What long steps do, by engine."""
 FINER = 4.0
 """By what a timestep is divided to be tried."""
 
@@ -53,12 +49,7 @@ def _(worst: Worst) -> Said:
             "{body} moves {way:.3g} m in a step of {step_s} s, and is {thick:.3g} m thick: it "
             "can pass through others, or overlap them before contact acts"
         ),
-        values={
-            "way": worst.size,
-            "step_s": fraction(worst.step),
-            "finer": worst.step / FINER,
-        },
-        advice=ADVICE[worst.engine],
+        values={"way": worst.size, "step_s": fraction(worst.step)},
         cure=Cure("timestep", value=FINER),
         effect=Effect(worst.size, "m"),
         share=worst.size / worst.thick,
@@ -77,8 +68,7 @@ def long(bodies: BodyColumns) -> Match:
 def _(worst: Worst) -> Said:
     return Said(
         message=LATE[worst.engine],
-        values={"step_s": fraction(worst.size), "finer": worst.size / FINER},
-        advice=ADVICE[worst.engine],
+        values={"step_s": fraction(worst.size)},
         cure=Cure("timestep", value=FINER),
         effect=Effect(worst.size, "s"),
         share=worst.size / LONG_S,

@@ -24,14 +24,6 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-FINER = {
-    PYBULLET: Message(
-        "use a timestep in which it goes less than that: p.setTimeStep({shorter:.1g})"
-    ),
-    MUJOCO: Message(
-        'use a timestep in which it goes less than that: <option timestep="{shorter:.1g}"/>'
-    ),
-}
 SHAPE = {
     PYBULLET: Message("give it one: p.createCollisionShape(…), in a URDF <collision>"),
     MUJOCO: Message('contype="1" conaffinity="1" of one of its <geom>s'),
@@ -73,7 +65,6 @@ def tunnelled(bodies: BodyColumns) -> Match | None:
         {
             "step": bodies.step[rows],
             "part": share,
-            "timestep": bodies.reported.timestep_s[rows],
         },
         keys=np.column_stack([bodies.body[rows], boxes]),
     )
@@ -89,7 +80,7 @@ def _(worst: Worst) -> Said | None:
         "{body} passes through {other} at {time:.4g} s without touching it: it goes "
         "{way:.3g} m in one step, and {other} is {thick:.3g} m thick there"
     )
-    advice = FINER[worst.engine]
+    advice: Message | None = Message("use a timestep in which it goes less than that: {call}")
     finer = min(max(2, math.ceil(2 / worst.part - 1e-6)), 64)
     cure: Cure | None = Cure("timestep", value=float(finer))
     if isinstance(why, Call):
@@ -112,7 +103,6 @@ def _(worst: Worst) -> Said | None:
             "time": worst.time_s(worst.step),
             "way": worst.size,
             "thick": worst.size * worst.part,
-            "shorter": worst.timestep * worst.part / 2,
         },
         advice=advice,
         cure=cure,

@@ -39,17 +39,13 @@ AXES = (
 )
 ADVICE: Mapping[str, Message] = {
     "joint damping": Message(
-        "the joint's damping acts explicitly, on a small inertia: use a smaller timestep, or "
-        "p.changeDynamics(body, link, jointDamping=0)"
+        "the joint's damping acts explicitly, on a small inertia: use a smaller timestep, or {call}"
     ),
     "applied": Message(
         "the script's own forces are too stiff for this timestep: lower its gains, most of all "
         "that of the velocity, or use a smaller timestep"
     ),
-    "damping": Message(
-        "damping acts explicitly: set less of it, p.changeDynamics(body, link, linearDamping=…, "
-        "angularDamping=…), or use a smaller timestep"
-    ),
+    "damping": Message("damping acts explicitly: use a smaller timestep, or {call}"),
 }
 """Terms that answer to rates and act at once. The solver's react to others: what lies on something
 trembles so, and what a motor's own gains turn around is `motor-gain`."""
@@ -165,7 +161,7 @@ def _(runs: Runs, _: Scene) -> Float64:
 def _(worst: Worst) -> Said:
     joint, name, unit = _name(worst)
     taken = Effect(worst.taken, "N m s" if unit == "rad/s" else "N s")
-    advice = Message("p.changeDynamics(body, -1, maxJointVelocity=…) raises the limit")
+    advice = None
     cure: Cure | None = Cure("limits", worst.body, given={"maxJointVelocity": 1e5})
     if worst.placed:  # the faster it may be, the harder a motor for places drives it
         advice = Message(

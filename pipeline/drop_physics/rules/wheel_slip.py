@@ -35,18 +35,9 @@ SUMS = ("rolled", "slipped", "limited", "across", "available", "normal", "second
 """What a wheel rolls, what of it slips, the same where friction is at its limit, what it slips
 across [m]; friction available, normal impulse [N s]; time [s]."""
 
-ADVICE = {
-    PYBULLET: Message(
-        "p.changeDynamics(…, lateralFriction=…) of the wheels or the ground, or "
-        "change the wheels' speed more slowly"
-    ),
-    MUJOCO: Message(
-        "friction=\"…\" of the wheels' <geom> or the ground's, or change the wheels' speed more "
-        "slowly"
-    ),
-}
+ADVICE = Message("{call} of the wheels or the ground, or change the wheels' speed more slowly")
 OF_BOTH = {PYBULLET: Message("the product of both"), MUJOCO: Message("the larger of both")}
-"""What helps, and which coefficient of a pair counts, by engine."""
+"""Which coefficient of a pair counts, by engine."""
 
 
 @joint_rule("wheel-slip", "asked", engines=ANY)
@@ -141,7 +132,7 @@ def _(worst: Worst) -> Said:
             "friction": worst.available / worst.normal,
             "of": OF_BOTH[worst.engine],
         },
-        advice=None if turns else ADVICE[worst.engine],
+        advice=None if turns else ADVICE,
         cure=None if turns else Cure("friction", worst.body),
         other=ground.label,
         effect=Effect(slipped, "m"),

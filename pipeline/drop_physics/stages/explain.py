@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from drop_physics.engines.cures import call_of
 from drop_physics.errors import ScenarioError
+from drop_physics.messages import Message
 from drop_physics.printable import Printable
-from drop_physics.rules.reference import CodeReference, reference_of, references
+from drop_physics.rules.reference import Blank, CodeReference, reference_of, references
+from drop_physics.trace.history import PYBULLET
 
 
 @dataclass(frozen=True)
@@ -27,4 +30,19 @@ def explain(code: str | None = None, *, every: bool = False) -> CodeManual:
     """
     if (code is None) is not every:
         raise ScenarioError("give one code of a finding, such as off-target, or --list")
-    return CodeManual([*references().values()] if code is None else [reference_of(code)])
+    codes = [*references().values()] if code is None else [reference_of(code)]
+    return CodeManual([_with_calls(each) for each in codes])
+
+
+def _with_calls(code: CodeReference) -> CodeReference:
+    """Return what a code means with the calls that its cures come to."""
+    calls = [call_of(PYBULLET)(each) for each in code.cures]
+    return replace(code, advises=[*dict.fromkeys([*code.advises, *map(_blanked, calls)])])
+
+
+def _blanked(call: str) -> str:
+    """Return a call with … in place of what depends."""
+    if not isinstance(call, Message):
+        return call.replace("nan", "…")
+    blanks = {name: Blank("…") if each != each else each for name, each in call.values.items()}
+    return Message(call.template, **blanks)

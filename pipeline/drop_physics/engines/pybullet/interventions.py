@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import Any
 
 from drop_physics.engines.pybullet.watch.arguments import ARGUMENTS, CLIENT
+from drop_physics.messages import Message
 from drop_physics.trace.cures import ChangedRun, Cure, Scope, below, whole_number
 from drop_physics.trace.events import Body
 
@@ -67,44 +68,70 @@ FUNCTIONS = {
 """The function whose arguments a cure gives."""
 CALLS = {
     "default-motor-off": "p.setJointMotorControl2(…, p.VELOCITY_CONTROL, force=0)",
-    "default-motor-off:ball": "p.setJointMotorControlMultiDof(…, force=[0, 0, 0])",
-    "substeps": "{value:g} steps of 1/{value:g}",
+    "default-motor-off:ball": "p.setJointMotorControlMultiDof(…, p.POSITION_CONTROL, "
+    "targetPosition=[0, 0, 0, 1], force=[0, 0, 0])",
+    "substeps": Message("{value:g} steps of 1/{value:g} of the timestep in place of substeps"),
     "timestep": "p.setTimeStep(… / {value:g})",
-    "timestep-first": "p.setTimeStep(…) first",
-    "inertia-from-file": "flags=p.URDF_USE_INERTIA_FROM_FILE",
-    "mimic": "p.createConstraint(…, p.JOINT_GEAR, …)",
-    "targets-held": "the reset positions as targets",
-    "constraint-frames": "p.createConstraint(…) where the bodies are",
-    "collision-off": "without URDF_USE_SELF_COLLISION",
-    "collision-off:both-masks": "p.setPhysicsEngineParameter(collisionFilterMode=0)",
-    "push-repeated": "the push before each step",
-    "push-at-centre": "the push at the centre",
-    "concave": "flags=p.GEOM_FORCE_CONCAVE_TRIMESH",
-    "gravity": "p.setGravity(0, 0, -9.81)",
+    "timestep-first": Message("p.setTimeStep(…) before motors and constraints get their force"),
+    "inertia-from-file": "p.loadURDF(…, flags=p.URDF_USE_INERTIA_FROM_FILE)",
+    "mimic": Message(
+        "p.createConstraint(…, p.JOINT_GEAR, …) with gearRatio={ratio}, and the motor of joint "
+        "{link} off, which else holds both"
+    ),
+    "targets-held": Message("new targets for the motors after p.{function}"),
+    "constraint-frames": Message(
+        "p.createConstraint with the parentFramePosition and childFramePosition of one and the "
+        "same point"
+    ),
+    "constraint-frames:turned": Message(
+        "p.createConstraint with the parentFrameOrientation and childFrameOrientation of one and "
+        "the same frame"
+    ),
+    "collision-off": Message("without URDF_USE_SELF_COLLISION"),
+    "collision-off:both-masks": "p.setPhysicsEngineParameter(…, collisionFilterMode=0)",
+    "push-repeated": Message("p.{function} before each p.stepSimulation() in which it is to act"),
+    "push-at-centre": Message("the point in p.{frame}, or at the centre of the body"),
+    "concave": "p.createCollisionShape(…, flags=p.GEOM_FORCE_CONCAVE_TRIMESH)",
+    "gravity": "p.setGravity(0, 0, {value:g})",
     "right-client": "p.{function}(…, physicsClientId={client})",
-    "right-link": "{arguments} in a call of its own",
-    "right-link:joints": "the answers to the joints that move",
-    "inertial": "<inertial> of next to nothing",
-    "lifted": "{mm:.3g} mm farther away",
-    "lifted:set": "{mm:.3g} mm farther away",
-    "lifted:frame": "the pose of the centre of mass",
-    "support-velocity": "p.resetBaseVelocity(…) of the moved body",
+    "right-link": Message("{arguments} in a call of its own"),
+    "right-link:joints": Message(
+        "the answers to the joints that move, for which p.getJointInfo(body, joint)[3] > -1"
+    ),
+    "inertial": Message("an <inertial> of its own for each link"),
+    "lifted": Message("{mm:.3g} mm farther away"),
+    "lifted:set": Message("{mm:.3g} mm farther away"),
+    "lifted:frame": "p.resetBasePositionAndOrientation(body, *p.multiplyTransforms(position, "
+    "orientation, *p.getDynamicsInfo(body, -1)[3:5]))",
+    "support-velocity": Message("p.resetBaseVelocity(…) with each pose that is set"),
     "mass:made": "p.createMultiBody(…, baseMass={value:g})",
-    "without": "without p.{function}(…)",
-    "without:argument": "without p.{function}(…, {argument}=…)",
-    "without:of-body": "without p.{function}(…) of the body",
-    "without:vertical": "its vertical velocity handed on",
-    "without:driven": "a position motor in its place",
+    "without": Message("without p.{function}(…)"),
+    "without:argument": Message("without p.{function}(…, {argument}=…)"),
+    "without:of-body": Message("without p.{function}(…) of that body"),
+    "without:vertical": Message("its vertical velocity handed on: p.getBaseVelocity(body)[0][2]"),
+    "without:driven": Message("p.setJointMotorControl2(…, p.POSITION_CONTROL, …) in its place"),
 }
 """Cures that no function's arguments make, by name and form."""
+UNSAID = {
+    **dict.fromkeys(("ratio", "link", "client", "arguments", "argument"), "…"),
+    "function": "resetJointState",
+    "frame": "LINK_FRAME",
+}
+"""What a call names where a cure that is tried by its name alone does not say it."""
+USUAL = {"gravity": -9.81, "timestep": 2.0, "substeps": 2.0, "mass": 1.0, "lifted": LIFTED_M}
+"""What is given where a cure has no number."""
 
 
 def call_of(cure: Cure) -> str:
     """Return what a cure's user would write."""
     text = CALLS.get(_key(cure))
     if text is not None:
-        given = {n: ", ".join(v) if n == "arguments" else v for n, v in cure.given.items()}
-        return text.format(value=cure.value, mm=1e3 * (cure.value or LIFTED_M), **given)
+        given = {
+            name: ", ".join(map(str, each)) if isinstance(each, list) else each
+            for name, each in cure.given.items()
+        }
+        number = _number(cure)
+        return Message(text, **{**UNSAID, "value": number, "mm": 1e3 * number, **given})
     function = FUNCTIONS.get(cure.name)
     if function is None:
         return cure.name
@@ -115,6 +142,10 @@ def call_of(cure: Cure) -> str:
     ]
     shown += [f"{name}={each:g}" for name, each in _values(cure).items() if name not in factors]
     return f"p.{function}(…, {', '.join(shown)})"
+
+
+def _number(cure: Cure) -> float:
+    return USUAL.get(cure.name, 0.0) if cure.value is None else cure.value
 
 
 def _key(cure: Cure) -> str:
@@ -174,7 +205,7 @@ def applied(cure: Cure, scope: Scope) -> ChangedRun | None:
         value = whole_number(cure.value or 0.0)
         return ChangedRun(below={"engine": {name: value}}) if name in PARAMETERS else None
     if cure.name == "substeps":
-        return ChangedRun([_leave([ENGINE], "numSubSteps")], {"finer": int(cure.value or 2)})
+        return ChangedRun([_leave([ENGINE], "numSubSteps")], {"finer": int(_number(cure))})
     run = below(cure)
     if run is not None:
         return run
@@ -340,14 +371,12 @@ def _friction(scope: Scope, cure: Cure) -> Iterator[Operation]:
 
 
 def _restitution(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    if "restitutionVelocityThreshold" in cure.given:
-        yield from _engine(scope, cure)
-        return
     yield from _dynamics(scope.bodies, _values(cure), _all)
 
 
 def _limits(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    yield from _dynamics(scope.bodies, _values(cure), _all if cure.given else scope.links)
+    everywhere = "maxJointVelocity" in cure.given
+    yield from _dynamics(scope.bodies, _values(cure), _all if everywhere else scope.links)
 
 
 def _mass(scope: Scope, cure: Cure) -> Iterator[Operation]:
@@ -355,7 +384,7 @@ def _mass(scope: Scope, cure: Cure) -> Iterator[Operation]:
 
 
 def _mass_made(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    values = {"baseMass": cure.value or 1.0}
+    values = {"baseMass": _number(cure)}
     return ({**_set("createMultiBody"), "values": values, **_of(body)} for body in scope.bodies)
 
 
@@ -400,7 +429,7 @@ def _frames(_: Scope, __: Cure) -> Iterator[Operation]:
 
 
 def _gravity(_: Scope, cure: Cure) -> Iterator[Operation]:
-    yield _begins("setGravity", {"gravX": 0.0, "gravY": 0.0, "gravZ": cure.value or -9.81})
+    yield _begins("setGravity", {"gravX": 0.0, "gravY": 0.0, "gravZ": _number(cure)})
 
 
 def _first(scope: Scope, _: Cure) -> Iterator[Operation]:
@@ -426,7 +455,7 @@ def _lifted(*functions: str) -> Applies:
     """Return bodies placed farther away, a thousandth more than what is asked for."""
 
     def made(scope: Scope, cure: Cure) -> Iterator[Operation]:
-        by_m = [1.001 * (cure.value or LIFTED_M) * each for each in cure.given.get("away", UP)]
+        by_m = [1.001 * _number(cure) * each for each in cure.given.get("away", UP)]
         for body in scope.bodies:
             yield {"do": "lift", "functions": [*functions], "by_m": by_m, **_of(body)}
 
@@ -497,6 +526,7 @@ TABLE: dict[str, Applies] = {
     "constraint-force": _constraint,
     "constraint-force:less": _constraint,
     "constraint-frames": _frames,
+    "constraint-frames:turned": _frames,
     "gravity": _gravity,
     "timestep-first": _first,
     "limits": _limits,

@@ -1,4 +1,4 @@
-"""Momentum that changes with nothing outside that acts: the step's own error."""
+"""What nothing touches: the step changes its momentum, and damping takes its energy."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.changes import energy_of
-from drop_physics.explain.steps import BodySteps
 from drop_physics.messages import Message
 from drop_physics.physics.dynamics import angular_momenta
 from drop_physics.physics.kinematics import kinematics, motion
@@ -15,7 +14,7 @@ from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.rule import Match, Said, Worst, body_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import BodyColumns
-from drop_physics.rules.thresholds import DRIFTS, FREE_STEPS, OF_ALL_MOVED
+from drop_physics.rules.thresholds import DAMPED, DRIFTS, FREE_STEPS, OF_ALL_MOVED
 
 Float64 = NDArray[np.float64]
 
@@ -34,40 +33,29 @@ def momentum_drift(bodies: BodyColumns) -> Match | None:
     if not len(rows):
         return None
     # What calls set, or give another mass, begins anew.
-    puts = np.concatenate([_puts(bodies.scene, each) for each in bodies.batch.bodies])[rows]
+    puts = bodies.puts[rows]
     masses = np.full(len(rows), hash(tree.masses_kg.tobytes() + tree.inertias_kg_m2.tobytes()))
     keys = np.column_stack([bodies.body[rows], puts, masses])
     begins = np.append(True, np.diff(keys, axis=0).any(axis=1) | (np.diff(bodies.step[rows]) != 1))
-    first, run = np.flatnonzero(begins), np.cumsum(begins) - 1
-    last = np.append(first[1:], len(rows)) - 1
-    changes = [each.changes.momentum_kg_m_s for each in bodies.batch.bodies]
-    integrated = np.concatenate([each["integrator"] for each in changes])[rows]
-    changed = np.concatenate([np.sum([*each.values()], axis=0) for each in changes])[rows]
-    began = bodies.before.at(rows[first])
-    momenta = energy_of(bodies.law, began, np.zeros((len(first), 3)))[1]
-    summed = np.cumsum(changed, axis=0)
-    momenta = (momenta - (summed - changed)[first])[run] + summed
+    integrated = [each.changes.momentum_kg_m_s["integrator"] for each in bodies.batch.bodies]
     after = bodies.after.at(rows)
-    rates = np.linalg.norm(after.velocity, axis=1)
-    fastest = np.lexsort((-rates, run))[first]
-    turning, turned = np.zeros((2, len(rows), 3)), np.zeros(len(rows))
+    momenta = energy_of(bodies.law, after, np.zeros((len(rows), 3)))[1]
+    turning, turned = np.zeros((2, len(rows), 3)), np.zeros((2, len(rows)))
     for side, at, states in (
-        (0, first, began),
-        (1, fastest, after.at(fastest)),
-        (1, last, after.at(last)),
+        (0, np.flatnonzero(begins), bodies.before.at(rows)),
+        (1, np.flatnonzero(np.append(begins[1:], True)), after),
     ):
-        turning[side, at], parts = _turning(bodies.law.tree, states)
-        turned[at] = np.maximum(turned[at], parts)
+        turning[side, at], turned[side, at] = _turning(tree, states.at(at))
     damped = bodies.law.angular_damping != 0 or bodies.law.joint_damping.any()
     speed_m_s = np.linalg.norm(after.velocity[:, 3:6], axis=1)
     return Match(
         rows,
         np.zeros(len(rows)),
-        sums={"drift": integrated},
+        sums={"drift": np.concatenate(integrated)[rows]},
         most={
             "momentum": np.linalg.norm(momenta, axis=1),
             "moved": tree.masses_kg.sum() * speed_m_s,
-            "turned": turned,
+            "turned": turned.max(axis=0),
             "damped": damped,
         },
         firsts={"turning": turning[0]},
@@ -102,7 +90,7 @@ def _(worst: Worst) -> Said:
     return Said(
         message=message,
         values={"drift": effect.value, **{name: float(each) for name, each in sizes.items()}},
-        advice=Message("a shorter timestep makes it less: p.setTimeStep(…)"),
+        advice=Message("a shorter timestep makes it less: {call}"),
         cure=Cure("timestep", value=4.0),
         effect=effect,
         share=float(max(linear[0], 0.0 if linear[0] > 0 else angular[0])),
@@ -124,12 +112,6 @@ def _shares(runs: Runs) -> tuple[Float64, Float64]:
     return found[0], found[1]
 
 
-def _puts(scene: Scene, steps: BodySteps) -> NDArray[np.int64]:
-    """Return how often calls had set a body before each step."""
-    puts = [each.at.step for each in scene.records[steps.body.number].puts]
-    return np.searchsorted(puts, steps.steps)
-
-
 def _turning(tree: Tree, states: States) -> tuple[Float64, Float64]:
     """Return the angular momentum about the centre of mass, shape (n, 3), and that of all links.
 
@@ -146,3 +128,44 @@ def _turning(tree: Tree, states: States) -> tuple[Float64, Float64]:
     for link, turning in angular_momenta(kin, moved).items():
         links[link + 1] += turning.T
     return links.sum(axis=0), np.linalg.norm(links, axis=2).sum(axis=0)
+
+
+# -- default-damping ------------------------------------------------------------------------------
+
+
+@body_rule("default-damping", "model", subject=1)
+def default_damping(bodies: BodyColumns) -> Match | None:
+    """Damping that no call set takes a share of the energy of what nothing touches."""
+    its = [each.changes.energy_j.get("damping") for each in bodies.batch.bodies]
+    if any(each is None for each in its) or bodies.epoch.damping != (None, None):
+        return None
+    # In the air is also a robot whose motors hold its joints, and what hangs on a constraint.
+    near = np.full(len(bodies.step), bodies.law.tree.fixed)
+    near[bodies.reported.contacts.step] = True
+    rows = np.flatnonzero(~near)
+    taken_j = -np.concatenate([each for each in its if each is not None])[rows]
+    none = np.zeros((len(rows), 3))
+    states = bodies.before.at(rows), bodies.after.at(rows)
+    energy_j = np.max([energy_of(bodies.law, each, none)[0] for each in states], axis=0)
+    lives = bodies.of_each(lambda each: each.epoch.life)
+    keys = np.column_stack([bodies.body, lives, bodies.puts])[rows]
+    return Match(rows, energy_j, sums={"taken": taken_j}, keys=keys)
+
+
+@default_damping.counts
+def _(runs: Runs, _: Scene) -> NDArray[np.float64]:
+    return np.where(runs.taken > DAMPED * runs.size, runs.taken, 0.0)
+
+
+@default_damping.says
+def _(worst: Worst) -> Said:
+    return Said(
+        message=Message(
+            "{body} loses {taken:.3g} J in the air, of at most {largest:.3g} J of kinetic energy: "
+            "PyBullet damps every body, by 0.04 unless a call sets it"
+        ),
+        values={"largest": worst.size},
+        cure=Cure("damping", worst.body, 0.0),
+        effect=Effect(worst.taken, "J"),
+        share=min(worst.taken / worst.size, 1.0),
+    )

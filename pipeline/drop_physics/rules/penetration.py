@@ -1,4 +1,4 @@
-"""`deep-penetration`: bodies overlap by a good part of the thinner one."""
+"""Bodies that overlap: those that sink into others, and those that are placed inside them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from drop_physics.messages import Message, joined
 from drop_physics.rules.answer import Cure, Effect
-from drop_physics.rules.body_properties import strained_by
+from drop_physics.rules.body_properties import size_m, strained_by
 from drop_physics.rules.rule import Match, Said, Worst, pair_rule
 from drop_physics.rules.tables import PairColumns
 from drop_physics.rules.thresholds import (
@@ -20,8 +20,12 @@ from drop_physics.rules.thresholds import (
     MOST_RATIO,
     OVER_HALF,
     PRESSES,
+    PUSHED_APART_M_S,
     RATIO,
+    STANDARD_M_S2,
 )
+from drop_physics.trace.acts import Act
+from drop_physics.trace.events import Body
 
 Float64 = NDArray[np.float64]
 
@@ -81,9 +85,7 @@ def _(worst: Worst) -> Said | None:
     )
 
 
-def _cause(
-    worst: Worst, took: int
-) -> tuple[Message, Message, Cure | None] | tuple[None, None, None]:
+def _cause(worst: Worst, took: int) -> tuple[Message | None, Message | None, Cure | None]:
     """Return why, and what changes it; None where that is not sure."""
     lasts = took >= GROWS_STEPS
     grows = lasts and worst.size > 2 * worst.began
@@ -97,7 +99,7 @@ def _cause(
     if worst.carried > (worst.last - worst.first) / 2:
         return (
             Message("a call moves one of them in each step, and it has no velocity"),
-            Message("give it the velocity that it moves with: p.resetBaseVelocity(…)"),
+            None,
             Cure("support-velocity", bodies=(worst.body, worst.other)),
         )
     if grows and worst.constraints:
@@ -106,8 +108,19 @@ def _cause(
                 "a constraint presses them together, and the solver ends before it can "
                 "tell which of both has to give"
             ),
-            Message("give it less force: p.changeConstraint(…, maxForce=…)"),
+            Message("give it less force"),
             Cure("constraint-force", form="less"),
+        )
+    slops_m = [
+        float(use.high["contactSlop"][0])
+        for use in worst.scene.inputs.of(Act.SET_ENGINE)
+        if "contactSlop" in use.high
+    ]
+    if lasts and 2 * max(slops_m, default=0.0) > worst.size:
+        return (
+            Message("contactSlop={slop:g} lets bodies overlap by so much", slop=max(slops_m)),
+            None,
+            Cure("solver", value=0.0, given={"contactSlop": 0}),
         )
     if stiffness_n_m and lasts:
         return (
@@ -118,7 +131,7 @@ def _cause(
     if took < IMPACT_STEPS and not stiffness_n_m and worst.size <= 1.05 * worst.until_came:
         return (
             Message("they approach by {way:.3g} mm in one step", way=worst.fastest * 1e3),
-            Message("use a shorter timestep: p.setTimeStep(…)"),
+            Message("use a shorter timestep: {call}"),
             Cure("timestep", value=4.0),
         )
     if grows and worst.motors:
@@ -127,10 +140,7 @@ def _cause(
                 "motors press them together, and the solver ends before it can tell which "
                 "of both has to give"
             ),
-            Message(
-                "give the motors less force, or raise "
-                "p.setPhysicsEngineParameter(numSolverIterations=500)"
-            ),
+            Message("give the motors less force, or more iterations: {call}"),
             Cure("solver", value=500.0),
         )
     ratio = strained_by(worst.scene.seen, both)
@@ -141,7 +151,7 @@ def _cause(
                 "its iterations",
                 ratio=ratio,
             ),
-            Message("raise p.setPhysicsEngineParameter(numSolverIterations=500)"),
+            None,
             Cure("solver", value=500.0),
         )
     return None, None, None
@@ -171,3 +181,115 @@ def _presses(pair: PairColumns, rows: NDArray[np.intp]) -> dict[str, Float64]:
                     found[name][its], against > PRESSES * (contacts**2).sum(axis=1)
                 )
     return found
+
+
+# -- starts-in-contact ----------------------------------------------------------------------------
+
+
+@pair_rule("starts-in-contact", "asked")
+def starts_in_contact(pair: PairColumns) -> Match:
+    """The engine pushes what overlaps apart: faster, the deeper and the shorter the timestep."""
+    points, placing, both = pair.points, pair.scene.placing, pair.pairs.body
+    # How fast the deepest parts leave each other after the step.
+    parting = pair.most(np.where(points.distance_m < -DEEP_M, points.parting_m_s, 0.0))
+    pressed = pair.normal_n > 0
+    follows, presses = np.zeros(len(both), np.bool_), np.flatnonzero(pressed)
+    follows[presses] = pair.before(presses) >= 0
+    rows = np.flatnonzero((pair.depth_m > DEEP_M) & pressed & (parting > PUSHED_APART_M_S))
+    bodies, steps = both[rows], pair.step[rows, None]
+    came_m = pair.most(points.approach_m_s)[rows].clip(0.0) * pair.timestep_s[rows]
+    jumped = (pair.depth_m[rows] > JUMPED * came_m + DEEP_M)[:, None]
+    # A body that came with the step before may be listed as touching only now.
+    late = placing.placed(bodies, steps - 1) & ~follows[rows, None]
+    late &= ~np.any(placing.moved(bodies, steps), axis=1, keepdims=True)
+    # What calls set no deeper than its velocity brings it moves on.
+    placed = placing.placed(bodies, steps) & (jumped | placing.came(bodies, steps))
+    placed |= late & jumped
+    # Of two, that which was loaded last, or which alone was placed.
+    its = placed.any(axis=1)
+    rows, second = rows[its], placed[its, 1:]
+    order = np.lexsort((points.distance_m, pair.row))  # in each pair the deepest is first
+    deepest = order[pair.starts[rows]]
+    links = points.link[deepest]
+    keys, step = np.where(second, both[rows, ::-1], both[rows]), pair.step[rows]
+    sites = [
+        placing.site(pair.scene.body(number), at)
+        for number, at in zip(keys[:, 0].tolist(), step.tolist(), strict=True)
+    ]
+    return Match(
+        rows,
+        parting[rows],
+        {
+            "step": step,
+            "links": np.where(second, links[:, ::-1], links),
+            "placed_at": np.array(sites, object),
+            "away": points.normal[deepest] * np.where(second, -1, 1),
+        },
+        most={"depth_m": pair.depth_m[rows]},
+        keys=keys,
+    )
+
+
+@starts_in_contact.says
+def _(worst: Worst) -> Said:
+    body, other = worst.subject, worst.partner
+    size, itself = min(size_m(body), size_m(other)), body is other
+    advice = Message("place it at least {call} from {other}")
+    came = worst.scene.placing.came(body.number, worst.step)
+    away = {"away": tuple(worst.away)}
+    cure = Cure("lifted", worst.body, worst.depth_m, form="" if came else "set", given=away)
+    if itself:
+        message = Message(
+            "{body} collides with itself as it starts: it is {depth:.3g} mm inside {other}, "
+            "and they are pushed apart at {speed:.3g} m/s"
+        )
+        advice = Message("load it {call}, or p.setCollisionFilterPair(…, 0) for these links")
+        cure = Cure("collision-off", worst.body)
+    elif came:
+        message = Message(
+            "{body} is loaded {depth:.3g} mm inside {other} at {time:.4g} s: they are pushed "
+            "apart at {speed:.3g} m/s{hull}"
+        )
+    else:
+        message = Message(
+            "{body} is set {depth:.3g} mm inside {other} at {time:.4g} s: they are pushed "
+            "apart at {speed:.3g} m/s{hull}"
+        )
+    thrown = worst.size**2 / (2 * STANDARD_M_S2) > size
+    return Said(
+        code="self-collision" if itself else None,
+        level="model" if itself else "broken" if thrown else "asked",
+        message=message,
+        values={
+            "body": _named(body, worst.links[0]),
+            "other": _named(other, worst.links[1]),
+            "depth": worst.depth_m * 1e3,
+            "speed": worst.size,
+            "time": worst.time_s(worst.step - 1),
+            "hull": _hull(worst),
+        },
+        advice=advice,
+        cure=cure,
+        effect=Effect(worst.depth_m, "m"),
+        share=worst.depth_m / size,
+        site=worst.placed_at,
+    )
+
+
+def _hull(worst: Worst) -> str:
+    """Return that the engine fills the hollow of a mesh, if one of both has such."""
+    for body, link in zip((worst.subject, worst.partner), worst.links, strict=True):
+        for each in worst.scene.seen.surfaces:
+            if each.body == body.number and body.collisions[each.shape].link == link:
+                return Message(
+                    "; the mesh of {body} has a hollow, which PyBullet fills: it collides as its "
+                    "convex hull",
+                    body=_named(body, link),
+                )
+    return ""
+
+
+def _named(body: Body, link: int) -> str:
+    """Return what a link is called; of a body that has no other, what that is."""
+    single = len(body.links) < 2 or link + 1 >= len(body.links)
+    return body.label if single else f"{body.label} ({body.links[link + 1]})"

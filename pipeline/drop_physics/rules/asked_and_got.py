@@ -1,0 +1,485 @@
+"""What was asked, and got otherwise: `not-taken`, `taken-elsewhere`, `overwritten`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from drop_physics.messages import Message, joined
+from drop_physics.rules.answer import Cure, Effect, Span
+from drop_physics.rules.arguments import given
+from drop_physics.rules.input_rule import InputSubject, input_rule
+from drop_physics.rules.inputs import Inputs, Use
+from drop_physics.rules.rule import Match, Said, Worst, joint_rule
+from drop_physics.rules.tables import JointColumns
+from drop_physics.rules.thresholds import (
+    COASTS_RAD_S,
+    COASTS_STEPS,
+    DEEP_M,
+    EACH_STEP,
+    FALLS_STEPS,
+    FRAME_APART_M,
+    HALF_THE_STEPS,
+    LEFT_M,
+    OVERLAPS_STEPS,
+    SAME_GAP,
+    SCALE,
+)
+from drop_physics.trace.acts import Act
+from drop_physics.trace.events import Body
+from drop_physics.trace.requests import Request
+
+IK_LISTS = ("lowerLimits", "upperLimits", "jointRanges", "restPoses")
+
+
+@joint_rule("not-taken", "asked", reason="no-effect", least_count=COASTS_STEPS)
+def joint_friction(joints: JointColumns) -> Match:
+    """PyBullet never uses `<dynamics friction>` of a joint, which coasts with its motor off."""
+    friction = joints.of_joints(lambda joint: joint.friction)
+    off = (joints.impulse == 0) & (joints.pd != 1) & (joints.steps.reported.commanded == 0)
+    where = off & (friction > 0) & (np.abs(joints.rate) > COASTS_RAD_S)
+    return Match(where, np.abs(joints.rate), {"friction": friction})
+
+
+@joint_friction.says
+def _(worst: Worst) -> Said:
+    return Said(
+        message=Message(
+            '{joint} coasts: PyBullet never uses the <dynamics friction="{friction:g}"/> of its '
+            "file",
+            joint=worst.joint,
+            friction=worst.friction,
+        ),
+        advice=Message("a velocity motor of that force resists: {call}"),
+        cure=Cure("force", worst.joint, worst.friction),
+    )
+
+
+@joint_rule("not-taken", "asked", reason="no-effect", least_count=COASTS_STEPS)
+def ball_velocity(joints: JointColumns) -> Match:
+    """The motor of a ball joint takes no target velocity."""
+    ball = joints.of_joints(lambda joint: float(joint.kind == "spherical")) > 0
+    asked = np.abs(joints.target_velocity)
+    where = ball & (asked > 0) & (joints.kp == 0) & (joints.torque == 0) & (joints.rate == 0)
+    return Match(where, asked, {"asked": joints.target_velocity})
+
+
+@ball_velocity.says
+def _(worst: Worst) -> Said:
+    return Said(
+        message=Message(
+            "{joint} stays where it is, though its targetVelocity is {asked:.3g} rad/s: the motor "
+            "of a ball joint has no velocity target",
+            joint=worst.joint,
+            asked=worst.asked,
+        ),
+        advice=Message(
+            "switch its motor off with p.setJointMotorControlMultiDof(…, "
+            "p.POSITION_CONTROL, targetPosition=[0, 0, 0, 1], force=[0, 0, 0]), and turn it "
+            "with p.TORQUE_CONTROL, or give target positions"
+        ),
+    )
+
+
+@input_rule("not-taken", "asked", "no-effect")
+def ik_lists(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """Inverse kinematics ignores lists that do not have one number for each movable joint."""
+    for use in inputs.of(Act.SOLVE_IK, Act.SOLVE_SEVERAL_IK):
+        if use.body is None:
+            continue
+        movable = sum(1 for joint in use.body.joints if joint.widths[1])
+        widths = {name: len(use.low[name]) for name in IK_LISTS if name in use.low}
+        wrong = [(name, width) for name, width in widths.items() if width != movable]
+        if not wrong:
+            continue
+        name, width = wrong[0]
+        message = Message(
+            "inverse kinematics ignores {name}, and all four lists with it: it has a length of "
+            "{width}, and {body} has {movable} joints that move",
+            name=name,
+            width=width,
+            body=use.body.label,
+            movable=movable,
+        )
+        advice = Message("give lists with one number for each joint that moves: {n}", n=movable)
+        yield (
+            InputSubject(use.first, use.body),
+            Said(message=message, advice=advice),
+        )
+
+
+@input_rule("not-taken", "asked", "other-client")
+def other_client(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """A setter without `physicsClientId` is client 0's, and the other simulation has none."""
+    for act in (Act.SET_GRAVITY, Act.SET_TIMESTEP, Act.SET_ENGINE):
+        mine, left = inputs.left_out(act)
+        count = sum(use.count for use in mine)
+        if not left:
+            continue
+        message = Message(
+            "p.{function} is called {count} times for client 0, and never for client {client}: "
+            "without physicsClientId a call is client 0's",
+            function=act.function,
+            count=count,
+            client=left[0],
+        )
+        given = {"function": act.function, "client": left[0]}
+        cure = Cure("right-client", str(left[0]), given=given)
+        yield InputSubject(mine[0].first), Said(message=message, cure=cure)
+
+
+@input_rule("not-taken", "asked", "scale-keeps-mass")
+def scale_keeps_mass(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """`globalScaling` scales what a body looks like, and leaves the mass of its file."""
+    heavy = {each.body.number for each in inputs.requests if each.name == "mass" and each.body}
+    for number, body in inputs.scene.seen.bodies.items():
+        scale = body.asked.scale
+        touches = any(number in pair and _moving(inputs, pair) for pair in inputs.touched)
+        first = inputs.first_dynamics(body)
+        mass_kg = 0.0 if first is None else float(np.nansum(first.reported["mass_kg"]))
+        if 1 / SCALE <= scale <= SCALE or number in heavy or not touches or not mass_kg > 0:
+            continue
+        message = Message(
+            "{body} has the {mass:.3g} kg of its file at {scale:.3g} times the file's size: "
+            "globalScaling leaves masses as they are; of the same density it would have "
+            "{dense:.2g} kg",
+            body=body.label,
+            mass=mass_kg,
+            scale=scale,
+            dense=mass_kg * scale**3,
+        )
+        load = inputs.scene.asked.load(body)
+        cure = Cure("mass", body.label, float(f"{mass_kg * scale**3:.2g}"))
+        share = float(abs(np.log10(scale**3)))
+        said = Said(message=message, cure=cure, share=share)
+        yield InputSubject(load, body), said
+
+
+def _moving(inputs: Inputs, pair: tuple[int, int]) -> bool:
+    bodies = inputs.scene.seen.bodies
+    return all(number in bodies and bodies[number].base_moves for number in pair)
+
+
+@input_rule("not-taken", "asked", "contact-despite-filter")
+def contact_despite_filter(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """Two bodies touch if either one's mask lets them, unless collisionFilterMode is 0."""
+    masks: dict[int, Use] = {}
+    for use in inputs.of(Act.FILTER_GROUP):
+        if use.body is not None and "collisionFilterMask" in use.low:
+            masks[use.body.number] = use
+    strict = [
+        use.last.values["collisionFilterMode"][0] == 0
+        for use in inputs.of(Act.SET_ENGINE)
+        if "collisionFilterMode" in use.low
+    ]
+    for pair, steps in inputs.touched.items():
+        if not all(number in masks for number in pair) or (strict and strict[-1]):
+            continue
+        group, mask = (
+            [int(masks[n].last.values[f"collisionFilter{which}"][0]) for n in pair]
+            for which in ("Group", "Mask")
+        )
+        lets = [bool(group[k] & mask[1 - k]) for k in (0, 1)]
+        if lets[0] == lets[1]:
+            continue
+        bodies = [masks[n].body for n in pair]
+        off, on = (bodies[1], bodies[0]) if not lets[0] else (bodies[0], bodies[1])
+        message = Message(
+            "{off} is not to touch {on} by its mask, and touches it in {steps:,} steps: either "
+            "one's mask is enough, as collisionFilterMode is OR by default",
+            off=off.label if off else "",
+            on=on.label if on else "",
+            steps=steps,
+        )
+        subject = InputSubject(masks[off.number].last if off else None, off)
+        cure = Cure("collision-off", form="both-masks")
+        other = on.label if on else None
+        yield subject, Said(message=message, cure=cure, other=other)
+
+
+# -- taken-elsewhere ------------------------------------------------------------------------------
+
+
+@input_rule("taken-elsewhere", "asked", "call-elsewhere")
+def call_elsewhere(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """A call of `changeDynamics` for a link lands on the base where a later setter carries it."""
+    lost: dict[int, list[Request]] = {}
+    for each in inputs.requests:
+        if each.body is not None and each.reached != each.link and not each.taken:
+            lost.setdefault(each.body.number, []).append(each)
+    for found in lost.values():
+        first = found[0]
+        its = [each for each in found if each.call.at.call == first.call.at.call]
+        body, call = first.body, first.call
+        if body is None:
+            continue
+        names = joined(", ", [each.name for each in its])
+        link = body.links[first.link + 1]
+        carrier = joined(", ", [n for n in _CARRIERS if n in call.values])
+        told = next((each for each in its if each.got is not None and each.elsewhere), None)
+        message = Message(
+            "{names} given to {link} of {body} went to its base: a call that also has {carrier} "
+            "does",
+            names=names,
+            link=link,
+            body=body.label,
+            carrier=carrier,
+        )
+        if told is not None and told.got and told.elsewhere:
+            message = Message(
+                "{names} given to {link} of {body} went to its base, as in each call that also has "
+                "{carrier}: {name} of the link is {got:.3g}, of the base {base:.3g}",
+                names=names,
+                link=link,
+                body=body.label,
+                carrier=carrier,
+                name=told.name,
+                got=told.got[0],
+                base=told.elsewhere[0],
+            )
+        carriers = [name for name in _CARRIERS if name in call.values]
+        cure = Cure("right-link", link, given={"arguments": carriers})
+        yield InputSubject(call, body), Said(message=message, cure=cure, share=float(len(found)))
+
+
+_CARRIERS = (
+    "maxJointVelocity",
+    "collisionMargin",
+    "linearDamping",
+    "angularDamping",
+    "activationState",
+)
+
+
+@input_rule("taken-elsewhere", "asked", "wrong-body")
+def wrong_body(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """A body that was made to stay is given mass, and falls."""
+    for each in inputs.requests:
+        body = each.body
+        if body is None or each.name != "mass" or each.link != -1 or not each.asked[0] > 0:
+            continue
+        moved_m = inputs.motions[body.number].moved_m
+        if not _stood(inputs, each) or moved_m < LEFT_M:
+            continue
+        message = Message(
+            "{body} stood still without mass, is given {mass:.3g} kg, and moves {moved:.3g} m away",
+            body=body.label,
+            mass=each.asked[0],
+            moved=moved_m,
+        )
+        advice = Message("{call}: mass 0 keeps a body in place")
+        yield (
+            InputSubject(each.call, body),
+            Said(
+                message=message,
+                advice=advice,
+                cure=Cure(
+                    "without",
+                    body.label,
+                    form="of-body",
+                    given={"function": each.call.function},
+                ),
+                effect=Effect(moved_m, "m"),
+                share=moved_m,
+            ),
+        )
+
+
+def _stood(inputs: Inputs, request: Request) -> bool:
+    """Return whether a body had no mass before a request: by the engine, its load or its file.
+
+    What a call itself made massless is let go on purpose; so is what is made without mass, unless
+    its line gives mass to bodies that have some, too.
+    """
+    body = request.body
+    if request.before is not None:
+        return request.before[0] == 0 and not any(
+            each.body is body and each.name == "mass" and each.asked[0] == 0
+            for each in inputs.requests
+        )
+    load = None if body is None else inputs.scene.asked.load(body)
+    if body is None or load is None:
+        return False
+    if load.act is Act.MAKE:
+        return not _made_kg(inputs, body) and any(
+            each.name == "mass" and each.call.site.place == request.call.site.place
+            for each in inputs.requests
+            if each.body is not None and _made_kg(inputs, each.body)
+        )
+    fixed = given(load, "useFixedBase") or (0.0,)
+    return fixed[0] == 1 or any(link.mass_kg == 0 for link in body.asked.links[:1])
+
+
+def _made_kg(inputs: Inputs, body: Body) -> float:
+    """Return the mass with which a body was made; 0 of one from a file."""
+    load = inputs.scene.asked.load(body)
+    return 0.0 if load is None else (given(load, "baseMass") or (0.0,))[0]
+
+
+@input_rule("taken-elsewhere", "asked", "ik-index")
+def ik_index(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """Answers of inverse kinematics are sent to joints by their index, fixed joints among them."""
+    for use in inputs.of(Act.SOLVE_IK, Act.SOLVE_SEVERAL_IK):
+        body = use.body
+        if body is None:
+            continue
+        commanded = inputs.commanded[body.number]
+        movable = [joint.link for joint in body.joints if joint.widths[1]]
+        fixed = [joint for joint in body.joints if not joint.widths[1] and joint.link in commanded]
+        left = [link for link in movable if link not in commanded]
+        if not fixed or not left or len(commanded) != len(movable):
+            continue
+        message = Message(
+            "commands go to {fixed}, a fixed joint, and none to {left}: inverse kinematics answers "
+            "for the {n} joints that move, in their order, and skips fixed ones",
+            fixed=fixed[0].name,
+            left=joined(", ", [body.joints[link].name for link in left[:3]]),
+            n=len(movable),
+        )
+        sent = dict(zip(sorted(commanded), movable, strict=True))
+        cure = Cure("right-link", body.label, form="joints", given={"links": sent})
+        subject = InputSubject(use.first, body, body.joints[left[0]].name)
+        yield subject, Said(message=message, cure=cure, share=float(len(left)))
+
+
+@input_rule("taken-elsewhere", "asked", "reset-frame")
+def reset_frame(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """A reset places the centre of mass, where a load places the frame of the file."""
+    for use in inputs.of(Act.SET_POSE):
+        body = use.body
+        load = None if body is None else inputs.scene.asked.load(body)
+        if body is None or load is None or load.act is not Act.LOAD:
+            continue
+        first = inputs.first_dynamics(body)
+        if first is None:
+            continue
+        frame_m = np.nan_to_num(first.reported["inertial_position_m"][0])
+        apart_m = float(np.linalg.norm(frame_m))
+        place = given(load, "basePosition") or (0.0, 0.0, 0.0)
+        same = np.array_equal(given(use.first, "posObj"), place)
+        if not same or apart_m < FRAME_APART_M:
+            continue
+        message = Message(
+            "{body} is reset to the place that it was loaded at, but a reset places its centre of "
+            "mass, which is {apart:.3g} m from the origin of its file ({z:+.3g} m in z)",
+            body=body.label,
+            apart=apart_m,
+            z=float(frame_m[2]),
+        )
+        cure = Cure("lifted", body.label, float(frame_m[2]), form="frame")
+        effect = Effect(apart_m, "m")
+        yield (
+            InputSubject(use.first, body),
+            Said(message=message, cure=cure, effect=effect, share=1.0),
+        )
+
+
+# -- overwritten ----------------------------------------------------------------------------------
+
+
+@input_rule("overwritten", "asked", "velocity-set-each-step")
+def velocity_set_each_step(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """A velocity that is set before each step takes away what gravity gave in the last one."""
+    for use in inputs.of(Act.SET_VELOCITY):
+        body, z = use.body, use.low.get("linearVelocity", np.zeros(0))
+        if body is None or len(z) != 3:
+            continue
+        motion, steps = inputs.motions[body.number], len(use.steps)
+        same = use.low["linearVelocity"][2] == use.high["linearVelocity"][2]
+        falls = sorted(step for step in motion.in_flight if step - 1 in use.steps)
+        dt, g = _falls(inputs, body.client)
+        if not same or steps < EACH_STEP * motion.samples or len(falls) < FALLS_STEPS or not g:
+            continue
+        message = Message(
+            "{body} falls {way:.2g} mm a step and no faster: p.resetBaseVelocity before each step "
+            "sets its vertical velocity to {vz:g} m/s again",
+            body=body.label,
+            way=abs(g) * dt * dt * 1e3,
+            vz=float(z[2]),
+        )
+        subject = InputSubject(use.first, body, steps=Span(falls[0], falls[-1], len(falls)))
+        cure = Cure("without", body.label, form="vertical")
+        share = len(falls) / motion.samples
+        yield subject, Said(message=message, cure=cure, share=share)
+
+
+def _falls(inputs: Inputs, client: int) -> tuple[float, float]:
+    """Return timestep [s] and vertical gravity [m/s²] of a simulation at last."""
+    settings = [each for each in inputs.scene.seen.settings if each.client == client][-1].values
+    return tuple(
+        float(np.ravel(settings[name])[0]) for name in ("fixedTimeStep", "gravityAccelerationZ")
+    )  # type: ignore[return-value]
+
+
+@input_rule("overwritten", "asked", "pose-set-each-step")
+def pose_set_each_step(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """A pose that is set step after step has no force: it goes through what it meets."""
+    for use in inputs.of(Act.SET_JOINT, Act.SET_POSE):
+        body = use.body
+        if body is None or len(use.steps) < HALF_THE_STEPS * _steps(inputs, use):
+            continue
+        depths = inputs.deepest[body.number]
+        deep = {step: d for step, d in depths.items() if step - 1 in use.steps and d > DEEP_M}
+        if len(deep) < OVERLAPS_STEPS:
+            continue
+        most = max(deep.values())
+        joint = None
+        if use.first.act is Act.SET_JOINT:
+            number = int(use.first.values.get("jointIndex", (0,))[0])
+            joint = body.joints[number].name if number < len(body.joints) else None
+        message = Message(
+            "{what} is set by p.{function} in {count:,} steps, and gets {deep:.3g} mm into what it "
+            "meets: a pose that is set has no force",
+            what=joint or body.label,
+            function=use.first.function,
+            count=len(use.steps),
+            deep=most * 1e3,
+        )
+        advice = Message("move it by a force, a velocity, or a constraint")
+        subject = InputSubject(use.first, body, joint, Span(min(deep), max(deep), len(deep)))
+        yield (
+            subject,
+            Said(
+                message=message,
+                advice=None if joint else advice,
+                cure=Cure("without", joint or body.label, form="driven") if joint else None,
+                effect=Effect(most, "m"),
+                share=most / DEEP_M,
+            ),
+        )
+
+
+def _steps(inputs: Inputs, use: Use) -> int:
+    """Return how many steps the simulation of a use made from its first call on."""
+    made = inputs.scene.seen.samples.get(use.first.client, 1) - 1
+    return max(made - use.first.at.step, 1)
+
+
+@input_rule("overwritten", "asked", "drive-lags")
+def drive_lags(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """A constraint closes a share of the gap in a step; a target set from the body stays ahead."""
+    for drive in inputs.drives.values():
+        if len(drive.targets_m) < FALLS_STEPS * 2:
+            continue
+        places_m = np.array(drive.places_m)
+        ahead_m = np.array(drive.targets_m) - places_m
+        mean_m = ahead_m.mean(axis=0)
+        gap_m = float(np.linalg.norm(mean_m))
+        made_m = float(np.linalg.norm(np.diff(places_m, axis=0), axis=1)[1:].mean())
+        spread_m = float(np.abs(ahead_m - mean_m).max())
+        if spread_m > SAME_GAP * gap_m or not 0 < made_m < (1 - SAME_GAP) * gap_m:
+            continue
+        message = Message(
+            "{body} goes {made:.2g} mm a step where p.changeConstraint asks for {gap:.2g} mm: the "
+            "target is set from where {body} is, and a step makes {share:.2g} of the way there",
+            body=drive.body.label,
+            made=made_m * 1e3,
+            gap=gap_m * 1e3,
+            share=made_m / gap_m,
+        )
+        advice = Message("set each target from the last target, not from the body")
+        yield (
+            InputSubject(drive.call, drive.body),
+            Said(message=message, advice=advice, share=1 - made_m / gap_m),
+        )

@@ -1,0 +1,220 @@
+"""Why something does not bounce that has restitution, and why something bounces ever higher."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.explain.changes import energy_of
+from drop_physics.messages import Message
+from drop_physics.rules.answer import Cure, Effect, Scene
+from drop_physics.rules.engines import ANY, MUJOCO
+from drop_physics.rules.rule import Match, Said, Worst, pair_rule
+from drop_physics.rules.runs import Runs
+from drop_physics.rules.tables import PairColumns
+from drop_physics.rules.thresholds import BOUNCES_M_S, GAINED, PLACED_M_S, SOFTLY, SWALLOWED
+from drop_physics.trace.acts import Act
+
+OF_THRESHOLD = "restitutionVelocityThreshold"
+
+
+@pair_rule("no-restitution", "asked")
+def no_restitution(pair: PairColumns) -> Match | None:
+    """The engine multiplies both bodies' restitution; that of most is 0.
+
+    Or they meet slower than Bullet's threshold, or a contact stops them before they touch: of the
+    rebound `e v - gap / timestep` is left.
+    """
+    scene, body = pair.scene, pair.pairs.body
+    asked = scene.asked.of["restitution"].values
+    springy = np.isin(body, [number for number, value in asked.items() if value > 0])
+    if not springy.any():
+        return None
+    approach, rebound = pair.approach_m_s, pair.parting_m_s
+    meets = springy.any(axis=1) & (body[:, 0] != body[:, 1])
+    # What is placed, not dropped, comes slowly; what takes longer than a step to stop is soft.
+    meets &= (approach > PLACED_M_S) & (rebound > -SOFTLY * approach)
+    first = (np.isin(body, scene.moving) * 2 + springy).argmax(axis=1)
+    rows = np.arange(len(body))
+    # A corner that comes down after the impact is faster: the first that may bounce counts.
+    may_bounce = 1.0 + (approach > BOUNCES_M_S)
+    numbers = {"approach": approach, "rebound": rebound, "product": pair.restitution}
+    numbers |= {"gap": pair.gap_m, "lost": pair.gap_m / pair.timestep_s, "step": pair.step}
+    keys = np.stack([body[rows, first], body[rows, 1 - first]], axis=1)
+    return Match(meets, may_bounce, numbers, keys=keys)
+
+
+@no_restitution.says
+def _(worst: Worst) -> Said | None:
+    scene, pair, gap_m = worst.scene, (worst.subject, worst.partner), worst.gap
+    asked, speed, product = scene.asked.of["restitution"], worst.approach, worst.product
+    springy, none = pair if asked.values.get(pair[0].number, 0.0) > 0 else pair[::-1]
+    wanted, other = (asked.values.get(each.number, 0.0) for each in (springy, none))
+    slow = product > 0 and speed < BOUNCES_M_S
+    early = not slow and worst.lost > (1 - SWALLOWED) * product * speed > 0
+    if not (slow or early) and (product > 0 or other > 0 or speed < BOUNCES_M_S):
+        return None  # it bounces as the engine has it: a link has none, or it came later
+    chosen_threshold = any(OF_THRESHOLD in each.low for each in scene.inputs.of(Act.SET_ENGINE))
+    if speed < BOUNCES_M_S and chosen_threshold:
+        return None  # then it is not Bullet's own threshold that counts
+    share = product if slow or early else wanted
+    # It may have had another when they met; or a call asked for just that.
+    meant = springy.number in asked.changed or asked.since[springy.number] >= worst.step
+    meant |= none.number in asked.values and other == 0
+    soft = scene.asked.of["contactStiffness"].values.keys() & {each.number for each in pair}
+    if meant or soft or worst.rebound > SWALLOWED * share * speed:
+        return None
+    chosen = {
+        number
+        for number, value in asked.values.items()
+        if value > 0 and scene.body(number).moving and scene.body(number).client == none.client
+    }
+    # A floor has restitution for other things.
+    if not (springy.moving or none.number in chosen or not (none.joints or chosen)):
+        return None
+    if slow:
+        why = Message("PyBullet lets nothing bounce that comes slower than 0.2 m/s")
+        advice = None
+        cure = Cure("solver", value=0.0, given={"restitutionVelocityThreshold": 0})
+    elif early:
+        why = Message(
+            "PyBullet stops it {gap:.3g} mm before they touch, and takes that distance over the "
+            "timestep off its rebound",
+            gap=gap_m * 1e3,
+        )
+        advice = Message("{call} on both lets contacts act only where they touch")
+        both = worst.body, worst.other
+        cure = Cure("restitution", given={"contactProcessingThreshold": 0}, bodies=both)
+    else:
+        why = Message("restitution is the product of both bodies', {asked:.3g} × 0", asked=wanted)
+        advice = Message("give {springless} restitution, too: {call}")
+        # With more than 1 in all it would gain energy.
+        cure = Cure("restitution", none.label, 1 / max(wanted, 1.0), bodies=(none.label,))
+    message = Message(
+        "{body} does not bounce off {other}: it meets it at {speed:.3g} m/s and leaves at "
+        "{rebound:.3g} m/s; {why}"
+    )
+    values = {"speed": speed, "rebound": max(worst.rebound, 0.0), "why": why}
+    values["springless"] = none.label
+    return Said(
+        message=message,
+        values=values,
+        advice=advice,
+        cure=cure,
+        effect=Effect(share * speed, "m/s"),
+        share=share,
+        site=asked.site(springy.number),
+    )
+
+
+# -- energy-gained --------------------------------------------------------------------------------
+
+
+Float64 = NDArray[np.float64]
+
+FINER = 4.0
+"""By what a timestep is divided to be tried."""
+
+
+@pair_rule("energy-gained", "broken", consecutive=True, argument="restitution", engines=ANY)
+def energy_gained(pair: PairColumns) -> Match:
+    """Bodies leave a contact with more energy than they brought; no call moves them, no joints."""
+    rows = np.flatnonzero((pair.normal_n > 0) & (pair.body != pair.other))
+    bodies, steps = pair.pairs.body[rows], pair.step[rows]
+    moved = pair.scene.placing.moved(bodies, steps[:, None]).any(axis=1)
+    solref = _solref(pair, rows)
+    # Less damped than critically, or by a number of its own; what else did it is not sure.
+    springs = ((solref[:, 0] < 0) | (solref[:, 1] < 1)).astype(float)
+    restitution = np.where(np.isnan(solref[:, 0]), pair.restitution[rows], springs)
+    return Match(
+        rows,
+        np.zeros(len(rows)),
+        sums={"gained": pair.energy_j[rows].sum(axis=1)},
+        most={"unsure": moved | ~pair.explained[rows].all(axis=1), "restitution": restitution},
+        firsts={
+            "brought": _kinetic_j(pair, rows),
+            "approach": pair.approach_m_s[rows],
+            "solref": solref,
+            "timestep": pair.timestep_s[rows],
+        },
+        lasts={"parting": pair.parting_m_s[rows]},
+        keys=pair.keys[rows],
+    )
+
+
+@energy_gained.counts
+def _(runs: Runs, _: Scene) -> Float64:
+    # Without restitution what did it is not sure.
+    faster = (runs.restitution > 0) & (runs.parting > runs.approach) & (runs.approach > 0)
+    gains = faster & ~runs.unsure & (runs.gained > GAINED * runs.brought) & (runs.brought > 0)
+    return np.where(gains, runs.gained, 0.0)
+
+
+@energy_gained.says
+def _(worst: Worst) -> Said | None:
+    scene = worst.scene
+    for each in (worst.subject, worst.partner):
+        if each.moving and len(scene.touches.rows(each.number)) > 1:
+            return None  # a third body may have given it
+    message = Message(
+        "contact of {body} with {other} adds {gained:.3g} J to {brought:.3g} J of kinetic "
+        "energy: they come together at {approach:.4g} m/s and part at {parting:.4g} m/s; their "
+        "restitution is {restitution:.3g}, and {why}"
+    )
+    why, advice = (
+        Message("the push out of the overlap comes on top"),
+        Message("give them less restitution, or no push: {call}"),
+    )
+    cure = Cure("solver", value=0.0, given={"contactERP": 0})
+    if worst.subject.client in scene.clients_with("set_contactERP", 0):
+        why = Message("it turns the speed around that gravity gives them in that step, too")
+        advice = Message("give them less restitution, or use a shorter timestep: {call}")
+        cure = Cure("timestep", value=FINER)
+    if worst.engine == MUJOCO:
+        message = Message(
+            "contact of {body} with {other} adds {gained:.3g} J to {brought:.3g} J of kinetic "
+            "energy: they come together at {approach:.4g} m/s and part at {parting:.4g} m/s; it is "
+            "a spring (solref {soft}) that acts for {steps} of {timestep:g} s"
+        )
+        advice = Message("use a shorter timestep: {call}, or more damping in solref")
+        cure = Cure("timestep", value=FINER)
+    return Said(
+        message=message,
+        values={
+            "why": why,
+            "soft": " ".join(f"{each:g}" for each in np.ravel(worst.solref)),
+        },
+        advice=advice,
+        cure=cure,
+        effect=Effect(worst.gained, "J"),
+        share=worst.gained / worst.brought,
+    )
+
+
+def _solref(pair: PairColumns, rows: NDArray[np.intp]) -> Float64:
+    """Return `solref` of the first point of each row, shape (rows, 2); nan of other engines."""
+    seen, first = pair.scene.seen, pair.starts[rows]
+    if not seen.softness:
+        return np.full((len(rows), 2), np.nan)
+    places = np.column_stack([pair.points.body[first], pair.points.link[first]])
+    known, which = np.unique(places, axis=0, return_inverse=True)
+    soft = [seen.soft(each[:2], each[2:]) for each in known.tolist()]
+    held = [(np.nan, np.nan) if each is None else each[0][:2] for each in soft]
+    return np.reshape(held, (-1, 2))[which.ravel()]
+
+
+def _kinetic_j(pair: PairColumns, rows: NDArray[np.intp]) -> Float64:
+    """Return the kinetic energy of both bodies as steps began, where they did not touch before.
+
+    0 of what stands, nan of bodies with joints; shape (rows,).
+    """
+    energy_j, bodies = np.zeros(len(rows)), pair.pairs.body[rows]
+    begins = np.flatnonzero(pair.before(rows) < 0)
+    for side in (0, 1):
+        number, step = bodies[begins, side], pair.step[rows[begins]]
+        of_side = np.where(np.isin(number, [*pair.scene.judged]), np.nan, 0.0)
+        for steps, its, at in pair.scene.steps_at(number, step):
+            if steps.law.tree.size == 6:
+                of_side[its] = energy_of(steps.law, steps.before.at(at), np.zeros((len(at), 3)))[0]
+        energy_j[begins] += of_side
+    return energy_j
