@@ -1,7 +1,8 @@
 """A recording whose engine has computed each step again: what acted is recorded, not derived.
 
 Each step is judged all the same: with the mass matrix from our own kinematics the recorded impulses
-must close its sum, and the velocities that it ends with must lead to its pose. `Replayed` takes the place of `recording.Explanation`, and yields the same.
+must close its sum, and the velocities that it ends with must lead to its pose. `Replayed` takes the
+place of `recording.Explanation`, and yields the same.
 """
 
 from __future__ import annotations
