@@ -153,7 +153,7 @@ def analyze(
         from drop_physics.stages.render import film_of
 
         film = partial(film_of, recording)
-        write_page(analysis, html, force=force, film=film, verbose=True)
+        write_page(analysis, html, force=force, film=film, verbose=verbose)
     as_json, text = json or output_format == "json", None
     if output_format in ("github", "sarif"):
         from drop_physics.report.annotations import FORMATS

@@ -1,4 +1,4 @@
-"""Which engine's room writes a cure as a call, and makes a run with it."""
+"""Find the engine's room that writes a cure as a call, and makes a run with it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from drop_physics.trace.cures import Cure, EngineCures
 from drop_physics.trace.history import PYBULLET
 
 ROOMS: dict[str, EngineCures] = {PYBULLET: pybullet, "MuJoCo": mujoco}
-"""By the name of an engine."""
+"""What knows the cures of each engine, by its name."""
 
 
 def cures_of(engine: str) -> EngineCures:

@@ -97,7 +97,7 @@ def _figure(panel: Panel, time: Any, models: Any, plotting: Any) -> Any:  # noqa
         background_fill_color=None,
         border_fill_color=None,
         outline_line_color=None,
-        min_border_left=60,
+        min_border_left=75,
     )
     figure.toolbar.logo, figure.toolbar.autohide = None, True
     for axis, label in zip(figure.axis, ("t [s]", f"[{panel.unit}]"), strict=True):
@@ -110,6 +110,8 @@ def _figure(panel: Panel, time: Any, models: Any, plotting: Any) -> Any:  # noqa
         first, last = panel.span_s
         covered = {"fill_color": GREY, "fill_alpha": COVERED, "line_color": None}
         figure.add_layout(models.BoxAnnotation(left=first, right=last, **covered))
+    if panel.zero:  # which is then in the panel's range, too
+        figure.line(time.bounds, (0, 0), color=GREY, line_width=1)
     for curve in panel.curves:
         line = figure.line(
             curve.times_s,

@@ -82,7 +82,7 @@ class Digests:
         self._series: dict[str, RowsDigest] = {}
         """Digests of joints and constraints, by entity."""
         self._calls: dict[int, CallsDigest] = {}
-        """By client."""
+        """Digests of calls, by client."""
         self._impulses: dict[int, CallsDigest] = {}
 
     def add_series(self, entity: str, steps: NDArray[np.int64], values: NDArray[Any]) -> None:

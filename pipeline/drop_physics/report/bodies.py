@@ -36,8 +36,8 @@ MOST_BODIES, MOST_ROBOTS, MOST_JOINTS = 12, 4, 8
 NO_MOTOR = "off", "unknown", "default"
 NAME = 8
 """Columns that names take at least."""
-CELL, CONTROL, LONGEST_JOINT = 8, 10, 24
-"""Columns of a joint's numbers, of how it is driven, and of its name."""
+CELL, FORCE, CONTROL, LONGEST_JOINT = 8, 7, 8, 24
+"""Columns of a joint's positions, of its torques, of how it is driven, and of its name."""
 
 
 def report_of_bodies(analysis: Analysis, *, verbose: bool = False) -> Report:
@@ -173,10 +173,10 @@ def _joint_table(label: str, rows: Sequence[JointRow]) -> DataTable:
         [
             Column("", names, least=column - 1, most=column - 1),
             Column(Message("control"), [row.control for row in rows], least=CONTROL, gap=1),
-            *(
-                Column(head, [*map(text, rows)], right=True, least=CELL, gap=0, drop=drop)
-                for drop, (head, text) in enumerate(CELLS, -1)
-            ),
+            *_numbers(POSITIONS, rows, CELL, drop=-1),
+            Column("", [row.unit for row in rows], gap=1),
+            *_numbers(TORQUES, rows, FORCE, drop=3),
+            Column("", [row.torque_unit for row in rows], gap=1, drop=2),
             *(Column("", notes, fits=True) for notes in (at_stop, at_limit)),
         ],
         title=label,
@@ -200,15 +200,26 @@ def _number(value: float | None, form: str) -> str:
     return format(0.0, form) if not text.strip("+-0.") else text
 
 
-CELLS: Sequence[tuple[Message, Callable[[JointRow], str]]] = (
-    (Message("target"), lambda row: _number(row.target, ".3f")),
-    (Message("reached"), lambda row: _number(row.reached, ".3f")),
-    (Message("off"), lambda row: _number(row.off, "+.3f")),
-    (Message("torque"), lambda row: _number(row.torque, ".1f")),
-    (Message("limit"), lambda row: _number(row.force_limit, ".4g")),
-    (Message("needs"), lambda row: _number(row.needs, ".1f")),
-)
-"""What a row of a joint has, under which heading: rad, m, N m or N."""
+Cells = Mapping[Message, Callable[["JointRow"], str]]
+"""What a row of a joint has under a heading."""
+POSITIONS: Cells = {
+    Message("target"): lambda row: _number(row.target, ".3f"),
+    Message("reached"): lambda row: _number(row.reached, ".3f"),
+    Message("off"): lambda row: _number(row.off, "+.3f"),
+}
+"""Columns in the unit of the joint: rad or m, of a velocity motor per second."""
+TORQUES: Cells = {
+    Message("torque"): lambda row: _number(row.torque, ".1f"),
+    Message("limit"): lambda row: _number(row.force_limit, ".4g"),
+    Message("needs"): lambda row: _number(row.needs, ".1f"),
+}
+"""Columns in the unit of what drives it: N m or N."""
+
+
+def _numbers(cells: Cells, rows: Sequence[JointRow], least: int, *, drop: int) -> Iterator[Column]:
+    """Yield columns; the last is left out first, and none whose `drop` is not above 0."""
+    for place, (head, text) in enumerate(cells.items(), drop):
+        yield Column(head, [*map(text, rows)], right=True, least=least, gap=0, drop=max(0, place))
 
 
 # -- bodies ---------------------------------------------------------------------------------------

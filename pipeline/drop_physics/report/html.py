@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import singledispatch
 from html import escape
 from pathlib import Path
 
+from drop_physics.fields import counted
 from drop_physics.messages import harmless, joined, translated
 from drop_physics.report.blocks import (
     DataTable,
@@ -99,14 +100,23 @@ def _cell(tag: str, text: str, *, right: bool) -> str:
 
 @block_html.register
 def _(found: FindingList) -> Iterator[str]:
-    yield f'<ol class="findings" start="{found.first}">'
-    for finding in found.findings[: found.most]:
+    yield from _listed(found.findings[: found.most], found.first, found.sources)
+    hidden = found.findings[found.most :]
+    if hidden:
+        yield f"<details><summary>{_said(counted(len(hidden), 'more finding'))}</summary>"
+        yield from _listed(hidden, found.first + found.most, found.sources)
+        yield "</details>"
+
+
+def _listed(findings: Sequence[Finding], first: int, sources: Mapping[str, Path]) -> Iterator[str]:
+    yield f'<ol class="findings" start="{first}">'
+    for finding in findings:
         yield f'<li class="{finding.level}"><p><b>{_said(finding.told)}</b></p>'
         if finding.advice is not None:
             yield f'<p class="advice">{_said(finding.advice)}</p>'
         yield from (f"<p>{_said(each)}</p>" for each in trials_of(finding))
         yield f'<p class="code">{_said(finding.code)}{_site(finding)}</p>'
-        yield from _source(finding, found.sources)
+        yield from _source(finding, sources)
         yield "</li>"
     yield "</ol>"
 

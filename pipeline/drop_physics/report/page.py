@@ -46,7 +46,7 @@ section { margin: 1.2rem 0 }
 .wide { overflow-x: auto }
 table { border-collapse: collapse; font-size: .9rem; font-variant-numeric: tabular-nums }
 th, td { padding: .15rem .8rem .15rem 0; text-align: left; vertical-align: top }
-th { color: var(--faint); font-weight: normal; white-space: nowrap }
+th { color: var(--faint); font-weight: normal } th, td:not(:last-child) { white-space: nowrap }
 .total td { font-weight: bold } .failed td { color: var(--broken) }
 .legend span { margin-right: 1.2rem; font-size: .85rem; white-space: nowrap }
 .legend i { display: inline-block; width: 1.6rem; margin-right: .4rem; vertical-align: middle;

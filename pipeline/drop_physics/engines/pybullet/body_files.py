@@ -28,8 +28,8 @@ LARGEST = 1e9
 LARGEST_INDEX = 100_000_000
 """Largest index of a normal or texture in a .obj: three times that still fits in an int."""
 MOST_JOINTS = 127
-"""With the base MAX_DEGREE_OF_FREEDOM = 128 links (bullet3's `SharedMemoryCommands.h`); with more
-PyBullet reads no pose."""
+"""Most joints of a body whose pose PyBullet reads: with the base MAX_DEGREE_OF_FREEDOM = 128 links
+(bullet3's `SharedMemoryCommands.h`)."""
 MOST_POSITIONS = 121
 """Coordinates of all joints: with the base's 7 they fill an array of 128, which the velocities that
 PyBullet reads follow."""

@@ -15,8 +15,9 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 MOST_BYTES = 1 << 24
-"""Of a mesh file that is read; and of triangles that are kept:"""
+"""Largest size of a mesh file that is read [bytes]."""
 MOST_TRIANGLES = 1 << 16
+"""Most triangles of a mesh that are kept."""
 HOLLOW_M = 2e-3
 """A surface that lies less deep below its hull is its hull."""
 OPEN = 0.98

@@ -23,7 +23,7 @@ from drop_physics.workers import under_load
 LONGEST_WORDS = 200
 """Characters of what Bullet says that are quoted: the last ones."""
 STEPS = 3
-"""From inside the floor: already the first step has contact, where meshes fail."""
+"""Number of steps made from inside the floor: the first has contact, where meshes fail."""
 
 
 def trial(path: str, limits: probe.Limits) -> tuple[str, list[Path]]:

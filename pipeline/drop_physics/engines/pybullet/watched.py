@@ -101,7 +101,7 @@ class Decoder:
         self.intervened: set[int] = set()
         """The interventions that have changed something, by number."""
         self.forked: dict[int, tuple[int, int]] = {}
-        """Of each trial that parted from it, its process and after how many bytes of the stream."""
+        """Process of each trial that parted from it, and after how many bytes of the stream."""
         self.timing = ""
         """Where the script first read a time after a step: file and line."""
         self.mujoco = MujocoDecoder()

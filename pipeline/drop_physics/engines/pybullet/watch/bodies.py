@@ -47,8 +47,8 @@ class Loaded:
         self.hulls = False
         """Whether all its meshes are held as convex hulls; if not, PyBullet prints when asked."""
         self.meshes: dict[int, tuple[str, list[float]]] = {}
-        """By link, file and scale of its mesh, where a call gave them: `getCollisionShapeData` has
-        neither then."""
+        """File and scale of the mesh of each link that a call gave one: `getCollisionShapeData`
+        has neither then."""
         self.hides_links = False
         """Whether it became a btRigidBody with several links, of which only the base is reported.
         """

@@ -117,4 +117,4 @@ CHANGES_NOTHING = READS | those_that(
     "keeps notes",
     "asks for the client",
 )
-"""Of these only where they are called is recorded, of what reads, and how they fail."""
+"""Kinds of functions of which only the line is recorded, of what reads, and how they fail."""
