@@ -33,12 +33,14 @@ from drop_physics.console.help import SCRIPT
 from drop_physics.console.progress import rate
 from drop_physics.drop.convergence import StudiedRun, study_of
 from drop_physics.drop.statistics import Summary
+from drop_physics.explain.joints import JointRow
 from drop_physics.fields import counted, decimals, engineering
 from drop_physics.figures.composition import caption
 from drop_physics.files.table import write_table
 from drop_physics.messages import shell_command
 from drop_physics.recording.viewer import Viewer
 from drop_physics.report.blocks import Fact, Facts, File
+from drop_physics.report.bodies import joint_table
 from drop_physics.report.check import DIFFERS
 from drop_physics.report.sweep import readable_step
 from drop_physics.report.terminal import block_lines, show
@@ -893,6 +895,29 @@ def test_nothing_has_no_minus(value: float) -> None:
 def test_one_of_a_thing_is_counted_as_one(number: int, said: str) -> None:
     assert counted(number, "run") == said
     assert counted(number, "body", "bodies").endswith("body") == (number == 1)
+
+
+@pytest.mark.parametrize(
+    ("columns", "elbow", "finger"),
+    [
+        (80, "0.250 -0.250 rad 3.0 5 N m", "0.250 -0.250 m/s 3.0 5 N"),
+        (60, "0.250 -0.250 rad", "0.250 -0.250 m/s"),
+    ],
+)
+def test_each_number_of_a_joint_has_its_unit(
+    monkeypatch: pytest.MonkeyPatch, columns: int, elbow: str, finger: str
+) -> None:
+    """Where there is no room, a unit goes when the last of its numbers has gone."""
+    turns = JointRow(
+        name="elbow", index=0, axis=None, kind="revolute", control="position", target=0.5,
+        reached=0.25, off=-0.25, torque=3.0, force_limit=5.0, needs=9.81, needs_at_target=None,
+        at_force_limit_steps=0, at_stop_steps=0,
+    )  # fmt: skip
+    slides = replace(turns, name="finger", index=1, kind="prismatic", control="velocity")
+    monkeypatch.setattr("drop_physics.report.terminal.width", lambda: columns)
+    _, *rows = block_lines(joint_table("a_robot_with_a_name", [turns, slides]))
+    assert " ".join(rows[0].split()).endswith(elbow)
+    assert " ".join(rows[1].split()).endswith(finger)
 
 
 def test_texts_of_findings_name_options_that_exist() -> None:

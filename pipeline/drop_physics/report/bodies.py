@@ -140,7 +140,7 @@ def _joints(
         shown = sorted(rows if verbose else rows[:MOST_JOINTS], key=_place)
         if not shown:
             continue
-        blocks: list[Block] = [_joint_table(body.label, shown)]
+        blocks: list[Block] = [joint_table(body.label, shown)]
         if len(rows) > len(shown):
             joints = counted(len(rows) - len(shown), "more joint")
             blocks.append(Words(Message("{joints}: --verbose", joints=joints), "dim"))
@@ -158,7 +158,8 @@ def _is_shown(row: JointRow, named: set[str | None]) -> bool:
     return row.control not in NO_MOTOR or row.name in named
 
 
-def _joint_table(label: str, rows: Sequence[JointRow]) -> DataTable:
+def joint_table(label: str, rows: Sequence[JointRow]) -> DataTable:
+    """Return the table of a body's joints: each number has its unit, in each row its own."""
     names = [*map(_name, rows)]
     column = min(max(map(columns_of, (label, *names))) + 2, LONGEST_JOINT)
     at_stop = [
