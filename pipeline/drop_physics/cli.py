@@ -24,6 +24,10 @@ from drop_physics.options import an_integer, takes_scenario, takes_scenario_list
 from drop_physics.scenario import Camera, Scenario
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drop_physics.printable import Printable
+    from drop_physics.rules.choice import Choice
     from drop_physics.stages.record import Recorded
 
 app = App(
@@ -37,6 +41,37 @@ app = App(
     "and see where each millimetre of error comes from. Everything is kept in one Rerun recording.",
     epilog="Start with: drop my_script.py, or: drop run",
 )
+
+
+def _recording(named: Path | None) -> Path:
+    """Return the recording that is meant."""
+    from drop_physics.stages.found import recording_of
+
+    return recording_of(named, output.note)
+
+
+def _choice(*given: str | None) -> Choice:
+    """Return which findings are reported, by options as typed and by the project."""
+    from drop_physics.stages.settings import settings
+
+    return settings().choice(*given)
+
+
+def _page(html: Path | None, *inputs: Path, force: bool) -> Callable[..., None]:
+    """Return what writes a result as a page; that it can be written is checked before any work."""
+    if html is None:
+        return lambda *_, **__: None
+    from drop_physics.report.page import check_page, write_page
+
+    check_page(html, inputs=inputs, force=force)
+    return partial(write_page, page=html, force=force)
+
+
+def _show(result: Printable, **how: Any) -> int:  # noqa: ANN401 - handed on
+    """Print a result, and return the exit code."""
+    from drop_physics.report.terminal import show
+
+    return show(result, **how)
 
 
 @app.callback(invoke_without_command=True)
@@ -71,7 +106,6 @@ def simulate(
 ) -> None:
     """Drop the body and record everything that happens."""
     from drop_physics.errors import ScenarioError
-    from drop_physics.report.terminal import show
     from drop_physics.stages.simulate import simulate
 
     if spawn and connect is not None:
@@ -91,7 +125,7 @@ def simulate(
             note=output.note,
             progress=report,
         )
-    show(simulation, as_json=json)
+    _show(simulation, as_json=json)
 
 
 @app.command(
@@ -122,20 +156,12 @@ def analyze(
     where each millimetre between simulation and theory comes from.
     """
     from drop_physics.option_types import times
-    from drop_physics.stages.found import recording_of
 
-    at_s, recording = times(at or []), recording_of(run, output.note)
-    from drop_physics.stages.settings import settings
-
-    choice = settings().choice(select, ignore, fail_on)
-    from drop_physics.report.terminal import show
+    at_s, recording = times(at or []), _recording(run)
+    choice = _choice(select, ignore, fail_on)
     from drop_physics.stages.analyze import analyze
 
-    if html is not None:
-        from drop_physics.report.page import check_page
-
-        check_page(html, inputs=[recording], force=force)
-
+    write_page = _page(html, recording, force=force)
     with progress() as report:
         analysis = analyze(
             recording,
@@ -148,18 +174,13 @@ def analyze(
             force=force,
             progress=report,
         )
-    if html is not None:
-        from drop_physics.report.page import write_page
-        from drop_physics.stages.render import film_of
-
-        film = partial(film_of, recording)
-        write_page(analysis, html, force=force, film=film, verbose=verbose)
+    write_page(analysis, film_of=recording, verbose=verbose)
     as_json, text = json or output_format == "json", None
     if output_format in ("github", "sarif"):
         from drop_physics.report.annotations import FORMATS
 
         text = FORMATS[output_format](analysis)
-    raise typer.Exit(show(analysis, as_json=as_json, text=text, verbose=verbose, choice=choice))
+    raise typer.Exit(_show(analysis, as_json=as_json, text=text, verbose=verbose, choice=choice))
 
 
 @app.command(
@@ -189,14 +210,9 @@ def render(
     With --camera, or if a script took no images, the gif shows the recorded poses; the plot of a
     script is about its findings.
     """
-    from drop_physics.stages.found import recording_of
-
-    recording = recording_of(run, output.note)
-    from drop_physics.stages.settings import settings
-
-    choice = settings().choice(select, ignore)
+    recording = _recording(run)
+    choice = _choice(select, ignore)
     from drop_physics.figures.playback import Animation
-    from drop_physics.report.terminal import show
     from drop_physics.stages.render import render
 
     animation = Animation(fps=fps, speed=speed, caption=caption, with_plot=with_plot)
@@ -214,7 +230,7 @@ def render(
             force=force,
             progress=report,
         )
-    show(rendering, as_json=json, recording=recording)
+    _show(rendering, as_json=json, recording=recording)
 
 
 @app.command(
@@ -239,7 +255,6 @@ def run(
     """Simulate, analyze and render: the whole story of one drop."""
     from drop_physics.figures.playback import Animation
     from drop_physics.option_types import times
-    from drop_physics.report.terminal import show
     from drop_physics.stages.run import run
 
     animation = Animation(fps=fps, speed=speed, caption=caption, with_plot=with_plot)
@@ -254,7 +269,7 @@ def run(
             note=output.note,
             progress=report,
         )
-    show(result, as_json=json)
+    _show(result, as_json=json)
 
 
 @app.command(
@@ -279,26 +294,19 @@ def check(
     """
     from drop_physics.files.outputs import check_apart, check_target
     from drop_physics.report.check import append_summary
-    from drop_physics.report.terminal import show
     from drop_physics.stages.check import check
     from drop_physics.stages.settings import settings
 
     if summary is not None:
         check_target(summary, force=True)
         check_apart([summary], inputs=[run, against])
-    if html is not None:
-        from drop_physics.report.page import check_page
-
-        check_page(html, inputs=[run, against], force=force)
+    write_page = _page(html, run, against, force=force)
     allowed_m = settings().tolerance_m if tolerance is None else tolerance
     checked = check(run, against, tolerance_m=allowed_m, update=update)
     if summary is not None:
         append_summary(checked, summary)
-    if html is not None:
-        from drop_physics.report.page import write_page
-
-        write_page(checked, html, force=force)
-    raise typer.Exit(show(checked, as_json=json))
+    write_page(checked)
+    raise typer.Exit(_show(checked, as_json=json))
 
 
 @app.command(
@@ -351,7 +359,6 @@ def sweep(
 
         get_ready(jobs)
     from drop_physics.option_types import times
-    from drop_physics.report.terminal import show
     from drop_physics.stages.sweep import sweep
     from drop_physics.sweeping.plan import plan_of
 
@@ -371,7 +378,7 @@ def sweep(
             force=force,
             progress=report,
         )
-    raise typer.Exit(show(result, as_json=json))
+    raise typer.Exit(_show(result, as_json=json))
 
 
 def _sweep_script(
@@ -431,22 +438,19 @@ def script(context: typer.Context, program: given.Program) -> None:
 
     target, *arguments = program
     digest_of_script(target, is_module=False)
-    from drop_physics.stages.settings import settings
-
-    choice = settings().choice()
+    choice = _choice()
     _note_ours(context, program, "record", "analyze")
     recorded = _recorded(target, arguments)
-    from drop_physics.report.terminal import show
     from drop_physics.stages.analyze import analyze
 
-    code = show(recorded, stream=sys.stderr, analyzed=True)
+    code = _show(recorded, stream=sys.stderr, analyzed=True)
 
     for each in (recorded, recorded.beside):
         if each is None:
             continue
         with progress() as report:
             analysis = analyze(each.recording, choice=choice, script=Path(target), progress=report)
-        code = code or show(analysis, choice=choice)
+        code = code or _show(analysis, choice=choice)
     raise typer.Exit(code)
 
 
@@ -500,9 +504,8 @@ def record(
         keep=keep,
         explain=not no_explain,
     )
-    from drop_physics.report.terminal import show
 
-    raise typer.Exit(show(recorded, as_json=json, stream=sys.stderr))
+    raise typer.Exit(_show(recorded, as_json=json, stream=sys.stderr))
 
 
 def _note_ours(context: typer.Context, program: list[str], *verbs: str) -> None:
@@ -590,15 +593,11 @@ def trust(
     threshold of 0, of MuJoCo another solver, the other cone and impratio 10.
     """
     from drop_physics.console.progress import sweep_progress
-    from drop_physics.report.terminal import show
     from drop_physics.stages.trust import lengths_of, trust
 
     target, *arguments = program
     lengths = lengths_of(within)
-    if html is not None:
-        from drop_physics.report.page import check_page
-
-        check_page(html, inputs=[Path(target)], force=force)
+    write_page = _page(html, Path(target), force=force)
     _note_ours(context, program)
     with sweep_progress() as report:
         result = trust(
@@ -620,12 +619,9 @@ def trust(
             dark=dark,
             progress=report,
         )
-    if html is not None:
-        from drop_physics.report.page import write_page
-
-        write_page(result, html, force=force)
+    write_page(result)
     outputs = [each for each in (table, plot, html) if each is not None]
-    raise typer.Exit(show(result, as_json=json, within=lengths, outputs=outputs))
+    raise typer.Exit(_show(result, as_json=json, within=lengths, outputs=outputs))
 
 
 @app.command(
@@ -666,17 +662,11 @@ def why(
 
     target, *arguments = program
     digest_of_script(target, is_module=module)
-    from drop_physics.stages.settings import settings
-
-    choice = settings().choice()
+    choice = _choice()
     from drop_physics.console.progress import sweep_progress
-    from drop_physics.report.terminal import show
     from drop_physics.stages.why import why
 
-    if html is not None:
-        from drop_physics.report.page import check_page
-
-        check_page(html, inputs=[Path(target)], force=force)
+    write_page = _page(html, Path(target), force=force)
     if film is not None:
         from drop_physics.stages.render import check_film
 
@@ -706,18 +696,13 @@ def why(
             note=output.note,
             progress=report,
         )
-    if html is not None:
-        from drop_physics.report.page import write_page
-        from drop_physics.stages.render import film_of
-
-        shown = partial(film_of, result.recording)
-        write_page(result, html, force=force, film=shown, every=every)
+    write_page(result, film_of=result.recording, every=every)
     if film is not None:
         from drop_physics.stages.why_film import write_film
 
         with progress() as drawing:
             write_film(result, film, force=force, progress=drawing)
-    raise typer.Exit(show(result, as_json=json, every=every))
+    raise typer.Exit(_show(result, as_json=json, every=every))
 
 
 @app.command(
@@ -727,13 +712,10 @@ def why(
 )
 def info(run: given.RunOrNewest = None, *, json: given.Json = False) -> None:
     """Describe a recording: what made it, its length, its bodies, and whether it is complete."""
-    from drop_physics.stages.found import recording_of
-
-    recording = recording_of(run, output.note)
-    from drop_physics.report.terminal import show
+    recording = _recording(run)
     from drop_physics.stages.info import info
 
-    show(info(recording), as_json=json)
+    _show(info(recording), as_json=json)
 
 
 @app.command(
@@ -750,10 +732,9 @@ def explain(
     json: given.Json = False,
 ) -> None:
     """Say what a finding's code means, what is measured, its threshold, an example and the cure."""
-    from drop_physics.report.terminal import show
     from drop_physics.stages.explain import explain
 
-    show(explain(code, every=every), as_json=json)
+    _show(explain(code, every=every), as_json=json)
 
 
 @app.command(
@@ -773,13 +754,10 @@ def export(
     As tables, or as MCAP for Foxglove and PlotJuggler: joints as /joint_states, poses of centres of
     mass as transforms on /tf, contact points on /contacts.
     """
-    from drop_physics.stages.found import recording_of
-
-    recording = recording_of(run, output.note)
-    from drop_physics.report.terminal import show
+    recording = _recording(run)
     from drop_physics.stages.export import export
 
-    show(export(recording, out, force=force), as_json=json)
+    _show(export(recording, out, force=force), as_json=json)
 
 
 @app.command(
@@ -795,13 +773,10 @@ def view(
     json: given.Json = False,
 ) -> None:
     """Open recordings and their analyses in the Rerun viewer; ends when that is closed."""
-    from drop_physics.stages.found import recording_of
-
     named: list[Path | None] = [*runs] if runs else [None]
-    recordings = [recording_of(each, output.note) for each in named]
-    from drop_physics.report.terminal import show
+    recordings = [_recording(each) for each in named]
     from drop_physics.stages import view
 
     with view.view(recordings, against=against, web=web) as shown:
-        show(shown, as_json=json)
+        _show(shown, as_json=json)
         view.show(shown)

@@ -6,12 +6,10 @@ It names the module that reports it: in a room above, so loaded on demand.
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING, Any, ClassVar
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from typing import Any, ClassVar
 
 MARKDOWN, NOTEBOOK = "drop_physics.report.markdown", "drop_physics.report.notebook"
+PLAIN = "drop_physics.explain.jsonable"
 
 
 class Printable:
@@ -19,7 +17,7 @@ class Printable:
 
     __slots__ = ()
     reported_by: ClassVar[str]
-    """The module whose `report_of` makes its report, and whose `json_of` its JSON object."""
+    """The module whose `report_of` makes its report, and whose `json_of`, if any, its JSON."""
 
     def __init_subclass__(cls, reported_by: str) -> None:
         cls.reported_by = reported_by
@@ -27,20 +25,17 @@ class Printable:
 
     def report(self, **how: object) -> Any:  # noqa: ANN401 - a Report, of a room above
         """Return what there is to say, for any renderer; `how` are options of the report."""
-        return self._from("report_of")(self, **how)
+        return importlib.import_module(self.reported_by).report_of(self, **how)
 
     def as_json(self) -> dict[str, Any]:
-        """Return what `--json` prints."""
-        return dict(self._from("json_of")(self))
+        """Return what `--json` prints: the fields of the result, unless its module has another."""
+        plain = importlib.import_module(PLAIN).jsonable
+        return dict(getattr(importlib.import_module(self.reported_by), "json_of", plain)(self))
 
     def markdown(self, **how: object) -> str:
         """Return the report as Markdown, in English: what is kept in files."""
         markdown_of = importlib.import_module(MARKDOWN).markdown_of
         return str(markdown_of(self.report(**how), say=str))
-
-    def _from(self, name: str) -> Callable[..., Any]:
-        function: Callable[..., Any] = getattr(importlib.import_module(self.reported_by), name)
-        return function
 
     def __str__(self) -> str:
         return str(importlib.import_module(NOTEBOOK).text_of(self))

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from drop_physics.explain.jsonable import jsonable
 from drop_physics.messages import Message
 from drop_physics.report.blocks import Fact, Facts, Report, Section
 
@@ -57,8 +56,3 @@ def _in_its_unit(limit: Limit) -> str:
     if limit.unit == "share":
         return f"{100 * limit.value:g} %"
     return f"{limit.value:g}" if limit.unit == "1" else f"{limit.value:g} {limit.unit}"
-
-
-def json_of(manual: CodeManual) -> dict[str, Any]:
-    """Return what `--json` prints."""
-    return {"codes": [jsonable(each) for each in manual.codes]}

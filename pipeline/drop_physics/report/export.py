@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from drop_physics.fields import counted
 from drop_physics.messages import Message
@@ -22,8 +22,3 @@ def report_of(export: Export) -> Report:
         held = counted(count, "message") if path.endswith(".mcap") else counted(count, "row")
         files.append(File(Message("written"), path, held))
     return Report(sections=[Section([Facts(files, COLUMN)])])
-
-
-def json_of(export: Export) -> dict[str, Any]:
-    """Return what `--json` prints."""
-    return {"recording": str(export.recording), "files": export.files}

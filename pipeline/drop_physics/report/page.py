@@ -11,7 +11,7 @@ import io
 from collections.abc import Iterator, Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from PIL import Image
 
@@ -22,6 +22,7 @@ from drop_physics.files.whole import written_whole
 from drop_physics.messages import Message, harmless, translated
 from drop_physics.report.blocks import Graphs, Report
 from drop_physics.report.html import CURVES, html_of
+from drop_physics.stages.render import film_of as drawn_film
 
 if TYPE_CHECKING:
     from drop_physics.figures.plot import Panel
@@ -74,13 +75,6 @@ LANGUAGE = Message("en")
 NOTHING = Interactive("", [], "")
 
 
-class DrawFilm(Protocol):
-    """Draws a film for a light or a dark page, as a gif."""
-
-    def __call__(self, *, dark: bool) -> bytes:
-        """Return it."""
-
-
 def check_page(page: Path, *, inputs: Sequence[Path], force: bool) -> None:
     """Make sure that a page can be written, before any work is done for it.
 
@@ -101,13 +95,12 @@ def write_page(
     page: Path,
     *,
     force: bool,
-    film: DrawFilm | None = None,
+    film_of: Path | None = None,
     **how: object,
 ) -> None:
     """Write a result's report as a page, with its curves; `how` goes to its builder.
 
-    `film` returns a gif for a light or a dark page, or raises an error where there is nothing to
-    show.
+    The recording `film_of` is filmed, where it has anything to show.
 
     Raises
     ------
@@ -120,7 +113,7 @@ def write_page(
     panels = [*_panels(report)][:MOST_PANELS]
     drawn = interactive(panels) if panels else NOTHING
     divs = zip(panels, drawn.divs, strict=True)
-    shown = "\n".join([*(_panel(panel, div) for panel, div in divs), *_film(film)])
+    shown = "\n".join([*(_panel(panel, div) for panel, div in divs), *_film(film_of)])
     title = report.title or getattr(report.verdict, "text", "drop")
     text = f"""<!doctype html>
 <html lang="{translated(LANGUAGE)}">
@@ -153,11 +146,11 @@ def _panel(panel: Panel, div: str) -> str:
     return f'<div class="panel">{title}<p class="legend">{names}</p>{div}</div>'
 
 
-def _film(film: DrawFilm | None) -> Iterator[str]:
+def _film(recording: Path | None) -> Iterator[str]:
     """Yield the film that fits a light or dark page, and what is printed in its place."""
-    if film is not None:
+    if recording is not None:
         with contextlib.suppress(DropError):
-            light, dark = film(dark=False), film(dark=True)
+            light, dark = (drawn_film(recording, dark=dark) for dark in (False, True))
             yield (
                 '<picture class="film"><source media="(prefers-color-scheme: dark)" '
                 f'srcset="{_data(dark)}"><img alt="" src="{_data(light)}"></picture>'

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from drop_physics.explain.jsonable import jsonable
 from drop_physics.fields import counted
 from drop_physics.messages import Message, joined, shell_command
 from drop_physics.report.blocks import Facts, File, Report, Section
@@ -41,14 +40,6 @@ def report_of(made: Simulation | Rendering | Run, *, recording: Path | None = No
     files = [_simulation(made.simulation), *_rendering(made.rendering)]
     files.append(File(Message("see it move"), command))
     return replace(story, sections=[*story.sections, _made(*files)], notes=(), code=0)
-
-
-def json_of(made: Simulation | Rendering | Run) -> dict[str, Any]:
-    """Return what `--json` prints."""
-    if isinstance(made, Run):
-        parts = {"simulate": made.simulation, "analyze": made.analysis, "render": made.rendering}
-        return {name: part.as_json() for name, part in parts.items()}
-    return {name: value for name, value in jsonable(vars(made)).items() if name != "speed"}
 
 
 def _made(*files: File) -> Section:

@@ -9,7 +9,6 @@ from typing import Literal
 
 import numpy as np
 
-from drop_physics.explain.jsonable import jsonable
 from drop_physics.explain.times import Times
 from drop_physics.fields import counted
 from drop_physics.messages import Message, joined, shell_command
@@ -70,10 +69,6 @@ class Info(Printable, reported_by="drop_physics.report.info"):
     """What it lacks, and from where on, in a sentence each."""
     readings: list[Reading]
     """Where the script reads, in the order in which it first does."""
-
-    def as_json(self) -> dict[str, object]:
-        """Return the contract's JSON object."""
-        return dict(jsonable(vars(self)))
 
 
 def versions() -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -59,7 +59,7 @@ class Rendering(Printable, reported_by="drop_physics.report.run"):
     """Frames per second."""
     plot: Path | None
     """The plot."""
-    speed: float | None
+    speed: float | None = field(metadata={"json": False})
     """Simulated seconds per second of the animation."""
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drop_physics.figures.playback import EVERY_FRAME, Animation
 from drop_physics.files.outputs import make_folder, reserved
@@ -30,6 +30,11 @@ class Run(Printable, reported_by="drop_physics.report.run"):
     simulation: Simulation
     analysis: DropAnalysis
     rendering: Rendering
+
+    def as_json(self) -> dict[str, Any]:
+        """Return what `--json` prints: by verb what each would."""
+        parts = {"simulate": self.simulation, "analyze": self.analysis, "render": self.rendering}
+        return {verb: made.as_json() for verb, made in parts.items()}
 
 
 def run(
