@@ -17,10 +17,10 @@ MESH = '<robot name="b"><link name="b"><collision><geometry><mesh filename="mesh
     [
         ("'plane.urdf', [0, 0, {}]", "plane.urdf is in pybullet_data: call p.setAdditional"),
         ("fileName='kuka_iiwa/Model.urdf'", "Model.urdf, but there is kuka_iiwa/model.urdf"),
-        ("'mine.urdf'", "is beside the script, but is looked for where that runs: give sub/mine"),
+        ("'mine.urdf'", "but is looked for in the working directory: give sub/mine"),
         ("'mime.urdf'", "There is no mime.urdf, but there is mine.urdf"),
-        ("'mesh.urdf'", "mesh.urdf is there, but meshes/lost.stl, which it names, is not"),
-        ("'nowhere.urdf'", "There is no nowhere.urdf where the script runs, beside it or in"),
+        ("'mesh.urdf'", "mesh.urdf exists, but meshes/lost.stl, which it names, does not"),
+        ("'nowhere.urdf'", "There is no nowhere.urdf in the working directory, beside the"),
     ],
 )
 def test_where_a_file_is(

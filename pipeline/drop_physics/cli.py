@@ -26,8 +26,6 @@ from drop_physics.scenario import Camera, Scenario
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drop_physics.printable import Printable
-    from drop_physics.rules.choice import Choice
     from drop_physics.stages.record import Recorded
 
 app = App(
@@ -50,7 +48,7 @@ def _recording(named: Path | None) -> Path:
     return recording_of(named, output.note)
 
 
-def _choice(*given: str | None) -> Choice:
+def _choice(*given: str | None) -> Any:  # noqa: ANN401 - handed on
     """Return which findings are reported, by options as typed and by the project."""
     from drop_physics.stages.settings import settings
 
@@ -67,7 +65,7 @@ def _page(html: Path | None, *inputs: Path, force: bool) -> Callable[..., None]:
     return partial(write_page, page=html, force=force)
 
 
-def _show(result: Printable, **how: Any) -> int:  # noqa: ANN401 - handed on
+def _show(result: Any, **how: Any) -> int:  # noqa: ANN401 - handed on
     """Print a result, and return the exit code."""
     from drop_physics.report.terminal import show
 

@@ -60,7 +60,7 @@ FailOn = Annotated[
     str | None,
     takes(
         "LEVEL",
-        "Exit with 3 if a finding has this level or a graver one: broken, asked, model, repeat, "
+        "Exit with 3 if a finding has this level or a worse one: broken, asked, model, repeat, "
         "note; or never.",
     ),
 ]

@@ -60,7 +60,7 @@ def report_of(
     if not grave:
         return replace(report, notes=notes)
     remark = Message(
-        "{findings} of level {level} or graver: {codes}",
+        "{findings} of level {level} or worse: {codes}",
         findings=counted(len(grave), "finding"),
         level=choice.fail_on,
         codes=", ".join(dict.fromkeys(each.code for each in grave)),

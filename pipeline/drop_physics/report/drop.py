@@ -162,7 +162,7 @@ def _impact(analysis: DropAnalysis) -> list[Fact]:
             )
         else:
             arrives += Message(", {depth} mm deep", depth=depth)
-    unknown = Message("theory gives no time: the body is turned, or did not fall")
+    unknown = Message("theory gives no time: the body is tilted, or did not fall")
     return [_titled(Message("Impact"), predicted or unknown), _titled("", arrives)]
 
 

@@ -9,7 +9,7 @@ from html import escape
 from pathlib import Path
 
 from drop_physics.fields import counted
-from drop_physics.messages import harmless, joined, translated
+from drop_physics.messages import Message, harmless, joined, translated
 from drop_physics.report.blocks import (
     DataTable,
     Fact,
@@ -103,7 +103,8 @@ def _(found: FindingList) -> Iterator[str]:
     yield from _listed(found.findings[: found.most], found.first, found.sources)
     hidden = found.findings[found.most :]
     if hidden:
-        yield f"<details><summary>{_said(counted(len(hidden), 'more finding'))}</summary>"
+        more = counted(len(hidden), "more finding")
+        yield f"<details><summary>{_said(Message('and {more}', more=more))}</summary>"
         yield from _listed(hidden, found.first + found.most, found.sources)
         yield "</details>"
 

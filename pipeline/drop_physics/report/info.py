@@ -75,7 +75,7 @@ def report_of(info: Info) -> Report:
     if info.command is not None:
         rows.append(Fact(Message("repeat"), info.command, "dim", is_command=True))
         if info.kind == "script" and " -m " not in info.command:
-            where = Message("where the script is: its folder is not recorded")
+            where = Message("run it in the script's folder, which is not recorded")
             rows.append(Fact("", where, "dim"))
     analyze = shell_command("drop", "analyze", info.recording)
     layer = (

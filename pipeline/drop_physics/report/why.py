@@ -48,7 +48,7 @@ SHOWN = {
     "refuted": Message("no effect"),
     "void": Message("void: it changed no call, or made the script fail"),
     "chaotic": Message("chaotic"),
-    "untried": Message("not tried: no time was left, or no run can do it"),
+    "untried": Message("not tried: there was no time left, or no run can apply it"),
 }
 HANGS = Message("the outcome hangs on it")
 FREE = ("name", "target", "value", "call", "site", "moved")
@@ -153,7 +153,7 @@ def _proved(number: int, proved: Proved, sources: Mapping[str, Path]) -> Iterato
     )
     wrong = proved.verdict == "refuted" and proved.finding.code not in CAUSES
     if wrong and any(each.intervention.kind.decides for each in tried if each.verdict == "refuted"):
-        words = Message("this is wrong: without the cause, it happens all the same")
+        words = Message("this finding is wrong: without that cause it happens, too")
         yield Words(words, margin=MARGIN)
 
 

@@ -37,12 +37,12 @@ def missing_file(arguments: str, target: str) -> Message | None:
         found = name if name.is_file() or data is None else data / name
         lost = next(_lost_meshes(found), None)
         words = Message(
-            "{name} is there, but {mesh}, which it names, is not", name=str(name), mesh=lost
+            "{name} exists, but {mesh}, which it names, does not", name=str(name), mesh=lost
         )
         return None if lost is None else words
     if (beside / name).is_file():
         return Message(
-            "{name} is beside the script, but is looked for where that runs: give {path}",
+            "{name} is beside the script, but is looked for in the working directory: give {path}",
             name=str(name),
             path=str(beside / name),
         )
@@ -57,7 +57,8 @@ def missing_file(arguments: str, target: str) -> Message | None:
                 near=str(near.relative_to(folder)),
             )
     return Message(
-        "There is no {name} where the script runs, beside it or in pybullet_data", name=str(name)
+        "There is no {name} in the working directory, beside the script or in pybullet_data",
+        name=str(name),
     )
 
 

@@ -219,7 +219,9 @@ def recording_of(result: Any) -> Path:  # noqa: ANN401
     """
     recording: Path | None = getattr(getattr(result, "simulation", result), "recording", None)
     if recording is None:
-        raise ScenarioError("only the result of a recording can be viewed; view that of analyze")
+        raise ScenarioError(
+            "only a result that has a recording can be viewed, such as that of analyze"
+        )
     return recording
 
 
