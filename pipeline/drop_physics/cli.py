@@ -400,7 +400,6 @@ def _sweep_script(
             others=all_of(refused) if refused else "--try" if tries else "no --try",
         )
     from drop_physics.option_types import number
-    from drop_physics.report.terminal import show
     from drop_physics.stages.program import digest_of_script
     from drop_physics.stages.sweep_script import sweep_script
 
@@ -420,7 +419,7 @@ def _sweep_script(
             stdout=output.descriptor(sys.stderr),
             progress=report,
         )
-    raise typer.Exit(show(result, as_json=json))
+    raise typer.Exit(_show(result, as_json=json))
 
 
 @app.command(
