@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from conftest import some
 from drop_physics.explain import commands, step_status, steps
-from drop_physics.explain.bodies import Epochs
+from drop_physics.explain.bodies import BodyConfigs
 from drop_physics.explain.causes import CAUSES, Totals
 from drop_physics.explain.recording import Explanation
 from drop_physics.explain.step_status import SEGMENTS, Judged
@@ -521,9 +521,9 @@ def test_what_calls_set_matters(
 ) -> None:
     """With another number in the law than the engine has, steps are unexplained."""
     other = {"linear_damping": 0.3, "angular_damping": 0.3, "velocity_limit": 100.0}
-    make = Epochs._make
+    make = BodyConfigs._make
 
-    def altered(self: Epochs, *key: int) -> Any:
+    def altered(self: BodyConfigs, *key: int) -> Any:
         epoch = make(self, *key)
         law: BulletTree = epoch.law
         nothing = law.lower * 0
@@ -537,7 +537,7 @@ def test_what_calls_set_matters(
         )
         return replace(epoch, law=replace(law, **given))
 
-    monkeypatch.setattr(Epochs, "_make", altered)
+    monkeypatch.setattr(BodyConfigs, "_make", altered)
     totals = explanation(seen(CASES[scene].scene)).totals[body]
     assert totals.unexplained["remainder"].samples >= 5
 

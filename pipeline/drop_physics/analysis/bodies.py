@@ -17,8 +17,8 @@ from drop_physics.analysis.results import (
     StepSum,
     Unexplained,
 )
+from drop_physics.explain.body_history import BodyHistory
 from drop_physics.explain.causes import Totals
-from drop_physics.explain.chain import Chain
 from drop_physics.explain.rows import SampleRows, rows_of
 from drop_physics.explain.step_status import SEGMENTS, Judged
 from drop_physics.explain.steps import Steps
@@ -65,7 +65,7 @@ class BodyStory:
         return [step for step in steps if step is not None]
 
     def add(
-        self, judged: Judged, chain: Chain, touched: Sequence[ContactRun], *, detailed: bool
+        self, judged: Judged, history: BodyHistory, touched: Sequence[ContactRun], *, detailed: bool
     ) -> SampleRows:
         """Take a piece, and its runs in contact; return a row for each of its samples."""
         # A flight's theory is the law of an engine that reports no sum of its own.
@@ -76,9 +76,9 @@ class BodyStory:
                 _sum_of(steps, int(row), judged, self._times.of(int(steps.steps[row])))
                 for row in np.flatnonzero(np.isin(steps.steps, self._sums_at))
             ]
-        sampled = np.flatnonzero(chain.sampled)
-        rows = sampled[np.searchsorted(chain.steps[sampled], judged.steps)]
-        return rows_of(judged, chain.base[rows, :3], errors_m, self._times, detailed=detailed)
+        sampled = np.flatnonzero(history.sampled)
+        rows = sampled[np.searchsorted(history.steps[sampled], judged.steps)]
+        return rows_of(judged, history.base[rows, :3], errors_m, self._times, detailed=detailed)
 
     def explained(self, totals: Totals | None) -> Explained:
         """Return how much of the body is explained."""

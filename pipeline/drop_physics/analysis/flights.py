@@ -56,7 +56,7 @@ class Flights:
                 continue
             rows = np.searchsorted(judged.steps, steps.steps)
             falls = (judged.kind[rows] == FLIGHT) & (judged.segment[rows] != UNEXPLAINED)
-            for first, end in _runs(falls, _breaks(steps)):
+            for first, end in _runs(falls, _breaks(steps)) if falls.any() else ():
                 part = slice(first, end)
                 counted = int((judged.segment[rows[part]] != SET).sum())
                 self._take(steps, first, end, counted)
@@ -71,7 +71,7 @@ class Flights:
     def _take(self, steps: Steps, first: int, end: int, counted: int) -> None:
         """Add steps in flight, under one law."""
         reported, before = steps.reported, motion_of(steps.before)
-        law = law_of(steps.epoch, float(reported.timestep_s[first]), reported.gravity_m_s2[first])
+        law = law_of(steps.config, float(reported.timestep_s[first]), reported.gravity_m_s2[first])
         assert law is not None  # it was explained
         begin, run = int(steps.steps[first]) - 1, self._open
         goes_on = run is not None and run.last_step == begin and run.law == law

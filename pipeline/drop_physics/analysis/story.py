@@ -110,9 +110,9 @@ class Story:
             answer.see()
         touched = runs_of(explained)
         for number, judged in explained.bodies.items():
-            chain = explained.chains[number]
+            history = explained.histories[number]
             rows = self.bodies[number].add(
-                judged, chain, touched.get(number, ()), detailed=self._whole
+                judged, history, touched.get(number, ()), detailed=self._whole
             )
             self._rows.append(rows.shown(per_s=self._shown_per_s))
         self.scene.forget()

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from drop_physics.explain import segments
 from drop_physics.explain.balance import Pushes
-from drop_physics.explain.bodies import Epoch
+from drop_physics.explain.bodies import BodyConfig
 from drop_physics.explain.touching import Touches
 from drop_physics.physics.base import Law, Motion
 from drop_physics.physics.impulses import Forces
@@ -40,37 +40,37 @@ def motion_of(states: States) -> Motion:
     )
 
 
-def law_of(epoch: Epoch, timestep_s: float, gravity_m_s2: Float64) -> Law | None:
+def law_of(config: BodyConfig, timestep_s: float, gravity_m_s2: Float64) -> Law | None:
     """Return the law of free flight of a body without links; None where there is none.
 
     `gravity_m_s2` has the shape (3,).
     """
-    tree, mass_kg = epoch.law.tree, float(epoch.law.tree.masses_kg[0])
+    tree, mass_kg = config.law.tree, float(config.law.tree.masses_kg[0])
     if tree.fixed or tree.links or not (mass_kg > 0 and np.isfinite(1 / mass_kg)):
         return None
-    if epoch.other is not None:
-        return epoch.other
+    if config.other is not None:
+        return config.other
     if not EPSILON <= timestep_s < np.inf:  # the engine takes no other
         return None
-    kind: Coordinates = "maximal" if "maximal" in epoch.reasons else "reduced"
-    linear, angular = (effective_damping(each, kind) for each in epoch.damping)
+    kind: Coordinates = "maximal" if "maximal" in config.reasons else "reduced"
+    linear, angular = (effective_damping(each, kind) for each in config.damping)
     x, y, z = gravity_m_s2.tolist()
     ix, iy, iz = tree.inertias_kg_m2[0].tolist()
     return BulletLaw(
         timestep_s=timestep_s,
-        substeps=epoch.substeps,
+        substeps=config.substeps,
         gravity_m_s2=(x, y, z),
         mass_kg=mass_kg,
         inertia_kg_m2=(ix, iy, iz),
         linear_damping=linear,
         angular_damping=angular,
         coordinates=kind,
-        velocity_limit=epoch.law.velocity_limit,
+        velocity_limit=config.law.velocity_limit,
     )
 
 
 def explained(
-    epoch: Epoch,
+    config: BodyConfig,
     before: States,
     after: States,
     reported: Reported,
@@ -87,7 +87,7 @@ def explained(
     changed = (np.diff(timestep_s) != 0) | (np.diff(gravity_m_s2, axis=0) != 0).any(axis=1)
     bounds = [0, *(np.flatnonzero(changed) + 1).tolist(), len(before)]
     for first, end in pairwise(bounds):
-        law = law_of(epoch, float(timestep_s[first]), gravity_m_s2[first])
+        law = law_of(config, float(timestep_s[first]), gravity_m_s2[first])
         if law is None or end == first:
             continue
         rows = slice(first, end)

@@ -51,7 +51,7 @@ KEPT = frozenset(
 
 
 @dataclass(frozen=True, eq=False)
-class Epoch:
+class BodyConfig:
     """A body under constant settings."""
 
     life: int
@@ -127,42 +127,67 @@ class Record:
 
         The sample at the step at which a body appeared is its own if none was taken before.
         """
+        if len(self.came) == 1:
+            return np.zeros(len(steps), np.int64)
         first = [each.at.step + each.sampled for each in self.came]
         return np.maximum(np.searchsorted(first, steps, side="right") - 1, 0)
 
 
-def coefficients_of(
-    records: Mapping[int, Record], name: str, steps: Int64, bodies: Int64, links: Int64
-) -> Float64:
-    """Return what the engine reported of links as the steps to samples began, shape (n,).
+class Records(dict[int, Record]):
+    """What was told of each body that is not soft, by its number."""
 
-    Not a number where it reports none, and of bodies without a record.
-    """
-    told = {number: record.coefficients(name) for number, record in records.items()}
-    widest = max((numbers.shape[1] for _, numbers in told.values()), default=1)
-    most = max([int(bodies.max(initial=0)), *told])
-    latest = np.full((most + 1, widest), np.nan)
-    for number, (_, numbers) in told.items():
-        latest[number, : numbers.shape[1]] = numbers[-1]
-        latest[number, numbers.shape[1] :] = numbers[-1, -1]
-    found = latest[bodies, np.minimum(links + 1, widest - 1)]
-    for number, (since, numbers) in told.items():
-        if len(since) > 1 and (numbers != numbers[0]).any():
+    def __init__(self, records: Mapping[int, Record] | None = None) -> None:
+        super().__init__(records or {})
+        self._tables: dict[str, tuple[Float64, dict[int, tuple[Int64, Float64]]]] = {}
+
+    def coefficients(self, name: str, steps: Int64, bodies: Int64, links: Int64) -> Float64:
+        """Return what the engine reported of links as the steps to samples began, shape (n,).
+
+        Not a number where it reports none, and of bodies without a record.
+        """
+        latest, changing = self._table(name)
+        rows, column = np.minimum(bodies, len(latest) - 1), latest.shape[1] - 1
+        found = np.asarray(latest[rows, np.minimum(links + 1, column)])
+        for number, (since, numbers) in changing.items():
             rows = np.flatnonzero(bodies == number)
             which = np.maximum(np.searchsorted(since, steps[rows] - 1, side="right") - 1, 0)
             found[rows] = numbers[which, np.minimum(links[rows] + 1, numbers.shape[1] - 1)]
-    return found
+        return found
+
+    def any(self, name: str) -> bool:
+        """Return whether a coefficient of any link was ever reported not to be 0."""
+        latest, changing = self._table(name)
+        told = latest, *(numbers for _, numbers in changing.values())
+        return any(np.nan_to_num(each).any() for each in told)
+
+    def _table(self, name: str) -> tuple[Float64, dict[int, tuple[Int64, Float64]]]:
+        """Return what was reported last, by body and link, and all that changed, by body.
+
+        Its last row is that of bodies without a record.
+        """
+        if name not in self._tables:
+            told = {number: record.coefficients(name) for number, record in self.items()}
+            widest = max((numbers.shape[1] for _, numbers in told.values()), default=1)
+            latest = np.full((max(told, default=-1) + 2, widest), np.nan)
+            for number, (_, numbers) in told.items():
+                latest[number, : numbers.shape[1]] = numbers[-1]
+                latest[number, numbers.shape[1] :] = numbers[-1, -1]
+            changing = {
+                number: each for number, each in told.items() if (each[1] != each[1][0]).any()
+            }
+            self._tables[name] = latest, changing
+        return self._tables[name]
 
 
 def _step_of(put: Put) -> int:
     return put.at.step
 
 
-def records_of(seen: Seen) -> dict[int, Record]:
-    """Return what was told of each body that is not soft, by its number."""
-    records = {
-        number: Record(body) for number, body in sorted(seen.bodies.items()) if not body.soft
-    }
+def records_of(seen: Seen) -> Records:
+    """Return what was told of each body that is not soft."""
+    records = Records(
+        {number: Record(body) for number, body in sorted(seen.bodies.items()) if not body.soft}
+    )
     for appearance in seen.appearances:
         if appearance.came and appearance.body.number in records:
             records[appearance.body.number].came.append(appearance)
@@ -175,8 +200,8 @@ def records_of(seen: Seen) -> dict[int, Record]:
     return records
 
 
-class Epochs:
-    """The epochs of one body, in a simulation with these settings.
+class BodyConfigs:
+    """What is constant of one body, and until when, in a simulation with these settings.
 
     `laws` are those of all bodies by their content: equal bodies share one, and so their steps are
     one batch.
@@ -195,22 +220,23 @@ class Epochs:
         kinds = [_kind(each.values) for each in settings]
         self._kinds = sorted(set(kinds))
         self._which = np.array([self._kinds.index(each) for each in kinds])
-        self._made: tuple[tuple[int, ...], Epoch] | None = None
+        self._made: tuple[tuple[int, ...], BodyConfig] | None = None
 
-    def of(self, began: Int64) -> Iterator[tuple[slice, Epoch]]:
-        """Yield the epochs of steps that began after so many others, shape (n,), in order.
+    def of(self, began: Int64) -> Iterator[tuple[slice, BodyConfig]]:
+        """Yield what steps that began after so many others, shape (n,), have in common, in order.
 
-        What was set before a step began applies to it. The same epoch is the same object.
+        What was set before a step began applies to it. Equal configurations in a row are the same
+        object.
         """
         if not len(began):
             return
         which = self._at(began[[0, -1]])
-        if (which[:, 0] != which[:, 1]).any():  # they only rise
-            which = self._at(began)
+        same = (which[:, 0] == which[:, 1]).all()  # they only rise
+        which = which[:, :1] if same else self._at(began)
         which[0] = self._which[which[0]]
         changes = np.flatnonzero((np.diff(which, axis=1) != 0).any(axis=0)) + 1
         for first, end in pairwise([0, *changes.tolist(), len(began)]):
-            yield slice(first, end), self._epoch(tuple(which[:, first].tolist()))
+            yield slice(first, end), self._config(tuple(which[:, first].tolist()))
 
     def _at(self, began: Int64) -> Int64:
         """Return which settings, dynamics, calls and life steps have, shape (4, n)."""
@@ -220,12 +246,12 @@ class Epochs:
         ]
         return np.array([np.maximum(found[0], 0), *found[1:], self._record.lives(began + 1)])
 
-    def _epoch(self, key: tuple[int, ...]) -> Epoch:
+    def _config(self, key: tuple[int, ...]) -> BodyConfig:
         if self._made is None or self._made[0] != key:
             self._made = key, self._make(*key)
         return self._made[1]
 
-    def _make(self, kind: int, of_body: int, given: int, life: int) -> Epoch:
+    def _make(self, kind: int, of_body: int, given: int, life: int) -> BodyConfig:
         record, (substeps, cone) = self._record, self._kinds[kind]
         came = order(record.came[life].at)
         latest = record.dynamics[max(of_body, 0)]
@@ -248,7 +274,7 @@ class Epochs:
         )
         known = not (settings.planar or settings.maximal or settings.other_engine)
         reasons = not_covered(settings, law.tree if known else None)
-        return Epoch(life, law, reasons, cone, substeps, _damping(calls), self._other)
+        return BodyConfig(life, law, reasons, cone, substeps, _damping(calls), self._other)
 
 
 def _content(value: Any) -> Hashable:  # noqa: ANN401 - arrays, dataclasses, and what they hold
@@ -353,14 +379,14 @@ def settings_of(seen: Seen) -> dict[int, list[events.Settings]]:
     return found
 
 
-def epochs_of(
+def configs_of(
     records: Mapping[int, Record],
     settings: Mapping[int, Sequence[events.Settings]],
     other: Law | None,
-) -> dict[int, Epochs]:
-    """Return the epochs of each body, by its number; equal bodies share their law."""
+) -> dict[int, BodyConfigs]:
+    """Return the configurations of each body, by its number; equal bodies share their law."""
     laws: dict[Hashable, BulletTree] = {}
     return {
-        number: Epochs(record, settings[record.body.client], other, laws)
+        number: BodyConfigs(record, settings[record.body.client], other, laws)
         for number, record in records.items()
     }

@@ -100,13 +100,14 @@ class Totals:
         self.segments += np.bincount(judged.segment, minlength=len(SEGMENTS))
         kept = judged.unexplained[judged.explained]
         self.remainder = max(self.remainder, float(kept.max(initial=0.0)))
-        for number in np.unique(judged.why[judged.why >= 0]).tolist():
+        left = judged.why >= 0
+        for number in np.unique(judged.why[left]).tolist() if left.any() else ():
             rows = np.flatnonzero(judged.why == number)
-            left = self.unexplained.setdefault(WHYS[number], Left())
-            if not left.samples:
-                left.first_step = int(judged.steps[rows[0]])
-            left.samples += len(rows)
-            left.remainder = max(left.remainder, float(judged.unexplained[rows].max()))
+            why = self.unexplained.setdefault(WHYS[number], Left())
+            if not why.samples:
+                why.first_step = int(judged.steps[rows[0]])
+            why.samples += len(rows)
+            why.remainder = max(why.remainder, float(judged.unexplained[rows].max()))
         for steps in judged.stretches:
             self._jump_to(steps)
             self._add(steps)
@@ -155,14 +156,14 @@ class _End:
     @staticmethod
     def first(steps: BodySteps) -> _End:
         """Return where the first step begins."""
-        one = np.zeros(1, np.intp)
-        return _End(steps.law, steps.before.at(one), steps.reported.gravity_m_s2[one])
+        one, whole = np.array([steps.rows.start]), steps.whole
+        return _End(steps.law, whole.before.at(one), whole.reported.gravity_m_s2[one])
 
     @staticmethod
     def last(steps: BodySteps) -> _End:
         """Return where the last step ends."""
-        one = np.array([len(steps) - 1])  # no view of all
-        return _End(steps.law, steps.after.at(one), steps.reported.gravity_m_s2[one])
+        one, whole = np.array([steps.rows.stop - 1]), steps.whole  # no view of all
+        return _End(steps.law, whole.after.at(one), whole.reported.gravity_m_s2[one])
 
     def energy(self) -> tuple[float, Float64]:
         """Return energy [J] and linear momentum, shape (3,)."""

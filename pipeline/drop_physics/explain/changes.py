@@ -96,10 +96,9 @@ def changes_of(
         {name: np.add.reduceat(each, starts, axis=0) for name, each in causes.items()}
         for causes in (energy, momentum)
     )
-    found = []
+    found, all_weighed = [], _weighed(law, states, steps, starts)
     for row, (transitions, its) in enumerate(parts):
-        real, start_j = steps.real[transitions], float(begin_j[row])
-        weighed = _weighed(law, states, steps.where[its], steps.gravity_m_s2[its])
+        real, start_j, weighed = steps.real[transitions], float(begin_j[row]), all_weighed[its]
         whole, way = changed[transitions], moved[transitions]
         # Gravity that changes counts from the step on that it acts in.
         after_j = start_j + np.cumsum(whole)[real] + np.cumsum(weighed)
@@ -152,15 +151,16 @@ def _potential(kin: Kinematics, gravity_m_s2: Float64) -> Float64:
     return out
 
 
-def _weighed(law: BulletTree, states: States, where: Int64, gravity_m_s2: Float64) -> Float64:
+def _weighed(law: BulletTree, states: States, steps: Transitions, starts: Int64) -> Float64:
     """Return what setting gravity before each step changed of the potential energy [J], (n,).
 
-    `where`: the states that the steps begin with.
+    `starts`: the steps before which nothing is known.
     """
-    turned = np.diff(gravity_m_s2, axis=0)
+    turned = np.diff(steps.gravity_m_s2, axis=0, prepend=0.0)
+    turned[starts] = 0.0
     rows = np.flatnonzero(turned.any(axis=1))
-    weighed = np.zeros(len(gravity_m_s2))
+    weighed = np.zeros(len(turned))
     if len(rows):
-        kin = kinematics(law.tree, states.at(where[rows + 1]))
-        weighed[rows + 1] = _potential(kin, turned[rows])
+        kin = kinematics(law.tree, states.at(steps.where[rows]))
+        weighed[rows] = _potential(kin, turned[rows])
     return weighed

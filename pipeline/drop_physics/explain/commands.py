@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from drop_physics.explain.touching import rows_of
 from drop_physics.physics.laws.bullet.reports import pd_effort
 from drop_physics.physics.laws.bullet.tree import BulletTree
+from drop_physics.physics.rowed import Rowed
 from drop_physics.physics.tree import States, Tree
 from drop_physics.trace.acts import SETS_TIMESTEP
 from drop_physics.trace.calls import TIMESTEPS
@@ -40,7 +41,7 @@ TIMESTEP_S = 1 / 240
 
 
 @dataclass(frozen=True, eq=False)
-class Commanded:
+class Commanded(Rowed):
     """What was asked of the joints in n steps; shape (n, joint_rates) each."""
 
     mode: Float64

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.explain.bodies import coefficients_of
 from drop_physics.explain.recording import Explained
 from drop_physics.explain.steps import Steps
 from drop_physics.explain.touching import among
@@ -354,7 +353,7 @@ def _points(explained: Explained) -> Points:
     lateral, bouncing = (
         np.multiply(
             *(
-                coefficients_of(records, name, table["step"], bodies[:, side], links[:, side])
+                records.coefficients(name, table["step"], bodies[:, side], links[:, side])
                 for side in (0, 1)
             )
         )

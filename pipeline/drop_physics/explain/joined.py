@@ -155,6 +155,11 @@ class Constraints:
         """Return how many constraints hold a body."""
         return sum(body in told[-1].bodies for told in self._told.values())
 
+    def gears(self, body: int) -> bool:
+        """Return whether a gear holds a body, or did in the latest piece."""
+        held = (each for told in self._told.values() for each in told)
+        return any(each.kind == GEAR and body in each.bodies for each in held)
+
     def acting(self, sample: int) -> list[Held]:
         """Return the constraints that acted in the step to a sample of the piece."""
         found = []

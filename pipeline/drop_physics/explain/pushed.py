@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.bodies import Record
-from drop_physics.explain.chain import Chain, put_states
+from drop_physics.explain.body_history import BodyHistory, put_states
 from drop_physics.explain.touching import rows_of
 from drop_physics.physics.impulses import Forces
 from drop_physics.physics.kinematics import kinematics
@@ -26,7 +26,7 @@ def pushed(
     given: Sequence[Push],
     record: Record,
     tree: Tree,
-    chain: Chain,
+    history: BodyHistory,
     begins: Int64,
     ends: Int64,
     *,
@@ -43,7 +43,7 @@ def pushed(
         All pushes of this body.
     record, tree
         The body.
-    chain
+    history
         Its states.
     begins, ends
         Which of them the steps began with, and which samples they led to, shape (n,).
@@ -58,7 +58,7 @@ def pushed(
         return Forces()
     link = np.array([each.link for each in told], np.int64)
     late = (link != BASE) & (_numbers(rows, link) < refreshed[rows])
-    used = chain.at(begins[rows]).then(_poses(told, record, chain, begins[rows], late))
+    used = history.at(begins[rows]).then(_poses(told, record, history, begins[rows], late))
     kin = kinematics(tree, used.states(tree))
     numbers = np.arange(len(told))
     vector, torque = np.array([each.vector for each in told]), np.array([[p.torque] for p in told])
@@ -86,16 +86,18 @@ def _numbers(rows: Int64, link: Int64) -> Int64:
     return np.asarray(before - before[np.searchsorted(rows, rows)])
 
 
-def _poses(told: Sequence[Push], record: Record, chain: Chain, begins: Int64, late: Flags) -> Chain:
+def _poses(
+    told: Sequence[Push], record: Record, history: BodyHistory, begins: Int64, late: Flags
+) -> BodyHistory:
     """Return the states whose poses pushes use.
 
     The state that the body had at the call, or that with which the step before it began.
     """
     steps = np.array([each.at.step for each in told], np.int64)
-    sampled = np.flatnonzero(chain.sampled)
-    found = sampled[np.minimum(np.searchsorted(chain.steps[sampled], steps), len(sampled) - 1)]
-    found = np.where(chain.steps[found] == steps, found, begins)
-    rows = np.where(late & chain.stepped[found], found - 1, found)
+    sampled = np.flatnonzero(history.sampled)
+    found = sampled[np.minimum(np.searchsorted(history.steps[sampled], steps), len(sampled) - 1)]
+    found = np.where(history.steps[found] == steps, found, begins)
+    rows = np.where(late & history.stepped[found], found - 1, found)
     more: list[Put] = []
     places: list[int] = []
     put = {each.at.step for each in record.puts_between(int(steps.min()), int(steps.max()) + 1)}
@@ -107,6 +109,6 @@ def _poses(told: Sequence[Push], record: Record, chain: Chain, begins: Int64, la
             more.append(earlier[-1])
             places.append(number)
     if more:
-        rows[places] = len(chain) + np.arange(len(more))
-        chain = chain.then(put_states(more, chain))
-    return chain.at(rows)
+        rows[places] = len(history) + np.arange(len(more))
+        history = history.then(put_states(more, history))
+    return history.at(rows)

@@ -9,22 +9,22 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.explain.bodies import Record, epochs_of, records_of, settings_of, substeps_of
+from drop_physics.explain.bodies import Records, configs_of, records_of, settings_of, substeps_of
+from drop_physics.explain.body_history import BodyHistory, history_of
 from drop_physics.explain.causes import Totals
-from drop_physics.explain.chain import Chain, chain_of, stretches_of
 from drop_physics.explain.commands import Commands
 from drop_physics.explain.joined import Constraints
 from drop_physics.explain.step_status import Judged, StepVerdicts, judged
 from drop_physics.explain.steps import (
     Around,
     BodySteps,
-    RecordedSteps,
+    Interval,
     StepBatch,
     batches_of,
-    recorded_steps,
+    intervals_of,
 )
 from drop_physics.explain.times import Times
-from drop_physics.explain.touching import Touching, rows_of
+from drop_physics.explain.touching import STEPS, Touching, rows_of
 from drop_physics.physics.base import EXACT_MACHINES, Law
 from drop_physics.physics.tree import States, Tree
 from drop_physics.trace.acts import CONSTRAINS, SETS_TIMESTEP, Act
@@ -42,8 +42,6 @@ MOST_STEPS, LEAST_STEPS, NUMBERS = 1 << 12, 1 << 8, 1 << 17
 """Steps in a piece, and degrees of freedom of all bodies over its steps: some 200 MB."""
 FORCES = ("normal_force_n", "friction_1_n", "friction_2_n")
 """The forces of a contact point."""
-STEPS = 1 << 40
-"""The number of a body times this, and a step, are one number: no recording has as many."""
 NOBODY = -1
 """In place of a body's number: the world."""
 
@@ -55,12 +53,11 @@ class Explained:
     piece: Piece
     bodies: Mapping[int, Judged]
     """By number, of those that have samples in it."""
-    chains: Mapping[int, Chain]
+    histories: Mapping[int, BodyHistory]
     """The states of the same bodies, which begin with the last ones of the piece before."""
     constraints: Constraints
     """As they are told until its end."""
-    records: Mapping[int, Record]
-    """What was told of each body that is not soft, by its number."""
+    records: Records
     batches: Sequence[tuple[StepBatch, StepVerdicts]]
     """The same steps as the bodies', those of equal bodies together."""
     frictions: Mapping[tuple[int, int, int, int], float] | None = None
@@ -95,67 +92,88 @@ class Explanation:
     flight in another engine.
     """
 
+    frictions: Mapping[tuple[int, int, int, int], float] | None = None
+
     def __init__(self, seen: Seen, other: Law | None = None) -> None:
-        self._seen = seen
-        self._records = records_of(seen)
+        self.seen, self.records = seen, records_of(seen)
         self._settings = settings_of(seen)
-        self._times = {client: Times(seen, client) for client in self._settings}
-        self._epochs = epochs_of(self._records, self._settings, other)
+        self.times = {client: Times(seen, client) for client in self._settings}
+        self._configs = configs_of(self.records, self._settings, other)
         self._soft = {body.client for body in seen.bodies.values() if body.soft}
         self._constraints = Constraints()
         self._commands = Commands(seen)
         self._pushes: dict[int, list[Push]] = {}
-        self._lasts: dict[int, Chain] = {}
+        self._lasts: dict[int, BodyHistory] = {}
         self.totals: dict[int, Totals] = {}
         """What is known of each body, by its number."""
 
     def pieces(self, steps: int = 0) -> Iterator[Explained]:
         """Yield the pieces of the recording, each once; of so many steps, if that is not 0."""
-        bodies = [each.body for each in self._records.values()]
+        bodies = [each.body for each in self.records.values()]
         freedoms = sum(
             6 * body.base_moves + sum(joint.widths[1] for joint in body.joints) for body in bodies
         )
-        freedoms *= max((substeps_of(each.values) for each in self._seen.settings), default=1)
+        freedoms *= max((substeps_of(each.values) for each in self.seen.settings), default=1)
         steps = steps or min(MOST_STEPS, max(LEAST_STEPS, NUMBERS // max(freedoms, 1)))
         # `map` keeps no piece while the next is read.
-        yield from map(self._explained, self._seen.pieces(steps))
+        yield from map(self._explained, self.seen.pieces(steps))
 
     def _explained(self, piece: Piece) -> Explained:
-        piece = replace(piece, contacts=self._in_substeps(piece.contacts))
-        pushes = self._pushes = self._told(piece)
-        chains = self._chained(piece)
-        touching = Touching(piece.contacts, self._records, chains)
-        recorded: list[RecordedSteps] = []
-        for number, (chain, first) in chains.items():
-            record = self._records[number]
-            around = Around(
-                record=record,
-                chain=chain,
-                times=self._times[record.body.client],
-                pushes=pushes.get(number, []),
-                commands=self._commands,
-                constraints=self._constraints,
-                touching=touching,
-                sides=touching.of(number),
-                poses=lambda body, ends: self._poses(chains, body, ends),
-                exact=self._seen.machine in ("", *EXACT_MACHINES),
+        piece = self.begun(piece)
+        histories = self._histories(piece)
+        touching = Touching(piece.contacts, self.records, histories)
+        intervals = [
+            each
+            for number, (history, first) in histories.items()
+            for each in intervals_of(
+                self.records[number],
+                history,
+                first,
+                self._configs[number],
+                self._pushes.get(number, ()),
             )
-            stretches = stretches_of(chain, first, self._epochs[number])
-            recorded += [part for each in stretches for part in recorded_steps(each, around)]
-            self._lasts[number] = chain.at(np.arange(len(chain))[-2:])  # a copy
-        batches = [(batch, self._verdict(batch)) for batch in batches_of(recorded)]
-        found: dict[int, list[tuple[BodySteps, StepVerdicts]]] = {number: [] for number in chains}
+        ]
+        batches = self.batches(piece, intervals, touching, histories)
+        found: dict[int, list[tuple[BodySteps, StepVerdicts]]] = {
+            number: [] for number in histories
+        }
         for batch, verdict in batches:
             for steps in batch.bodies:
                 found[steps.body.number].append((steps, verdict))
         bodies: dict[int, Judged] = {}
-        for number, (chain, first) in chains.items():
-            sampled = chain.steps[first:][chain.sampled[first:]]
+        for number, (history, first) in histories.items():
+            sampled = history.steps[first:][history.sampled[first:]]
             its = sorted(found[number], key=lambda each: int(each[0].steps[0]))
-            bodies[number] = judged(self._records[number].body, sampled, its)
+            bodies[number] = judged(self.records[number].body, sampled, its)
             self.totals.setdefault(number, Totals(bodies[number].body)).add(bodies[number])
-        held = {number: chain for number, (chain, _) in chains.items()}
-        return Explained(piece, bodies, held, self._constraints, self._records, batches)
+            self._lasts[number] = history.at(np.arange(len(history))[-2:])  # a copy
+        held = {number: history for number, (history, _) in histories.items()}
+        return Explained(
+            piece, bodies, held, self._constraints, self.records, batches, self.frictions
+        )
+
+    def begun(self, piece: Piece) -> Piece:
+        """Take the calls of a piece, and return it with all forces those of a whole step."""
+        self._pushes = self._told(piece)
+        return replace(piece, contacts=self._in_substeps(piece.contacts))
+
+    def batches(
+        self,
+        piece: Piece,  # noqa: ARG002 - some need it
+        intervals: Sequence[Interval],
+        touching: Touching,
+        histories: Mapping[int, tuple[BodyHistory, int]],
+    ) -> list[tuple[StepBatch, StepVerdicts]]:
+        """Return the steps of a piece, those of equal bodies together, and what they are."""
+        around = Around(
+            times=self.times,
+            commands=self._commands,
+            constraints=self._constraints,
+            touching=touching,
+            poses=lambda body, ends: self._poses(histories, body, ends),
+            exact=self.seen.machine in ("", *EXACT_MACHINES),
+        )
+        return [(batch, self._verdict(batch)) for batch in batches_of(intervals, around)]
 
     def _verdict(self, batch: StepBatch) -> StepVerdicts:
         """Return what the steps of a batch are."""
@@ -173,7 +191,7 @@ class Explanation:
             substeps = np.array([substeps_of(each.values) for each in settings])
             if (substeps == 1).all():
                 continue
-            here = [n for n, body in self._seen.bodies.items() if body.client == client]
+            here = [n for n, body in self.seen.bodies.items() if body.client == client]
             rows = np.flatnonzero(np.isin(contacts["body_a"], here))
             at = np.searchsorted(told, contacts["step"][rows] - 1, side="right") - 1
             contacts = contacts.copy()
@@ -181,32 +199,31 @@ class Explanation:
                 contacts[name][rows] *= substeps[np.maximum(at, 0)]
         return contacts
 
-    def _chained(self, piece: Piece) -> dict[int, tuple[Chain, int]]:
+    def _histories(self, piece: Piece) -> dict[int, tuple[BodyHistory, int]]:
         """Return the states of each body, and how many of them were in the piece before."""
-        bases = by_body(piece.bases)
-        chains = {}
-        for number, record in self._records.items():
+        bases, found = by_body(piece.bases), {}
+        for number, record in self.records.items():
             last = self._lasts.get(number)
-            chain = chain_of(record, bases.get(number), piece.joints.get(number), last)
-            if chain is not None:
-                chains[number] = chain, 0 if last is None else len(last)
-        return chains
+            history = history_of(record, bases.get(number), piece.joints.get(number), last)
+            if history is not None:
+                found[number] = history, 0 if last is None else len(last)
+        return found
 
     def _poses(
-        self, chains: Mapping[int, tuple[Chain, int]], number: int, ends: Int64
+        self, histories: Mapping[int, tuple[BodyHistory, int]], number: int, ends: Int64
     ) -> tuple[Tree, States]:
         """Return a body and the states that its steps to samples began with."""
-        record = self._records[number]
-        _, epoch = next(self._epochs[number].of(ends[:1] - 1))
-        tree = epoch.law.tree
-        if number not in chains:
-            chain = Chain.of_base(record.told(ends), ends)
+        record = self.records[number]
+        _, config = next(self._configs[number].of(ends[:1] - 1))
+        tree = config.law.tree
+        if number not in histories:
+            history = BodyHistory.of_base(record.told(ends), ends)
         else:
-            chain, _ = chains[number]
-            sampled = np.flatnonzero(chain.sampled)
-            _, rows = rows_of(ends, chain.steps[sampled])
-            chain = chain.at(np.maximum(sampled[rows] - 1, 0))
-        return tree, chain.states(tree)
+            history, _ = histories[number]
+            sampled = np.flatnonzero(history.sampled)
+            _, rows = rows_of(ends, history.steps[sampled])
+            history = history.at(np.maximum(sampled[rows] - 1, 0))
+        return tree, history.states(tree)
 
     # -- calls ------------------------------------------------------------------------------------
 
@@ -217,8 +234,8 @@ class Explanation:
             for number, held in self._pushes.items()
         }
         for given in piece.calls.given():
-            if given.body.number in self._records:
-                self._records[given.body.number].give(given)
+            if given.body.number in self.records:
+                self.records[given.body.number].give(given)
         for push in piece.calls.pushes():
             pushes.setdefault(push.body.number, []).append(push)
         self._commands.take(piece)

@@ -1,26 +1,23 @@
 """A recording whose engine has computed each step again: what acted is recorded, not derived.
 
 Each step is judged all the same: with the mass matrix from our own kinematics the recorded impulses
-must close its sum, and the velocities that it ends with must lead to its pose. `Replayed` takes the
-place of `recording.Explanation`, and yields the same.
+must close its sum, and the velocities that it ends with must lead to its pose. `Replayed` is an
+`Explanation` whose batches come from what is recorded.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.explain.bodies import Record, epochs_of, records_of, settings_of
-from drop_physics.explain.causes import Totals
-from drop_physics.explain.chain import Chain, Stretch, chain_of, stretches_of
-from drop_physics.explain.changes import Changes, Transitions, changes_of
-from drop_physics.explain.commands import Commanded
+from drop_physics.explain.bodies import Record
+from drop_physics.explain.body_history import BodyHistory
+from drop_physics.explain.changes import Transitions, changes_of
 from drop_physics.explain.driving import asked_of
-from drop_physics.explain.joined import Constraints
-from drop_physics.explain.recording import LEAST_STEPS, MOST_STEPS, NUMBERS, Explained
+from drop_physics.explain.recording import Explanation
 from drop_physics.explain.step_status import (
     CONSTRAINED,
     CONTACT,
@@ -31,11 +28,9 @@ from drop_physics.explain.step_status import (
     STILL,
     WHYS,
     StepVerdicts,
-    judged,
     stands,
 )
-from drop_physics.explain.steps import EXPLAINED, BodySteps, StepBatch, Steps
-from drop_physics.explain.times import Times
+from drop_physics.explain.steps import EXPLAINED, BodySteps, Interval, StepBatch, Steps
 from drop_physics.explain.touching import Touching, rows_of
 from drop_physics.physics.dynamics import lifted_j, mass_matrix
 from drop_physics.physics.impulses import MOVED, PULLED, Sum, change_of
@@ -46,7 +41,6 @@ from drop_physics.physics.rotations import products, rotate, rotate_inverse
 from drop_physics.physics.tree import States
 from drop_physics.trace.events import REPLAYS, Body, ImpulseCause, Impulses
 from drop_physics.trace.history import Piece, Seen
-from drop_physics.trace.states import by_body
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -78,85 +72,47 @@ def cause_name(cause: ImpulseCause) -> str:
     return f"{cause.kind} {cause.name}" if cause.kind in NAMED else cause.kind
 
 
-class Replayed:
+class Replayed(Explanation):
     """Explains a recording; `totals` grow as its pieces are taken."""
 
     def __init__(self, seen: Seen) -> None:
-        self._seen = seen
-        self._records = records_of(seen)
-        self._settings = settings_of(seen)
-        self._times = {client: Times(seen, client) for client in self._settings}
-        self._epochs = epochs_of(self._records, self._settings, None)
-        self._causes: dict[int, list[ImpulseCause]] = {}
-        for cause in seen.causes.values():
-            self._causes.setdefault(cause.body, []).append(cause)
-        self._lasts: dict[int, Chain] = {}
-        self.totals: dict[int, Totals] = {}
-        """What is known of each body, by its number."""
+        super().__init__(seen)
+        self.frictions = seen.frictions
 
-    def pieces(self, steps: int = 0) -> Iterator[Explained]:
-        """Yield the pieces of the recording, each once; of so many steps, if that is not 0."""
-        freedoms = sum(
-            6 * each.body.base_moves + sum(joint.widths[1] for joint in each.body.joints)
-            for each in self._records.values()
-        )
-        steps = steps or min(MOST_STEPS, max(LEAST_STEPS, NUMBERS // max(freedoms, 1)))
-        yield from map(self._explained, self._seen.pieces(steps))
+    def begun(self, piece: Piece) -> Piece:
+        """Return a piece as it is: what acted, it says."""
+        return piece
 
-    def _explained(self, piece: Piece) -> Explained:
-        bases = by_body(piece.bases)
-        touching = Touching(piece.contacts, self._records, self._records)
+    def batches(
+        self,
+        piece: Piece,
+        intervals: Sequence[Interval],
+        touching: Touching,
+        histories: Mapping[int, tuple[BodyHistory, int]],  # noqa: ARG002 - some need it
+    ) -> list[tuple[StepBatch, StepVerdicts]]:
+        """Return the steps of each interval of a piece, and what they are."""
         acted = {
-            client: _Acted(parts, self._seen.causes)
+            client: _Acted(parts, self.seen.causes)
             for client, parts in piece.impulses.items()
             if any(len(each.steps) for each in parts)
         }
-        bodies, chains = {}, {}
-        batches: list[tuple[StepBatch, StepVerdicts]] = []
-        for number, record in self._records.items():
-            last = self._lasts.get(number)
-            chain = chain_of(record, bases.get(number), piece.joints.get(number), last)
-            if chain is None:
-                continue
-            first = 0 if last is None else len(last)
-            its: list[tuple[BodySteps, StepVerdicts]] = []
-            for stretch in stretches_of(chain, first, self._epochs[number]):
-                batch, verdict = self._steps(
-                    stretch, record, piece, touching, acted.get(record.body.client)
-                )
-                batches.append((batch, verdict))
-                its.append((batch.bodies[0], verdict))
-            sampled = chain.steps[first:][chain.sampled[first:]]
-            bodies[number] = judged(record.body, sampled, its)
-            self.totals.setdefault(number, Totals(record.body)).add(bodies[number])
-            chains[number] = chain
-            self._lasts[number] = chain.at(np.arange(len(chain))[-2:])  # a copy
-        return Explained(
-            piece,
-            bodies,
-            chains,
-            Constraints(),
-            self._records,
-            batches,
-            frictions=self._seen.frictions,
-        )
+        return [
+            self._steps(each, piece, touching, acted.get(each.record.body.client))
+            for each in intervals
+        ]
 
     def _steps(
-        self,
-        stretch: Stretch,
-        record: Record,
-        piece: Piece,
-        touching: Touching,
-        acted: _Acted | None,
+        self, interval: Interval, piece: Piece, touching: Touching, acted: _Acted | None
     ) -> tuple[StepBatch, StepVerdicts]:
         """Return the steps of a body under constant settings, and what each is."""
-        chain, law, body = stretch.chain, stretch.epoch.law, record.body
-        tree, real = law.tree, chain.stepped[1:].copy()
+        record, history, config = interval.record, interval.states, interval.config
+        law, body = config.law, record.body
+        tree, real = law.tree, history.stepped[1:].copy()
         where = np.flatnonzero(real)
-        states = chain.states(tree)
+        states = history.states(tree)
         before, after = states.at(where), states.at(where + 1)
-        ends, n, size = chain.steps[where + 1], len(where), tree.size
-        timestep_s, gravity_m_s2 = self._times[body.client].of_steps(ends)
+        ends, n, size = history.steps[where + 1], len(where), tree.size
+        timestep_s, gravity_m_s2 = self.times[body.client].of_steps(ends)
         rows = Transitions(real, gravity_m_s2)
         status = np.full(n, NEVER) if acted is None else acted.status_of(ends)
         terms = {} if acted is None else acted.terms_of(body, ends, size)
@@ -164,9 +120,7 @@ class Replayed:
         if terms and size:
             turned = _frame_turn(record, before, after) if not tree.fixed else None
             added = _sum(law, states, rows, terms, turned)
-        asked = asked_of(body, piece, ends, timestep_s)
-        found, at = rows_of(touching.of(body.number).step, ends)
-        sides = touching.of(body.number).at(found)
+        sides, at = touching.of([body.number], np.zeros(n, np.int64), ends)
         joints = slice(tree.first_rate, None)
         motors = np.zeros((n, tree.joint_rates))
         for name, term in terms.items():
@@ -183,12 +137,13 @@ class Replayed:
         )
         unexplained = np.zeros(n) if added is None else added.unexplained[real]
         whole = Steps(
-            epoch=stretch.epoch,
+            config=config,
             law=law,
             steps=ends,
             before=before,
             after=after,
-            put=~chain.sampled[where],
+            put=~history.sampled[where],
+            asked=asked_of(body, piece, ends, timestep_s),
             reported=reported,
             sides=sides,
             terms={} if added is None else {name: each[real] for name, each in added.terms.items()},
@@ -202,7 +157,7 @@ class Replayed:
         stages = self._by_stages(body.client, ends)
         strays = _strays(record, whole) & ~stages if tree.size else np.zeros(n, np.bool_)
         (changes,) = changes_of(law, states, rows, added, [(slice(0, len(real)), slice(0, n))])
-        batch = StepBatch(whole, [_of_body(whole, body, asked, changes)])
+        batch = StepBatch(whole, [BodySteps(whole, slice(0, n), config, body, changes)])
         return batch, _verdicts(whole, status, strays)
 
     def _by_stages(self, client: int, ends: Int64) -> NDArray[np.bool_]:
@@ -211,20 +166,6 @@ class Replayed:
         which = np.searchsorted([each.at.step for each in settings], ends - 1, side="right") - 1
         by = np.array([each.values.get("integrator") == RUNGE_KUTTA for each in settings])
         return np.asarray(by[which])
-
-
-def _of_body(whole: Steps, body: Body, asked: Commanded, changes: Changes) -> BodySteps:
-    """Return the steps of a batch of one body as those of the body."""
-    held = {name: getattr(whole, name) for name in Steps.__dataclass_fields__}
-    return BodySteps(
-        **held,
-        body=body,
-        asked=asked,
-        changes=changes,
-        whole=whole,
-        rows=slice(0, len(whole)),
-        points=slice(0, len(whole.reported.contacts)),
-    )
 
 
 class _Acted:

@@ -102,9 +102,7 @@ def rows_of(
             energy_j[rows] = steps.changes.after_j
             if rows[0] and not steps.put[0] and np.isnan(energy_j[rows[0] - 1]):
                 energy_j[rows[0] - 1] = steps.changes.begin_j
-        contact_j[rows] = np.bincount(
-            steps.reported.contacts.step, steps.point_energy_j, minlength=len(steps)
-        )
+        contact_j[rows] = steps.contact_j
     named: dict[str, NDArray[Any]] = {
         "step": judged.steps,
         "time_s": times.of_all(judged.steps),

@@ -163,7 +163,7 @@ def stands(steps: Steps) -> Flags:
 def _whys(steps: Steps, *, before: bool, soft_there: bool) -> Int8:
     """Return why each step is unexplained; -1 where it is explained."""
     why = np.full(len(steps), -1, np.int8)
-    same, reasons = stands(steps), steps.epoch.reasons
+    same, reasons = stands(steps), steps.config.reasons
     outright = next((each for each in reasons if each in WITHOUT_SUM), None)
     off = ~steps.closes
     if not steps.law.tree.size:  # it cannot move, but for the velocity that a call gave it
@@ -200,7 +200,7 @@ def _whys(steps: Steps, *, before: bool, soft_there: bool) -> Int8:
         why[off & holds] = WHYS.index(reason)
     if steps.law.tree.size:
         why[~timely] = WHYS.index("timestep")
-    if not steps.epoch.cone_friction:  # a torque that is not reported may hide what is wrong
+    if not steps.config.cone_friction:  # a torque that is not reported may hide what is wrong
         rolls = np.zeros(len(steps), np.bool_)
         rolls[steps.reported.contacts.step[steps.reported.contacts.rolling]] = True
         why[rolls] = WHYS.index("rolling unreported")

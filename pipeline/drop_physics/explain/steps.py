@@ -6,25 +6,27 @@ from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain import alone
-from drop_physics.explain.bodies import Epoch, Record
-from drop_physics.explain.chain import Chain, Stretch
+from drop_physics.explain.bodies import BodyConfig, BodyConfigs, Record
+from drop_physics.explain.body_history import BodyHistory
 from drop_physics.explain.changes import Changes, Transitions, changes_of
 from drop_physics.explain.commands import Commanded, Commands
-from drop_physics.explain.joined import Acting, Constraints, Poses
+from drop_physics.explain.joined import Constraints, Poses
 from drop_physics.explain.pushed import pushed
 from drop_physics.explain.segments import FLIGHT
 from drop_physics.explain.times import Times
-from drop_physics.explain.touching import Sides, Touching, rows_of
+from drop_physics.explain.touching import Sides, Touching
 from drop_physics.physics.impulses import Forces, Sum, impulses_of
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.laws.bullet.substeps import HELD, SubstepSum, sum_of_substeps
-from drop_physics.physics.laws.bullet.tree import BulletTree, Reason, Reported, all_reported, sum_of
+from drop_physics.physics.laws.bullet.tree import BulletTree, Reason, Reported, sum_of
 from drop_physics.physics.moving import moved_on
+from drop_physics.physics.rowed import Rowed
 from drop_physics.physics.tree import BASE, States
 from drop_physics.physics.vectors import distinct
 from drop_physics.trace.calls import Push
@@ -49,21 +51,60 @@ SUBSTEPS: Reason = "substeps"
 
 @dataclass(frozen=True, eq=False)
 class Around:
-    """What was seen of a piece, for one body."""
+    """What was seen of a piece, of all bodies."""
 
-    record: Record
-    chain: Chain
-    times: Times
-    """Of its simulation."""
-    pushes: Sequence[Push]
+    times: Mapping[int, Times]
+    """By client."""
     commands: Commands
     constraints: Constraints
     touching: Touching
-    sides: Sides
-    """Its contact points."""
     poses: Poses
     exact: bool
     """Whether the machine rounds each operation once."""
+
+
+@dataclass(frozen=True, eq=False)
+class Interval:
+    """States of one body under constant settings; a step begins with the first of them."""
+
+    record: Record
+    whole: BodyHistory
+    """The states of the body in the piece."""
+    first: int
+    end: int
+    """Which of them these are."""
+    config: BodyConfig
+    pushes: Sequence[Push] = ()
+    """Those that calls gave the body in the piece."""
+
+    @property
+    def states(self) -> BodyHistory:
+        """The states of the interval."""
+        return self.whole.at(slice(self.first, self.end))
+
+    def kind(self, around: Around) -> Hashable:
+        """Return what is equal of intervals that may be one batch; itself if none may."""
+        config, body = self.config, self.record.body
+        if self.pushes or {*config.reasons} & WITHOUT_SUM:
+            return id(self)
+        here = body.client, body.before, around.constraints.gears(body.number)
+        constant = config.reasons, config.cone_friction, config.substeps, config.damping
+        return id(config.law), id(config.other), *here, *constant
+
+
+def intervals_of(
+    record: Record,
+    history: BodyHistory,
+    first: int,
+    configs: BodyConfigs,
+    pushes: Sequence[Push] = (),
+) -> Iterator[Interval]:
+    """Yield the intervals of a history whose steps end at state `first` or later."""
+    ends = np.flatnonzero(history.stepped)
+    ends = ends[ends >= first]
+    for rows, config in configs.of(history.steps[ends] - 1):
+        begin, end = int(ends[rows][0]) - 1, int(ends[rows][-1]) + 1
+        yield Interval(record, history, begin, end, config, pushes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,15 +114,17 @@ class Steps:
     Arrays have one row per step, shape (n,) if not said otherwise. All steps have the same law.
     """
 
-    epoch: Epoch
+    config: BodyConfig
     law: BulletTree
-    """As in the epoch, unless the law does not know its joints: then as if they did not move."""
+    """As configured, unless the law does not know its joints: then as if they did not move."""
     steps: Int64
     """The samples that they led to."""
     before: States
     after: States
     put: Flags
     """Whether calls had set the state that a step began with."""
+    asked: Commanded
+    """What calls asked of the joints."""
     reported: Reported
     """What is known of them; a row of Forces names its step by its row here."""
     sides: Sides
@@ -108,7 +151,7 @@ class Steps:
     @property
     def substeps(self) -> int:
         """How many substeps each step has, at least 1."""
-        return self.epoch.substeps
+        return self.config.substeps
 
     @property
     def covered(self) -> bool:
@@ -128,14 +171,25 @@ class Steps:
         mean = 0.5 * (self.before.velocity + self.after.velocity)[contacts.step]
         return np.asarray(np.einsum("ki,ki->k", mean, impulses))
 
+    @cached_property
+    def contact_j(self) -> Float64:
+        """What all contact points gave of it in each step."""
+        step = self.reported.contacts.step
+        return np.bincount(step, self.point_energy_j, minlength=len(self)).astype(np.float64)
 
-@dataclass(frozen=True, eq=False)
+
 class BodySteps(Steps):
-    """Steps of one body."""
+    """Steps of one body, as rows of a batch: a column is cut when it is asked for."""
+
+    def __init__(
+        self, whole: Steps, rows: slice, config: BodyConfig, body: Body, changes: Changes
+    ) -> None:
+        points = np.searchsorted(whole.reported.contacts.step, (rows.start, rows.stop))
+        vars(self).update(
+            config=config, body=body, changes=changes, whole=whole, rows=rows, points=slice(*points)
+        )
 
     body: Body
-    asked: Commanded
-    """What calls asked of its joints."""
     changes: Changes
     """How energy and momentum change, by cause."""
     whole: Steps
@@ -145,10 +199,34 @@ class BodySteps(Steps):
     points: slice
     """The rows of their contact points in it."""
 
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - a column of the batch
+        vars(self)[name] = cut = self._cut(getattr(self.whole, name))
+        return cut
+
+    def _cut(self, column: Any) -> Any:  # noqa: ANN401
+        if isinstance(column, Mapping):
+            return {name: each[self.rows] for name, each in column.items()}
+        if isinstance(column, Reported):
+            return column.between(self.rows.start, self.rows.stop)
+        if isinstance(column, Sides):
+            return column.at(self.points)
+        if isinstance(column, Rowed):
+            return column.at(self.rows)
+        return column[self.rows] if isinstance(column, np.ndarray) else column
+
+    def __len__(self) -> int:
+        """Return the number of steps."""
+        return int(self.rows.stop - self.rows.start)
+
     @cached_property
     def point_energy_j(self) -> Float64:
         """What each contact point gave of the body's energy: ½ (u' + u)·P, shape (points,)."""
         return self.whole.point_energy_j[self.points]
+
+    @cached_property
+    def contact_j(self) -> Float64:
+        """What all contact points gave of it in each step."""
+        return self.whole.contact_j[self.rows]
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,53 +244,28 @@ class StepBatch:
         return np.repeat(numbers, [len(each) for each in self.bodies])
 
 
-@dataclass(frozen=True, eq=False)
-class RecordedSteps:
-    """What was recorded of the steps of one stretch; arrays have one row per step."""
-
-    stretch: Stretch
-    around: Around
-    law: BulletTree
-    chain: Chain
-    """The stretch's, without joints that the law does not know."""
-    asked: Commanded
-    reported: Reported
-    """All that is known of the steps but pushes."""
-    unknown: Flags
-    sides: Sides
-
-    @property
-    def pushes(self) -> list[Push]:
-        """The pushes of the body in its present life."""
-        came = order(self.around.record.came[self.stretch.epoch.life].at)
-        return [each for each in self.around.pushes if order(each.at) >= came]
-
-    @property
-    def kind(self) -> Hashable:
-        """What is equal of stretches that may be one batch; the stretch itself if none may."""
-        epoch = self.stretch.epoch
-        if self.around.pushes or {*epoch.reasons} & WITHOUT_SUM:
-            return id(self)
-        body = self.around.record.body
-        here = body.client, body.before, self.around.exact, self.reported.geared is None
-        constant = epoch.reasons, epoch.cone_friction, epoch.substeps, epoch.damping
-        return id(self.law), id(epoch.other), *here, *constant
+def batches_of(intervals: Iterable[Interval], around: Around) -> list[StepBatch]:
+    """Return the steps of intervals, those of equal bodies together."""
+    groups: dict[Hashable, list[Interval]] = {}
+    kept = [part for each in intervals for part in _known_apart(each, around)]
+    for each in kept:
+        groups.setdefault(each.kind(around), []).append(each)
+    return [_batch(group, around) for group in groups.values()]
 
 
-def recorded_steps(stretch: Stretch, around: Around) -> Iterator[RecordedSteps]:
-    """Yield the steps of a stretch in order, those whose substeps are known apart from others."""
-    epoch = stretch.epoch
-    if {*epoch.reasons} & WITHOUT_SUM != {SUBSTEPS} or not epoch.law.tree.size:
-        yield _recorded(stretch, around)
+def _known_apart(interval: Interval, around: Around) -> Iterator[Interval]:
+    """Yield the parts of an interval, those whose substeps are known apart from others."""
+    config = interval.config
+    if {*config.reasons} & WITHOUT_SUM != {SUBSTEPS} or not config.law.tree.size:
+        yield interval
         return
-    reasons = tuple(each for each in epoch.reasons if each != SUBSTEPS)
-    known = replace(stretch, epoch=replace(epoch, reasons=reasons))
-    closes = _closes(_batch([_recorded(known, around)]).whole)
-    ends = np.flatnonzero(stretch.chain.stepped[1:]) + 1
+    reasons = tuple(each for each in config.reasons if each != SUBSTEPS)
+    known = replace(interval, config=replace(config, reasons=reasons))
+    closes = _closes(_batch([known], around).whole)
+    ends = interval.first + np.flatnonzero(interval.states.stepped[1:]) + 1
     for first, end in pairwise([0, *(np.flatnonzero(np.diff(closes)) + 1).tolist(), len(closes)]):
-        begin, last = int(ends[first]) - 1, int(ends[end - 1]) + 1
-        chain, part = stretch.chain.at(slice(begin, last)), known if closes[first] else stretch
-        yield _recorded(replace(part, chain=chain, first=stretch.first + begin), around)
+        part = known if closes[first] else interval
+        yield replace(part, first=int(ends[first]) - 1, end=int(ends[end - 1]) + 1)
 
 
 def _closes(steps: Steps) -> Flags:
@@ -224,65 +277,89 @@ def _closes(steps: Steps) -> Flags:
     return np.asarray(steps.closes & (acts | (steps.alone == FLIGHT)))
 
 
-def _recorded(stretch: Stretch, around: Around) -> RecordedSteps:
-    """Return what was recorded of the steps of a stretch."""
-    chain, law = stretch.chain, stretch.epoch.law
-    if "planar" in stretch.epoch.reasons:  # the states are not those of its tree
-        chain, law = chain.without_joints(), _still(law)
-    where = np.flatnonzero(chain.stepped[1:])
-    begins, ends = chain.at(where), chain.at(where + 1)
-    asked = around.commands.asked(around.record.body, ends.steps)
-    before, substeps = begins.states(law.tree), stretch.epoch.substeps
-    found, acting, sides = _reported(around, law, ends, before, asked, substeps)
-    return RecordedSteps(stretch, around, law, chain, asked, found, acting.unknown, sides)
-
-
-def batches_of(recorded: Iterable[RecordedSteps]) -> list[StepBatch]:
-    """Return the steps of stretches, those of equal bodies together."""
-    groups: dict[Hashable, list[RecordedSteps]] = {}
-    for each in recorded:
-        groups.setdefault(each.kind, []).append(each)
-    return [_batch(group) for group in groups.values()]
-
-
-def _batch(group: Sequence[RecordedSteps]) -> StepBatch:
-    """Return the steps of stretches of equal bodies under equal settings."""
-    stretch, around, law = group[0].stretch, group[0].around, group[0].law
-    chain = Chain.joined([each.chain for each in group])
-    counts = [len(each.chain) for each in group]
-    starts = np.cumsum([0, *counts])
-    real = chain.stepped[1:].copy()
+def _batch(group: Sequence[Interval], around: Around) -> StepBatch:
+    """Return the steps of equal bodies under equal settings."""
+    config, law = group[0].config, group[0].config.law
+    parts, bodies = [each.states for each in group], [each.record.body for each in group]
+    if "planar" in config.reasons:  # the states are not those of its tree
+        parts, law = [each.without_joints() for each in parts], _still(law)
+    history = BodyHistory.joined(parts)
+    starts = np.cumsum([0, *map(len, parts)])
+    real = history.stepped[1:].copy()
     real[starts[1:-1] - 1] = False  # from the last state of a body to the first of the next
     where = np.flatnonzero(real)
-    steps = [len(each.reported.timestep_s) for each in group]
-    firsts = np.cumsum([0, *steps])
-    found = all_reported([each.reported for each in group], firsts[:-1].tolist())
-    sides = Sides.joined([each.sides for each in group])
-    states = chain.states(law.tree)
+    bounds = np.searchsorted(where, starts).tolist()
+    its = [slice(first, end) for first, end in pairwise(bounds)]
+    tree, states, ends = law.tree, history.states(law.tree), history.steps[where + 1]
     before, after = states.at(where), states.at(where + 1)
-    rows, added, codes = Transitions(real, found.gravity_m_s2), None, None
-    n, size = len(where), law.tree.size
+    timestep_s, gravity_m_s2 = around.times[bodies[0].client].of_steps(ends)
+    asked = Commanded.joined(
+        [around.commands.asked(body, ends[rows]) for body, rows in zip(bodies, its, strict=True)]
+    )
+    sides, points_at = around.touching.of(
+        [body.number for body in bodies], np.repeat(np.arange(len(group)), np.diff(bounds)), ends
+    )
+    acting = [
+        around.constraints.on(
+            body.number, tree, ends[rows], before.at(rows), timestep_s[rows], around.poses
+        )
+        for body, rows in zip(bodies, its, strict=True)
+    ]
+    found = Reported(
+        timestep_s=timestep_s,
+        gravity_m_s2=gravity_m_s2,
+        # PyBullet divides the last substep's impulse of a motor by the whole timestep.
+        motors=config.substeps
+        * asked.motors(tree, history.effort[where + 1][:, : tree.joint_rates]),
+        commanded=np.concatenate(
+            [
+                around.commands.torques(body, tree, ends[rows])
+                for body, rows in zip(bodies, its, strict=True)
+            ]
+        ),
+        pd=asked.servos(law, before),
+        contacts=around.touching.forces(sides, points_at),
+        constraints=Forces.joined(
+            [
+                replace(each.forces, step=each.forces.step + rows.start)
+                for each, rows in zip(acting, its, strict=True)
+            ]
+        ),
+        geared=np.concatenate(
+            [
+                np.zeros((len(each.unknown), tree.joint_rates))
+                if each.geared is None
+                else each.geared
+                for each in acting
+            ]
+        )
+        if any(each.geared is not None for each in acting)
+        else None,
+    )
+    rows, added, codes = Transitions(real, gravity_m_s2), None, None
+    n, size = len(where), tree.size
     unexplained, most = np.full(n, np.inf), np.full(n, EXPLAINED)
-    without, several = {*stretch.epoch.reasons} & WITHOUT_SUM, stretch.epoch.substeps > 1
+    without, several = {*config.reasons} & WITHOUT_SUM, config.substeps > 1
     if not size:
-        unexplained[_coasts(law, chain.at(where), chain.at(where + 1), found.timestep_s)] = 0.0
+        unexplained[_coasts(law, history.at(where), history.at(where + 1), timestep_s)] = 0.0
     elif not without:
-        added, found = _closing(group, rows, states, found)
+        added, found = _closing(group[0], law, asked, rows, states, found)
         unexplained = added.unexplained[real]
         if isinstance(added, SubstepSum):
             most[added.held[real]] = HELD
-    if size and not law.tree.links and (without or several) and without <= alone.ALONE:
+    if size and not tree.links and (without or several) and without <= alone.ALONE:
         if without:
             found = replace(found, applied=_pushed(group[0], rows, np.full(n, NEVER)))
         touches = around.touching.touches(sides, found.contacts)
-        codes = alone.explained(stretch.epoch, before, after, found, touches, exact=around.exact)
+        codes = alone.explained(config, before, after, found, touches, exact=around.exact)
     whole = Steps(
-        epoch=stretch.epoch,
+        config=config,
         law=law,
-        steps=chain.steps[where + 1],
+        steps=ends,
         before=before,
         after=after,
-        put=~chain.sampled[where],
+        put=~history.sampled[where],
+        asked=asked,
         reported=found,
         sides=sides,
         terms={} if added is None else {name: each[real] for name, each in added.terms.items()},
@@ -290,53 +367,21 @@ def _batch(group: Sequence[RecordedSteps]) -> StepBatch:
         largest=np.zeros(n) if added is None else added.largest[real],
         unexplained=unexplained,
         closes=np.asarray(unexplained <= most),
-        unknown=np.concatenate([each.unknown for each in group]),
+        unknown=np.concatenate([each.unknown for each in acting]),
         alone=codes,
     )
-    parts = [
-        (slice(start, start + count - 1), slice(first, first + made))
-        for start, count, first, made in zip(starts, counts, firsts, steps, strict=False)
-    ]
-    changes = changes_of(law, states, rows, added, parts)
-    bodies = [
-        _of_body(whole, each, its, change)
-        for each, (_, its), change in zip(group, parts, changes, strict=True)
-    ]
-    return StepBatch(whole, bodies)
-
-
-def _of_body(whole: Steps, recorded: RecordedSteps, rows: slice, changes: Changes) -> BodySteps:
-    """Return the rows of a batch that are the steps of one body."""
-    points = slice(*np.searchsorted(whole.reported.contacts.step, (rows.start, rows.stop)))
-    reported = replace(recorded.reported, pd=whole.reported.pd[rows])
-    if len(whole.reported.applied):  # then it is the only one
-        reported = whole.reported
-    return BodySteps(
-        epoch=recorded.stretch.epoch,
-        law=whole.law,
-        steps=whole.steps[rows],
-        before=whole.before.at(rows),
-        after=whole.after.at(rows),
-        put=whole.put[rows],
-        reported=reported,
-        sides=recorded.sides,
-        terms={name: each[rows] for name, each in whole.terms.items()},
-        remainder=whole.remainder[rows],
-        largest=whole.largest[rows],
-        unexplained=whole.unexplained[rows],
-        closes=whole.closes[rows],
-        unknown=recorded.unknown,
-        alone=None if whole.alone is None else whole.alone[rows],
-        body=recorded.around.record.body,
-        asked=recorded.asked,
-        changes=changes,
-        whole=whole,
-        rows=rows,
-        points=points,
+    ways = [slice(first, end - 1) for first, end in pairwise(starts.tolist())]
+    changes = changes_of(law, states, rows, added, [*zip(ways, its, strict=True)])
+    return StepBatch(
+        whole,
+        [
+            BodySteps(whole, rows, each.config, each.record.body, change)
+            for each, rows, change in zip(group, its, changes, strict=True)
+        ],
     )
 
 
-def _coasts(law: BulletTree, begins: Chain, ends: Chain, timestep_s: Float64) -> Flags:
+def _coasts(law: BulletTree, begins: BodyHistory, ends: BodyHistory, timestep_s: Float64) -> Flags:
     """Return in which steps a base that nothing pushes keeps its velocity, and moves with it."""
     free = replace(law.tree, fixed=False)
     before, after = begins.states(free), ends.states(free)
@@ -344,84 +389,55 @@ def _coasts(law: BulletTree, begins: Chain, ends: Chain, timestep_s: Float64) ->
     return np.asarray(kept & moved_on(free, before, after, timestep_s))
 
 
-def _reported(
-    around: Around,
-    law: BulletTree,
-    ends: Chain,
-    before: States,
-    asked: Commanded,
-    substeps: int,
-) -> tuple[Reported, Acting, Sides]:
-    """Return what is known of the steps to samples but for pushes, and the contact points.
-
-    PyBullet divides the last substep's impulse of a motor by the whole timestep.
-    """
-    tree, body = law.tree, around.record.body
-    timestep_s, gravity_m_s2 = around.times.of_steps(ends.steps)
-    sides = around.sides
-    found, at = rows_of(sides.step, ends.steps)
-    if len(found) < len(sides):
-        sides = sides.at(found)
-    acting = around.constraints.on(body.number, tree, ends.steps, before, timestep_s, around.poses)
-    reported = Reported(
-        timestep_s=timestep_s,
-        gravity_m_s2=gravity_m_s2,
-        motors=substeps * asked.motors(tree, ends.effort[:, : tree.joint_rates]),
-        commanded=around.commands.torques(body, tree, ends.steps),
-        pd=asked.servos(law, before),
-        contacts=around.touching.forces(sides, at),
-        constraints=acting.forces,
-        geared=acting.geared,
-    )
-    return reported, acting, sides
-
-
 # -- pushes, whose pose is not known --------------------------------------------------------------
 
 
-def _pushed(recorded: RecordedSteps, rows: Transitions, refreshed: Int64) -> Forces:
-    """Return what pushes do in the steps of a stretch."""
-    around, stretch = recorded.around, recorded.stretch
-    begins = stretch.first + rows.where
-    ends = around.chain.steps[begins + 1]
+def _pushes(interval: Interval) -> list[Push]:
+    """Return the pushes of a body in its present life."""
+    came = order(interval.record.came[interval.config.life].at)
+    return [each for each in interval.pushes if order(each.at) >= came]
+
+
+def _pushed(interval: Interval, rows: Transitions, refreshed: Int64) -> Forces:
+    """Return what pushes do in the steps of an interval."""
+    begins = interval.first + rows.where
     return pushed(
-        recorded.pushes,
-        around.record,
-        stretch.epoch.law.tree,
-        around.chain,
+        _pushes(interval),
+        interval.record,
+        interval.config.law.tree,
+        interval.whole,
         begins,
-        ends,
+        interval.whole.steps[begins + 1],
         refreshed=refreshed,
     )
 
 
 def _closing(
-    group: Sequence[RecordedSteps], rows: Transitions, states: States, found: Reported
+    one: Interval,
+    law: BulletTree,
+    asked: Commanded,
+    rows: Transitions,
+    states: States,
+    found: Reported,
 ) -> tuple[Sum | SubstepSum, Reported]:
     """Return the sum, with pushes at those poses of links with which each step closes best.
 
-    Of a batch of several bodies none is pushed.
+    Of a batch of several bodies none is pushed; `one` is its first.
     """
-    epoch, law, pushes = group[0].stretch.epoch, group[0].law, group[0].pushes
-    ends = np.cumsum([0, *(len(each.reported.timestep_s) for each in group)]).tolist()
+    config, pushes = one.config, _pushes(one)
 
     def servos(states: States) -> Float64:
-        efforts, begins = np.zeros((len(states), law.tree.joint_rates)), states.at(rows.where)
-        efforts[rows.where] = np.concatenate(
-            [
-                each.asked.servos(law, begins.at(slice(first, end)))
-                for each, (first, end) in zip(group, pairwise(ends), strict=True)
-            ]
-        )
+        efforts = np.zeros((len(states), law.tree.joint_rates))
+        efforts[rows.where] = asked.servos(law, states.at(rows.where))
         return efforts
 
     def added(refreshed: Int64) -> tuple[Sum | SubstepSum, Reported]:
         known = found
         if pushes:
-            known = replace(found, applied=_pushed(group[0], rows, refreshed))
+            known = replace(found, applied=_pushed(one, rows, refreshed))
         said = _spread(known, rows)
-        if epoch.substeps > 1:
-            whole = sum_of_substeps(law, states, said, epoch.substeps, servos)
+        if config.substeps > 1:
+            whole = sum_of_substeps(law, states, said, config.substeps, servos)
             return whole, replace(known, pd=whole.pd[rows.real])
         return sum_of(law, states, said), known
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.explain.bodies import Record, coefficients_of
+from drop_physics.explain.bodies import Records
 from drop_physics.physics.impulses import Forces
 from drop_physics.physics.laws.bullet.reports import contact_forces, points_force_n
 from drop_physics.physics.rowed import Rowed
@@ -18,6 +18,9 @@ from drop_physics.trace.states import Rows
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 Flags = NDArray[np.bool_]
+
+STEPS = 1 << 40
+"""The number of a body times this, and a step, are one number: no recording has as many."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +66,7 @@ class Touches(Rowed):
 class Touching:
     """The contact points of a piece, and what each does to its sides that are of some bodies."""
 
-    def __init__(
-        self, contacts: Rows, records: Mapping[int, Record], bodies: Collection[int]
-    ) -> None:
+    def __init__(self, contacts: Rows, records: Records, bodies: Collection[int]) -> None:
         step, a, b, link_a, link_b = (
             contacts[name] for name in ("step", "body_a", "body_b", "link_a", "link_b")
         )
@@ -74,7 +75,7 @@ class Touching:
         held = np.flatnonzero(among(bodies, body.ravel()))
         order = held[np.argsort(body.ravel()[held], kind="stable")]
         points, is_a = order >> 1, (order & 1) == 0
-        self._sides = Sides(
+        self.sides = Sides(
             step=step[points],
             body=body.ravel()[order],
             link=link.ravel()[order],
@@ -92,8 +93,8 @@ class Touching:
         friction_n[(contacts["normal_force_n"] == 0) & (self._distance_m > 0)] = 0.0
         at_m = np.stack((contacts["position_a_m"], contacts["position_b_m"]), axis=1)
         self._forces = contact_forces(
-            step=self._sides.step,
-            link=self._sides.link,
+            step=self.sides.step,
+            link=self.sides.link,
             is_a=is_a,
             point_m=at_m.reshape(-1, 3)[order],
             force_n=points_force_n(
@@ -102,12 +103,24 @@ class Touching:
                 friction_n,
                 [contacts[f"friction_{which}_direction"] for which in (1, 2)],
             )[points],
-            rolling=self._sides.rolling,
+            rolling=self.sides.rolling,
         )
 
-    def of(self, body: int) -> Sides:
-        """Return the contact points of a body."""
-        return self._sides.at(slice(*np.searchsorted(self._sides.body, (body, body + 1))))
+    def of(self, bodies: Sequence[int], which: Int64, ends: Int64) -> tuple[Sides, Int64]:
+        """Return the contact points of bodies in some of their steps, and the rows of these.
+
+        `which` of the bodies the steps are of, and the samples that they led to, both rise; (n,).
+        """
+        held = self.sides
+        first, end = (np.searchsorted(held.body, bodies, side) for side in ("left", "right"))
+        counts = end - first
+        place = np.repeat(np.arange(len(bodies)), counts)
+        points = np.arange(counts.sum()) + np.repeat(first - np.cumsum(counts) + counts, counts)
+        found, rows = rows_of(place * STEPS + held.step[points], which * STEPS + ends)
+        points = points[found]
+        if len(points) and points[-1] - points[0] == len(points) - 1:  # as they lie, uncopied
+            return held.at(slice(int(points[0]), int(points[-1]) + 1)), rows
+        return held.at(points), rows
 
     def forces(self, sides: Sides, row: Int64) -> Forces:
         """Return what some contact points do to their body; `row` are their steps."""
@@ -134,8 +147,8 @@ class Touching:
 
 def touches_of(contacts: Rows, body: int, link: int = BASE) -> Touches:
     """Return the contact points of one part of a body, in their order."""
-    touching = Touching(contacts, {}, [body])
-    sides = touching.of(body)
+    touching = Touching(contacts, Records(), [body])
+    sides = touching.sides
     sides = sides.at(np.flatnonzero(sides.link == link))
     return touching.touches(sides, touching.forces(sides, sides.step))
 
@@ -147,15 +160,13 @@ def among(numbers: Collection[int], bodies: Int64) -> Flags:
     return np.asarray((bodies >= 0) & are[bodies])
 
 
-def _rolls(records: Mapping[int, Record], step: Int64, body: Int64, link: Int64) -> Flags:
+def _rolls(records: Records, step: Int64, body: Int64, link: Int64) -> Flags:
     """Return which links resist rolling or spinning, in the steps that led to these samples."""
     rolls = np.zeros(len(step), np.bool_)
     for name in ("rolling_friction", "spinning_friction"):
-        reported = (record.coefficients(name)[1] for record in records.values())
-        if not any(np.nan_to_num(numbers).any() for numbers in reported):
-            continue
-        held = coefficients_of(records, name, step, body, link)
-        rolls |= np.nan_to_num(held) != 0  # other engines report none
+        if records.any(name):
+            held = records.coefficients(name, step, body, link)
+            rolls |= np.nan_to_num(held) != 0  # other engines report none
     return rolls
 
 

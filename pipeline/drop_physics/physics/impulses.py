@@ -59,8 +59,15 @@ class Forces(Rowed):
 
     def between(self, first: int, last: int) -> Forces:
         """Return the rows of the steps from `first` up to `last`, counted from 0."""
-        kept = self.at((self.step >= first) & (self.step < last))
+        if self._rises:
+            kept = self.at(slice(*np.searchsorted(self.step, (first, last))))
+        else:
+            kept = self.at((self.step >= first) & (self.step < last))
         return replace(kept, step=kept.step - first)
+
+    @cached_property
+    def _rises(self) -> bool:
+        return bool((self.step[1:] >= self.step[:-1]).all())
 
 
 def impulses_of(kin: Kinematics, forces: Forces, timestep_s: Float64) -> Float64:

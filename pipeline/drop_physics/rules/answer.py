@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar, Literal, TypeVar, get_args
@@ -15,12 +15,13 @@ from drop_physics.explain.actuators import ActuatorTable
 from drop_physics.explain.bodies import Record
 from drop_physics.explain.joined import Constraints
 from drop_physics.explain.joints import Driven, JointTable
-from drop_physics.explain.recording import STEPS, Explained
+from drop_physics.explain.recording import Explained
 from drop_physics.explain.step_status import Judged, StepVerdicts
 from drop_physics.explain.steps import BodySteps, StepBatch, Steps
 from drop_physics.explain.targets import Targets
 from drop_physics.explain.times import Times
 from drop_physics.explain.touches import TouchTable
+from drop_physics.explain.touching import STEPS
 from drop_physics.fields import counted
 from drop_physics.messages import Message, joined
 from drop_physics.physics.tree import States
@@ -193,29 +194,35 @@ class Scene:
         self.placing.see(self.piece)
         self.inputs.see()
 
-    def came(self, steps: BodySteps, name: str) -> NDArray[np.float64]:
-        """Return a column of the states after the step before each step of a body.
+    def came(
+        self, steps: Steps, parts: Iterable[tuple[int, BodySteps]], name: str
+    ) -> NDArray[np.float64]:
+        """Return a column of the states after the step before each step of bodies.
 
-        nan where there was none, or where the body was loaded since; shape (n, k).
+        nan where there was none, or where the body was loaded since; shape (n, k). `parts`: the
+        steps of each body, and their first row, in order.
         """
-        number, its = steps.body.number, [each for _, each in self.stretches(steps.body.number)]
-        ends = dict(self._ends.get(number, ()))
-        for each in its:
-            if each is steps:
-                break
-            ends[each.epoch.life] = int(each.steps[-1]), each.after.at(np.array([-1]))
         values = np.array(getattr(steps.after, name))
-        step, end = ends.get(steps.epoch.life, (-1, steps.after))
-        first = getattr(end, name)[:1]
-        came = np.vstack([first if first.shape == values[:1].shape else values[:1], values[:-1]])
-        came[np.diff(steps.steps, prepend=step) != 1] = np.nan
+        came, before = np.vstack([values[:1], values[:-1]]), np.append(-1, steps.steps[:-1])
+        for row, part in parts:
+            number, ends = part.body.number, dict(self._ends.get(part.body.number, ()))
+            for _, each in self.stretches(number):
+                if each is part:
+                    break
+                ends[each.config.life] = int(each.steps[-1]), each.after.at(np.array([-1]))
+            before[row], end = ends.get(part.config.life, (-1, None))
+            if end is not None and getattr(end, name).shape[1:] == values.shape[1:]:
+                came[row] = getattr(end, name)[0]
+            else:
+                came[row] = values[row]
+        came[steps.steps - before != 1] = np.nan
         return came
 
     def forget(self) -> None:
         """Free the latest piece."""
         for _, each in self.stretches():
-            end = int(each.steps[-1]), each.after.at(np.array([-1]))
-            self._ends[each.body.number] = {each.epoch.life: end}
+            end = int(each.steps[-1]), each.whole.after.at(np.array([each.rows.stop - 1]))
+            self._ends[each.body.number] = {each.config.life: end}
         del self.piece, self.judged, self.batches, self._explained
         self.joints.forget()
         self.touches.forget()

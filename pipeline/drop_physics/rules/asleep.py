@@ -15,7 +15,7 @@ from drop_physics.rules.thresholds import UNBALANCED
 @body_rule("asleep", "asked")
 def asleep(bodies: BodyColumns) -> Match | None:
     """A body's state stays the same to the bit, though something was to move it."""
-    if "asleep" not in bodies.epoch.reasons or not bodies.terms:
+    if "asleep" not in bodies.config.reasons or not bodies.terms:
         return None
     unbalanced = bodies.unexplained > UNBALANCED
     left = np.abs(bodies.remainder)

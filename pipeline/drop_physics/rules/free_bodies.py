@@ -137,7 +137,7 @@ def _turning(tree: Tree, states: States) -> tuple[Float64, Float64]:
 def default_damping(bodies: BodyColumns) -> Match | None:
     """Damping that no call set takes a share of the energy of what nothing touches."""
     its = [each.changes.energy_j.get("damping") for each in bodies.batch.bodies]
-    if any(each is None for each in its) or bodies.epoch.damping != (None, None):
+    if any(each is None for each in its) or bodies.config.damping != (None, None):
         return None
     # In the air is also a robot whose motors hold its joints, and what hangs on a constraint.
     near = np.full(len(bodies.step), bodies.law.tree.fixed)
@@ -147,7 +147,7 @@ def default_damping(bodies: BodyColumns) -> Match | None:
     none = np.zeros((len(rows), 3))
     states = bodies.before.at(rows), bodies.after.at(rows)
     energy_j = np.max([energy_of(bodies.law, each, none)[0] for each in states], axis=0)
-    lives = bodies.of_each(lambda each: each.epoch.life)
+    lives = bodies.of_each(lambda each: each.config.life)
     keys = np.column_stack([bodies.body, lives, bodies.puts])[rows]
     return Match(rows, energy_j, sums={"taken": taken_j}, keys=keys)
 

@@ -130,8 +130,8 @@ class BodyLife:
         """Add some steps, not none."""
         self.last, self.count = int(steps.steps[-1]), self.count + len(steps)
         self.fastest = max(self.fastest, float(np.abs(steps.after.velocity).max(initial=0.0)))
-        self.falls |= bool(steps.reported.gravity_m_s2.any())
-        self.held |= bool(np.any(steps.terms.get("constraints", 0)))
+        self.falls = self.falls or bool(steps.whole.reported.gravity_m_s2[steps.rows].any())
+        self.held = self.held or bool(np.any(steps.terms.get("constraints", 0)))
         if steps.terms and not self.tree.fixed and self.pushed_m_s is None:
             pushes = steps.terms["applied"][:, 3:6] / self.tree.masses_kg.sum()
             for row in np.flatnonzero(pushes.any(axis=1))[:1]:
@@ -220,7 +220,7 @@ class Inputs:
                 motion.in_flight |= set(judged.steps[judged.kind == FLIGHT].tolist())
             for steps in judged.stretches:
                 if len(steps):
-                    key = number, steps.epoch.life
+                    key = number, steps.config.life
                     if key not in self.lives:
                         began, tree = steps.before.at(np.array([0])), steps.law.tree
                         self.lives[key] = BodyLife(int(steps.steps[0]), began, tree)

@@ -237,7 +237,7 @@ def _other(scene: Scene, steps: BodySteps) -> OtherInertia:
         kin = kinematics(life.tree, life.before)
         used = np.diagonal(mass_matrix(kin)[0])
         added, changed = np.zeros(life.tree.size), None
-        if len(body.links) == life.tree.links + 1 and "planar" not in steps.epoch.reasons:
+        if len(body.links) == life.tree.links + 1 and "planar" not in steps.config.reasons:
             added = _more_kg_m2(scene, body, kin, inertias, masses)
             changed = next(iter(masses.values()), None)
         differs = (np.abs(added) > OTHER_INERTIA * used) & (added > -used)

@@ -187,15 +187,17 @@ def _presses(pair: PairColumns, rows: NDArray[np.intp]) -> dict[str, Float64]:
 
 
 @pair_rule("starts-in-contact", "asked")
-def starts_in_contact(pair: PairColumns) -> Match:
+def starts_in_contact(pair: PairColumns) -> Match | None:
     """The engine pushes what overlaps apart: faster, the deeper and the shorter the timestep."""
     points, placing, both = pair.points, pair.scene.placing, pair.pairs.body
     # How fast the deepest parts leave each other after the step.
     parting = pair.most(np.where(points.distance_m < -DEEP_M, points.parting_m_s, 0.0))
     pressed = pair.normal_n > 0
+    rows = np.flatnonzero((pair.depth_m > DEEP_M) & pressed & (parting > PUSHED_APART_M_S))
+    if not len(rows):
+        return None
     follows, presses = np.zeros(len(both), np.bool_), np.flatnonzero(pressed)
     follows[presses] = pair.before(presses) >= 0
-    rows = np.flatnonzero((pair.depth_m > DEEP_M) & pressed & (parting > PUSHED_APART_M_S))
     bodies, steps = both[rows], pair.step[rows, None]
     came_m = pair.most(points.approach_m_s)[rows].clip(0.0) * pair.timestep_s[rows]
     jumped = (pair.depth_m[rows] > JUMPED * came_m + DEEP_M)[:, None]

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.explain.recording import STEPS
+from drop_physics.explain.touching import STEPS
 from drop_physics.rules.arguments import site_of
 from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body

@@ -143,7 +143,7 @@ class JointColumns:
 
     def came(self, name: str) -> Float64:
         """Return states of the body after the step before each; nan where it made none."""
-        return self.scene.came(self.driven.steps, name)
+        return self.scene.came(self.driven.steps, [(0, self.driven.steps)], name)
 
     def term(self, name: str) -> Float64:
         """Return the impulses of a cause on the joints; 0 where it has none."""
@@ -239,7 +239,8 @@ class BodyColumns:
 
     def came(self, name: str) -> Float64:
         """Return states of the body after the step before each; nan where it made none."""
-        return np.concatenate([self.scene.came(each, name) for each in self.batch.bodies])
+        parts = [(each.rows.start, each) for each in self.batch.bodies if len(each)]
+        return self.scene.came(self.of, parts, name)
 
     @property
     def puts(self) -> Int64:

@@ -81,6 +81,9 @@ def unstable(bodies: BodyColumns) -> Match | None:
     size = np.minimum(np.abs(before), np.abs(after))
     greatest = bodies.greatest("rates", np.abs(after))
     turns = (before * after < 0) & (size > np.maximum(RINGS_SHARE * greatest, RINGS_LEAST))
+    turns &= _own(bodies) & ~bodies.put[:, None]
+    if not turns.any():
+        return None
     against = {name: -np.sign(before) * term for name, term in bodies.terms.items()}
     del against["clamp"]  # it ends what others feed
     none, applied = np.zeros(size.shape), bodies.terms["applied"]
@@ -88,7 +91,7 @@ def unstable(bodies: BodyColumns) -> Match | None:
     sums["all"] = sum((each.clip(0) for each in against.values()), none)
     first_rate = np.full(size.shape, bodies.law.tree.first_rate)
     return Match(
-        turns & _own(bodies) & ~bodies.put[:, None],
+        turns,
         size,
         {"first_rate": first_rate},
         sums=sums,

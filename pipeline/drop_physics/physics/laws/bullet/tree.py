@@ -5,8 +5,8 @@ Measured with PyBullet 3.2.7 (`docs/validation.md`). File names and line numbers
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
 import numpy as np
@@ -95,27 +95,6 @@ class Reported:
             if (value := getattr(self, each.name)) is not None
         }
         return Reported(**numbers)
-
-
-def all_reported(parts: Sequence[Reported], firsts: Sequence[int]) -> Reported:
-    """Return the steps of several, one after the other, which begin at `firsts`.
-
-    Either all of them or none have gears.
-    """
-    if len(parts) == 1:
-        return parts[0]
-    numbers: dict[str, Any] = {}
-    for each in fields(Reported):
-        held: list[Any] = [getattr(part, each.name) for part in parts]
-        if isinstance(held[0], Forces):
-            moved = [
-                replace(forces, step=forces.step + first)
-                for forces, first in zip(held, firsts, strict=True)
-            ]
-            numbers[each.name] = Forces.joined(moved)
-        else:
-            numbers[each.name] = None if held[0] is None else np.concatenate(held)
-    return Reported(**numbers)
 
 
 # -- the sum --------------------------------------------------------------------------------------

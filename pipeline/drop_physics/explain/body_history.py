@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.explain.bodies import Epoch, Epochs, Record
+from drop_physics.explain.bodies import Record
 from drop_physics.physics.rowed import Rowed
 from drop_physics.physics.tree import States, Tree
 from drop_physics.trace.events import Put
@@ -20,8 +20,8 @@ Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class Chain(Rowed):
-    """States of one body, one after the other; what leads from one to the next is a step or a call.
+class BodyHistory(Rowed):
+    """States of a body, one after the other; what leads from one to the next is a step or a call.
 
     Arrays have one row per state.
     """
@@ -47,16 +47,16 @@ class Chain(Rowed):
         u = np.hstack([*base, self.velocity])
         return States(self.base[:, :3], self.base[:, 3:7], self.position, u)
 
-    def without_joints(self) -> Chain:
+    def without_joints(self) -> BodyHistory:
         """Return the states of the base alone."""
         nothing = np.empty((len(self), 0))
         return replace(self, position=nothing, velocity=nothing, effort=nothing)
 
     @staticmethod
-    def of_base(base: Float64, steps: Int64) -> Chain:
+    def of_base(base: Float64, steps: Int64) -> BodyHistory:
         """Return samples of a base without joints, shape (n, 13)."""
         n, nothing = len(steps), np.empty((len(steps), 0))
-        return Chain(
+        return BodyHistory(
             base,
             nothing,
             nothing,
@@ -67,9 +67,9 @@ class Chain(Rowed):
         )
 
 
-def chain_of(
-    record: Record, bases: Rows | None, joints: Joints | None, last: Chain | None
-) -> Chain | None:
+def history_of(
+    record: Record, bases: Rows | None, joints: Joints | None, last: BodyHistory | None
+) -> BodyHistory | None:
     """Return the states of a body in a piece; None if it has no sample there.
 
     Parameters
@@ -79,48 +79,53 @@ def chain_of(
     bases, joints
         Its samples in the piece.
     last
-        Samples before; they are the first states of the chain.
+        Samples before; they are the first states of the history.
     """
     samples = _samples(record, bases, joints)
     if samples is None:
         return None
-    chain = samples if last is None else last.then(samples)
-    first = len(chain) - len(samples)
-    lives = record.lives(chain.steps)
-    chain.stepped[1:] = (np.diff(chain.steps) == 1) & (np.diff(lives) == 0)
-    chain.stepped[0] = False
+    history = samples if last is None else last.then(samples)
+    first = len(history) - len(samples)
+    lives = record.lives(history.steps)
+    history.stepped[1:] = (np.diff(history.steps) == 1) & (np.diff(lives) == 0)
+    history.stepped[0] = False
     before = record.puts_between(int(samples.steps[0]) - 1, int(samples.steps[-1]))
     puts = {each.at.step: each for each in before if each.counts}
-    rows = first + np.flatnonzero(np.isin(chain.steps[first:] - 1, [*puts]))
-    if not len(rows):
-        return chain
-    chain.stepped[rows] = True
-    put = put_states([puts[int(chain.steps[row]) - 1] for row in rows], chain)
-    where = np.argsort(np.concatenate((np.arange(len(chain)), rows - 0.5)), kind="stable")
-    return chain.then(put).at(where)
+    if not puts:
+        return history
+    rows = first + np.flatnonzero(np.isin(history.steps[first:] - 1, [*puts]))
+    history.stepped[rows] = True
+    put = put_states([puts[int(history.steps[row]) - 1] for row in rows], history)
+    where = np.argsort(np.concatenate((np.arange(len(history)), rows - 0.5)), kind="stable")
+    return history.then(put).at(where)
 
 
-def _samples(record: Record, bases: Rows | None, joints: Joints | None) -> Chain | None:
+def _samples(record: Record, bases: Rows | None, joints: Joints | None) -> BodyHistory | None:
     if joints is None and bases is None:
         return None
     steps = joints.steps if joints is not None else bases["step"]  # type: ignore[index]
     n = len(steps)
-    base = record.told(steps)
-    if bases is not None:
-        sampled = bases["step"]
-        within = np.isin(sampled, steps)
-        base[np.searchsorted(steps, sampled[within])] = motion_of(bases)[within]
+    if bases is not None and np.array_equal(steps, bases["step"]):
+        base = np.ascontiguousarray(motion_of(bases))
+    else:
+        base = record.told(steps)
+        if bases is not None:
+            sampled = bases["step"]
+            within = np.isin(sampled, steps)
+            base[np.searchsorted(steps, sampled[within])] = motion_of(bases)[within]
     nothing = np.empty((n, 0))
     q, u, effort = (
         (nothing,) * 3 if joints is None else (joints.position, joints.velocity, joints.effort)
     )
-    return Chain(base, q, u, effort, steps.copy(), np.ones(n, np.bool_), np.zeros(n, np.bool_))
+    return BodyHistory(
+        base, q, u, effort, steps.copy(), np.ones(n, np.bool_), np.zeros(n, np.bool_)
+    )
 
 
-def put_states(puts: Sequence[Put], like: Chain) -> Chain:
+def put_states(puts: Sequence[Put], like: BodyHistory) -> BodyHistory:
     """Return states that calls set, with as many joints as others."""
     n = len(puts)
-    return Chain(
+    return BodyHistory(
         base=np.array([put.base for put in puts]),
         position=np.array([put.position for put in puts]),
         velocity=np.array([put.velocity for put in puts]),
@@ -129,22 +134,3 @@ def put_states(puts: Sequence[Put], like: Chain) -> Chain:
         sampled=np.zeros(n, np.bool_),
         stepped=np.zeros(n, np.bool_),
     )
-
-
-@dataclass(frozen=True, eq=False)
-class Stretch:
-    """States of a body under constant settings, the first of which a step begins with."""
-
-    chain: Chain
-    epoch: Epoch
-    first: int
-    """Rows of these states in the whole chain."""
-
-
-def stretches_of(chain: Chain, first: int, epochs: Epochs) -> Iterator[Stretch]:
-    """Yield the stretches of a chain whose steps end at state `first` or later."""
-    ends = np.flatnonzero(chain.stepped)
-    ends = ends[ends >= first]
-    for rows, epoch in epochs.of(chain.steps[ends] - 1):
-        begin, end = int(ends[rows][0]) - 1, int(ends[rows][-1]) + 1
-        yield Stretch(chain.at(slice(begin, end)), epoch, begin)
