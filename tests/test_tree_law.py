@@ -822,7 +822,7 @@ def test_pieces_give_what_the_whole_gives(scene: Watched) -> None:
     whole, states, said = scene.sum(), scene.states(), scene.reported()
     for first, last in ((0, 50), (50, 150)):
         piece = states.at(slice(first, last + 1))
-        found = sum_of(scene.law, piece, said.between(first, last))
+        found = sum_of(scene.law, piece, said.at(slice(first, last)))
         for name, term in found.terms.items():
             assert term == pytest.approx(whole.terms[name][first:last], abs=1e-15), name
 
@@ -834,7 +834,7 @@ def test_memory_in_pieces_does_not_grow_with_the_steps(scene: Watched) -> None:
         tracemalloc.start()
         try:
             for _ in range(pieces):
-                sum_of(scene.law, states.at(slice(0, 51)), said.between(0, 50))
+                sum_of(scene.law, states.at(slice(0, 51)), said.at(slice(0, 50)))
             return tracemalloc.get_traced_memory()[1]
         finally:
             tracemalloc.stop()

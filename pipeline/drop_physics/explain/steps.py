@@ -26,7 +26,6 @@ from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.laws.bullet.substeps import HELD, SubstepSum, sum_of_substeps
 from drop_physics.physics.laws.bullet.tree import BulletTree, Reason, Reported, sum_of
 from drop_physics.physics.moving import moved_on
-from drop_physics.physics.rowed import Rowed
 from drop_physics.physics.tree import BASE, States
 from drop_physics.physics.vectors import distinct
 from drop_physics.trace.calls import Push
@@ -206,13 +205,11 @@ class BodySteps(Steps):
     def _cut(self, column: Any) -> Any:  # noqa: ANN401
         if isinstance(column, Mapping):
             return {name: each[self.rows] for name, each in column.items()}
-        if isinstance(column, Reported):
-            return column.between(self.rows.start, self.rows.stop)
         if isinstance(column, Sides):
             return column.at(self.points)
-        if isinstance(column, Rowed):
-            return column.at(self.rows)
-        return column[self.rows] if isinstance(column, np.ndarray) else column
+        if isinstance(column, np.ndarray):
+            return column[self.rows]
+        return column.at(self.rows) if hasattr(column, "at") else column
 
     def __len__(self) -> int:
         """Return the number of steps."""

@@ -85,12 +85,12 @@ class Reported:
     damped: Float64 | None = None
     """Rates that joint damping acts on, shape (n, joint_rates); None: those before each step."""
 
-    def between(self, first: int, last: int) -> Reported:
-        """Return the steps from `first` up to `last`, counted from 0."""
+    def at(self, rows: slice) -> Reported:
+        """Return some of the steps in a row."""
         numbers: dict[str, Any] = {
-            each.name: value.between(first, last)
+            each.name: value.between(rows.start, rows.stop)
             if isinstance(value, Forces)
-            else value[first:last]
+            else value[rows]
             for each in fields(self)
             if (value := getattr(self, each.name)) is not None
         }
