@@ -253,6 +253,22 @@ def test_a_script_that_steps_two_engines_has_a_recording_of_each(
     assert note in " ".join(both.stderr.split())
 
 
+def test_an_edit_in_each_step_takes_its_own_bytes_alone(tmp_path: Path) -> None:
+    """It does not cut the samples into chunks of a step, and each counts from its step on."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        RANDOMISED.partition("for mass")[0] + "for k in range(100):\n"
+        "    m.geom_friction[0, 0] = 1 + k\n"
+        "    mujoco.mj_step(m, d)\n"
+    )
+    found = record_script(str(script), out=tmp_path / "run.rrd", stdout=2)
+    assert found.replay == ReplayedSteps(100, 100, 100, pytest.approx(0, abs=1e-12))
+    seen = read(found.recording).seen
+    assert [told.at.step for told in seen.dynamics] == [0, *range(1, 100)]
+    assert [told.reported["lateral_friction"][0] for told in seen.dynamics] == [*range(1, 101)]
+    assert found.bytes < 250_000
+
+
 @pytest.mark.long
 def test_a_chain_of_hundreds_of_links_is_recorded(tmp_path: Path) -> None:
     """The names of links that are each drawn below the one before would be too long to read."""

@@ -108,7 +108,14 @@ class DescribedModel:
     """All names by MuJoCo's kind: `body`, `jnt`, `geom`, `actuator`, `tendon`, `eq`."""
 
 
-def described(arrays: Arrays, *, client: int, first: int, folder: Path) -> DescribedModel:
+def described(
+    arrays: Arrays,
+    *,
+    client: int,
+    first: int,
+    folder: Path,
+    known: Mapping[int, DescribedBody] | None = None,
+) -> DescribedModel:
     """Return the bodies of a model.
 
     Parameters
@@ -121,6 +128,8 @@ def described(arrays: Arrays, *, client: int, first: int, folder: Path) -> Descr
         The number of the first body in the recording.
     folder
         Where meshes are written, for the recorder to read.
+    known
+        Bodies that are as before, by number.
     """
     names = {
         kind: _names(arrays, kind)
@@ -136,7 +145,8 @@ def described(arrays: Arrays, *, client: int, first: int, folder: Path) -> Descr
             of_top[top].append(body)
     bodies, link_of, dof_of = [], {0: (first, BASE)}, {}
     for number, top in enumerate(tops, first):
-        made = _described(arrays, names, of_top[top], number, client, folder)
+        made = (known or {}).get(number)
+        made = made or _described(arrays, names, of_top[top], number, client, folder)
         bodies.append(made)
         for link, each in enumerate(made.links, BASE):
             if each.of >= 0 and each.whole:

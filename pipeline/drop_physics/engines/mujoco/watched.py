@@ -10,7 +10,7 @@ import itertools
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -66,6 +66,8 @@ BY_MEMORY = frozenset(
 """Causes of what the script has written by itself."""
 SILENT = frozenset(("step", "posed"))
 """Causes that are no act of the script."""
+PLACES_BODIES = re.compile(r"opt\.|body_i?(pos|quat)|jnt_|qpos0|geom_(type|size|pos|quat)")
+"""Fields of a model that say where bodies and their shapes are, and when."""
 SHAPES_BODIES = re.compile(r"body_|jnt_|dof_|geom_|qpos0")
 """Fields of a model that say what its bodies are."""
 _FULL = "inertia", "contacts full", "constraints full"
@@ -295,12 +297,15 @@ class MujocoDecoder:
     # -- pieces -----------------------------------------------------------------------------------
 
     def _on_piece(self, piece: StepPiece) -> Iterator[Event]:
-        """Yield what happened in a piece, cut where the model was edited."""
+        """Yield what happened in a piece, cut where an edit changes how its samples are read."""
         simulation = self._simulation(piece.world, piece.model, piece.first)
         self._warned(simulation, piece)
         end = _end(piece)
-        cuts = sorted({each.step for each in piece.edited if piece.first < each.step < end})
-        for first, last in zip([piece.first, *cuts], [*cuts, end], strict=True):
+        edited = [each for each in piece.edited if piece.first < each.step < end]
+        cuts = {each.step for each in edited if PLACES_BODIES.match(each.name)}
+        if not simulation.began:  # what it is at first is told before any change
+            cuts |= {each.step for each in edited[:1]}
+        for first, last in zip([piece.first, *sorted(cuts)], [*sorted(cuts), end], strict=True):
             here = [
                 each
                 for each in piece.edited
@@ -348,15 +353,25 @@ class MujocoDecoder:
         assert self._received is not None
         rows, puts = _Rows(), list[Event]()
         changes = list[Event]()
-        for edit in sorted(edits, key=lambda each: (each.step, each.name)):  # as in every run
-            self._on_edit(its, edit, rows)
-        if edits and its.began:
-            changes += self._changed(its, edits, first - its.first)
-        elif edits:
-            its.described = self._described(its)
-        for written in piece.written:
-            if first <= written.step < end or (written.step >= end and end == _end(piece)):
-                puts += self._on_written(its, piece, written, rows)
+        wrote = [
+            each
+            for each in piece.written
+            if first <= each.step < end or (each.step >= end and end == _end(piece))
+        ]
+        edits = sorted(edits, key=lambda each: (each.step, each.name))  # as in every run
+        acts = sorted([*edits, *wrote], key=lambda each: each.step)
+        for step, together in itertools.groupby(acts, key=lambda each: each.step):
+            now = [*together]
+            edited = [each for each in now if isinstance(each, Edited)]
+            for edit in edited:
+                self._on_edit(its, edit, rows)
+            if edited and its.began:
+                changes += self._changed(its, edited, step - its.first)
+            elif edited:
+                its.described = self._described(its)
+            for each in now:
+                if isinstance(each, Written):
+                    puts += self._on_written(its, piece, each, rows)
         told = changes
         if not its.began:
             told = [*self._beginning(its), *changes]
@@ -416,9 +431,11 @@ class MujocoDecoder:
             yield self._settings(its, at)
         if not any(SHAPES_BODIES.match(edit.name) for edit in edits):
             return
-        before = its.described
-        its.described = self._described(its)
+        before, edited = its.described, _edited_bodies(its, edits)
+        its.described = self._described(its, edited)
         for old, new in zip(before.bodies, its.described.bodies, strict=True):
+            if new.body.number not in edited:
+                continue
             if old.body != new.body:
                 yield Appearance(at, new.body, there=True)
             was, now = (reported_of(a, b) for a, b in ((before.arrays, old), (its.arrays, new)))
@@ -427,9 +444,17 @@ class MujocoDecoder:
             if not same:
                 yield Dynamics(at, new.body, now)
 
-    def _described(self, its: MujocoSimulation) -> DescribedModel:
+    def _described(self, its: MujocoSimulation, edited: Set[int] | None = None) -> DescribedModel:
+        """Return what a model is now: all of it, or some bodies anew, by number."""
         assert self._folder is not None
-        return described(its.arrays, client=its.client, first=its.number, folder=self._folder)
+        bodies = {made.body.number: made for made in its.described.bodies}
+        return described(
+            its.arrays,
+            client=its.client,
+            first=its.number,
+            folder=self._folder,
+            known={} if edited is None else {n: bodies[n] for n in bodies.keys() - edited},
+        )
 
     # -- states -----------------------------------------------------------------------------------
 
@@ -707,3 +732,17 @@ def _edit(arrays: dict[str, NDArray[Any]], edit: Edited) -> None:
     if edit.name in arrays:
         held = arrays[edit.name] = np.array(arrays[edit.name])
         held.reshape(-1)[edit.indices] = edit.new
+
+
+def _edited_bodies(its: MujocoSimulation, edits: list[Edited]) -> set[int]:
+    """Return the numbers of the bodies that edits are about."""
+    arrays, link_of, found = its.arrays, its.described.link_of, set[int]()
+    for edit in edits:
+        kind = edit.name.partition("_")[0]
+        if kind not in ("body", "jnt", "dof", "geom") or edit.name not in arrays:
+            return {made.body.number for made in its.described.bodies}
+        held = arrays[edit.name]
+        rows = np.unique(edit.indices // max(held.size // len(held), 1))
+        bodies = rows if kind == "body" else arrays[f"{kind}_bodyid"][rows]
+        found |= {link_of[body][0] for body in bodies.tolist() if body in link_of}
+    return found

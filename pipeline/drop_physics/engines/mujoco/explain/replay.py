@@ -38,6 +38,8 @@ INSTABLE = tuple(
 """The warnings with which MuJoCo resets itself."""
 VERSION = tuple(int(part) for part in mujoco.__version__.split(".")[:2])
 
+UNREAD = ("geom_", "pair_", "exclude_", "site_", "hfield_", "body_invweight0", "dof_invweight0")
+"""Fields of a model that no sum is made of: an edit does not part the steps that it is between."""
 SPARE = 1 << 16
 """Results of so many unexplained steps are sent at once."""
 
@@ -56,7 +58,7 @@ class ReplayedModel:
     """
 
     def __init__(self, number: int, binary: bytes, names: list[str]) -> None:
-        self.number = number
+        self.number, self.names = number, names
         self.m = mujoco.MjModel.from_binary_path("model.mjb", {"model.mjb": binary})
         places = {field.name: field for field in memory.fields_of(self.m)}
         self.fields = [places[name] for name in names]
@@ -284,7 +286,7 @@ class Replay:
         _, _, field, number, _, _, count = frames.EDITED_HEAD.unpack_from(payload)
         model = self._models[number]
         for state in self._data.values():
-            if state.model is model:
+            if state.model is model and not model.names[field].startswith(UNREAD):
                 yield from self._finish(state)
         at = frames.EDITED_HEAD.size
         indices = np.frombuffer(payload, np.uint32, count, at)
