@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.engines.pybullet.watch import pipe
+from drop_physics.engines.pybullet.watch.worlds import POINT
 from drop_physics.trace.events import At, Body, Calls, Put, Samples
 from drop_physics.trace.states import CONTACT, Joints, Rows
 
@@ -19,8 +20,6 @@ Int64 = NDArray[np.int64]
 
 BASE_WIDTH = 13
 """Numbers of the state of a base: position, orientation, velocity, spin."""
-POINT = 23
-"""Numbers of a contact point: those of `CONTACT` but for the step, in their order."""
 BATCH, MOST_SAMPLES = 1 << 10, 1 << 13
 """Samples that are yielded together, at first and at most."""
 BATCH_BYTES, MOST_BYTES = 1 << 21, 1 << 22
@@ -61,6 +60,20 @@ class Known:
         """Return positions, velocities and efforts of its joints, an array each."""
         ends = np.cumsum(self.widths[:2])
         return [each.copy() for each in np.split(values, ends, axis=-1)]
+
+
+def points_of(points: bytes | bytearray, steps: Int64) -> Rows:
+    """Return contact points as packed by `pack_points`, the step of each given."""
+    values = np.frombuffer(points, np.float64).reshape(-1, POINT.size // 8)
+    rows = np.empty(len(steps), CONTACT)
+    rows["step"] = steps
+    column = 0
+    for name in (CONTACT.names or ())[1:]:  # those but for the step, in their order
+        shape = CONTACT[name].shape
+        width = math.prod(shape)
+        rows[name] = values[:, column : column + width].reshape(-1, *shape)
+        column += width
+    return rows
 
 
 class World:
@@ -202,15 +215,7 @@ class World:
         )
 
     def _contacts(self, steps: Int64, counts: list[int], points: bytes) -> Rows:
-        values = np.frombuffer(points, np.float64).reshape(-1, POINT)
-        rows = np.empty(len(values), CONTACT)
-        rows["step"] = np.repeat(steps, np.array(counts, np.int64) // (8 * POINT))
-        column = 0
-        for name in (CONTACT.names or ())[1:]:
-            shape = CONTACT[name].shape
-            width = math.prod(shape)
-            rows[name] = values[:, column : column + width].reshape(-1, *shape)
-            column += width
+        rows = points_of(points, np.repeat(steps, np.array(counts, np.int64) // POINT.size))
         for name in ("body_a", "body_b"):
             ids, which = np.unique(rows[name], return_inverse=True)
             numbers = [

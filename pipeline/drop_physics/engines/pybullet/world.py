@@ -25,8 +25,10 @@ from drop_physics.engines.pybullet.c_output import c_output_moved_aside
 from drop_physics.engines.pybullet.described import reported_of
 from drop_physics.engines.pybullet.engine import data_folder, p
 from drop_physics.engines.pybullet.found import find_body
+from drop_physics.engines.pybullet.gathered import points_of
 from drop_physics.engines.pybullet.jointed import JointStates, joints_of
 from drop_physics.engines.pybullet.touching import ROUNDING_M, distances, touching_height
+from drop_physics.engines.pybullet.watch.worlds import POINT, pack_points
 from drop_physics.engines.session import PrimitiveShape
 from drop_physics.errors import ScenarioError
 from drop_physics.option_types import Quaternion
@@ -34,7 +36,7 @@ from drop_physics.physics.tree import Tree
 from drop_physics.scenario import Coordinates, Scenario
 from drop_physics.trace.events import GIVEN, Joint
 from drop_physics.trace.poses import links_of, rows_of, tree_of
-from drop_physics.trace.states import BASE, BODY, CONTACT, FLOOR, STATE, Batch, motion_of
+from drop_physics.trace.states import BASE, BODY, FLOOR, STATE, Batch, motion_of
 
 Float64 = NDArray[np.float64]
 
@@ -366,7 +368,8 @@ class World:
             # New memory for each batch: the recorder keeps it.
             states = np.empty(min(batch, samples - start), STATE)
             driven: list[list[float]] = []
-            contacts, memory, place = bytearray(), states.view(np.uint8).data, 0
+            contacts, counts = bytearray(), list[int]()
+            memory, place = states.view(np.uint8).data, 0
             for sample in range(start, min(start + batch, samples)):
                 if stepped and sample:
                     step(client)
@@ -380,50 +383,12 @@ class World:
                     driven.append(joints.now())
                 # Of all bodies: asked about two, the engine turns the normal towards the first,
                 # but not the directions of friction. By position, which is 0.2 µs faster; -1 is
-                # any body, -2 any link. Unpacked to the last number, which is faster than indexing.
-                for (
-                    _,
-                    body_a,
-                    body_b,
-                    link_a,
-                    link_b,
-                    (ax, ay, az),
-                    (bx, by, bz),
-                    (nx, ny, nz),
-                    distance,
-                    force,
-                    friction_1,
-                    (f1x, f1y, f1z),
-                    friction_2,
-                    (f2x, f2y, f2z),
-                ) in touching(-1, -1, -2, -2, client):
-                    contacts += _packed_contact(
-                        sample,
-                        body_a,
-                        link_a,
-                        body_b,
-                        link_b,
-                        ax,
-                        ay,
-                        az,
-                        bx,
-                        by,
-                        bz,
-                        nx,
-                        ny,
-                        nz,
-                        distance,
-                        force,
-                        friction_1,
-                        f1x,
-                        f1y,
-                        f1z,
-                        friction_2,
-                        f2x,
-                        f2y,
-                        f2z,
-                    )
-            points = np.frombuffer(contacts, CONTACT)
+                # any body, -2 any link.
+                touched = touching(-1, -1, -2, -2, client)
+                counts.append(len(touched))
+                contacts += bytes(len(touched) * POINT.size)
+                pack_points(touched, contacts, len(contacts) - len(touched) * POINT.size)
+            points = points_of(contacts, np.repeat(states["step"], counts))
             check_numbers(states)
             check_numbers(points)
             sampled = None
@@ -460,7 +425,6 @@ class World:
 
 _put_state, _STATE_BYTES = struct.Struct("<3q13d").pack_into, STATE.itemsize
 """Fills rows of an array three times faster than converting a list of numbers."""
-_packed_contact = struct.Struct("<5q19d").pack
 
 
 @functools.lru_cache(maxsize=1024)
