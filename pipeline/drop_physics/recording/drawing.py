@@ -5,7 +5,8 @@ Nothing is computed from it. Poses and curves are thinned to what a viewer can s
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import itertools
+from collections.abc import Hashable, Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -192,7 +193,7 @@ class Drawing:
         self._bases[put.body.number] = put.base
         if put.body.number in self._trees:
             parts = links_of(self._trees[put.body.number], put.base[None], put.joints)
-            yield from self._place(put.body, writer.times_of(put.at), parts)
+            yield from self._place(writer.times_of(put.at), poses_in_tree(put.body, parts))
 
     # -- samples ----------------------------------------------------------------------------------
 
@@ -201,40 +202,63 @@ class Drawing:
         yield from self._clear()
         per_s = SHOWN_PER_S * (SLOWER if self._of_drop else 1)
         due = np.floor(seen.times_s * per_s + 1e-9).astype(np.int64)
+        alike: dict[Hashable, list[int]] = {}
         for number in sorted({*seen.bases, *seen.joints}):
-            body = self._bodies[number]
-            base = seen.bases.get(number)
-            if base is None:
-                if number not in self._bases:
-                    continue
-                base = np.tile(self._bases[number], (len(seen.steps), 1))
-            shown = np.diff(due, prepend=self._shown_at.get(number, -1)) > 0
-            shown[-1] = True
-            self._shown_at[number] = int(due[-1])
-            at = Times(seen.steps[shown], seen.times_s[shown], np.full(shown.sum(), seen.call))
-            joints = seen.joints.get(number)
-            drawn = base[shown]
-            parts = links_of(self._trees[number], drawn, joints and joints.at(shown))
-            yield from self._place(body, at, parts)
-            self._reach(parts[..., :3].reshape(-1, 3))
-            if not self._of_drop and len(self._bodies) <= MOST_TRAILS + 1:
-                yield from self._trail(body, at, parts[:, _end_of(body), :3])
-            if not body.joints and not self._of_drop:
-                yield from _thinned(
-                    self._curves, f"{schema.HEIGHT}/{body.label}", at, drawn[:, 2:3]
-                )
+            alone = number if self._bodies[number].joints else None
+            alike.setdefault((self._shown_at.get(number, -1), alone), []).append(number)
+        for numbers in alike.values():
+            yield from self._on_states(seen, numbers, due)
         if not self._of_drop:
             yield from self._points(seen)
 
-    def _place(self, body: Body, at: Times, parts: Float64) -> Iterator[Chunk]:
-        """Yield the poses of base and links, where they change."""
-        for entity, rows in poses_in_tree(body, parts):
-            shown = np.round(rows / schema.POSE_RESOLUTION)
-            before = self._placed.get(entity, np.full(7, np.nan))
-            changed = (np.vstack([before, shown[:-1]]) != shown).any(axis=1)
-            self._placed[entity] = shown[-1]
-            if changed.any():
-                yield from self._poses.add(entity, at.only(changed), rows[changed])
+    def _on_states(
+        self, seen: Samples, numbers: list[int], due: NDArray[np.int64]
+    ) -> Iterator[Chunk]:
+        """Yield poses and curves of a body, or of several without joints that are due together."""
+        bodies = [self._bodies[number] for number in numbers]
+        first = numbers[0]
+        shown = np.diff(due, prepend=self._shown_at.get(first, -1)) > 0
+        shown[-1] = True
+        at = Times(seen.steps[shown], seen.times_s[shown], np.full(shown.sum(), seen.call))
+        if first in seen.bases:
+            drawn = np.array([seen.bases[number][shown] for number in numbers])
+        elif first in self._bases:
+            drawn = np.tile(self._bases[first], (1, len(at.steps), 1))
+        else:
+            return
+        self._shown_at.update(dict.fromkeys(numbers, int(due[-1])))
+        if bodies[0].joints:
+            joints = seen.joints.get(first)
+            parts = links_of(self._trees[first], drawn[0], joints and joints.at(shown))[None]
+        else:
+            parts = drawn[:, :, None]
+        poses = [poses_in_tree(*each) for each in zip(bodies, parts, strict=True)]
+        yield from self._place(at, itertools.chain(*poses))
+        for some in (parts[:1], parts):  # from the first, it is measured what has flown off
+            self._reach(some[..., :3].reshape(-1, 3))
+        if self._of_drop:
+            return
+        if len(self._bodies) <= MOST_TRAILS + 1:
+            for body, its in zip(bodies, parts, strict=True):
+                yield from self._trail(body, at, its[:, _end_of(body), :3])
+        if not bodies[0].joints:
+            heights_m = drawn[:, :, 2:3]
+            kept = writer.noticed(heights_m, schema.POSE_RESOLUTION)
+            for body, its, rows in zip(bodies, heights_m, kept, strict=True):
+                entity = f"{schema.HEIGHT}/{body.label}"
+                yield from self._curves.add(entity, at.only(rows), its[rows])
+
+    def _place(self, at: Times, placed: Iterable[tuple[str, Float64]]) -> Iterator[Chunk]:
+        """Yield the poses of parts, given by entity, where they change."""
+        entities, poses = zip(*placed, strict=True)
+        rows = np.array(poses)
+        shown = np.round(rows / schema.POSE_RESOLUTION)
+        before = np.array([self._placed.get(entity, np.full(7, np.nan)) for entity in entities])
+        changed = (np.concatenate((before[:, None], shown[:, :-1]), axis=1) != shown).any(axis=2)
+        self._placed.update(zip(entities, shown[:, -1].copy(), strict=True))
+        for number in np.flatnonzero(changed.any(axis=1)).tolist():
+            its = changed[number]
+            yield from self._poses.add(entities[number], at.only(its), rows[number, its])
 
     def _reach(self, positions_m: Float64) -> None:
         """Extend the box by positions, shape (n, 3), except of what has flown off."""
@@ -361,12 +385,6 @@ class Drawing:
         yield from self._log.add(
             schema.LOG, writer.times_of(seen.at), (f"raised {seen.error}", True)
         )
-
-
-def _thinned(gathered: Gathering, entity: str, at: Times, values: Float64) -> Iterator[Chunk]:
-    """Add rows, shape (n, k), without those that look like the ones before and after."""
-    kept = writer.noticed(values, schema.POSE_RESOLUTION)
-    yield from gathered.add(entity, at.only(kept), values[kept])
 
 
 def _same_shapes(gone: Body, came: Body) -> bool:

@@ -397,10 +397,14 @@ def curve_chunk(
 
 
 def noticed(values: Float64, resolution: float) -> NDArray[np.bool_]:
-    """Return which rows of values, shape (n, k), begin or end a change, or are first or last."""
+    """Return which rows of values begin or end a change, or are first or last.
+
+    `values` has the shape (n, k), or (m, n, k) for several at the same times.
+    """
     marks = np.round(values / resolution)
-    changes = (marks[1:] != marks[:-1]).any(axis=1)
-    return np.concatenate(([True], changes)) | np.concatenate((changes, [True]))
+    changes = (marks[..., 1:, :] != marks[..., :-1, :]).any(axis=-1)
+    edge = np.ones((*changes.shape[:-1], 1), np.bool_)
+    return np.concatenate((edge, changes), axis=-1) | np.concatenate((changes, edge), axis=-1)
 
 
 def _static(entity: str, columns: rr.ComponentColumnList) -> Chunk:
