@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from drop_physics.engines.pybullet.visible_world import view_matrix, world_from_
 from drop_physics.errors import OutputError, RecordingError, ScenarioError
 from drop_physics.figures.playback import Animation
 from drop_physics.figures.theme import DARK, LIGHT
+from drop_physics.recording import rrd
 from drop_physics.recording.reader import read
 from drop_physics.recording.scene import parts_of
 from drop_physics.scenario import STANDARD_CAMERA
@@ -171,6 +173,21 @@ def test_a_link_is_drawn_where_kinematics_has_it(tmp_path: Path) -> None:
     turned = np.abs((drawn[..., 3:] * motions[..., 3:7]).sum(axis=-1))
     assert turned == pytest.approx(1.0, abs=1e-6)
     assert np.ptp(drawn[:, -1, :3], axis=0).max() > 0.1
+
+
+def test_a_mesh_in_another_colour_is_not_written_again(tmp_path: Path) -> None:
+    recolour = "steps(2)\np.changeVisualShape(0, 3, rgbaColor=[1, 0, 0, 1])\nsteps(2)"
+    recording = scenes.record(SWINGING.replace("steps(120)", recolour), tmp_path / "arm.rrd")
+    columns = Counter(
+        (chunk.entity.rpartition("/")[0].rpartition("_")[2], name)
+        for chunk in rrd.chunks(recording.path)
+        for name in chunk.batch.schema.names
+        if name in ("Asset3D:blob", "Asset3D:albedo_factor")
+    )
+    again = [each for each, count in columns.items() if count > 1]
+    assert again == [("4", "Asset3D:albedo_factor")]
+    looks = [part.models[0] for part in parts_of(recording.path, recording.seen)]
+    assert sum(model.shape.rgba == (1, 0, 0, 1) and model.mesh != b"" for model in looks) == 1
 
 
 @pytest.mark.parametrize("how", some(["p.removeBody(body)", "p.resetSimulation()"], 1))

@@ -50,10 +50,9 @@ def motions(bases: Rows, joints: Mapping[int, Joints]) -> dict[int, BodySamples]
         if base is None:
             found[number] = BodySamples(held.steps, None, held)
             continue
-        base = base.at(np.isin(base.steps, held.steps))
+        base, jointed = together(base, BodySamples(held.steps, None, held))
         if len(base.steps):
-            held = held.at(np.isin(held.steps, base.steps))
-            found[number] = BodySamples(base.steps, base.base, held)
+            found[number] = BodySamples(base.steps, base.base, jointed.joints)
     return found
 
 
@@ -62,4 +61,6 @@ def together(
 ) -> tuple[BodySamples, BodySamples]:
     """Return the samples that both have; the other makes so many steps for each of these."""
     due = mine.steps * finer
+    if np.array_equal(due, theirs.steps):
+        return mine, theirs
     return mine.at(np.isin(due, theirs.steps)), theirs.at(np.isin(theirs.steps, due))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -99,31 +99,21 @@ def series(chunk: Chunk, path: Path) -> tuple[NDArray[np.int64], NDArray[np.floa
     return steps, flat.to_numpy().reshape(len(steps), -1).copy()
 
 
-def calls(chunk: Chunk, path: Path) -> Iterator[Calls]:
-    """Yield the calls in a chunk, which are of one simulation.
+def calls(chunk: Chunk, path: Path) -> Calls:
+    """Return the calls in a chunk, which are of one simulation.
 
     Raises
     ------
     RecordingError
         If it holds anything else.
     """
-    steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path).to_numpy()
+    steps, times_s, held, counts = _lists(chunk, _OF_CALLS, path)
     first = _column(chunk, schema.CALL_TIMELINE, pa.types.is_int64, path).to_numpy()
-    times = _column(chunk, schema.TIME_TIMELINE, pa.types.is_duration, path)
-    times_s = times.view(pa.int64()).to_numpy() / 1e9
-    held: dict[str, NDArray[Any]] = {}
-    counts: dict[str, NDArray[np.int64]] = {}
-    for name, is_right in _OF_CALLS.items():
-        lists = _column(chunk, name, _is_list_of(is_right), path)
-        flat = between(lists)
-        if flat.null_count:
-            raise damaged(path, Message("{entity} has gaps", entity=chunk.entity))
-        held[name], counts[name] = flat.to_numpy().copy(), np.diff(lists.offsets.to_numpy())
     many = counts["site"]
     same = all(np.array_equal(counts[name], many) for name in ("after", "result"))
     if not (same and len(many) and many.all() and len(set(held["client"].tolist())) == 1):
         raise damaged(path, wrong_count(chunk.entity, 1, "site"))
-    yield Calls(
+    return Calls(
         int(held["client"][0]),
         np.repeat(steps, many),
         np.repeat(times_s, many),
@@ -142,21 +132,13 @@ def impulses(chunk: Chunk, path: Path) -> Impulses:
     RecordingError
         If it holds anything else.
     """
-    steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path).to_numpy()
-    held: dict[str, NDArray[Any]] = {}
-    counts: dict[str, NDArray[np.int64]] = {}
-    for name, is_right in _OF_IMPULSES.items():
-        lists = _column(chunk, name, _is_list_of(is_right), path)
-        flat = between(lists)
-        if flat.null_count:
-            raise damaged(path, Message("{entity} has gaps", entity=chunk.entity))
-        held[name], counts[name] = flat.to_numpy().copy(), np.diff(lists.offsets.to_numpy())
+    steps, times_s, held, counts = _lists(chunk, _OF_IMPULSES, path)
     if not ((counts["status"] == 1) & (counts["remainder"] == 1)).all():
         raise damaged(path, wrong_count(chunk.entity, 1, "status"))
     return Impulses(
         int(chunk.entity.rpartition("/")[2]),
         steps,
-        times_s(chunk),
+        times_s,
         held["status"],
         held["remainder"],
         counts["cause"].astype(np.int64),
@@ -164,6 +146,25 @@ def impulses(chunk: Chunk, path: Path) -> Impulses:
         held["cause"],
         held["impulse"],
     )
+
+
+def _lists(
+    chunk: Chunk, kinds: Mapping[str, Callable[[Any], bool]], path: Path
+) -> tuple[
+    NDArray[np.int64], NDArray[np.float64], dict[str, NDArray[Any]], dict[str, NDArray[np.int64]]
+]:
+    """Return steps and times [s] of a chunk, the elements of its lists, and how many each has."""
+    steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path).to_numpy()
+    times = _column(chunk, schema.TIME_TIMELINE, pa.types.is_duration, path)
+    held: dict[str, NDArray[Any]] = {}
+    counts: dict[str, NDArray[np.int64]] = {}
+    for name, is_right in kinds.items():
+        lists = _column(chunk, name, _is_list_of(is_right), path)
+        flat = between(lists)
+        if flat.null_count:
+            raise damaged(path, Message("{entity} has gaps", entity=chunk.entity))
+        held[name], counts[name] = flat.to_numpy().copy(), np.diff(lists.offsets.to_numpy())
+    return steps, times.view(pa.int64()).to_numpy() / 1e9, held, counts
 
 
 _OF_IMPULSES = {

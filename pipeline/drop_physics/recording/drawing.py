@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Hashable, Iterable, Iterator, Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,7 +87,7 @@ class Drawing:
         self._shown_at: dict[int, int] = {}
         self._placed: dict[str, Float64] = {}
         """The last pose of each link, by entity, in units of `POSE_RESOLUTION`."""
-        self._drawn: dict[int, tuple[Any, ...]] = {}
+        self._drawn: dict[int, tuple[Shape, ...]] = {}
         self._gone: dict[int, tuple[Times, Body]] = {}
         """Bodies that went since the last sample, and when, by number."""
         self._undrawn: dict[int, str] = {}
@@ -162,16 +161,17 @@ class Drawing:
                 link = part_path(body, touched.link)
                 entity = f"{schema.COLLISIONS}{link.removeprefix(schema.WORLD)}/{number}"
                 yield from pictures.collision(entity, at, link, touched)
-        if self._drawn.get(body.number) != body.shapes:
-            self._drawn[body.number] = body.shapes
-            counts: dict[int, int] = {}
-            for shape in body.shapes:
-                number = counts[shape.link] = counts.get(shape.link, -1) + 1
-                entity = f"{part_path(body, shape.link)}/{number}"
-                drawn = [*pictures.shape(entity, at, shape)]
-                if not drawn:
-                    self._undrawn[body.number] = body.label
-                yield from drawn
+        before, counts = self._drawn.get(body.number, ()), dict[int, int]()
+        self._drawn[body.number] = body.shapes
+        for shape, was in itertools.zip_longest(body.shapes, before[: len(body.shapes)]):
+            number = counts[shape.link] = counts.get(shape.link, -1) + 1
+            if shape == was:
+                continue
+            entity = f"{part_path(body, shape.link)}/{number}"
+            drawn = [*pictures.shape(entity, at, shape, was)]
+            if not drawn:
+                self._undrawn[body.number] = body.label
+            yield from drawn
 
     def _clear(self) -> Iterator[Chunk]:
         """Yield what removes the bodies that are gone."""
@@ -367,7 +367,9 @@ class Drawing:
     ) -> Iterator[Chunk]:
         """Yield the first calls of each site as text."""
         ends = np.cumsum([0, *widths]).tolist()
-        for place, number in enumerate(seen.sites.tolist()):
+        full = [number for number, count in self._listed.items() if count >= MOST_LINES]
+        for place in np.flatnonzero(~np.isin(seen.sites, full)).tolist():
+            number = int(seen.sites[place])
             count = self._listed[number] = self._listed.get(number, 0) + 1
             if count > MOST_LINES:
                 continue

@@ -43,7 +43,7 @@ class Commands:
     """The commands of all bodies; events come in order."""
 
     def __init__(self) -> None:
-        self._asked: dict[tuple[int, int], Asked] = {}
+        self._asked: dict[tuple[int, int], JointRequests] = {}
         """What is asked of bodies, by client and the engine's id."""
         self._held: list[Command] = []
         self._raised: set[int] = set()
@@ -54,7 +54,7 @@ class Commands:
         """Note a body that came or went."""
         key = seen.body.client, seen.body.engine_id
         if seen.came:
-            self._asked[key] = Asked(seen.body, seen.at)
+            self._asked[key] = JointRequests(seen.body, seen.at)
         elif not seen.there:
             yield from self.flush()
             if key in self._asked:
@@ -116,7 +116,7 @@ class Cells(NamedTuple):
     """Shape (n, columns)."""
 
 
-class Asked:
+class JointRequests:
     """What is asked of the joints of one body."""
 
     def __init__(self, body: Body, at: At) -> None:

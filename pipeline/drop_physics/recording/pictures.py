@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import io
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -87,8 +88,11 @@ def cleared(entity: str, at: Times) -> Chunk:
     return Chunk.from_columns(entity, times(at), rr.Clear.columns(is_recursive=[True]))
 
 
-def shape(entity: str, at: Times, seen: Shape) -> Iterator[Chunk]:
-    """Yield a shape and its pose on its link, if it can be drawn."""
+def shape(entity: str, at: Times, seen: Shape, before: Shape | None = None) -> Iterator[Chunk]:
+    """Yield a shape and its pose on its link, if it can be drawn.
+
+    Of a mesh that was drawn there before, in another colour, only the colour is yielded.
+    """
     rgba = [min(1.0, max(0.0, value)) for value in seen.rgba] or [1.0] * 4
     shades = [round(BRIGHTEST * value) for value in rgba[:3]]
     colour = int.from_bytes(bytes([*shades, round(255 * rgba[3])]), "big")
@@ -109,6 +113,10 @@ def shape(entity: str, at: Times, seen: Shape) -> Iterator[Chunk]:
         if mesh is None:
             return
         blob, media_type = mesh
+        if before is not None and replace(before, rgba=seen.rgba) == seen:
+            recoloured = rr.Asset3D.columns(albedo_factor=[colour])
+            yield Chunk.from_columns(entity, times(at), recoloured)
+            return
         drawn = rr.Asset3D.columns(blob=[blob], media_type=[media_type], albedo_factor=[colour])
         scale = [seen.size_m]
     placed = rr.Transform3D.columns(
@@ -143,34 +151,27 @@ def collision(entity: str, at: Times, link: str, seen: Collision) -> Iterator[Ch
             fill_mode=see_through,
             **turned,
         )
-    elif seen.kind == "mesh" and (hull := hull_of(seen)) is not None:
-        corners_m, triangles, normals = hull
-        drawn = rr.Mesh3D.columns(
-            vertex_positions=corners_m,
-            vertex_normals=normals,
-        ).partition([len(corners_m)])
-        count = [len(triangles)]
-        drawn = rr.ComponentColumnList(
-            [
-                *drawn,
-                *rr.Mesh3D.columns(triangle_indices=triangles).partition(count),
-                *rr.Mesh3D.columns(albedo_factor=[COLLISION_COLOUR]),
-            ]
-        )
+    elif seen.kind == "mesh" and (hull := hull_of(seen.hull_m)) is not None:
+        corners_m, normals = hull
+        mesh = rr.Mesh3D.columns(vertex_positions=corners_m, vertex_normals=normals)
+        colour = rr.Mesh3D.columns(albedo_factor=[COLLISION_COLOUR])
+        drawn = [*mesh.partition([len(corners_m)]), *colour]
     else:
         return
     frame = rr.CoordinateFrame.columns(frame=[f"tf#/{link}"])
     yield Chunk.from_columns(entity, times(at), [*drawn, *frame])
 
 
-def hull_of(seen: Collision) -> tuple[Float64, NDArray[np.uint32], Float64] | None:
-    """Return the corners of a hull, each triangle's own, the triangles, and corners' normals.
+@functools.lru_cache(maxsize=64)
+def hull_of(corners: tuple[float, ...]) -> tuple[Float64, Float64] | None:
+    """Return the corners of a hull's triangles, three each, and their normals: shape (n, 3).
 
-    None where the corners are not those of one hull: a file may have several parts.
+    None where the corners [m], three numbers each, are not those of one hull: a file may have
+    several parts.
     """
     from scipy.spatial import ConvexHull, QhullError  # slow to import, and few bodies have meshes
 
-    corners_m = np.reshape(seen.hull_m, (-1, 3))
+    corners_m = np.reshape(corners, (-1, 3))
     try:
         hull = ConvexHull(corners_m)
     except (QhullError, ValueError):
@@ -180,8 +181,7 @@ def hull_of(seen: Collision) -> tuple[Float64, NDArray[np.uint32], Float64] | No
     outwards = np.repeat(hull.equations[:, :3], 3, axis=0)
     ways = corners_m - corners_m.mean(axis=0)
     corners_m = corners_m + BEYOND_M * ways / np.linalg.norm(ways, axis=1, keepdims=True)
-    triangles = np.arange(3 * len(hull.simplices), dtype=np.uint32).reshape(-1, 3)
-    return corners_m[hull.simplices.ravel()], triangles, outwards
+    return corners_m[hull.simplices.ravel()], outwards
 
 
 def _moved(shape: Shape, offset: Sequence[float]) -> list[float]:

@@ -219,8 +219,7 @@ def contents(path: Path) -> Contents:
         elif entity in texts:
             texts[entity] += columns.told(chunk, path)
         elif entity == schema.CALLS:
-            for calls in columns.calls(chunk, path):
-                sampled.add(chunk, calls.steps)
+            sampled.add(chunk, columns.calls(chunk, path).steps)
         elif entity.startswith(f"{schema.IMPULSES}/"):
             acted = columns.impulses(chunk, path)
             sampled.add(chunk, acted.steps)
@@ -329,8 +328,7 @@ def _calls_digests(held: Contents) -> str | list[str] | None:
     sites = _sites(held.told)
     sampled, made = held.sampled, Digests()
     for chunk in sampled.chunks(schema.CALLS, 0, sampled.last + 1):
-        for calls in columns.calls(chunk, sampled.path):
-            made.add_calls(calls, sites)
+        made.add_calls(columns.calls(chunk, sampled.path), sites)
     return _listed(made.calls)
 
 

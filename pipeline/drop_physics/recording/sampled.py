@@ -212,9 +212,6 @@ class RecordedSamples:
 
     def calls(self, first: int, end: int) -> Log:
         """Return the calls after so many steps, and before so many."""
-        read = [
-            each
-            for chunk in self.chunks(schema.CALLS, first, end)
-            for each in columns.calls(chunk, self.path)
-        ]
+        chunks = self.chunks(schema.CALLS, first, end)
+        read = [columns.calls(chunk, self.path) for chunk in chunks]
         return Log(read, self.sites, self.raised, self.appearances).between(first, end)

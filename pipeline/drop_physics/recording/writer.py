@@ -404,7 +404,9 @@ def noticed(values: Float64, resolution: float) -> NDArray[np.bool_]:
     marks = np.round(values / resolution)
     changes = (marks[..., 1:, :] != marks[..., :-1, :]).any(axis=-1)
     edge = np.ones((*changes.shape[:-1], 1), np.bool_)
-    return np.concatenate((edge, changes), axis=-1) | np.concatenate((changes, edge), axis=-1)
+    begins, ends = ((edge, changes), (changes, edge))
+    kept: NDArray[np.bool_] = np.concatenate(begins, axis=-1) | np.concatenate(ends, axis=-1)
+    return kept
 
 
 def _static(entity: str, columns: rr.ComponentColumnList) -> Chunk:

@@ -364,7 +364,8 @@ class Calls:
 
 def widths_of(seen: Calls, sites: Mapping[int, Site]) -> Int64:
     """Return how many numbers each call has, shape (m,)."""
-    return np.array([len(sites[site].names) for site in seen.sites.tolist()], np.int64)
+    known, which = np.unique(seen.sites, return_inverse=True)
+    return np.array([len(sites[site].names) for site in known.tolist()], np.int64)[which]
 
 
 @dataclass(frozen=True)

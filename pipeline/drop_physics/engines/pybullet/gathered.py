@@ -99,8 +99,8 @@ class World:
         self._samples: list[bytes] = []
         self._first = self._call = self._bytes = 0
         """Step of the first of these samples, calls before the last, and their bytes."""
-        self._calls: list[tuple[int, int, int, bytes]] = []
-        """Step, number, site and payload of each call that was not yielded yet."""
+        self._calls: list[tuple[int, int, bytes]] = []
+        """Step, number and payload of each call that was not yielded yet."""
         self._results: list[tuple[int, float]] = []
         """What each of these returned."""
 
@@ -139,9 +139,9 @@ class World:
         self._call, self.step, self.sampled = call, step, True
         return True
 
-    def add_call(self, number: int, site: int, payload: bytes) -> None:
+    def add_call(self, number: int, payload: bytes) -> None:
         """Gather a call."""
-        self._calls.append((self.step, number, site, payload))
+        self._calls.append((self.step, number, payload))
 
     def add_result(self, result: float) -> None:
         """Note what the last call returned."""
@@ -158,20 +158,23 @@ class World:
         """Yield the calls that were gathered."""
         if not self._calls:
             return
-        steps, numbers, sites, payloads = zip(*self._calls, strict=True)
+        steps, numbers, payloads = zip(*self._calls, strict=True)
         results = np.full(len(steps), math.nan)
         for which, result in self._results:
             results[which] = result
         self._calls, self._results = [], []
         at_steps = np.array(steps, np.int64)
-        values = b"".join([payload[pipe.CALL_HEAD.size :] for payload in payloads])
+        held = np.frombuffer(b"".join(payloads), np.float64)
+        sizes = np.fromiter(map(len, payloads), np.int64, len(payloads)) // 8
+        heads = np.cumsum(sizes) - sizes  # a head takes as many bytes as a number
+        sites = held[heads].view(np.uint32)[1::2].astype(np.int64)
         yield Calls(
             self.client,
             at_steps,
             self.times_s(at_steps),
             np.array(numbers, np.int64),
-            np.array(sites, np.int64),
-            np.frombuffer(values, np.float64),
+            sites,
+            np.delete(held, heads),
             results,
         )
 

@@ -168,6 +168,8 @@ class Decoder:
         for kind, payload in self._frames.feed(data):
             if kind == pipe.SAMPLE and self.engine == PYBULLET:
                 yield from self._add_sample(payload)
+            elif kind == pipe.CALL and self.engine == PYBULLET:  # as many: without a generator
+                self._on_call(payload)
             else:
                 yield from self._on_frame(kind, payload)
 
@@ -277,7 +279,7 @@ class Decoder:
             values[self._timesteps[site]] /= self._finer
             payload = head + values.tobytes()
         self._called = site
-        self._caller.add_call(self.calls, site, payload)
+        self._caller.add_call(self.calls, payload)
 
     def _put(self, payload: bytes) -> Put:
         number, step = pipe.HEAD.unpack_from(payload)
