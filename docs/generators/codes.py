@@ -85,7 +85,7 @@ def _parted(text: str, code: str) -> tuple[str, str | None]:
     """Return message and advice where the lines do not show it: it is one of those of its code."""
     advises = [each for each in references()[code].advises if not each.startswith("…")]
     forms = (".+".join(map(re.escape, each.split("…"))) for each in advises)
-    for form in (*forms, r"p\.(?:set|change)\w+\(.*"):
+    for form in (*forms, r"p\.\w+\(…, .*"):
         if found := re.search(f" ({form})$", text):
             return text[: found.start()], found[1]
     return text, None

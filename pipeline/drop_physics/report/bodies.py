@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.fields import counted
 from drop_physics.messages import Message, columns_of, joined
 from drop_physics.report.blocks import (
@@ -20,7 +21,7 @@ from drop_physics.report.blocks import (
     Words,
 )
 from drop_physics.report.flights import contacts, falls, flights, momentum
-from drop_physics.report.words import MISSING, SEGMENTS, cause_in_words, kinds_of_samples
+from drop_physics.report.words import MISSING, SEGMENTS, kinds_of_samples
 from drop_physics.rules.choice import minor
 from drop_physics.trace.events import ENDED
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.fields import LARGE, counted, decimals, engineering, fraction
 from drop_physics.messages import Message, joined
 from drop_physics.report.blocks import (
@@ -20,7 +21,7 @@ from drop_physics.report.blocks import (
 )
 from drop_physics.report.bodies import sum_of
 from drop_physics.report.flights import contacts, flights
-from drop_physics.report.words import CAUSES, EXPLAINED, TERMS, kinds_of_samples, millimetres
+from drop_physics.report.words import EXPLAINED, TERMS, kinds_of_samples, millimetres
 from drop_physics.scenario import ENGINES, EXACT_INTEGRATORS
 
 if TYPE_CHECKING:
@@ -336,7 +337,7 @@ def _energy(analysis: DropAnalysis) -> list[Fact]:
 
     # Less than a millionth of the whole is rounding, not a cause.
     causes = [
-        Message("{joules} {cause}", joules=joules(j, "+"), cause=CAUSES[cause])
+        Message("{joules} {cause}", joules=joules(j, "+"), cause=cause_in_words(cause))
         for cause, j in energy.by_cause_j.items()
         if abs(j) > 1e-6 * scale
     ]

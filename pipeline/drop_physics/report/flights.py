@@ -7,10 +7,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
+from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.fields import counted
 from drop_physics.messages import Message
 from drop_physics.report.blocks import Block, Column, DataTable, Section, Words, numbers
-from drop_physics.report.words import CONTACTS, TERMS, cause_in_words, millimetres
+from drop_physics.report.words import CONTACTS, TERMS, millimetres
 
 if TYPE_CHECKING:
     from drop_physics.analysis.results import BodyAnalysis, BodyFlight, Vector

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drop_physics.analysis.results import renamed
+from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.explain.jsonable import jsonable
 from drop_physics.fields import counted
 from drop_physics.messages import Message, joined, translated
@@ -25,7 +26,7 @@ from drop_physics.report.blocks import (
     Section,
     Words,
 )
-from drop_physics.report.words import MISSING, cause_in_words
+from drop_physics.report.words import MISSING
 from drop_physics.stages.trust_findings import BY_STEP, TERMS, part_of, readable
 from drop_physics.stages.trust_outputs import distances_of
 from drop_physics.trace.history import PYBULLET

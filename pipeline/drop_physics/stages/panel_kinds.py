@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from drop_physics import colours
 from drop_physics.analysis.results import Analysis, BodyAnalysis
+from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.explain.curves import FORCES, Curves
 from drop_physics.explain.joints import JointRow
 from drop_physics.figures.plot import Curve, Look, Panel
@@ -28,12 +29,6 @@ Float64 = NDArray[np.float64]
 MOST_CAUSES = 4
 TARGETS = {"rate": "target_rate", "position": "target"}
 """Column of what a motor is given -> of what it is to reach."""
-NAMES: dict[str, str] = {
-    "contacts": Message("contact"),
-    "rolling": Message("rolling friction"),
-    "clamp": Message("velocity limit"),
-}
-"""What is said of causes whose name says less."""
 OF_FILES = ("no-inertial", "inertia-from-shape", "impossible-inertia", "inertia-without-mass")
 """Findings that no curve of a joint shows."""
 NOISY, JUMPS, WINDOWS = 0.4, 0.05, 60
@@ -197,7 +192,7 @@ def energy(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> It
     if not causes or not its.columns["whole"].any():
         return
     drawn: dict[str, tuple[str, str]] = {"whole": (Message("together"), "")}
-    drawn |= {name: (NAMES.get(name, name), colours.CAUSES[name]) for name in causes}
+    drawn |= {name: (cause_in_words(name), colours.CAUSES[name]) for name in causes}
     yield Panel(
         Message("energy of {body} since the start, by cause", body=body.label),
         "J",
