@@ -18,6 +18,7 @@ from drop_physics.figures import style
 from drop_physics.figures.panel_plot import build_figure, draw_beside, render
 from drop_physics.figures.plot import Curve, Panel, Plot
 from drop_physics.figures.theme import LIGHT
+from drop_physics.messages import Message
 from drop_physics.stages.panels import plot_of, viewed
 from drop_physics.stages.run import Run
 from matplotlib.figure import Figure
@@ -221,6 +222,8 @@ def test_what_flies_shows_its_height_beside_free_fall(tmp_path: Path) -> None:
 def test_energy_closes_and_every_text_is_inside_the_picture(scene: str, tmp_path: Path) -> None:
     analysis, story = told(scene, tmp_path)
     assert 1 <= len(story.panels) <= 4
+    names = [curve.name for panel in story.panels for curve in panel.curves]
+    assert all(isinstance(name, Message) for name in names), names  # so translated
     for body in analysis.bodies:
         its = analysis.curves.energy(body.id)
         if its is not None and body.energy is not None:
