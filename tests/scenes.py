@@ -25,6 +25,7 @@ import pybullet as p
 from command import HANGS_S
 from drop_physics.analysis.results import Analysis, BodyAnalysis
 from drop_physics.analysis.story import Story
+from drop_physics.engines.cures import call_of
 from drop_physics.engines.pybullet.script import BlockListener
 from drop_physics.engines.pybullet.watch import ending, pipe, start
 from drop_physics.explain.recording import Explanation
@@ -184,7 +185,7 @@ def _run(code: Code) -> dict[str, Any]:
 
 def analyze(seen: Seen, **how: Any) -> Analysis:
     """Return what is said of a recording."""
-    return Story(seen, {}, **how).analysis()
+    return Story(seen, {}, **{"call_of": call_of(seen.engine), **how}).analysis()
 
 
 def body_of(analysis: Analysis, number: int) -> BodyAnalysis:

@@ -16,6 +16,8 @@ REASONS = {
     "crane_drift": "no-effect",
     "spherical": "no-effect",
     "ik_short_lists": "no-effect",
+    "no_force": "no-effect",
+    "damping_of_base": "no-effect",
     "two_clients": "other-client",
     "base_com": "reset-frame",
     "reset_joint_each": "pose-set-each-step",

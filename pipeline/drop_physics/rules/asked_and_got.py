@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drop_physics.messages import Message, joined
-from drop_physics.rules.answer import Cure, Effect, Span
+from drop_physics.rules.answer import Cure, Effect, Scene, Span
 from drop_physics.rules.arguments import given
 from drop_physics.rules.input_rule import InputSubject, input_rule
 from drop_physics.rules.inputs import Inputs, Use
+from drop_physics.rules.joint import distance, place
 from drop_physics.rules.rule import Match, Said, Worst, joint_rule
+from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import (
+    AT_TARGET_RAD,
     COASTS_RAD_S,
     COASTS_STEPS,
     DEEP_M,
@@ -28,6 +32,7 @@ from drop_physics.rules.thresholds import (
 )
 from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body
+from drop_physics.trace.motors import POSITION
 from drop_physics.trace.requests import Request
 
 IK_LISTS = ("lowerLimits", "upperLimits", "jointRanges", "restPoses")
@@ -57,6 +62,38 @@ def _(worst: Worst) -> Said:
 
 
 @joint_rule("not-taken", "asked", reason="no-effect", least_count=COASTS_STEPS)
+def without_force(joints: JointColumns) -> Match:
+    """A position motor with a force of 0 is off, whatever target it is given."""
+    off = np.abs(joints.after - joints.asked.target)
+    where = (joints.mode == POSITION) & (joints.force == 0) & (joints.pd != 1)
+    where &= (joints.steps.reported.commanded == 0) & (off > joints.at_target)
+    target = joints.asked.target
+    return Match(where, off, {"target": target}, most={"high": target, "low": -target})
+
+
+@without_force.counts
+def _(runs: Runs, _: Scene) -> NDArray[np.float64]:
+    # One that stands may be there to turn the motor off.
+    return np.where(runs.high + runs.low > AT_TARGET_RAD, runs.size, 0.0)
+
+
+@without_force.says
+def _(worst: Worst) -> Said:
+    return Said(
+        message=Message(
+            "{joint}{more} is {off} off its target of {target}: a motor that is given force=0 is "
+            "off"
+        ),
+        values={
+            "off": distance(worst.size, worst.unit),
+            "target": place(worst.target, worst.unit),
+        },
+        advice=Message("give it a force, or no force=…, which lets it take any"),
+        effect=Effect(worst.size, worst.unit),
+    )
+
+
+@joint_rule("not-taken", "asked", reason="no-effect", least_count=COASTS_STEPS)
 def ball_velocity(joints: JointColumns) -> Match:
     """The motor of a ball joint takes no target velocity."""
     ball = joints.of_joints(lambda joint: float(joint.kind == "spherical")) > 0
@@ -80,6 +117,25 @@ def _(worst: Worst) -> Said:
             "with p.TORQUE_CONTROL, or give target positions"
         ),
     )
+
+
+@input_rule("not-taken", "asked", "no-effect")
+def damping_of_base(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+    """Damping of joints is a link's, and PyBullet ignores what a call gives the base of it."""
+    uses = [use for use in inputs.of(Act.SET_PROPERTY) if use.body and "jointDamping" in use.low]
+    links = {use.body.number for use in uses if use.body and use.high["linkIndex"][0] >= 0}
+    for use in uses:
+        if use.body is None or use.body.number in links or not use.body.joints:
+            continue
+        message = Message(
+            "jointDamping={damping:g} given to the base of {body} damps none of its {n} joints: "
+            "a joint's damping goes by its link",
+            damping=float(use.high["jointDamping"][0]),
+            body=use.body.label,
+            n=len(use.body.joints),
+        )
+        advice = Message("p.changeDynamics(body, joint, jointDamping=…) for each joint")
+        yield InputSubject(use.first, use.body), Said(message=message, advice=advice)
 
 
 @input_rule("not-taken", "asked", "no-effect")

@@ -70,6 +70,12 @@ class AskedOfBodies:
         return None if call is None else site_of(call)
 
 
+def part_named(body: Body, link: int) -> str:
+    """Return what a link is called; of a body that has no other, what that is."""
+    single = len(body.links) < 2 or link + 1 >= len(body.links)
+    return body.label if single else f"{body.label} ({body.links[link + 1]})"
+
+
 def size_m(body: Body) -> float:
     """Return the longest edge of the box around a body, as it was added; 1 if it is unknown."""
     boxes = np.reshape(body.bounds_m, (-1, 2, 3))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import combinations, product
 
 import numpy as np
@@ -17,6 +17,8 @@ from drop_physics.physics.rotations import products, quaternions, rotate
 from drop_physics.physics.tree import BASE
 from drop_physics.rules.answer import Answer, Cure, Finding, Level, Scene, Span
 from drop_physics.rules.arguments import number, site_of
+from drop_physics.rules.body_properties import part_named
+from drop_physics.rules.rule import Said, finding_of
 from drop_physics.rules.thresholds import DEEP_M, OVERLAPS_STEPS
 from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import Call
@@ -253,37 +255,30 @@ class NoContact(Answer):
     def _finding(self, pair: tuple[Place, Place], passing: _Passing) -> Finding:
         (one, link), (two, other_link) = pair
         body, other = self.scene.body(one), self.scene.body(two)
-        names = [_named(each, at) for each, at in ((body, link), (other, other_link))]
+        names = [part_named(each, at) for each, at in ((body, link), (other, other_link))]
         why, advice, name, level = _WHY[passing.reason]
-        cure = None if name is None else Cure(name, body.label)
-        if cure is not None:
-            cure = replace(cure, call=self.scene.call_of(cure))
         made = self.scene.seen.samples[body.client] - 1
-        message = Message(
-            "{body} gets into {other} in {steps:,} steps, and nothing pushes it out: {why}",
-            body=names[0],
-            other=names[1],
-            steps=len(passing.steps),
-            why=Message(
-                why,
-                body=names[0],
-                other=names[1],
-                function="" if passing.call is None else passing.call.function,
+        call = passing.call
+        values: dict[str, object] = {
+            "body": names[0],
+            "other": names[1],
+            "steps": len(passing.steps),
+        }
+        values["why"] = Message(why, **values, function="" if call is None else call.function)
+        said = Said(
+            message=Message(
+                "{body} gets into {other} in {steps:,} steps, and nothing pushes it out: {why}"
             ),
-        )
-        return Finding(
-            code="no-contact",
-            level=level,
+            values=values,
             reason=passing.reason,
-            message=message,
-            advice=Message(advice, other=names[1], call=cure and cure.call),
-            cure=cure,
-            body=body.label,
+            advice=advice,
+            cure=None if name is None else Cure(name, body.label),
             other=None if one == two else other.label,
             share=len(passing.steps) / max(made, 1),
             steps=Span(passing.steps[0], passing.steps[-1], len(passing.steps)),
-            site=None if passing.call is None else site_of(passing.call),
+            site=None if call is None else site_of(call),
         )
+        return finding_of("no-contact", level, said, self.scene, body.label)
 
 
 _WHY: dict[str, tuple[Message, Message, str | None, Level]] = {
@@ -325,9 +320,3 @@ _WHY: dict[str, tuple[Message, Message, str | None, Level]] = {
     ),
 }
 """Why, what helps, by which intervention, and how grave it is, by reason."""
-
-
-def _named(body: Body, link: int) -> str:
-    """Return what a link is called; of a body that has no other, what that is."""
-    single = len(body.links) < 2 or link + 1 >= len(body.links)
-    return body.label if single else f"{body.label} ({body.links[link + 1]})"

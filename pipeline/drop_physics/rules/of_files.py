@@ -189,7 +189,7 @@ def _(worst: Worst) -> Said:
     cause = Message("PyBullet computes it from the collision shape")
     if not body.collisions:
         cause = Message("PyBullet computes it from the collision shape, and there is none")
-    advice = None
+    advice = Message("load it with {call}")
     if other.changed is not None:
         cause = Message("p.changeDynamics(mass=…) computes it anew from the collision shape")
         advice = Message("give p.changeDynamics localInertiaDiagonal together with the mass")

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from drop_physics.messages import Message, joined
 from drop_physics.rules.answer import Cure, Effect
-from drop_physics.rules.body_properties import size_m, strained_by
+from drop_physics.rules.body_properties import part_named, size_m, strained_by
 from drop_physics.rules.rule import Match, Said, Worst, pair_rule
 from drop_physics.rules.tables import PairColumns
 from drop_physics.rules.thresholds import (
@@ -25,7 +25,6 @@ from drop_physics.rules.thresholds import (
     STANDARD_M_S2,
 )
 from drop_physics.trace.acts import Act
-from drop_physics.trace.events import Body
 
 Float64 = NDArray[np.float64]
 
@@ -263,8 +262,8 @@ def _(worst: Worst) -> Said:
         level="model" if itself else "broken" if thrown else "asked",
         message=message,
         values={
-            "body": _named(body, worst.links[0]),
-            "other": _named(other, worst.links[1]),
+            "body": part_named(body, worst.links[0]),
+            "other": part_named(other, worst.links[1]),
             "depth": worst.depth_m * 1e3,
             "speed": worst.size,
             "time": worst.time_s(worst.step - 1),
@@ -286,12 +285,6 @@ def _hull(worst: Worst) -> str:
                 return Message(
                     "; the mesh of {body} has a hollow, which PyBullet fills: it collides as its "
                     "convex hull",
-                    body=_named(body, link),
+                    body=part_named(body, link),
                 )
     return ""
-
-
-def _named(body: Body, link: int) -> str:
-    """Return what a link is called; of a body that has no other, what that is."""
-    single = len(body.links) < 2 or link + 1 >= len(body.links)
-    return body.label if single else f"{body.label} ({body.links[link + 1]})"

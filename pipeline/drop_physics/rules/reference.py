@@ -177,7 +177,7 @@ def _rules_in(
         for node in functions
         for call in ast.walk(node)
         if isinstance(call, ast.Call)
-        and _name(call.func) in ("Finding", "_found")
+        and _name(call.func) in ("Finding", "_found", "finding_of")
         and (code := _keyword(call, "code") or (_text(call.args[0]) if call.args else None))
     ]
     levels, attributes = _assigned(module)
