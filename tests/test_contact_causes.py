@@ -27,6 +27,7 @@ CREEPS = {
         ),
         3e-4,
     ),
+    "by less than a millimetre": (SLOPE.format(degrees=15, mu=0.5, above=0, steps=2400), 1e-7),
 }
 
 

@@ -180,15 +180,12 @@ def _rules_in(
         and _name(call.func) in ("Finding", "_found", "finding_of")
         and (code := _keyword(call, "code") or (_text(call.args[0]) if call.args else None))
     ]
-    levels, attributes = _assigned(module)
-    codes = {code for _, _, code in found} | {code for code, _ in attributes}
+    codes, levels = {code for _, _, code in found}, _levels(module)
     whole = [node for node in module.body if isinstance(node, ast.FunctionDef | ast.ClassDef)]
     if len(codes) == 1:  # all that the module says is about it
         (code,) = codes
         whole.sort(key=lambda node: not _is_answer(node))
-        given_level = [_keyword(call, "level") for _, call, _ in found]
-        level = next(filter(None, [*given_level, *(each for _, each in attributes)]), None)
-        yield [*whole], code, None, level
+        yield [*whole], code, None, next((_keyword(call, "level") for _, call, _ in found), None)
         for call in ast.walk(module):
             if isinstance(call, ast.Call) and (reason := _keyword(call, "reason")) in CODES:
                 yield [], code, reason, None
@@ -197,18 +194,14 @@ def _rules_in(
             yield [node], code, None, levels.get(code) or _keyword(call, "level")
 
 
-def _assigned(module: ast.Module) -> tuple[dict[str, str], list[tuple[str, str | None]]]:
-    """Return levels by their codes, as a table has them, and code and level of classes."""
-    levels: dict[str, str] = {}
-    attributes: list[tuple[str, str | None]] = []
+def _levels(module: ast.Module) -> dict[str, str]:
+    """Return levels by their codes, as a table of a module has them."""
     for node in ast.walk(module):
         match node:
             case ast.AnnAssign(target=ast.Name(id="LEVEL_OF"), value=ast.Dict() as table):
-                levels |= ast.literal_eval(table)
-            case ast.Assign(targets=[ast.Tuple(elts=[ast.Name(id="code"), _])], value=ast.Tuple()):
-                code, level = ast.literal_eval(node.value)
-                attributes.append((code, level))
-    return levels, attributes
+                levels: dict[str, str] = ast.literal_eval(table)
+                return levels
+    return {}
 
 
 def _is_answer(node: ast.stmt) -> bool:

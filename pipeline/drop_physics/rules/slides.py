@@ -17,6 +17,7 @@ from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import PairColumns
 from drop_physics.rules.thresholds import (
     AHEAD,
+    CREEPS_M,
     CREEPS_M_S,
     CREEPS_STEADY,
     CREEPS_STEPS,
@@ -112,7 +113,7 @@ def creeps(pair: PairColumns) -> Match:
 @creeps.counts
 def _(runs: Runs, _: Scene) -> Float64:
     needed, went = (np.linalg.norm(each, axis=1) for each in (runs.needed, runs.way))
-    holds = (went > SLIPS_M) & (runs.size * runs.time < CREEPS_STEADY * went)
+    holds = (went > CREEPS_M) & (runs.size * runs.time < CREEPS_STEADY * went)
     holds &= np.minimum(runs.slid, went) > CREEPS_STRAIGHT * np.maximum(runs.slid, runs.moved)
     holds &= np.maximum(needed, np.abs(runs.used)) < CREEPS_USED * runs.available
     return np.where(holds, runs.slid, 0.0)

@@ -384,6 +384,7 @@ TREMBLES_M_S = _of(
     "Least speed of a creep; a slower one is rounding.",
     "a box at rest",
 )
+CREEPS_M = _of("CREEPS_M", 1e-4, "m", "Least length of a creep.", "a crate creeps 0.17 mm in 9 s")
 CREEPS_M_S = _of("CREEPS_M_S", 0.02, "m/s", "Largest speed of a creep.", "panda_hold")
 CREEPS_USED = _of(
     "CREEPS_USED",
