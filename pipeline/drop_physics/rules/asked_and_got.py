@@ -125,14 +125,15 @@ def damping_of_base(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     uses = [use for use in inputs.of(Act.SET_PROPERTY) if use.body and "jointDamping" in use.low]
     links = {use.body.number for use in uses if use.body and use.high["linkIndex"][0] >= 0}
     for use in uses:
-        if use.body is None or use.body.number in links or not use.body.joints:
+        joints = sum(bool(each.widths[1]) for each in use.body.joints) if use.body else 0
+        if use.body is None or use.body.number in links or not joints:
             continue
         message = Message(
-            "jointDamping={damping:g} given to the base of {body} damps none of its {n} joints: "
-            "a joint's damping goes by its link",
+            "jointDamping={damping:g} given to the base of {body} damps none of its {n} joints "
+            "that move: a joint's damping goes by its link",
             damping=float(use.high["jointDamping"][0]),
             body=use.body.label,
-            n=len(use.body.joints),
+            n=joints,
         )
         advice = Message("p.changeDynamics(body, joint, jointDamping=…) for each joint")
         yield InputSubject(use.first, use.body), Said(message=message, advice=advice)
