@@ -290,6 +290,8 @@ def sum_of(body: BodyAnalysis, each: StepSum) -> Section:
         step=each.step,
         segment=SEGMENTS[each.segment],
     )
+    if each.terms is not None:
+        title += Message("; impulses [N s], of rotations [N m s]")
     blocks: list[Block] = [Words(title, key=body.label)]
     if each.terms is not None and each.remainder is not None:
         base = len(each.remainder) > 5 and body.momentum
