@@ -890,6 +890,15 @@ def test_what_unpacks_to_far_more_than_it_is_is_refused(
     assert verdict(path, sound) == "refused"
 
 
+def test_a_recording_is_closed_by_a_digest_of_each_of_its_many_series(tmp_path: Path) -> None:
+    """Each body with joints, each constraint and each client adds one of 64 letters."""
+    closing = {"series_sha256": [f"{number:064x}" for number in range(100_000)]}
+    made = writer.property_chunk(schema.RECORDING_PROPERTY, closing).to_record_batch()
+    entity = f"__properties/{schema.RECORDING_PROPERTY}"
+    chunk = rrd.Chunk(schema.APPLICATION_ID, "many", entity, made, made.nbytes, 0)
+    assert columns.values(chunk, tmp_path) == closing
+
+
 @pytest.fixture(scope="module")
 def worker() -> Iterator[Worker]:
     """Return a process that runs the command within limits."""

@@ -23,8 +23,9 @@ from drop_physics.trace.states import Rows
 
 Properties = dict[str, Any]
 
-PROPERTY_BYTES = 1 << 16
-"""Limit of a property; the engine's report takes 18,000."""
+PROPERTY_BYTES, CLOSING_BYTES = 1 << 16, 1 << 24
+"""Limits of a property, where the engine's report takes 18,000; and of the one that closes a
+recording: it has a digest of 64 letters for each body with joints, constraint and client."""
 LONGEST_TEXT = 4096
 """Characters in a property: as many as a path may have."""
 
@@ -214,7 +215,7 @@ def values(chunk: Chunk, path: Path) -> Properties:
     name, batch = chunk.entity.removeprefix("__properties/"), chunk.batch
     if batch.num_rows != 1:
         raise damaged(path, Message("its property {name} must have one row", name=name))
-    if chunk.size > PROPERTY_BYTES:
+    if chunk.size > (CLOSING_BYTES if name == schema.RECORDING_PROPERTY else PROPERTY_BYTES):
         what = Message("its property {name} takes {size:,} bytes", name=name, size=chunk.size)
         raise damaged(path, what)
     read: Properties = {}
