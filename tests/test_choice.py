@@ -6,8 +6,10 @@ And which let an analysis fail; where each stands.
 from __future__ import annotations
 
 import ast
+import hashlib
 import itertools
 import json
+import os
 import re
 import shutil
 from collections.abc import Callable
@@ -23,7 +25,7 @@ from drop_physics.messages import Message
 from drop_physics.rules.answer import LEVELS, Finding, Level
 from drop_physics.rules.choice import Choice, minor
 from drop_physics.rules.codes import CODES
-from drop_physics.stages.sources import comments_in
+from drop_physics.stages.sources import Sources, comments_in
 
 PACKAGE = Path(drop_physics.__file__).parent
 # Two arms that cannot hold their pose, driven on lines of their own.
@@ -411,6 +413,18 @@ def test_the_script_is_found_from_elsewhere_and_of_a_module_too(
         drop("analyze", "--json", recorded),
     ):
         assert json.loads(analysis.stdout)["left_out"] == 1
+
+
+def test_no_name_in_a_recording_leads_out_of_a_folder_or_waits_for_a_pipe(tmp_path: Path) -> None:
+    text, digest = b"steps(1)\n", hashlib.sha256(b"steps(1)\n").hexdigest()
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    for path in (inner / "own.py", tmp_path / "outer.py"):
+        path.write_bytes(text)
+    os.mkfifo(inner / "pipe.py")
+    sources = Sources(digest, [inner])
+    asked = ["own.py", "../outer.py", str(tmp_path / "outer.py"), "pipe.py", "/dev/zero"]
+    assert sources.files(asked) == {"own.py": inner / "own.py"}
 
 
 def test_only_comments_count_and_only_whole_ones() -> None:

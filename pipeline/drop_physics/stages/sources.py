@@ -59,11 +59,17 @@ class Sources:
         return self._lines[name].get(int(line), frozenset())
 
     def _file(self, name: str) -> Path | None:
-        for folder in self._folders if self._digest is not None else ():
+        """Return a file of that name with the recorded text.
+
+        A recording may name anything: no name leads out of a folder, and a pipe or device there is
+        not waited for.
+        """
+        inside = not Path(name).is_absolute() and ".." not in Path(name).parts
+        for folder in self._folders if self._digest is not None and inside else ():
+            path = folder / name
             with contextlib.suppress(OSError, ValueError):
-                text = (folder / name).read_bytes()
-                if hashlib.sha256(text).hexdigest() == self._digest:
-                    return folder / name
+                if path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() == self._digest:
+                    return path
         return None
 
 
