@@ -35,9 +35,10 @@ from command import HANGS_S, drop_here, environment, run_here, wait_for
 from conftest import Drop, descendants_of, some
 from drop_physics import Scenario, analyze, check, render, simulate
 from drop_physics.errors import OutputError, RecordingError, ScenarioError
-from drop_physics.files.outputs import MOST_PARTS, check_room, output_errors, part_of
+from drop_physics.files.outputs import MOST_PARTS, check_room, output_errors, part_of, sealed_of
 from drop_physics.files.whole import opened
 from drop_physics.recording import sealing
+from drop_physics.recording.layer_file import layer_of
 from drop_physics.recording.reader import Recording, read
 from drop_physics.scenario import BYTES_PER_SAMPLE
 from drop_physics.stages import run as run_stage
@@ -516,6 +517,18 @@ def test_only_pictures_are_replaced_under_their_default_names(
         path.unlink()
     render(run_rrd)
     render(run_rrd)
+
+
+def test_what_a_killed_analysis_left_is_written_over(run_rrd: Path, drop: Drop) -> None:
+    """A layer is made anew from its recording: what is unfinished of it is nobody's."""
+    layer = layer_of(run_rrd)
+    left = [part_of(layer), sealed_of(part_of(layer))]
+    for each in left:
+        each.write_bytes(b"unfinished")
+    done = drop("analyze", run_rrd)
+    assert done.returncode == 0, done.stderr
+    assert layer.exists()
+    assert not any(each.exists() for each in left)
 
 
 def test_a_part_that_is_a_link_is_not_followed(run_rrd: Path, precious: bytes) -> None:

@@ -321,7 +321,7 @@ def test_what_is_asked_with_try_is_tried_and_nothing_else(tmp_path: Path) -> Non
     verdicts = {each.intervention.name: each.verdict for each in weak.tried}
     assert verdicts == {"damping": "refuted", "constraint-force": "cured"}
     # Which call, only a finding could say, and none does.
-    left = proved(tmp_path, HELD, tries=["right-client"], force=True)
+    left = proved(tmp_path, HELD, tries=["right-client"])  # what is there is of the same script
     assert {each.verdict for each in found(left, "weak-constraint").tried} == {"untried"}
     with pytest.raises(ScenarioError, match="try takes"):
         proved(tmp_path, HELD, tries=["magic"], force=True)

@@ -11,10 +11,6 @@ from dataclasses import dataclass, field
 
 from drop_physics.trace.cures import Cure
 
-UNDOES, RAISES, NUMERICS, LEAVES_OUT = "undoes", "raises", "numerics", "leaves out"
-"""What an intervention does: it undoes what was not asked for, raises a limit of the script's own,
-changes how the engine computes, or leaves out what the script asked for."""
-
 WITHIN = re.compile(r"[\w.]+\(…, (.*)\)")
 """What a call is given, of one whose other arguments are left open."""
 
@@ -23,7 +19,6 @@ WITHIN = re.compile(r"[\w.]+\(…, (.*)\)")
 class Kind:
     """What is known of an intervention, whatever the run."""
 
-    does: str
     decides: bool = False
     """Whether it switches its cause off entirely, so that a trial without effect refutes it."""
     whole_run: bool = False
@@ -31,57 +26,57 @@ class Kind:
 
 
 KINDS: dict[str, Kind] = {
-    "force": Kind(RAISES),
-    "default-motor-off": Kind(UNDOES),
-    "gains": Kind(RAISES),
-    "substeps": Kind(UNDOES, whole_run=True),
-    "timestep-first": Kind(UNDOES, decides=True, whole_run=True),
-    "timestep": Kind(NUMERICS, whole_run=True),
-    "iterations": Kind(NUMERICS, whole_run=True),
-    "parameter": Kind(NUMERICS, whole_run=True),
-    "nudge": Kind(NUMERICS, whole_run=True),
-    "seed": Kind(NUMERICS, whole_run=True),
-    "damping": Kind(NUMERICS, decides=True),
-    "joint-damping": Kind(NUMERICS, decides=True),
-    "inertia-from-file": Kind(UNDOES, decides=True),
-    "mimic": Kind(UNDOES),
-    "targets-held": Kind(UNDOES),
-    "friction": Kind(RAISES),
-    "restitution": Kind(RAISES),
-    "solver": Kind(NUMERICS, whole_run=True),
-    "cone": Kind(UNDOES, decides=True, whole_run=True),
-    "pairs-sorted": Kind(NUMERICS, decides=True, whole_run=True),
-    "constraint-force": Kind(RAISES, whole_run=True),
-    "constraint-frames": Kind(UNDOES, decides=True, whole_run=True),
-    "collision-off": Kind(UNDOES, decides=True),
-    "push-repeated": Kind(UNDOES, whole_run=True),
-    "push-at-centre": Kind(UNDOES, decides=True),
-    "ik": Kind(RAISES, whole_run=True),
-    "limits": Kind(RAISES),
-    "urdf-limits": Kind(UNDOES, decides=True),
-    "concave": Kind(UNDOES, decides=True, whole_run=True),
-    "gravity": Kind(UNDOES, decides=True, whole_run=True),
-    "right-link": Kind(UNDOES, decides=True),
-    "inertial": Kind(UNDOES),
-    "right-client": Kind(UNDOES, decides=True, whole_run=True),
-    "lifted": Kind(UNDOES),
-    "support-velocity": Kind(UNDOES),
-    "mass": Kind(RAISES),
-    "impratio": Kind(NUMERICS, whole_run=True),
-    "noslip": Kind(NUMERICS, whole_run=True),
-    "solref": Kind(RAISES),
-    "armature": Kind(RAISES),
-    "gravcomp": Kind(RAISES),
-    "ctrlrange": Kind(RAISES),
-    "forcerange": Kind(RAISES),
-    "exclude": Kind(UNDOES, decides=True),
-    "contype": Kind(UNDOES, decides=True),
-    "filterparent": Kind(UNDOES, decides=True, whole_run=True),
-    "keyframe-ctrl": Kind(UNDOES, decides=True, whole_run=True),
-    "set-const": Kind(UNDOES, decides=True, whole_run=True),
-    "memory": Kind(RAISES, whole_run=True),
-    "forward": Kind(UNDOES, decides=True, whole_run=True),
-    "without": Kind(LEAVES_OUT),
+    "force": Kind(),
+    "default-motor-off": Kind(),
+    "gains": Kind(),
+    "substeps": Kind(whole_run=True),
+    "timestep-first": Kind(decides=True, whole_run=True),
+    "timestep": Kind(whole_run=True),
+    "iterations": Kind(whole_run=True),
+    "parameter": Kind(whole_run=True),
+    "nudge": Kind(whole_run=True),
+    "seed": Kind(whole_run=True),
+    "damping": Kind(decides=True),
+    "joint-damping": Kind(decides=True),
+    "inertia-from-file": Kind(decides=True),
+    "mimic": Kind(),
+    "targets-held": Kind(),
+    "friction": Kind(),
+    "restitution": Kind(),
+    "solver": Kind(whole_run=True),
+    "cone": Kind(decides=True, whole_run=True),
+    "pairs-sorted": Kind(decides=True, whole_run=True),
+    "constraint-force": Kind(whole_run=True),
+    "constraint-frames": Kind(decides=True, whole_run=True),
+    "collision-off": Kind(decides=True),
+    "push-repeated": Kind(whole_run=True),
+    "push-at-centre": Kind(decides=True),
+    "ik": Kind(whole_run=True),
+    "limits": Kind(),
+    "urdf-limits": Kind(decides=True),
+    "concave": Kind(decides=True, whole_run=True),
+    "gravity": Kind(decides=True, whole_run=True),
+    "right-link": Kind(decides=True),
+    "inertial": Kind(),
+    "right-client": Kind(decides=True, whole_run=True),
+    "lifted": Kind(),
+    "support-velocity": Kind(),
+    "mass": Kind(),
+    "impratio": Kind(whole_run=True),
+    "noslip": Kind(whole_run=True),
+    "solref": Kind(),
+    "armature": Kind(),
+    "gravcomp": Kind(),
+    "ctrlrange": Kind(),
+    "forcerange": Kind(),
+    "exclude": Kind(decides=True),
+    "contype": Kind(decides=True),
+    "filterparent": Kind(decides=True, whole_run=True),
+    "keyframe-ctrl": Kind(decides=True, whole_run=True),
+    "set-const": Kind(decides=True, whole_run=True),
+    "memory": Kind(whole_run=True),
+    "forward": Kind(decides=True, whole_run=True),
+    "without": Kind(),
 }
 """All interventions by name, as `--try` and `--vary` take them; a `parameter` by its own name."""
 

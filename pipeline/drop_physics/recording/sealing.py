@@ -44,6 +44,7 @@ def unfinished(
         As for `replaced`; if another file has the name of the copy that gets the layout.
     """
     check_target(path, force=force or ours)
+    force = force or (ours and not salvage)  # what a killed run left of it is nobody's
     with output_errors(path), growing(path, force=force) as part:
         ours_at = part.stat()
         try:

@@ -17,11 +17,14 @@ from drop_physics.engines.pybullet.script import Program
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.experiments.interventions import Intervention
 from drop_physics.fields import all_of, outside
+from drop_physics.files.outputs import make_folder
 from drop_physics.files.whole import written_whole
 from drop_physics.messages import Message
 from drop_physics.printable import Printable
 from drop_physics.recording.layer_file import VERDICTS, forget_trials, trials_of
 from drop_physics.stages.asked import cures_of as cures_asked
+from drop_physics.stages.changed_runs import LONGEST
+from drop_physics.stages.found import is_of, origin_of
 from drop_physics.stages.parting import run_changed
 from drop_physics.stages.program import SEEDED_CLOCK_S, STOPPED
 from drop_physics.stages.proposals import Candidate, Proposals
@@ -165,7 +168,8 @@ def why(
     budget_s
         So long [s] after the script's own run no trial begins; the first one always does.
     out
-        A folder for the recording and its trials; None for `recordings`, as of `record_script`.
+        A folder for the recording and its trials, where that of the same script is replaced; None
+        for `recordings`.
     steps, duration_s, seed, python
         As of `record_script`; all runs have the same seed.
     jobs, ray
@@ -200,7 +204,9 @@ def why(
     asked = cures_asked(tries, "--try", whole=False)
     placed = None if out is None else Path(out) / f"{Path(target).stem}.rrd"
     if placed is not None:
-        placed.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(placed.parent)
+        origin = origin_of(placed) if placed.is_file() else None
+        force = force or (origin is not None and is_of(origin, target, is_module=is_module))
     recorded = record_script(
         target,
         arguments,
@@ -312,8 +318,21 @@ def why(
         target, base.path, recorded.ended, own, work, done, chosen, summed, time.monotonic() - began
     )
     _keep(folder, result, base.recording_id)
-    late = [work.candidates[n] for n, made in done.items() if n != work.nudge and not made.outcome]
-    untried = [each.intervention.short for each in late if each.run is not None]
+    lacking = {
+        work.candidates[n].intervention.short: made.stopped
+        for n, made in done.items()
+        if n != work.nudge and made.outcome is None and work.run_of(n) is not None
+    }
+    stopped = [name for name, slow in lacking.items() if slow]
+    if stopped:
+        note(
+            Message(
+                "stopped, as a run took over {times:g} times the script's own: {names}",
+                times=LONGEST,
+                names=", ".join(stopped),
+            )
+        )
+    untried = [name for name in lacking if name not in stopped]
     if untried:
         enough_s = budget_s + TAKES * max(recorded.wall_s, 1.0) * len(untried)
         note(

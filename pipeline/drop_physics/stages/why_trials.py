@@ -28,6 +28,8 @@ class TrialRun:
 
     outcome: Outcome | None
     recording: Path | None
+    stopped: bool = False
+    """Whether it took too long."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,7 @@ class RunTrial(RunChanged[TrialRun]):
         path, base, finer = self.path_of(number), self.own, self.finer(number)
         if ended.how == "interrupted":
             path.unlink(missing_ok=True)
-            return TrialRun(None, None)
+            return TrialRun(None, None, stopped=True)
         other = read(path)
         with np.errstate(all="ignore"):  # of states that are not finite
             far = apart(base.seen, other.seen, finer=finer)
