@@ -83,12 +83,15 @@ class Proposals:
                 places.append(place)
         return [*found.values()]
 
-    def always(self) -> list[Candidate]:
-        """Return what is tried of every script, since every outcome may hang on it."""
-        return [
-            self.whole(Cure("timestep", value=2.0)),
-            self.whole(Cure("solver", value=500.0)),
-        ]
+    def always(self, *, damped: bool) -> list[Candidate]:
+        """Return what is tried whatever is found, since every outcome may hang on it.
+
+        Damping is, where it acts on a body in free flight.
+        """
+        cures = [Cure("timestep", value=2.0), Cure("solver", value=500.0)]
+        if damped:
+            cures.append(Cure("damping", value=0.0))
+        return [*map(self.whole, cures)]
 
     def asked(self, cures: Sequence[Cure], about: Sequence[int]) -> list[Candidate]:
         """Return what is asked for, made on what the findings about are about."""

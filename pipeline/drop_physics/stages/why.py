@@ -268,7 +268,15 @@ def why(
     else:
         candidates = [each for each in proposals.of_findings() if {*each.findings} & {*chosen}]
         known = {each.intervention for each in candidates}
-        candidates += [each for each in proposals.always() if each.intervention not in known]
+        damped = any(
+            flight.terms_m is not None and any(flight.terms_m.damping)
+            for body in analysis.bodies
+            for flight in body.flights
+        )
+        usual = proposals.always(damped=damped)
+        if any(each.cure.name == "damping" for each in known):
+            usual = [each for each in usual if each.intervention.name != "damping"]
+        candidates += [each for each in usual if each.intervention not in known]
     ablated = proposals.left_out() if ablate else []
     folder = trials_of(recorded.recording)
     forget_trials(recorded.recording)

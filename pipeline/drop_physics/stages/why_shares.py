@@ -71,7 +71,7 @@ def _causes(
     found = []
     for number, candidate in enumerate(work.candidates):
         outcome, what = done[number].outcome, candidate.intervention
-        if outcome is None or not outcome.fired or not candidate.findings:
+        if outcome is None or not outcome.fired or not (candidate.findings or what.kind.decides):
             continue
         verdicts = [
             judged(own.findings[place], outcome, base=own, nudge=nudge).verdict
