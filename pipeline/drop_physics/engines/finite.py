@@ -20,7 +20,8 @@ def check_numbers(rows: Rows) -> None:
     lost = np.zeros(len(rows), dtype=bool)
     for name in rows.dtype.names or ():
         values = rows[name]
-        lost |= ~(np.abs(values) <= LARGEST).all(axis=tuple(range(1, values.ndim)))
+        if values.dtype.kind == "f":
+            lost |= ~(np.abs(values) <= LARGEST).all(axis=tuple(range(1, values.ndim)))
     if lost.any():
         raise non_finite(rows["step"][lost][0])
 

@@ -303,7 +303,7 @@ class Recorder:
         """Take the contact points of some samples."""
         self._made.tables[schema.CONTACTS.entity].update(rows)
         if len(rows):
-            touching = np.unique(rows["step"])
+            touching = rows["step"][writer.first_of_steps(rows)]
             at = Times(touching, times_s[np.searchsorted(steps, touching)])
             entity = schema.CONTACTS.entity
             self._tables[entity].hold(entity, at, rows, kind=client)
@@ -375,7 +375,8 @@ class Recorder:
 
 
 def _table_chunk(entity: str, at: Times, parts: list[Rows]) -> Chunk:
-    return writer.rows_chunk(schema.TABLES[entity], np.concatenate(parts), at)
+    rows = parts[0] if len(parts) == 1 else np.concatenate(parts)  # without a copy of all
+    return writer.rows_chunk(schema.TABLES[entity], rows, at)
 
 
 def _series_chunk(entity: str, at: Times, parts: list[NDArray[np.float64]]) -> Chunk:

@@ -360,10 +360,15 @@ def at(steps: Steps, timestep_s: float) -> Times:
 
 def rows_chunk(table: schema.Table, rows: Rows, at: Times) -> Chunk:
     """Return rows as lists, one per step and component; `at` has each of their steps once."""
-    first = np.unique(rows["step"], return_index=True)[1]
-    bounds = np.append(first, len(rows))
+    bounds = np.append(first_of_steps(rows), len(rows))
     columns = [_list_column(name, rows[name], bounds) for name in table.components]
     return Chunk.from_columns(table.entity, times(at), columns)
+
+
+def first_of_steps(rows: Rows) -> Steps:
+    """Return where each step begins among rows in step order."""
+    steps = rows["step"]
+    return np.flatnonzero(np.concatenate(([True], steps[1:] != steps[:-1])))
 
 
 def _list_column(component: str, values: NDArray[Any], bounds: Steps) -> rr.ComponentColumn:
