@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from drop_physics.drop.case import Case
 from drop_physics.drop.course import Course
 from drop_physics.drop.results import DropAnalysis
-from drop_physics.drop.samples import Samples
+from drop_physics.drop.samples import DropSamples
 from drop_physics.drop.story import drop_analysis_of
 from drop_physics.engines.pybullet.world import World
 from drop_physics.stages.recorded import BATCH, bodies_of, made_with
@@ -55,7 +55,7 @@ class Sampled:
         )
 
 
-def departs(case: Case, samples: Iterable[Samples]) -> int | None:
+def departs(case: Case, samples: Iterable[DropSamples]) -> int | None:
     """Return the first sample in the air that the law does not lead to."""
     course = Course(case)
     for part in samples:

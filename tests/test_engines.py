@@ -19,7 +19,7 @@ from conftest import Drop, Recorder, judge, said
 from drop_physics import Scenario, colours, simulate
 from drop_physics.compare.comparison import Comparison
 from drop_physics.drop.case import Case, case_of
-from drop_physics.drop.samples import Samples
+from drop_physics.drop.samples import DropSamples
 from drop_physics.engines import other_world
 from drop_physics.engines.pybullet.world import World
 from drop_physics.errors import DropError, ScenarioError
@@ -77,7 +77,7 @@ def drawn(engine: str, seed: int) -> Scenario:
     return Scenario(**values)  # type: ignore[arg-type]
 
 
-def dropped(scenario: Scenario) -> tuple[Case, Samples]:
+def dropped(scenario: Scenario) -> tuple[Case, DropSamples]:
     with other_world.OtherWorld(scenario) as world:
         states, contacts, _ = Batch.joined(world.samples(1000))
         case, (samples,) = case_of(scenario, made_with(world), states, contacts)

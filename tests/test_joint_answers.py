@@ -13,7 +13,7 @@ from asked import findings
 from conftest import some
 from drop_physics.explain.joints import JointTable
 from drop_physics.explain.recording import Explanation
-from drop_physics.explain.times import Times
+from drop_physics.explain.times import StepTimes
 from drop_physics.explain.touches import TouchTable
 from drop_physics.rules.answer import Finding, Scene
 from drop_physics.rules.every import ranked
@@ -291,7 +291,7 @@ def test_pieces_say_the_same(steps: int, tmp_path: Path) -> None:
         answers = Scene(
             seen=seen,
             origin=ORIGIN,
-            times={0: Times(seen, 0)},
+            times={0: StepTimes(seen, 0)},
             joints=JointTable(seen),
             touches=TouchTable(seen),
         )

@@ -23,11 +23,11 @@ from drop_physics.engines.pybullet.watch import ending, pipe, start
 from drop_physics.engines.pybullet.watched import Decoder
 from drop_physics.trace.events import (
     Appearance,
-    Asked,
     At,
     Body,
     Calls,
     Event,
+    FileRequests,
     Put,
     Raised,
     Samples,
@@ -391,7 +391,7 @@ p.stepSimulation()
     corners = np.reshape(duck_mesh.hull_m, (-1, 3))
     assert len(corners) > 20
     assert np.abs(corners).max() < 0.3
-    assert not_well_formed.asked == Asked()
+    assert not_well_formed.asked == FileRequests()
     assert [len(each.collisions[-1].hull_m) > 0 for each in (concave_body, hull, mesh)] == [
         False,
         True,

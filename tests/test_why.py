@@ -48,7 +48,7 @@ from drop_physics.stages.view import view
 from drop_physics.stages.why import Proved, Why, why
 from drop_physics.trace.acts import Act
 from drop_physics.trace.cures import Cure, Scope
-from drop_physics.trace.events import Appearance, Asked, Body, Calls, Joint, Mimic, Site
+from drop_physics.trace.events import Appearance, Body, Calls, FileRequests, Joint, Mimic, Site
 from jsonschema import Draft202012Validator
 from PIL import Image
 from watching import watched
@@ -702,7 +702,7 @@ def test_motors_of_several_joints_get_at_least_a_force(client: int) -> None:
 
 def test_a_gear_makes_a_finger_follow(client: int) -> None:
     joints = [Joint(n, f"j{n}", "prismatic", -1, (1, 1, 1)) for n in range(12)]
-    asked = Asked(mimics=(Mimic("j10", "j9", 1.0, 0.0),))
+    asked = FileRequests(mimics=(Mimic("j10", "j9", 1.0, 0.0),))
     hand = replace(
         ARM, links=("base", *[each.name for each in joints]), joints=tuple(joints), asked=asked
     )

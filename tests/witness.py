@@ -64,7 +64,7 @@ class _Witness:
 
 
 def _install(handlers: Any, worlds: Any, witness: _Witness, *, blind: bool) -> None:
-    end, resetting = worlds.World.end, handlers.resetting
+    end, resetting = worlds.WatchedWorld.end, handlers.resetting
 
     def told_end(world: Any) -> None:
         witness.tell(world)
@@ -79,7 +79,7 @@ def _install(handlers: Any, worlds: Any, witness: _Witness, *, blind: bool) -> N
         reset.__name__ = name
         return resetting(watch, name, reset)
 
-    worlds.World.end, handlers.resetting = told_end, told_resetting
+    worlds.WatchedWorld.end, handlers.resetting = told_end, told_resetting
     if not blind:
         return
 
@@ -93,9 +93,9 @@ def _install(handlers: Any, worlds: Any, witness: _Witness, *, blind: bool) -> N
         world._steps_since += 1
         world.time_s = world._since + world._steps_since * world.timestep_s
 
-    worlds.World.sync = worlds.World.before_step = look_away
-    worlds.World.after_step = count
-    worlds.World.sample = lambda _: None
+    worlds.WatchedWorld.sync = worlds.WatchedWorld.before_step = look_away
+    worlds.WatchedWorld.after_step = count
+    worlds.WatchedWorld.sample = lambda _: None
 
 
 def main() -> None:

@@ -99,7 +99,7 @@ CONTRACT: dict[type, set[str]] = {
     },
     script.Energy: {"start_j", "end_j", "by_cause_j"},
     script.Explained: {field.name for field in fields(script.Explained)},
-    script.Moment: {"step", "time_s", "error_m", "terms_m"},
+    script.FlightSample: {"step", "time_s", "error_m", "terms_m"},
     script.Momentum: {"start_kg_m_s", "end_kg_m_s", "by_cause_kg_m_s"},
     script.Pusher: {"body", "id", "link", "impulse_n_s", "energy_j"},
     script.StepSum: {"step", "time_s", "segment", "terms", "remainder"},

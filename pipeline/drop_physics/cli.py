@@ -15,7 +15,7 @@ import typer
 from drop_physics import cli_options as given
 from drop_physics.cli_options import flag, takes
 from drop_physics.console import output
-from drop_physics.console.help import BOX, OWN, RECORDINGS, SCRIPT, App, Commands
+from drop_physics.console.help import BOX, OWN, RECORDINGS, SCRIPT, App, HelpedCommands
 from drop_physics.console.progress import progress, sweep_progress
 from drop_physics.console.running import main as main
 from drop_physics.fields import all_of
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from drop_physics.stages.record import Recorded
 
 app = App(
-    cls=Commands,
+    cls=HelpedCommands,
     name="drop",
     rich_markup_mode=None,
     pretty_exceptions_enable=False,

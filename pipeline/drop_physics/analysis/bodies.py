@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.flights import Flights
-from drop_physics.analysis.phases import ContactRun, Phases
+from drop_physics.analysis.phases import BodyContacts, ContactRun
 from drop_physics.analysis.results import (
     BodyAnalysis,
     Energy,
@@ -55,7 +55,7 @@ class BodyStory:
         self._times = scene.times[body.client]
         self._is_replayed = scene.seen.engine != PYBULLET
         self._flights = Flights(self._times, self._nearest(at_s))
-        self._phases = Phases(self._times, scene.seen.bodies)
+        self._phases = BodyContacts(self._times, scene.seen.bodies)
         self._sums_at = self._nearest(sums_at_s)
         self._sums: list[StepSum] = []
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.results import BodyFlight, Moment
+from drop_physics.analysis.results import BodyFlight, FlightSample
 from drop_physics.explain.alone import law_of, motion_of
 from drop_physics.explain.decomposition import error_and_terms
 from drop_physics.explain.step_status import FLIGHT, SET, UNEXPLAINED, Judged
 from drop_physics.explain.steps import Steps
-from drop_physics.explain.times import Times
+from drop_physics.explain.times import StepTimes
 from drop_physics.physics.base import Law, Motion
 
 Float64 = NDArray[np.float64]
@@ -22,7 +22,7 @@ Flags = NDArray[np.bool_]
 
 
 @dataclass(eq=False)
-class _Open:
+class _OpenFlight:
     """A flight that may go on."""
 
     law: Law
@@ -43,9 +43,9 @@ class _Open:
 class Flights:
     """The flights of one body without links; grow piece by piece."""
 
-    def __init__(self, times: Times, asked_steps: Sequence[int]) -> None:
+    def __init__(self, times: StepTimes, asked_steps: Sequence[int]) -> None:
         self._times, self._asked = times, np.array(sorted(asked_steps), np.int64)
-        self._open: _Open | None = None
+        self._open: _OpenFlight | None = None
         self._done: list[BodyFlight] = []
 
     def add(self, judged: Judged) -> dict[int, Float64]:
@@ -78,7 +78,7 @@ class Flights:
         if run is None or not goes_on or steps.put[first]:
             self._close()
             start = before.at(slice(first, first + 1))
-            run = self._open = _Open(law, start, begin, begin, start.position_m[0])
+            run = self._open = _OpenFlight(law, start, begin, begin, start.position_m[0])
         run.last_step = int(steps.steps[end - 1])
         run.position_m = steps.after.position_m[end - 1]
         held = np.logical_or.accumulate(law.limited(before.at(slice(first, end)))) | run.held
@@ -118,10 +118,12 @@ class Flights:
             )
         )
 
-    def _moment(self, run: _Open, step: int, position_m: Float64, *, held: bool) -> Moment:
+    def _moment(
+        self, run: _OpenFlight, step: int, position_m: Float64, *, held: bool
+    ) -> FlightSample:
         steps = step - run.first_step
         error_m, terms_m = error_and_terms(run.start, position_m, run.law, steps=steps)
-        return Moment(step, self._times.of(step), error_m, None if held else terms_m)
+        return FlightSample(step, self._times.of(step), error_m, None if held else terms_m)
 
 
 def _breaks(steps: Steps) -> Flags:

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.results import BodyContact, Pusher
-from drop_physics.explain.recording import Explained
+from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.step_status import CONTACT, StepVerdicts
 from drop_physics.explain.steps import StepBatch
-from drop_physics.explain.times import Times
+from drop_physics.explain.times import StepTimes
 from drop_physics.explain.touching import Sides
 from drop_physics.physics.vectors import lengths, summed, triple
 from drop_physics.trace.events import Body
@@ -38,7 +38,7 @@ class ContactRun:
     """Impulse and energy of each link of each other body."""
 
 
-def runs_of(explained: Explained) -> dict[int, list[ContactRun]]:
+def runs_of(explained: ExplainedPiece) -> dict[int, list[ContactRun]]:
     """Return the runs of steps in contact of each body of a piece, in order, by its number."""
     found: dict[int, list[ContactRun]] = {}
     for batch, verdict in explained.batches:
@@ -112,7 +112,7 @@ def _by_other(
 
 
 @dataclass(eq=False)
-class _Open:
+class _OpenContact:
     """A contact that may go on."""
 
     first_step: int
@@ -126,12 +126,12 @@ class _Open:
     """Impulse and energy of each link of each other body."""
 
 
-class Phases:
+class BodyContacts:
     """The contacts of one body; grow piece by piece."""
 
-    def __init__(self, times: Times, bodies: Mapping[int, Body]) -> None:
+    def __init__(self, times: StepTimes, bodies: Mapping[int, Body]) -> None:
         self._times, self._bodies = times, bodies
-        self._open: _Open | None = None
+        self._open: _OpenContact | None = None
         self._done: list[BodyContact] = []
 
     def add(self, runs: Sequence[ContactRun]) -> None:
@@ -140,7 +140,7 @@ class Phases:
             contact = self._open
             if contact is None or contact.last_step + 1 != run.first_step:
                 self._close()
-                contact = self._open = _Open(run.first_step, 0)
+                contact = self._open = _OpenContact(run.first_step, 0)
             contact.last_step = run.last_step
             contact.impulse_n_s = contact.impulse_n_s + run.impulse_n_s
             contact.largest_force_n = max(contact.largest_force_n, run.largest_force_n)

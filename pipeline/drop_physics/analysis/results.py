@@ -30,7 +30,7 @@ HIDDEN = ("table", "by_body", "contact_j", "curves", "sources")
 
 
 @dataclass(frozen=True)
-class Moment:
+class FlightSample:
     """A sample of a flight, and its error."""
 
     step: int
@@ -60,7 +60,7 @@ class BodyFlight:
     terms_m: VectorTerms | None
     """Its terms; None if a velocity was clamped to the engine's limit, or gravity is not along
     z."""
-    at: list[Moment]
+    at: list[FlightSample]
     """The samples nearest to `--at`."""
 
 

@@ -18,7 +18,7 @@ from drop_physics.explain.joints import JointTable
 from drop_physics.explain.recording import Explanation
 from drop_physics.explain.replayed import Replayed
 from drop_physics.explain.rows import MOST_ROWS, SHOWN_PER_S, SampleRows, table_of
-from drop_physics.explain.times import Times
+from drop_physics.explain.times import StepTimes
 from drop_physics.explain.touches import TouchTable
 from drop_physics.physics.base import Law
 from drop_physics.rules.answer import Answer, Finding, Scene
@@ -76,7 +76,7 @@ class Story:
         self.scene = Scene(
             seen=seen,
             origin=origin,
-            times={client: Times(seen, client) for client in clients},
+            times={client: StepTimes(seen, client) for client in clients},
             joints=JointTable(seen),
             touches=TouchTable(seen),
             call_of=call_of,
@@ -100,7 +100,7 @@ class Story:
             for number, body in sorted(seen.bodies.items())
         }
 
-    def see(self, explained: recording.Explained) -> None:
+    def see(self, explained: recording.ExplainedPiece) -> None:
         """Take a piece."""
         self.scene.see(explained)
         if self._also is not None:

@@ -28,7 +28,7 @@ from drop_physics.compare.pairing import pairing
 from drop_physics.compare.samples import SampleComparison
 from drop_physics.compare.scenarios import engine_versions, scenario_differences
 from drop_physics.compare.tolerance import tolerance_of
-from drop_physics.explain.times import Times
+from drop_physics.explain.times import StepTimes
 from drop_physics.trace.calls import Call
 from drop_physics.trace.history import PIECE, Piece, Seen
 
@@ -147,4 +147,4 @@ def _not_seen(seen: Seen) -> Iterator[str]:
 
 def _told(dated: Dated, run: Seen) -> Difference:
     """Return a difference with its time."""
-    return replace(dated.difference, time_s=Times(run, dated.client).of(dated.when.step))
+    return replace(dated.difference, time_s=StepTimes(run, dated.client).of(dated.when.step))

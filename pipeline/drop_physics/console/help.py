@@ -35,10 +35,10 @@ class App(typer.Typer):
         **how: Any,  # noqa: ANN401 - handed on
     ) -> Callable[[CommandFunctionType], CommandFunctionType]:
         """Declare a command."""
-        return super().command(name, cls=cls or Command, **how)
+        return super().command(name, cls=cls or HelpedCommand, **how)
 
 
-class Command(TyperCommand):
+class HelpedCommand(TyperCommand):
     """A command whose help lists arguments, its own options, then each `rich_help_panel`."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
@@ -55,7 +55,7 @@ class Command(TyperCommand):
                 formatter.write_dl(records)
 
 
-class Commands(TyperGroup):
+class HelpedCommands(TyperGroup):
     """The list of commands, by groups; a script in place of a command is recorded and analyzed."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401, ARG002

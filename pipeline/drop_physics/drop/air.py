@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from drop_physics.drop.case import Case
 from drop_physics.drop.results import Coverage
-from drop_physics.drop.samples import Samples
+from drop_physics.drop.samples import DropSamples
 from drop_physics.explain.segments import FLIGHT, segments_of
 from drop_physics.fields import counted
 from drop_physics.messages import Message
@@ -47,7 +47,7 @@ class Air:
             return 0
         return min(step for step, _ in self._ends())
 
-    def add(self, part: Samples, before: Motion) -> None:
+    def add(self, part: DropSamples, before: Motion) -> None:
         """Take further samples; `before`: the sample before each, of the very first itself."""
         flew = self.contact_step is None
         touching = np.flatnonzero(part.touching)
@@ -61,7 +61,7 @@ class Air:
             heights_m = self._case.free_fall_m(part.times_s(self._case.timestep_s))
             self.landed_step = _first(heights_m <= floor_m, part.first)
 
-    def _follow(self, part: Samples, before: Motion, rows: int) -> None:
+    def _follow(self, part: DropSamples, before: Motion, rows: int) -> None:
         """Compare the first rows, which touch nothing, with the law."""
         case, touches = self._case, part.touches
         points = slice(int(np.searchsorted(touches.step, rows)))
@@ -87,7 +87,7 @@ class Air:
         else:
             self.departs = departs
 
-    def _touched(self, part: Samples, before: Motion, row: int) -> bool:
+    def _touched(self, part: DropSamples, before: Motion, row: int) -> bool:
         """Return whether a contact acted that the engine does not report.
 
         A body that departs from the law within reach of the floor has touched it.

@@ -17,7 +17,7 @@ from drop_physics.drop.mechanics import Mechanics, mechanics
 from drop_physics.drop.one_sample import DEFAULT_AT_S
 from drop_physics.drop.phases import Phases
 from drop_physics.drop.results import Airborne, FallAnalysis, Moment, Terms
-from drop_physics.drop.samples import Samples
+from drop_physics.drop.samples import DropSamples
 from drop_physics.engine_report import EngineReport
 from drop_physics.errors import ScenarioError
 from drop_physics.explain.decomposition import TERMS, Decomposition, decompose
@@ -38,7 +38,7 @@ class Fall:
     analysis: FallAnalysis
 
 
-class Falling:
+class FallAnalyzer:
     """Analyzes a fall while its samples are added in their order.
 
     Parameters
@@ -64,7 +64,7 @@ class Falling:
         self._errors = _Errors(case)
         self._rows: list[pl.DataFrame] = []
 
-    def add(self, part: Samples) -> None:
+    def add(self, part: DropSamples) -> None:
         """Take further samples."""
         if not len(part):
             return
@@ -134,10 +134,10 @@ class Falling:
 
 
 def fall_of(
-    case: Case, samples: Iterable[Samples], *, at_s: Sequence[float] = (), whole: bool = True
+    case: Case, samples: Iterable[DropSamples], *, at_s: Sequence[float] = (), whole: bool = True
 ) -> Fall:
     """Analyze the samples of a fall: see `Falling`."""
-    falling = Falling(case, at_s=at_s, whole=whole)
+    falling = FallAnalyzer(case, at_s=at_s, whole=whole)
     for _ in map(falling.add, samples):  # `map` keeps none while the next are read
         pass
     return falling.fall()
@@ -164,7 +164,7 @@ class _Errors:
         self._samples, self._largest_m, self._rounding_m = 0, 0.0, 0.0
         self._squares_m2: list[float] = []
 
-    def add(self, part: Samples, covered: int) -> Decomposition:
+    def add(self, part: DropSamples, covered: int) -> Decomposition:
         """Take further samples, of which the first so many of all are covered."""
         flown_m = part.position_m[: max(covered - part.first, 0)]
         parts = decompose(
@@ -186,7 +186,7 @@ class _Errors:
         return Airborne(self._samples, self._largest_m, rms_m, self._rounding_m)
 
 
-def _rows(case: Case, part: Samples, energies: Mechanics, parts: Decomposition) -> pl.DataFrame:
+def _rows(case: Case, part: DropSamples, energies: Mechanics, parts: Decomposition) -> pl.DataFrame:
     """Return a row per sample but for its phase; terms are null where flight is not covered."""
     time_s = part.times_s(case.timestep_s)
     free_fall_m = case.free_fall_m(time_s)

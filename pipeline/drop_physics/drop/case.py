@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.drop.samples import Samples, samples_in, samples_of
+from drop_physics.drop.samples import DropSamples, samples_in, samples_of
 from drop_physics.engine_report import EngineReport
 from drop_physics.physics import theory
 from drop_physics.physics.base import EXACT_MACHINES, Law, Motion
@@ -39,16 +39,16 @@ class Case:
     engine: EngineReport
     samples: int
     """How many there are."""
-    sample: Callable[[int], Samples]
+    sample: Callable[[int], DropSamples]
     """Returns one of them."""
 
     @cached_property
-    def start(self) -> Samples:
+    def start(self) -> DropSamples:
         """The first sample."""
         return self.sample(0)
 
     @cached_property
-    def end(self) -> Samples:
+    def end(self) -> DropSamples:
         """The last sample."""
         return self.sample(self.samples - 1)
 
@@ -183,10 +183,10 @@ class Case:
 
 def case_of(
     scenario: Scenario, engine: EngineReport, states: Rows, contacts: Rows
-) -> tuple[Case, Iterable[Samples]]:
+) -> tuple[Case, Iterable[DropSamples]]:
     """Return the case of states and contact points, in step order, and its samples in order."""
 
-    def sample(step: int) -> Samples:
+    def sample(step: int) -> DropSamples:
         return samples_of(*(between(rows, step, step + 1) for rows in (states, contacts)))
 
     return Case(scenario, engine, int(states["step"][-1]) + 1, sample), samples_in(states, contacts)
@@ -194,13 +194,13 @@ def case_of(
 
 def case_seen(
     scenario: Scenario, engine: EngineReport, seen: Seen
-) -> tuple[Case, Iterable[Samples]]:
+) -> tuple[Case, Iterable[DropSamples]]:
     """Return the case of a recording, and its samples in order, which are read piece by piece."""
 
-    def sample(step: int) -> Samples:
+    def sample(step: int) -> DropSamples:
         return samples_seen(seen, seen.sampled.piece(step, step + 1))
 
-    def samples() -> Iterator[Samples]:
+    def samples() -> Iterator[DropSamples]:
         yield from map(functools.partial(samples_seen, seen), seen.pieces())
 
     return Case(scenario, engine, _sampled(seen), sample), samples()
@@ -218,6 +218,6 @@ def _sampled(seen: Seen) -> int:
     return 0
 
 
-def samples_seen(seen: Seen, piece: Piece) -> Samples:
+def samples_seen(seen: Seen, piece: Piece) -> DropSamples:
     """Return the samples of a piece of a recording."""
     return samples_of(joined(seen.parts_of(piece)), piece.contacts)

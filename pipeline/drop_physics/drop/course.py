@@ -10,7 +10,7 @@ from drop_physics.drop.case import Case
 from drop_physics.drop.phases import Phases, Settling
 from drop_physics.drop.posture import FLAT_RAD, extent_m, tilt_rad, turned_rad
 from drop_physics.drop.results import Impact, Landing
-from drop_physics.drop.samples import Samples
+from drop_physics.drop.samples import DropSamples
 from drop_physics.drop.touchdowns import Touchdowns
 from drop_physics.physics.base import Motion
 
@@ -51,7 +51,7 @@ class Course:
         """The last sample before the first contact."""
         return self._arriving
 
-    def add(self, part: Samples) -> tuple[Motion, list[int]]:
+    def add(self, part: DropSamples) -> tuple[Motion, list[int]]:
         """Take further samples.
 
         Returns
@@ -117,7 +117,7 @@ class Course:
             penetration_m=penetration_m,
         )
 
-    def _alter(self, part: Samples) -> None:
+    def _alter(self, part: DropSamples) -> None:
         """Note which samples are not the release, of what is never stepped."""
         if self.case.scenario.stepped:
             return
@@ -127,7 +127,7 @@ class Course:
             first, count = self.altered or [part.first + int(rows[0]), 0]
             self.altered = [first, count + len(rows)]
 
-    def _look(self, part: Samples, before: Motion) -> None:
+    def _look(self, part: DropSamples, before: Motion) -> None:
         """Note where the centre is, and how it comes down."""
         case, heights_m = self.case, part.height_m
         low = int(np.argmin(heights_m))
@@ -151,7 +151,7 @@ class Course:
                 share = (above_m - case.floor_height_m) / (above_m - below_m)
                 self._crossing_s = (part.first + row - 1 + share) * case.timestep_s
 
-    def _tilt(self, part: Samples) -> None:
+    def _tilt(self, part: DropSamples) -> None:
         """Note when it touches the floor tilted, and how far it turns from there on.
 
         Where not every touch is reported, all samples from the first touch on count as touching.
@@ -172,7 +172,7 @@ class Course:
         low, high = self._tilts
         self._tilts = min(low, float(tilts[row:].min())), max(high, float(tilts[row:].max()))
 
-    def _pass(self, part: Samples, before: Motion) -> None:
+    def _pass(self, part: DropSamples, before: Motion) -> None:
         """Note when it is below the floor as a whole; PyBullet's floor is 10 m thick.
 
         Of other engines' only the surface is known to be met.
@@ -210,7 +210,7 @@ def _state(motion: Motion) -> Float64:
     )
 
 
-def _below(case: Case, part: Samples) -> NDArray[np.bool_]:
+def _below(case: Case, part: DropSamples) -> NDArray[np.bool_]:
     return np.asarray(part.height_m + case.engine.reach_m < 0)
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from drop_physics.drop.case import Case
 from drop_physics.drop.mechanics import Drift, Mechanics
 from drop_physics.drop.results import Conservation
-from drop_physics.drop.samples import Samples
+from drop_physics.drop.samples import DropSamples
 from drop_physics.physics.base import Motion
 
 Float64 = NDArray[np.float64]
@@ -40,7 +40,7 @@ class Energies:
         self._taken_j = 0.0
         """What the drag took from then on."""
 
-    def add(self, part: Samples, before: Motion, energies: Mechanics, airborne: int) -> None:
+    def add(self, part: DropSamples, before: Motion, energies: Mechanics, airborne: int) -> None:
         """Take further samples; so many are before the first contact, as far as is known."""
         first = max(airborne, 1) - part.first
         if first > 0:
@@ -51,7 +51,7 @@ class Energies:
             self._touch(before, part, energies, max(first, 0))
         self._last_j = float(energies.total_j[-1])
 
-    def _touch(self, before: Motion, part: Samples, energies: Mechanics, row: int) -> None:
+    def _touch(self, before: Motion, part: DropSamples, energies: Mechanics, row: int) -> None:
         """Take the steps to samples from this row on, the first of which may have touched."""
         case, then, after = self._case, before.velocity_m_s[row:], part.velocity_m_s[row:]
         if self._before_j is None:

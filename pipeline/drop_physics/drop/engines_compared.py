@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.drop.case import Case
-from drop_physics.drop.samples import Samples
+from drop_physics.drop.samples import DropSamples
 from drop_physics.explain.decomposition import TERMS, error_and_terms
 from drop_physics.fields import decimals
 from drop_physics.messages import Message, joined
@@ -46,7 +46,7 @@ class Flight:
     """The samples before the first that a contact led to."""
 
 
-def flight_of(case: Case, samples: Iterable[Samples]) -> Flight:
+def flight_of(case: Case, samples: Iterable[DropSamples]) -> Flight:
     """Return a drop's flight; no sample after it is read."""
     parts: list[Motion] = []
     for part in samples:

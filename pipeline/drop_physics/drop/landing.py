@@ -14,7 +14,7 @@ from drop_physics.drop.case import Case
 from drop_physics.drop.phases import Phases
 from drop_physics.drop.posture import face_up, flat_height_m, stands, tilt_rad
 from drop_physics.drop.results import Bounce, Contact, Landing, Rest, RestTerms
-from drop_physics.drop.samples import Samples
+from drop_physics.drop.samples import DropSamples
 from drop_physics.drop.touchdowns import Touchdown
 from drop_physics.physics import theory
 from drop_physics.physics.laws.bullet import contact as bullet_contact
@@ -130,7 +130,7 @@ class ContactLaw:
         """Whether it covers the drop, and keeps the body above the floor's middle."""
         return self._fall is not None
 
-    def add(self, part: Samples, flat: int) -> None:
+    def add(self, part: DropSamples, flat: int) -> None:
         """Take further samples, of which so many were flat."""
         if self._fall is None:
             return

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.drop.samples import Samples
+from drop_physics.drop.samples import DropSamples
 from drop_physics.engine_report import EngineReport
 from drop_physics.physics.base import Motion
 from drop_physics.physics.rotations import rotate, rotate_inverse
@@ -34,7 +34,7 @@ class Mechanics:
         return self.kinetic_linear_j + self.kinetic_angular_j + self.potential_j
 
 
-def mechanics(engine: EngineReport, samples: Samples) -> Mechanics:
+def mechanics(engine: EngineReport, samples: DropSamples) -> Mechanics:
     """Return energies and angular momentum of a body in uniform gravity, of all its links together.
 
     Source: E = m v²/2 + ω·Iω/2 - m g_z z and L = I ω with I = R diag(I₁, I₂, I₃) Rᵀ; any text on

@@ -10,7 +10,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.drop.case import Case
-from drop_physics.drop.samples import Samples
+from drop_physics.drop.samples import DropSamples
 from drop_physics.physics.base import Motion
 from drop_physics.physics.vectors import largest
 
@@ -64,7 +64,7 @@ class Settling:
         self._settled = 0
         """The sample after the last that lies elsewhere."""
 
-    def add(self, part: Samples) -> int | None:
+    def add(self, part: DropSamples) -> int | None:
         """Take further samples; return the one of them from which on it lies still, as it seems."""
         touching = np.flatnonzero(part.touching)
         if self._touched is None and len(touching):

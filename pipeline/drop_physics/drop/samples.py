@@ -21,7 +21,7 @@ BLOCK = 1 << 13
 
 
 @dataclass(frozen=True, eq=False)
-class Samples(Motion):
+class DropSamples(Motion):
     """Consecutive samples: the motion of the body, or of its base, and its floor contact."""
 
     first: int
@@ -71,7 +71,7 @@ class Samples(Motion):
         return touches_of(self.contacts, BODY).since(self.first, slice(None))
 
 
-def samples_of(states: Rows, contacts: Rows) -> Samples:
+def samples_of(states: Rows, contacts: Rows) -> DropSamples:
     """Return consecutive samples as arrays: the body's motion, and how it touches the floor.
 
     Parameters
@@ -86,7 +86,7 @@ def samples_of(states: Rows, contacts: Rows) -> Samples:
     links = sorted({*np.unique(body["link"]).tolist()} - {BASE})
     first = int(states["step"].min()) if len(states) else 0
     points, distance_m, pushed = _contact(contacts, first, samples=len(base))
-    return Samples(
+    return DropSamples(
         position_m=base.position_m,
         orientation=base.orientation,
         velocity_m_s=base.velocity_m_s,
@@ -100,7 +100,7 @@ def samples_of(states: Rows, contacts: Rows) -> Samples:
     )
 
 
-def samples_in(states: Rows, contacts: Rows) -> Iterator[Samples]:
+def samples_in(states: Rows, contacts: Rows) -> Iterator[DropSamples]:
     """Yield the samples of a drop, some at a time; states and contacts are in step order."""
     for first in range(0, int(states["step"][-1]) + 1, BLOCK):
         yield samples_of(*(between(rows, first, first + BLOCK) for rows in (states, contacts)))

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from drop_physics.analysis.results import Analysis, BodyAnalysis, Explained, Unexplained
 from drop_physics.analysis.story import Story
-from drop_physics.drop.analysis import Fall, Falling
+from drop_physics.drop.analysis import Fall, FallAnalyzer
 from drop_physics.drop.case import Case, case_seen, samples_seen
 from drop_physics.drop.findings import findings
 from drop_physics.drop.results import DropAnalysis
@@ -61,7 +61,7 @@ def drop_analysis_of(
     seen = replace(seen, samples={0: samples}, machine=engine.machine or "")
     other = None if scenario.engine == "bullet" else law_for(scenario, engine)
     case, _ = case_seen(scenario, engine, seen)
-    falling = Falling(case, at_s=at_s, whole=whole or samples <= MOST_ROWS)
+    falling = FallAnalyzer(case, at_s=at_s, whole=whole or samples <= MOST_ROWS)
     walked = Story(
         seen,
         {},

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drop_physics.drop.case import Case
-from drop_physics.drop.samples import Samples
+from drop_physics.drop.samples import DropSamples
 from drop_physics.physics.base import Motion
 from drop_physics.physics.laws.bullet import contact as bullet_contact
 from drop_physics.physics.laws.bullet.law import BulletLaw
@@ -65,7 +65,7 @@ class Touchdowns:
         """Return those that pushed, after the last sample."""
         return [each for each in self._found if each.pushed is not None]
 
-    def add(self, part: Samples, before: Motion) -> None:
+    def add(self, part: DropSamples, before: Motion) -> None:
         """Take further samples; `before`: the sample before each, of the very first itself."""
         if self._case.hides_contacts:
             return
@@ -79,13 +79,13 @@ class Touchdowns:
                 self._begin(part, before, begin)
             self._touch(part, begin, end)
 
-    def _fly(self, part: Samples, begin: int, end: int) -> None:
+    def _fly(self, part: DropSamples, begin: int, end: int) -> None:
         if self._open is not None:
             self._open.left = True
             highest_m = float(part.height_m[begin:end].max())
             self._open.highest_m = max(self._open.highest_m, highest_m)
 
-    def _begin(self, part: Samples, before: Motion, row: int) -> None:
+    def _begin(self, part: DropSamples, before: Motion, row: int) -> None:
         if self._open is not None:
             self._open.returned = True
         case, first, sample = self._case, part.first + row, before.at(np.array([row]))
@@ -96,7 +96,7 @@ class Touchdowns:
         if self._open.approach_m_s > 0 and not inside:  # else it was in the floor already
             self._found.append(self._open)
 
-    def _touch(self, part: Samples, begin: int, end: int) -> None:
+    def _touch(self, part: DropSamples, begin: int, end: int) -> None:
         run = self._open
         assert run is not None
         run.last, run.last_m_s = part.first + end - 1, float(part.velocity_m_s[end - 1, 2])

@@ -18,7 +18,7 @@ from drop_physics.experiments.run_distance import Apart, Track, joints_of
 from drop_physics.explain.recording import Explanation
 from drop_physics.explain.replayed import Replayed
 from drop_physics.explain.steps import Steps
-from drop_physics.explain.times import Times
+from drop_physics.explain.times import StepTimes
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.rotations import same_way
@@ -51,7 +51,7 @@ class _Way:
     known: bool = True
 
 
-class _Part:
+class _TermPart:
     """Where one position of a body is in its states."""
 
     def __init__(self, body: Body, joint: str | None, unit: str) -> None:
@@ -80,7 +80,7 @@ def first_term(base: Seen, other: Seen, found: Apart, *, finer: int = 1) -> str 
     track = found.first
     if track is None or track.from_step is None:
         return None
-    end, times = track.from_step, Times(base, base.bodies[track.number].client)
+    end, times = track.from_step, StepTimes(base, base.bodies[track.number].client)
     ways = (
         _way(base, track.number, track, end, times, finer=1),
         _way(other, track.other, track, end, times, finer=finer),
@@ -92,9 +92,9 @@ def first_term(base: Seen, other: Seen, found: Apart, *, finer: int = 1) -> str 
     return largest if done[largest] >= CLEARLY * sum(done.values()) else None
 
 
-def _way(seen: Seen, number: int, track: Track, end: int, times: Times, *, finer: int) -> _Way:
+def _way(seen: Seen, number: int, track: Track, end: int, times: StepTimes, *, finer: int) -> _Way:
     """Return how a position came about until a step of the script, which has so many here."""
-    part, way = _Part(seen.bodies[number], track.joint, track.unit), _Way()
+    part, way = _TermPart(seen.bodies[number], track.joint, track.unit), _Way()
     whole = Explanation(seen) if seen.engine == PYBULLET else Replayed(seen)
     for explained in whole.pieces(min(MOST, max(LEAST, end + 2))):
         judged = explained.bodies.get(number)
@@ -108,7 +108,7 @@ def _way(seen: Seen, number: int, track: Track, end: int, times: Times, *, finer
 
 
 def _follow(
-    way: _Way, steps: Steps, part: _Part, end: int, times: Times, finer: int, unknown: Int64
+    way: _Way, steps: Steps, part: _TermPart, end: int, times: StepTimes, finer: int, unknown: Int64
 ) -> None:
     """Add the steps of a stretch."""
     mine = -(-steps.steps // finer)  # the script's own step that each belongs to
@@ -135,7 +135,7 @@ def _follow(
         way.given[name] = way.given.get(name, np.zeros_like(each)) + each
 
 
-def _shares(mine: _Way, theirs: _Way, times: Times, end: int) -> Mapping[str, float]:
+def _shares(mine: _Way, theirs: _Way, times: StepTimes, end: int) -> Mapping[str, float]:
     """Return how far each term has moved two runs apart."""
     if mine.start is None or theirs.start is None or mine.end is None or theirs.end is None:
         return {}

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from drop_physics.compare.motions import NOTHING, BodySamples, motions, together
 from drop_physics.compare.pairing import pairing
-from drop_physics.explain.times import Times
+from drop_physics.explain.times import StepTimes
 from drop_physics.trace.events import Body
 from drop_physics.trace.history import Seen
 from drop_physics.trace.states import motion_of
@@ -151,7 +151,7 @@ def apart(base: Seen, other: Seen, *, finer: int = 1) -> Apart:
         for theirs, mine in sorted(pairing(other, base).numbers.items())
         if theirs in base.bodies and mine in other.bodies
     }
-    times = {client: Times(base, client) for client in {b.client for b in base.bodies.values()}}
+    times = {client: StepTimes(base, client) for client in {b.client for b in base.bodies.values()}}
     tracks: dict[tuple[int, str | None, str], Track] = {}
     size = base.sampled.last + 1
     times_s, curves = np.zeros(size), {"m": np.zeros(size), "rad": np.zeros(size)}

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drop_physics.explain.driving import given_to
-from drop_physics.explain.recording import Explained
+from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.steps import BodySteps
 from drop_physics.physics.vectors import Float64
 from drop_physics.trace.events import Actuator, Body
@@ -64,7 +64,7 @@ class ActuatorTable:
         self._sums: dict[tuple[int, int], _Sums] = {}
         """Actuators by the numbers of their body and of themselves."""
 
-    def add(self, explained: Explained) -> None:
+    def add(self, explained: ExplainedPiece) -> None:
         """Take a piece."""
         for judged in explained.bodies.values():
             for steps in judged.stretches if judged.body.actuators else ():

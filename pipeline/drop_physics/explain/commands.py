@@ -109,7 +109,7 @@ BEGAN_AT, TORQUE_AT, PD_AT = map(NAMES.index, ("began", "torque_since", "pd"))
 
 
 @dataclass(eq=False)
-class _Joint:
+class _JointCommands:
     """What calls ask of one joint of a body; PD_CONTROL, of one joint of an id of the engine."""
 
     now: Float64
@@ -177,7 +177,7 @@ def _fill(steps: Int64, modes: Float64, columns: Float64) -> None:
     columns[:, PD_AT:] = columns[last, PD_AT:]
 
 
-class Commands:
+class MotorCommands:
     """What calls ask of the joints of all bodies; they come piece by piece."""
 
     def __init__(self, seen: Seen) -> None:
@@ -185,9 +185,9 @@ class Commands:
         self._first = {each.client: each for each in reversed(seen.settings)}
         self._timesteps: dict[int, float] = {}
         """By client."""
-        self._joints: dict[tuple[int, int], _Joint] = {}
+        self._joints: dict[tuple[int, int], _JointCommands] = {}
         """By body and link."""
-        self._servos: dict[tuple[int, int, int], _Joint] = {}
+        self._servos: dict[tuple[int, int, int], _JointCommands] = {}
         """PD_CONTROL, by client, the engine's id and link."""
 
     def take(self, piece: Piece) -> None:
@@ -261,14 +261,14 @@ class Commands:
         key = body.number, link
         motor, servo = np.isin(modes, (VELOCITY, POSITION, TORQUE)), modes == PD
         if motor.any():
-            joint = self._joints.setdefault(key, _Joint(_fresh((width,))))
+            joint = self._joints.setdefault(key, _JointCommands(_fresh((width,))))
             joint.calls.append((moments[:, motor], columns[motor]))
             torque, efforts = modes == TORQUE, told.torques
             if torque.any() and efforts is not None and efforts.shape[1] == width:
                 joint.torques.append((told.calls[torque], steps[torque], efforts[torque]))
         if servo.any():
             joint = self._servos.setdefault(
-                (body.client, body.engine_id, link), _Joint(_fresh((width,)))
+                (body.client, body.engine_id, link), _JointCommands(_fresh((width,)))
             )
             joint.calls.append((moments[:, servo], columns[servo]))
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.explain.recording import Explained
+from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.steps import Steps
 from drop_physics.explain.touching import among
 from drop_physics.physics.columns import cross, product, times
@@ -320,7 +320,7 @@ class Pairs:
         return np.divide(weighted, total, out=np.zeros_like(weighted), where=total > 0)
 
 
-def pairs_of(explained: Explained) -> Pairs:
+def pairs_of(explained: ExplainedPiece) -> Pairs:
     """Return the contact points of a piece, per pair of bodies."""
     points = _points(explained)
     keys = np.column_stack((points.step, points.body))
@@ -329,7 +329,7 @@ def pairs_of(explained: Explained) -> Pairs:
     return Pairs(points, np.flatnonzero(new))
 
 
-def _points(explained: Explained) -> Points:
+def _points(explained: ExplainedPiece) -> Points:
     contacts, records = explained.piece.contacts, explained.records
     # The points that the engine could name by their bodies, in the order of steps and pairs.
     a, b = contacts["body_a"], contacts["body_b"]
@@ -391,7 +391,9 @@ def _by_side(table: Rows, what: str, unit: str, swapped: Flags) -> NDArray[Any]:
 class _Sides:
     """How both sides of k contact points move: shapes (k, 2, …)."""
 
-    def __init__(self, explained: Explained, ends: Int64, bodies: Int64, at_m: Float64) -> None:
+    def __init__(
+        self, explained: ExplainedPiece, ends: Int64, bodies: Int64, at_m: Float64
+    ) -> None:
         self._ends, self._bodies, self._records = ends, bodies, explained.records
         count = len(ends)
         self.at_m = at_m
@@ -400,7 +402,7 @@ class _Sides:
         self.explained = np.ones((count, 2), np.bool_)
         self.moves = np.zeros((count, 2), np.bool_)
 
-    def move(self, explained: Explained, places: Int64, swapped: Flags) -> None:
+    def move(self, explained: ExplainedPiece, places: Int64, swapped: Flags) -> None:
         """Find how they move; `places` are those of the engine's points among these."""
         for batch, verdict in explained.batches:
             if len(batch.whole.sides.step) and batch.whole.law.tree.size:

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from drop_physics.explain.causes import CAUSES, OF_REPLAYS, family
 from drop_physics.explain.contact_points import Pairs
 from drop_physics.explain.joints import Driven, JointTable, target_of
-from drop_physics.explain.recording import Explained
+from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.step_status import Judged
-from drop_physics.explain.times import Times
+from drop_physics.explain.times import StepTimes
 from drop_physics.explain.touches import PRESSED, TouchTable
 from drop_physics.trace.history import Seen
 from drop_physics.trace.motors import POSITION, VELOCITY
@@ -53,7 +53,7 @@ class Curves:
 class CurveTable:
     """Grows piece by piece; of long recordings every second, third … step is kept."""
 
-    def __init__(self, seen: Seen, times: Mapping[int, Times]) -> None:
+    def __init__(self, seen: Seen, times: Mapping[int, StepTimes]) -> None:
         self._times = {
             number: times[body.client]
             for number, body in seen.bodies.items()
@@ -66,7 +66,7 @@ class CurveTable:
         """Energy that each of FORCES has given so far, by body."""
         self._start_j: dict[int, float] = {}
 
-    def add(self, explained: Explained, joints: JointTable, touches: TouchTable) -> None:
+    def add(self, explained: ExplainedPiece, joints: JointTable, touches: TouchTable) -> None:
         """Take a piece, after the tables of joints and touches have."""
         for number, judged in explained.bodies.items():
             self._energy(number, judged)

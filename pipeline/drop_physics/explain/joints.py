@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from drop_physics.explain.commands import DEFAULT, Commanded
 from drop_physics.explain.needs import Holding, holding
-from drop_physics.explain.recording import Explained
+from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.steps import BodySteps
 from drop_physics.physics.tree import Tree
 from drop_physics.trace.events import Body, Site
@@ -134,11 +134,11 @@ class JointTable:
         self._seen = seen
         self._sites: Mapping[int, Site] = {}
         self._tracks: dict[int, _Track] = {}
-        self._explained: Explained | None = None
+        self._explained: ExplainedPiece | None = None
         self.latest: dict[int, list[Driven]] = {}
         """Joints of the latest piece, by the body's number."""
 
-    def add(self, explained: Explained) -> None:
+    def add(self, explained: ExplainedPiece) -> None:
         """Take a piece."""
         self._sites = explained.piece.calls.sites
         self._explained, self.latest = explained, {}

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.joined import GEAR, POINT
-from drop_physics.explain.recording import Explained
+from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.steps import Steps
 from drop_physics.physics.dynamics import gravity
 from drop_physics.physics.impulses import impulses_of
@@ -122,7 +122,7 @@ class Holding:
 
 
 def holding(
-    explained: Explained,
+    explained: ExplainedPiece,
     bodies: Mapping[int, Body],
     steps: Steps,
     row: int,
@@ -231,7 +231,7 @@ def _touching(steps: Steps, row: int) -> tuple[Float64, NDArray[np.int64]]:
 
 
 def _loads(
-    explained: Explained, bodies: Mapping[int, Body], number: int, sample: int
+    explained: ExplainedPiece, bodies: Mapping[int, Body], number: int, sample: int
 ) -> tuple[list[Load], bool]:
     """Return what a body carries, and whether anything fixed touches it."""
     edges, fixed = _edges(explained, sample), False
@@ -262,7 +262,7 @@ def _loads(
     return [*loads.values()], fixed
 
 
-def _edges(explained: Explained, sample: int) -> Iterable[tuple[Place, Place, int | None]]:
+def _edges(explained: ExplainedPiece, sample: int) -> Iterable[tuple[Place, Place, int | None]]:
     """Return what touches or is joined in the step to a sample; a constraint with its kind."""
     here = between(explained.piece.contacts, sample, sample + 1)
     force = np.abs(here["normal_force_n"])
@@ -307,7 +307,7 @@ def _pulled(kin: Kinematics, link: int, force: Float64, point_m: Float64) -> Flo
 
 
 def _masses(
-    explained: Explained, loads: Iterable[Load], sample: int
+    explained: ExplainedPiece, loads: Iterable[Load], sample: int
 ) -> dict[int, tuple[float, Float64]]:
     """Return mass and centre of mass of each load that is known, by its place."""
     found = {}

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from drop_physics.explain.bodies import Records, configs_of, records_of, settings_of, substeps_of
 from drop_physics.explain.body_history import BodyHistory, history_of
 from drop_physics.explain.causes import Totals
-from drop_physics.explain.commands import Commands
+from drop_physics.explain.commands import MotorCommands
 from drop_physics.explain.joined import Constraints
 from drop_physics.explain.step_status import Judged, StepVerdicts, judged
 from drop_physics.explain.steps import (
@@ -23,7 +23,7 @@ from drop_physics.explain.steps import (
     batches_of,
     intervals_of,
 )
-from drop_physics.explain.times import Times
+from drop_physics.explain.times import StepTimes
 from drop_physics.explain.touching import STEPS, Touching, rows_of
 from drop_physics.physics.base import EXACT_MACHINES, Law
 from drop_physics.physics.tree import States, Tree
@@ -47,7 +47,7 @@ NOBODY = -1
 
 
 @dataclass(frozen=True, eq=False)
-class Explained:
+class ExplainedPiece:
     """A piece of a recording, explained."""
 
     piece: Piece
@@ -97,17 +97,17 @@ class Explanation:
     def __init__(self, seen: Seen, other: Law | None = None) -> None:
         self.seen, self.records = seen, records_of(seen)
         self._settings = settings_of(seen)
-        self.times = {client: Times(seen, client) for client in self._settings}
+        self.times = {client: StepTimes(seen, client) for client in self._settings}
         self._configs = configs_of(self.records, self._settings, other)
         self._soft = {body.client for body in seen.bodies.values() if body.soft}
         self._constraints = Constraints()
-        self._commands = Commands(seen)
+        self._commands = MotorCommands(seen)
         self._pushes: dict[int, list[Push]] = {}
         self._lasts: dict[int, BodyHistory] = {}
         self.totals: dict[int, Totals] = {}
         """What is known of each body, by its number."""
 
-    def pieces(self, steps: int = 0) -> Iterator[Explained]:
+    def pieces(self, steps: int = 0) -> Iterator[ExplainedPiece]:
         """Yield the pieces of the recording, each once; of so many steps, if that is not 0."""
         bodies = [each.body for each in self.records.values()]
         freedoms = sum(
@@ -118,7 +118,7 @@ class Explanation:
         # `map` keeps no piece while the next is read.
         yield from map(self._explained, self.seen.pieces(steps))
 
-    def _explained(self, piece: Piece) -> Explained:
+    def _explained(self, piece: Piece) -> ExplainedPiece:
         piece = self.begun(piece)
         histories = self._histories(piece)
         touching = Touching(piece.contacts, self.records, histories)
@@ -148,7 +148,7 @@ class Explanation:
             self.totals.setdefault(number, Totals(bodies[number].body)).add(bodies[number])
             self._lasts[number] = history.at(np.arange(len(history))[-2:])  # a copy
         held = {number: history for number, (history, _) in histories.items()}
-        return Explained(
+        return ExplainedPiece(
             piece, bodies, held, self._constraints, self.records, batches, self.frictions
         )
 

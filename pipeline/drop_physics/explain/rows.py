@@ -11,7 +11,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.explain.step_status import SEGMENTS, Judged
-from drop_physics.explain.times import Times
+from drop_physics.explain.times import StepTimes
 from drop_physics.trace.events import Body
 
 Float64 = NDArray[np.float64]
@@ -82,7 +82,7 @@ def rows_of(
     judged: Judged,
     base_m: Float64,
     errors_m: Mapping[int, Float64],
-    times: Times,
+    times: StepTimes,
     *,
     detailed: bool,
 ) -> SampleRows:

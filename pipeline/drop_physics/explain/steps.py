@@ -15,11 +15,11 @@ from drop_physics.explain import alone
 from drop_physics.explain.bodies import BodyConfig, BodyConfigs, Record
 from drop_physics.explain.body_history import BodyHistory
 from drop_physics.explain.changes import Changes, Transitions, changes_of
-from drop_physics.explain.commands import Commanded, Commands
+from drop_physics.explain.commands import Commanded, MotorCommands
 from drop_physics.explain.joined import Constraints, Poses
 from drop_physics.explain.pushed import pushed
 from drop_physics.explain.segments import FLIGHT
-from drop_physics.explain.times import Times
+from drop_physics.explain.times import StepTimes
 from drop_physics.explain.touching import Sides, Touching
 from drop_physics.physics.impulses import Forces, Sum, impulses_of
 from drop_physics.physics.kinematics import kinematics
@@ -52,9 +52,9 @@ SUBSTEPS: Reason = "substeps"
 class Around:
     """What was seen of a piece, of all bodies."""
 
-    times: Mapping[int, Times]
+    times: Mapping[int, StepTimes]
     """By client."""
-    commands: Commands
+    commands: MotorCommands
     constraints: Constraints
     touching: Touching
     poses: Poses

@@ -72,7 +72,7 @@ class Stood:
 
 
 @dataclass(eq=False)
-class _Open:
+class _OpenTarget:
     """The target that stands at the end of the steps so far."""
 
     key: Float64
@@ -89,7 +89,7 @@ class Targets:
     """The targets of one body; its steps come in order."""
 
     def __init__(self) -> None:
-        self._open: dict[int, _Open] = {}
+        self._open: dict[int, _OpenTarget] = {}
         self._tail = np.empty((0, 0))
         """Positions before these steps."""
         self._tail_step = -1
@@ -154,7 +154,7 @@ class Targets:
         found = _stood(driven, k, rows, first, start, counts, left)
         found = replace(found, resting=self._settled(found, len(ends)))
         if np.isfinite(found.target[-1]):
-            self._open[k] = _Open(
+            self._open[k] = _OpenTarget(
                 keys[:, -1].copy(),
                 int(first[-1]),
                 int(ends[-1]),

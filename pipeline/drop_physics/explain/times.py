@@ -16,7 +16,7 @@ Int64 = NDArray[np.int64]
 ENGINE = ("fixedTimeStep", *(f"gravityAcceleration{axis}" for axis in "XYZ"))
 
 
-class Times:
+class StepTimes:
     """Times of the steps of one simulation, which may change its timestep."""
 
     def __init__(self, seen: Seen, client: int) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.contact_points import Pairs, pairs_of
-from drop_physics.explain.recording import Explained
+from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.physics.vectors import lengths
 from drop_physics.trace.history import Seen
 
@@ -110,7 +110,7 @@ class TouchTable:
         """Free the latest piece."""
         del self.pairs
 
-    def add(self, explained: Explained) -> None:
+    def add(self, explained: ExplainedPiece) -> None:
         """Take a piece."""
         pairs = self.pairs = pairs_of(explained)
         if not len(pairs.starts):
@@ -155,7 +155,7 @@ class TouchTable:
         )
 
 
-def _hidden(explained: Explained, pairs: Pairs) -> Flags:
+def _hidden(explained: ExplainedPiece, pairs: Pairs) -> Flags:
     """Return whether only a last substep's forces are known of a body in each step, (m,)."""
     hidden = np.zeros(len(pairs.starts), np.bool_)
     if any(batch.whole.substeps > 1 for batch, _ in explained.batches):
@@ -198,7 +198,7 @@ class _Needs:
     normal_n: Float64
 
     @staticmethod
-    def of(explained: Explained, pairs: Pairs, side: int) -> _Needs:
+    def of(explained: ExplainedPiece, pairs: Pairs, side: int) -> _Needs:
         """Return them for the bodies on one side of each pair of a piece."""
         needed = np.full(len(pairs.starts), -1.0)
         known = pairs.one_line & pairs.explained[:, side] & (pairs.normal_n > PRESSED)

@@ -33,7 +33,7 @@ from drop_physics.trace.events import (
     Raised,
     Settings,
     Site,
-    Solver,
+    SolverStop,
     Surface,
 )
 from drop_physics.trace.readings import Reading
@@ -51,7 +51,7 @@ ENTITIES: Mapping[type[Any], str] = {
     Settings: schema.SETTINGS,
     Site: schema.SITES,
     Raised: schema.RAISED,
-    Solver: schema.SOLVER,
+    SolverStop: schema.SOLVER,
     Reading: schema.READINGS,
     Put: schema.SET,
     ImpulseCause: schema.CAUSES,

@@ -48,7 +48,7 @@ from drop_physics.trace.events import (
     Raised,
     Settings,
     Site,
-    Solver,
+    SolverStop,
     Surface,
     order,
 )
@@ -275,7 +275,7 @@ def _seen(told: Told, sampled: RecordedSamples, closing: Properties) -> Seen:
         surfaces=json_rows.events(told, Surface),
         dynamics=json_rows.events(told, Dynamics, bodies),
         settings=json_rows.events(told, Settings),
-        solvers=json_rows.events(told, Solver),
+        solvers=json_rows.events(told, SolverStop),
         readings=json_rows.events(told, Reading),
         puts=json_rows.events(told, Put, bodies),
         samples=dict(enumerate(listed(closing.get("samples_of_clients")))),

@@ -15,11 +15,11 @@ from drop_physics.explain.actuators import ActuatorTable
 from drop_physics.explain.bodies import Record
 from drop_physics.explain.joined import Constraints
 from drop_physics.explain.joints import Driven, JointTable
-from drop_physics.explain.recording import Explained
+from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.step_status import Judged, StepVerdicts
 from drop_physics.explain.steps import BodySteps, StepBatch, Steps
 from drop_physics.explain.targets import Targets
-from drop_physics.explain.times import Times
+from drop_physics.explain.times import StepTimes
 from drop_physics.explain.touches import TouchTable
 from drop_physics.explain.touching import STEPS
 from drop_physics.fields import counted
@@ -138,7 +138,7 @@ class Scene:
     """Bodies, settings, puts: nothing that has to be read from the samples."""
     origin: Mapping[str, Any]
     """The script, and how it ended."""
-    times: Mapping[int, Times]
+    times: Mapping[int, StepTimes]
     """By client."""
     joints: JointTable
     touches: TouchTable
@@ -164,7 +164,7 @@ class Scene:
     """The table of the target that goes on, by body and rate."""
     carried: dict[tuple[str, int], NDArray[Any]] = field(init=False, default_factory=dict)
     """What columns hand on from piece to piece, by their name and the number of a body."""
-    _explained: Explained = field(init=False)
+    _explained: ExplainedPiece = field(init=False)
     kept: dict[object, Any] = field(init=False, default_factory=dict)
     """What rules work out once, by rule and subject."""
     _ends: dict[int, dict[int, tuple[int, States]]] = field(init=False, default_factory=dict)
@@ -176,7 +176,7 @@ class Scene:
         self.asked, self.placing = AskedOfBodies(self.seen.appearances), Placing(self.seen)
         self.inputs = Inputs(self)
 
-    def see(self, explained: Explained) -> None:
+    def see(self, explained: ExplainedPiece) -> None:
         """Take a piece, before any answer does."""
         self.piece, self.judged = explained.piece, explained.bodies
         self._explained, self.batches, self.records = (

@@ -16,7 +16,7 @@ from drop_physics.trace.history import Piece, Seen
 
 
 @dataclass
-class Asked:
+class AskedProperty:
     """What calls of `changeDynamics` made of a property; all by the number of a body."""
 
     values: dict[int, float] = field(default_factory=dict)
@@ -40,7 +40,7 @@ class AskedOfBodies:
         self._came = {each.body.number: each.at.call for each in appearances if each.came}
         self._loads: dict[tuple[int, int], list[Call]] = {}
         """By client and the engine's id."""
-        self.of: defaultdict[str, Asked] = defaultdict(Asked)
+        self.of: defaultdict[str, AskedProperty] = defaultdict(AskedProperty)
         """By the name of an argument."""
 
     def see(self, piece: Piece) -> None:

@@ -12,7 +12,7 @@ from drop_physics.analysis.results import Analysis
 from drop_physics.analysis.story import Story
 from drop_physics.engines.cures import call_of
 from drop_physics.errors import ScenarioError, check_suffix
-from drop_physics.explain.times import Times
+from drop_physics.explain.times import StepTimes
 from drop_physics.figures.plot import Plot
 from drop_physics.files.outputs import check_apart, check_target, refused
 from drop_physics.files.table import check_table, write_table
@@ -222,7 +222,7 @@ def outputs_of(
 def _check_times(at_s: Sequence[float], seen: Seen) -> None:
     """Raise an error if a given time is not within any simulation."""
     clients = {setting.client for setting in seen.settings}
-    ends_s = [Times(seen, client).of(seen.samples.get(client, 1) - 1) for client in clients]
+    ends_s = [StepTimes(seen, client).of(seen.samples.get(client, 1) - 1) for client in clients]
     # Time may go back, where a timestep is below 0.
     told_s = [each.at.time_s for each in seen.settings]
     end_s = max([0.0, *ends_s, *told_s])

@@ -14,7 +14,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.errors import check_suffix
-from drop_physics.explain.times import Times
+from drop_physics.explain.times import StepTimes
 from drop_physics.files.mcap_file import Write, stamp, written_mcap
 from drop_physics.files.outputs import check_apart, check_target
 from drop_physics.files.table import write_table
@@ -104,7 +104,7 @@ def _times_of(recording: Recording) -> TimesOf:
         timestep_s = recording.scenario.timestep_s
         return lambda _, steps: np.multiply(steps, timestep_s, dtype=np.float64)
     clients = {body.client for body in seen.bodies.values()}
-    times = {client: Times(seen, client) for client in clients}
+    times = {client: StepTimes(seen, client) for client in clients}
     return lambda body, steps: times[seen.bodies[body].client].of_all(steps)
 
 

@@ -12,7 +12,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.errors import DropError, RecordingError
-from drop_physics.explain.times import Times
+from drop_physics.explain.times import StepTimes
 from drop_physics.figures.animation import decoded
 from drop_physics.figures.overlay import beside, draw_clock, draw_marks
 from drop_physics.figures.playback import Animation, Playback, playback
@@ -253,7 +253,7 @@ def _drawn(
 
 def _end_s(seen: Seen, parts: Sequence[Part]) -> float:
     """Return when the last sample was taken, or the last call moved what is drawn."""
-    sampled_s = [Times(seen, client).of(count - 1) for client, count in seen.samples.items()]
+    sampled_s = [StepTimes(seen, client).of(count - 1) for client, count in seen.samples.items()]
     return max(*sampled_s, *(float(part.times_s[-1]) for part in parts), 0.0)
 
 

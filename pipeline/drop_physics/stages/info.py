@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from drop_physics.explain.times import Times
+from drop_physics.explain.times import StepTimes
 from drop_physics.fields import counted
 from drop_physics.messages import Message, joined, shell_command
 from drop_physics.printable import Printable
@@ -176,7 +176,7 @@ def _duration_s(seen: Seen) -> float:
             last[client] = max(step, last.get(client, 0))
     clients = {settings.client for settings in seen.settings}
     return max(
-        (Times(seen, client).of(step) for client, step in last.items() if client in clients),
+        (StepTimes(seen, client).of(step) for client, step in last.items() if client in clients),
         default=0.0,
     )
 

@@ -13,7 +13,7 @@ from typing import Any
 from drop_physics import colours
 from drop_physics.drop.one_sample import DEFAULT_AT_S
 from drop_physics.errors import ScenarioError
-from drop_physics.explain.times import Times
+from drop_physics.explain.times import StepTimes
 from drop_physics.printable import Printable
 from drop_physics.recording import pictures, schema, viewer, writer
 from drop_physics.recording.contents import is_script
@@ -122,7 +122,7 @@ def _with_golden(path: Path, golden: Path, folder: Path, *, web: bool) -> View:
 def _poses(seen: Seen) -> Iterator[Chunk]:
     """Yield poses and heights, of a recording without what is for looking."""
     for number, body in seen.bodies.items():
-        times = Times(seen, body.client)
+        times = StepTimes(seen, body.client)
         for piece in seen.pieces():
             base = piece.bases[piece.bases["body"] == number]
             joints = piece.joints.get(number)

@@ -151,7 +151,7 @@ class Mimic:
 
 
 @dataclass(frozen=True)
-class Asked:
+class FileRequests:
     """What a body's file asks for that an engine may not do."""
 
     scale: float = 1.0
@@ -221,7 +221,7 @@ class Body:
     """Axis-aligned boxes around base and links when it was added: low and high corners, six numbers
     each."""
     collisions: tuple[Collision, ...] = ()
-    asked: Asked = Asked()
+    asked: FileRequests = FileRequests()
     flags: int = 0
     """That it was loaded with; 0 where they are unknown."""
     before: bool = False
@@ -379,7 +379,7 @@ class Raised:
 
 
 @dataclass(frozen=True)
-class Solver:
+class SolverStop:
     """How often the solver of a simulation stopped before it had converged."""
 
     at: At
@@ -613,7 +613,7 @@ Event = (
     | Site
     | Calls
     | Raised
-    | Solver
+    | SolverStop
     | Reading
     | Put
     | Image

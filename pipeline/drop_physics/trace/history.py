@@ -22,7 +22,7 @@ from drop_physics.trace.events import (
     Impulses,
     Put,
     Settings,
-    Solver,
+    SolverStop,
     Surface,
 )
 from drop_physics.trace.log import Log
@@ -93,7 +93,7 @@ class Seen:
     """Of meshes that are held as their hulls, where they are hollow."""
     dynamics: list[Dynamics]
     settings: list[Settings]
-    solvers: list[Solver]
+    solvers: list[SolverStop]
     """One for each simulation and iteration limit whose solver stopped early."""
     readings: list[Reading]
     """The places in the script that read."""

@@ -61,7 +61,7 @@ NAMES = {
 
 
 @dataclass(frozen=True)
-class _Part:
+class _CausePart:
     """What of a term acts on one body."""
 
     cause: ImpulseCause
@@ -95,7 +95,7 @@ class ExplainedSteps:
     first: int
     turns: Float64
     free: Mapping[int, int]
-    _parts: dict[int, list[_Part]] = field(default_factory=dict)
+    _parts: dict[int, list[_CausePart]] = field(default_factory=dict)
     _causes: dict[tuple[object, ...], ImpulseCause] = field(default_factory=dict)
     _frictions: dict[tuple[int, int, int, int], float] = field(default_factory=dict)
 
@@ -156,7 +156,7 @@ class ExplainedSteps:
             blocks.append((number, rows, held))
         return blocks
 
-    def _turn(self, part: _Part, block: Float64, steps: Int64) -> None:
+    def _turn(self, part: _CausePart, block: Float64, steps: Int64) -> None:
         """Turn impulses on a free base, and about a ball, into a recording's axes, in place."""
         places, made = part.cause.places, part.body
         if made.free >= 0 and places[0] < 6:
@@ -170,7 +170,7 @@ class ExplainedSteps:
                 many = np.tile(axes, (len(block), 1))
                 block[:, at : at + 3] = rotate_inverse(many, block[:, at : at + 3])
 
-    def _parts_of(self, number: int, term: ImpulseTerm, numbers: Iterator[int]) -> list[_Part]:
+    def _parts_of(self, number: int, term: ImpulseTerm, numbers: Iterator[int]) -> list[_CausePart]:
         """Return what of a term acts on which body."""
         if number in self._parts:
             return self._parts[number]
@@ -192,7 +192,7 @@ class ExplainedSteps:
                     at, new, self.client, body, kind, name, places
                 )
             parts.append(
-                _Part(
+                _CausePart(
                     cause,
                     made,
                     np.array([column for column, _ in held]),

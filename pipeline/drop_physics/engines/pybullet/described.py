@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.trace.events import Asked, Body, Collision, FileLink, Joint, Mimic, Shape
+from drop_physics.trace.events import Body, Collision, FileLink, FileRequests, Joint, Mimic, Shape
 from drop_physics.trace.states import BASE
 
 Float64 = NDArray[np.float64]
@@ -136,14 +136,14 @@ def _collisions(listed: Iterable[Sequence[Any]]) -> tuple[Collision, ...]:
     )
 
 
-def _asked(note: dict[str, Any]) -> Asked:
+def _asked(note: dict[str, Any]) -> FileRequests:
     links = tuple(
         FileLink(
             name, math.nan if mass is None else mass, tuple(inertia), tuple(position), tuple(angles)
         )
         for name, mass, inertia, position, angles in note["file_links"]
     )
-    return Asked(note["scale"], links, tuple(Mimic(*mimic) for mimic in note["mimics"]))
+    return FileRequests(note["scale"], links, tuple(Mimic(*mimic) for mimic in note["mimics"]))
 
 
 def _name(*candidates: str) -> str:

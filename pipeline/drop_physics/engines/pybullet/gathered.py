@@ -34,7 +34,7 @@ class Known:
     """A body of the stream, and its body in the recording."""
 
     body: Body
-    world: World
+    world: GatheredWorld
     dynamics: list[Any]
     visual: list[Any]
     joints: list[Any]
@@ -76,7 +76,7 @@ def points_of(points: bytes | bytearray, steps: Int64) -> Rows:
     return rows
 
 
-class World:
+class GatheredWorld:
     """One simulation."""
 
     def __init__(self, client: int, step: int, time_s: float) -> None:

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from drop_physics.engines.pybullet.gathered import World
+from drop_physics.engines.pybullet.gathered import GatheredWorld
 from drop_physics.engines.pybullet.watch import pipe
 from drop_physics.trace.readings import Lens, Reading, Subject
 
@@ -23,7 +23,7 @@ class Reads:
         """What each place read, in that order; constraints as their ids."""
         self._cut: set[int] = set()
         """Places of which something is missing."""
-        self._waiting: list[tuple[World, int, Ids]] = []
+        self._waiting: list[tuple[GatheredWorld, int, Ids]] = []
         """What was read of bodies that are not described yet."""
 
     def describe(self, number: int, camera: dict[str, Any] | None, **described: Any) -> None:  # noqa: ANN401
@@ -33,7 +33,7 @@ class Reads:
         self._places[number] = {"number": number, "camera": seen, **described}
         self._targets[number] = {}
 
-    def read(self, world: World, number: int, targets: list[Ids]) -> None:
+    def read(self, world: GatheredWorld, number: int, targets: list[Ids]) -> None:
         """Note what a place has read."""
         self._waiting += [(world, number, target) for target in targets]
         self.bodies_came()
@@ -57,7 +57,7 @@ class Reads:
         else:
             self._cut.add(number)
 
-    def forget(self, world: World | None) -> None:
+    def forget(self, world: GatheredWorld | None) -> None:
         """Note that the bodies of a simulation that were not described, or all, never will be."""
         self._cut |= {number for its, number, _ in self._waiting if world in (its, None)}
         self._waiting = [each for each in self._waiting if world not in (each[0], None)]

@@ -19,7 +19,7 @@ from drop_physics.engines.mujoco.frames import STEP
 from drop_physics.engines.mujoco.watched import MujocoDecoder
 from drop_physics.engines.pybullet.described import Numbering, moving_links, reported_of, shapes_of
 from drop_physics.engines.pybullet.frames import Frames, StreamError
-from drop_physics.engines.pybullet.gathered import Known, World
+from drop_physics.engines.pybullet.gathered import GatheredWorld, Known
 from drop_physics.engines.pybullet.reads import Reads
 from drop_physics.engines.pybullet.surfaces import surfaces_of
 from drop_physics.engines.pybullet.watch import pipe
@@ -36,7 +36,7 @@ from drop_physics.trace.events import (
     Raised,
     Settings,
     Site,
-    Solver,
+    SolverStop,
     counted_s,
     located,
 )
@@ -107,14 +107,14 @@ class Decoder:
         self.mujoco = MujocoDecoder()
         """What takes the payloads of `engines/mujoco/frames`."""
         self._frames = Frames()
-        self._worlds: dict[int, World] = {}
+        self._worlds: dict[int, GatheredWorld] = {}
         self._bodies: dict[int, Known] = {}
         self._numbering = Numbering()
-        self._solvers: dict[tuple[int, int], Solver] = {}
+        self._solvers: dict[tuple[int, int], SolverStop] = {}
         self._reads = Reads()
         self.counters: Sequence[int] = ()
         """How often places have read, as counted in the memory shared with the process."""
-        self._caller: World | None = None
+        self._caller: GatheredWorld | None = None
         """The simulation that the last call was for."""
 
     @property
@@ -304,7 +304,7 @@ class Decoder:
         if not math.isfinite(first_time_s):
             times_s = [known.time_s(known.step) for known in self._worlds.values()]
             first_time_s = max(times_s, default=0.0)
-        self._worlds[world] = World(client, first_step, first_time_s)
+        self._worlds[world] = GatheredWorld(client, first_step, first_time_s)
 
     def _on_site(self, names: list[str], whole: list[bool], **note: Any) -> Iterator[Event]:  # noqa: ANN401
         at = next((names.index(name) for name in TIMESTEPS if name in names), None)
@@ -323,7 +323,7 @@ class Decoder:
 
     def _on_solver(self, world: int, **early: Any) -> None:  # noqa: ANN401
         its = self._worlds[world]
-        self._solvers[world, early["iterations"]] = Solver(self._at(its), its.client, **early)
+        self._solvers[world, early["iterations"]] = SolverStop(self._at(its), its.client, **early)
 
     def _on_over(self, world: int, **_: object) -> Iterator[Event]:
         yield from self._worlds[world].gathered()
@@ -483,7 +483,7 @@ class Decoder:
             tuple(note["projection"] or ()),
         )
 
-    def _at(self, world: World, step: int | None = None) -> At:
+    def _at(self, world: GatheredWorld, step: int | None = None) -> At:
         step = world.step if step is None else step
         return At(step, world.time_s(step), self.calls)
 

@@ -56,7 +56,7 @@ class Loaded:
         """The inertial frame of a btRigidBody, position and orientation."""
 
 
-class Body:
+class WatchedBody:
     """What must be known of a body to read it.
 
     Parameters

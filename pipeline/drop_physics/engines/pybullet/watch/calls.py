@@ -19,10 +19,10 @@ from .arguments import CLIENT, CLIENT_AT, MODE_AT, UNNAMED, names_of
 from .pipe import CALL, HEADER, NOTE, Pipe, encoded, frame
 
 if TYPE_CHECKING:
-    from .worlds import World
+    from .worlds import WatchedWorld
 
     Plan = tuple[
-        World,
+        WatchedWorld,
         int,
         list[str],
         Callable[..., Any] | None,
@@ -43,7 +43,7 @@ MOST_PLANS = 4096
 OURS = os.path.dirname(os.path.abspath(__file__)) + os.sep
 
 
-class Calls:
+class CallWatch:
     """Sends calls, and describes their sites."""
 
     def __init__(self, pipe: Pipe) -> None:
@@ -65,7 +65,12 @@ class Calls:
             plans.clear()
 
     def tell(
-        self, world: World, name: str, args: tuple[Any, ...], kwargs: dict[str, Any], place: Any
+        self,
+        world: WatchedWorld,
+        name: str,
+        args: tuple[Any, ...],
+        kwargs: dict[str, Any],
+        place: Any,
     ) -> None:
         """Send a call that is made in a frame, and plan how to send the next one of its form."""
         form, caller = Form(name, args, kwargs), caller_of(place)

@@ -18,7 +18,7 @@ from .functions import (
     SHAPES,
 )
 from .links import MODELS, links_in, path_of
-from .worlds import ALL, World
+from .worlds import ALL, WatchedWorld
 
 FIELD = 9
 """Type of shape, `GEOM_HEIGHTFIELD`."""
@@ -26,7 +26,7 @@ MERGE_FIXED_LINKS, ENABLE_SLEEPING = 1 << 19, 1 << 11
 """Bits of the flags of `loadURDF`."""
 
 
-def before_change(world: World, name: str, arguments: dict[str, Any]) -> None:
+def before_change(world: WatchedWorld, name: str, arguments: dict[str, Any]) -> None:
     """Keep or send what a call is about to change."""
     if name == "changeDynamics" and arguments.keys() & {"mass", "localInertiaDiagonal"}:
         # Of a btRigidBody the inertia changes the mass, too: PyBullet takes it to be 0 then.
@@ -37,7 +37,7 @@ def before_change(world: World, name: str, arguments: dict[str, Any]) -> None:
         world.sync()
 
 
-def after_change(world: World, name: str, arguments: dict[str, Any], result: Any) -> None:
+def after_change(world: WatchedWorld, name: str, arguments: dict[str, Any], result: Any) -> None:
     """Note what has to be read again after a call."""
     world.touched = True
     if name in MAKES_BODIES:
@@ -69,7 +69,7 @@ def after_change(world: World, name: str, arguments: dict[str, Any], result: Any
         _set_engine(world, name, arguments)
 
 
-def _made_bodies(world: World, name: str, arguments: dict[str, Any], result: Any) -> None:
+def _made_bodies(world: WatchedWorld, name: str, arguments: dict[str, Any], result: Any) -> None:
     world.stale_bodies = True
     body = body_of(arguments)
     if name == "unsupportedChangeScaling" and body is not None:
@@ -90,7 +90,7 @@ def _made_bodies(world: World, name: str, arguments: dict[str, Any], result: Any
         world.loaded[ids[0]].inertial = world.inertial_of(ids[0], *given)
 
 
-def _loaded(name: str, arguments: dict[str, Any], world: World) -> Loaded:
+def _loaded(name: str, arguments: dict[str, Any], world: WatchedWorld) -> Loaded:
     loaded = Loaded()
     loaded.lists_shapes = name not in ("loadMJCF", "loadBullet")
     loaded.flags = number(arguments.get("flags", 0)) or 0
@@ -119,7 +119,7 @@ def _loaded(name: str, arguments: dict[str, Any], world: World) -> Loaded:
     return loaded
 
 
-def _hiding(world: World, name: str, arguments: dict[str, Any], ids: list[int]) -> list[int]:
+def _hiding(world: WatchedWorld, name: str, arguments: dict[str, Any], ids: list[int]) -> list[int]:
     """Return which of the bodies that a call created have links that PyBullet does not show."""
     if name == "loadMJCF":
         rigid = not arguments.get("useMultiBody", 1)
@@ -143,7 +143,7 @@ def _hiding(world: World, name: str, arguments: dict[str, Any], ids: list[int]) 
     return [each for each, count in zip(ids, links) if count > 1]
 
 
-def _set_engine(world: World, name: str, arguments: dict[str, Any]) -> None:
+def _set_engine(world: WatchedWorld, name: str, arguments: dict[str, Any]) -> None:
     world.stale_engine = True
     if "reportSolverAnalytics" in arguments and name == "setPhysicsEngineParameter":
         value = int(arguments["reportSolverAnalytics"])

@@ -27,7 +27,7 @@ from .functions import (
 )
 from .hidden import hide
 from .quiet import Window
-from .worlds import ALL, World
+from .worlds import ALL, WatchedWorld
 
 if TYPE_CHECKING:
     from .hooks import Watch
@@ -162,13 +162,13 @@ def _effects(name: str) -> tuple[Call | None, Call | None]:
     return None, _after_creation if name in RETURNS else None
 
 
-def _after_ik(watch: Watch, _: World, __: str, ___: Any, result: Any) -> None:
+def _after_ik(watch: Watch, _: WatchedWorld, __: str, ___: Any, result: Any) -> None:
     """Send the largest number of an answer, by which targets that are taken from it are known."""
     if type(result) is tuple and result:
         watch.pipe.send(protocol.RESULT, protocol.NUMBER.pack(max(result, key=abs)))
 
 
-def _before_move(watch: Watch, world: World, name: str, args: Any, kwargs: Any) -> None:
+def _before_move(watch: Watch, world: WatchedWorld, name: str, args: Any, kwargs: Any) -> None:
     """Note the body that a call moves, and what it sets of it."""
     body = args[0] if args else kwargs.get("bodyUniqueId", kwargs.get("objectUniqueId"))
     if type(body) is not int:
@@ -187,19 +187,21 @@ def _before_move(watch: Watch, world: World, name: str, args: Any, kwargs: Any) 
     world.touched = True
 
 
-def _before_push(watch: Watch, world: World, *_: Any) -> None:
+def _before_push(watch: Watch, world: WatchedWorld, *_: Any) -> None:
     if world.touched:  # it acts at a point and along axes of the body's current pose
         watch.guarded(world, world.sync)
 
 
-def _before_change(watch: Watch, world: World, name: str, args: Any, kwargs: Any) -> dict[str, Any]:
+def _before_change(
+    watch: Watch, world: WatchedWorld, name: str, args: Any, kwargs: Any
+) -> dict[str, Any]:
     arguments = named(name, args, kwargs)
     watch.guarded(world, before_change, world, name, arguments)
     return arguments
 
 
 def _after_change(
-    watch: Watch, world: World, name: str, arguments: dict[str, Any], result: Any
+    watch: Watch, world: WatchedWorld, name: str, arguments: dict[str, Any], result: Any
 ) -> None:
     _after_creation(watch, world, name, arguments, result)
     watch.guarded(world, after_change, world, name, arguments, result)
@@ -208,12 +210,12 @@ def _after_change(
     watch.pipe.tick()
 
 
-def _after_creation(watch: Watch, _: World, name: str, __: Any, result: Any) -> None:
+def _after_creation(watch: Watch, _: WatchedWorld, name: str, __: Any, result: Any) -> None:
     if type(result) is int and name in RETURNS:
         watch.pipe.send(protocol.RESULT, protocol.NUMBER.pack(result))
 
 
-def _raised(watch: Watch, world: World | None, name: str, error: Exception) -> None:
+def _raised(watch: Watch, world: WatchedWorld | None, name: str, error: Exception) -> None:
     if world is None:  # it was not told of
         return
     watch.pipe.note("raised", error=f"{type(error).__name__}: {error}")
@@ -327,7 +329,7 @@ def searching(watch: Watch, name: str, original: Any) -> Call:
             raise
         path = named(name, args, kwargs).get("path")
         if type(path) is str:
-            World.search_path = path
+            WatchedWorld.search_path = path
         return result
 
     return search
@@ -436,7 +438,11 @@ def photographing(watch: Watch, name: str, original: Any) -> Call:
 
 
 def _send_image(
-    watch: Watch, world: World, arguments: dict[str, Any], result: Any, place: tuple[str, int]
+    watch: Watch,
+    world: WatchedWorld,
+    arguments: dict[str, Any],
+    result: Any,
+    place: tuple[str, int],
 ) -> None:
     width, height, pixels = result[:3]
     data = pixels.tobytes() if hasattr(pixels, "tobytes") else bytes(pixels)

@@ -16,8 +16,8 @@ from types import BuiltinFunctionType, ModuleType, SimpleNamespace
 from typing import Any
 from weakref import ref
 
-from .bodies import Body
-from .calls import Calls, shown_file
+from .bodies import WatchedBody
+from .calls import CallWatch, shown_file
 from .clock import CALL_S, Clock
 from .forks import Forks
 from .handlers import handler
@@ -30,7 +30,7 @@ from .readings import Readings
 from .solver import ASKED_EVERY
 from .turns import Turn
 from .varied import Variation, varied_by
-from .worlds import ALL, World
+from .worlds import ALL, WatchedWorld
 
 IDLE_S = 60.0
 """A script that sleeps or asks for input this long [s] without a step waits for a user who is not
@@ -145,7 +145,7 @@ class Watch:
         trials: Sequence[dict[str, Any]] = (),
     ) -> None:
         self.pipe, self.clock, self._variation = pipe, clock, variation
-        World.varied = {} if variation is None else variation.engine
+        WatchedWorld.varied = {} if variation is None else variation.engine
         self._interventions = Interventions(interventions, self.tell_intervention)
         self.is_parting = False
         """Whether a trial forks: its child is watched, too."""
@@ -156,9 +156,9 @@ class Watch:
         """What stands for each function of PyBullet, by name, of this run without its trials."""
         self.on = True
         self.lock = Turn()
-        self.calls, self.readings = Calls(pipe), Readings(self)
+        self.calls, self.readings = CallWatch(pipe), Readings(self)
         self.stopped: str | None = None
-        self.worlds: dict[int, World] = {}
+        self.worlds: dict[int, WatchedWorld] = {}
         self.windows: dict[int, Window] = {}
         self.real_time_since: dict[int, tuple[float, float]] = {}
         self.p = SimpleNamespace()
@@ -241,7 +241,7 @@ class Watch:
         self.pipe.become(trial["pipe"], trial["block"])
         self._limit_steps = trial["steps"]
         self._variation = varied_by(trial["variation"])
-        World.varied = {} if self._variation is None else self._variation.engine
+        WatchedWorld.varied = {} if self._variation is None else self._variation.engine
         self._interventions = Interventions(trial["interventions"], self.tell_intervention)
         self._interventions.next_body.update(next_body)
         for module, originals in self._modules:
@@ -299,7 +299,7 @@ class Watch:
     def begin(self, client: int, method: str) -> None:
         """Follow a new simulation."""
         step, time_s = self._last_end
-        world = World(
+        world = WatchedWorld(
             self.pipe,
             self.p,
             client=client,
@@ -324,14 +324,14 @@ class Watch:
         self.windows.pop(client, None)
         self.real_time_since.pop(client, None)
 
-    def guarded(self, world: World, read: Callable[..., None], *arguments: Any) -> None:
+    def guarded(self, world: WatchedWorld, read: Callable[..., None], *arguments: Any) -> None:
         """Read something; if it fails, the simulation is dropped, and the script goes on."""
         try:
             read(*arguments)
         except Exception as error:  # noqa: BLE001 - our errors must not reach the script
             self._lose(world, error)
 
-    def _lose(self, world: World, error: Exception) -> None:
+    def _lose(self, world: WatchedWorld, error: Exception) -> None:
         if world.client in self.worlds:
             self.pipe.note(
                 "fault",
@@ -346,7 +346,7 @@ class Watch:
 
     # -- steps and time ---------------------------------------------------------------------------
 
-    def step(self, world: World, original: Any, args: Any, kwargs: Any) -> Any:
+    def step(self, world: WatchedWorld, original: Any, args: Any, kwargs: Any) -> Any:
         """Make a step of the script, and count it."""
         varied = self._variation
         if varied is None:
@@ -372,7 +372,7 @@ class Watch:
             self.pipe.tick()
 
     def _varied_step(
-        self, varied: Variation, world: World, original: Any, args: Any, kwargs: Any
+        self, varied: Variation, world: WatchedWorld, original: Any, args: Any, kwargs: Any
     ) -> Any:
         """Make several steps of the engine where the script makes one."""
         client = world.client
@@ -385,11 +385,11 @@ class Watch:
         varied.stepped(client)
         return result
 
-    def _bodies(self, world: World) -> list[Body]:
+    def _bodies(self, world: WatchedWorld) -> list[WatchedBody]:
         self.guarded(world, world.sync)
         return list(world.bodies.values())
 
-    def _step(self, world: World, original: Any, args: Any, kwargs: Any) -> Any:
+    def _step(self, world: WatchedWorld, original: Any, args: Any, kwargs: Any) -> Any:
         """Make a step of the engine, and send what it changes."""
         asks = False
         try:
@@ -411,7 +411,7 @@ class Watch:
             self._lose(world, error)
         return () if asks else result
 
-    def set_real_time(self, world: World, *, on: bool) -> None:
+    def set_real_time(self, world: WatchedWorld, *, on: bool) -> None:
         """Let a simulation run by itself, as it does with a window; without one it never does."""
         self.real_time_since.pop(world.client, None)
         if on and world.client in self.windows:

@@ -18,7 +18,7 @@ from .pipe import COUNTERS, MOST_TARGETS, PLACES
 
 if TYPE_CHECKING:
     from .hooks import Watch
-    from .worlds import World
+    from .worlds import WatchedWorld
 
 EXACT, TOGETHER, SHARE = 256, 4, 61
 """Every reading is looked at in so many steps; then in groups of so many, which are one of so many
@@ -56,7 +56,7 @@ class Readings:
         self._read: set[str] = set()
         self._read_before: set[str] = set()
         """The functions that have read in this group, and in the one before it."""
-        self._plans: dict[Any, tuple[int, World]] = {}
+        self._plans: dict[Any, tuple[int, WatchedWorld]] = {}
         """Where readings are counted, and their simulations, by code, instruction and arguments."""
         self._codes: list[Any] = []
         """The code of these, so that none is replaced by another at its address."""
@@ -128,7 +128,7 @@ class Readings:
 
     def _found(
         self, name: str, args: tuple[Any, ...], kwargs: dict[str, Any], place: Any
-    ) -> tuple[int, World] | None:
+    ) -> tuple[int, WatchedWorld] | None:
         """Return where a reading is counted and its simulation; describe it where it is new."""
         watch, pipe = self._watch, self._watch.pipe
         world = watch.worlds.get(client_of(name, args, kwargs))

@@ -16,7 +16,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from .arguments import body_of, client_of, named
-from .bodies import RIGID, SPHERICAL, Body
+from .bodies import RIGID, SPHERICAL, WatchedBody
 from .calls import caller_of
 from .functions import COMMANDS, MAKES_BODIES, PUSHES, SETS_ENGINE
 
@@ -247,7 +247,7 @@ class Variation:
 
         return report
 
-    def nudge(self, client: int, bodies: Callable[[], list[Body]]) -> bool:
+    def nudge(self, client: int, bodies: Callable[[], list[WatchedBody]]) -> bool:
         """Displace all bodies and joints before their first step; return whether it did."""
         if not self._nudge or client not in self._unmoved:
             return False
@@ -257,7 +257,7 @@ class Variation:
                 self._displace(client, body)
         return True
 
-    def _displace(self, client: int, body: Body) -> None:
+    def _displace(self, client: int, body: WatchedBody) -> None:
         p, most = self._p, self._nudge
         if body.base_moves:
             position, orientation = p.getBasePositionAndOrientation(body.id, client)

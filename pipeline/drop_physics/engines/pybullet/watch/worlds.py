@@ -12,7 +12,7 @@ from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 from . import pipe as protocol
-from .bodies import BASE, RIGID, Body, Loaded, plain
+from .bodies import BASE, RIGID, Loaded, WatchedBody, plain
 from .capsules import lay
 from .pipe import BLOCK, BLOCK_BYTES, Pipe
 from .solver import Solver
@@ -28,7 +28,7 @@ POSE, POINT = struct.Struct("<13d"), struct.Struct("<23d")
 """The numbers of a base, of a contact point."""
 
 
-class World:
+class WatchedWorld:
     """One client's simulation.
 
     Parameters
@@ -85,15 +85,15 @@ class World:
         self.held: set[int] = set()
         """Constraints that calls have created."""
         self.solver = Solver(p, client, returns=None if method == "before" else False)
-        self.bodies: dict[int, Body] = {}
+        self.bodies: dict[int, WatchedBody] = {}
         self.timestep_s = 0.0
         self.sampled = False
         """Whether a sample has been sent."""
         self._since, self._steps_since = first_time_s, 0
         self._engine: dict[str, Any] | None = None
-        self._moving: list[Body] = []
+        self._moving: list[WatchedBody] = []
         self._bases: list[tuple[int, int]] = []
-        self._jointed: list[Body] = []
+        self._jointed: list[WatchedBody] = []
         self._constraints: list[tuple[int, int]] = []
         """Ids, and how many forces they have."""
         self._buffer = bytearray(SAMPLE_HEAD.size)
@@ -188,10 +188,10 @@ class World:
         self.fresh, self.stale_bodies = set(), False
         self._lay_out()
 
-    def _describe(self, engine_id: int) -> Body:
+    def _describe(self, engine_id: int) -> WatchedBody:
         loaded = self.loaded.get(engine_id) or Loaded()
-        body = Body(World.bodies_made, engine_id, self.client, self._p, loaded)
-        World.bodies_made += 1
+        body = WatchedBody(WatchedWorld.bodies_made, engine_id, self.client, self._p, loaded)
+        WatchedWorld.bodies_made += 1
         added, now = self.added.pop(engine_id, body.dynamics), body.dynamics
         # A body keeps moving without the mass that it had, and a btRigidBody that had none stands.
         stays = bool(added[0][0]) == bool(now[0][0]) or (not added[0][0] and now[0][10] != RIGID)
@@ -211,12 +211,12 @@ class World:
             self._pipe.note("dynamics", body=body.number, dynamics=plain(body.dynamics))
         return body
 
-    def _looks(self, body: Body) -> list[Any]:
+    def _looks(self, body: WatchedBody) -> list[Any]:
         shapes = body.looks(self.search_path)
         self._lay(body, shapes)
         return shapes
 
-    def _lay(self, body: Body, shapes: list[Any]) -> None:
+    def _lay(self, body: WatchedBody, shapes: list[Any]) -> None:
         if body.loaded.mjcf is not None:
             base = self._p.getBodyInfo(body.id, self.client)[0]
             names = plain([base, *(info[12] for info in body.joint_infos)])
@@ -295,7 +295,7 @@ class World:
             bodies=[[body.number, body.base_moves] for body in moving],
         )
 
-    def _last_of(self, body: Body) -> bytes:
+    def _last_of(self, body: WatchedBody) -> bytes:
         """Return the last state of a body that was sent, or b''."""
         base, joints = body.last[: POSE.size], body.last[POSE.size :]
         if body.base_at >= 0:
@@ -304,7 +304,7 @@ class World:
             joints = bytes(self._buffer[body.joints_at : body.joints_at + 8 * body.jointed])
         return base + joints if base else b""
 
-    def _keep(self, body: Body, state: bytes) -> None:
+    def _keep(self, body: WatchedBody, state: bytes) -> None:
         """Note a state that was sent, in the place of that in the last sample."""
         body.last = state
         if body.base_at >= 0:
@@ -313,7 +313,7 @@ class World:
             its = slice(body.joints_at, body.joints_at + 8 * body.jointed)
             self._buffer[its] = state[POSE.size :]
 
-    def _sync_state(self, body: Body, *, sample_follows: bool) -> None:
+    def _sync_state(self, body: WatchedBody, *, sample_follows: bool) -> None:
         """Send the state of a body that calls may have moved, if they have."""
         at = body.base_at
         if at >= 0 and not body.jointed:  # all of its state is in one place
