@@ -222,6 +222,6 @@ def _bytes(spool: Path) -> int:
     """Return the bytes of an explanation's arrays."""
     total = 0
     for piece in explained(spool, sys.executable):
-        points = len(piece.touches) * (4 + 4 * 10) + len(piece.held) * 20
-        total += piece.values.nbytes + points + piece.actuator_force.nbytes + 18 * len(piece.status)
+        points = len(piece.touches) * (4 + 4 * 10)
+        total += piece.values.nbytes + points + 18 * len(piece.status)
     return total

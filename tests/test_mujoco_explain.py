@@ -332,16 +332,14 @@ def test_contact_points_are_in_the_worlds_axes(plain: tuple[Run, list[ExplainedP
                     contact.pos.copy(),
                     frame[0].copy(),
                     frame.T @ force[:3],
-                    frame.T @ force[3:],
                 )
             )
 
     space["driven"](model, STEPS, look)
     touches = np.concatenate([piece.touches for piece in of_world(plain[1], 0)])
     assert len(touches) == len(expected) > 100
-    assert np.abs(touches["torque_n_m"]).max() > 0
     largest = np.abs(touches["force_n"]).max()
-    for touch, (*whole, friction, distance, position, normal, force, torque) in zip(
+    for touch, (*whole, friction, distance, position, normal, force) in zip(
         touches, expected, strict=True
     ):
         assert [touch["step"], touch["first"], touch["second"]] == whole
@@ -350,7 +348,6 @@ def test_contact_points_are_in_the_worlds_axes(plain: tuple[Run, list[ExplainedP
         np.testing.assert_allclose(touch["position_m"], position, atol=1e-6)
         np.testing.assert_allclose(touch["normal"], normal, atol=1e-6)
         np.testing.assert_allclose(touch["force_n"], force, atol=1e-6 * largest)
-        np.testing.assert_allclose(touch["torque_n_m"], torque, atol=1e-6 * largest)
 
 
 def test_a_recorded_state_that_differs_in_one_bit_is_not_explained(

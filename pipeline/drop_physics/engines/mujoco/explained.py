@@ -32,21 +32,10 @@ TOUCH = np.dtype(
         ("position_m", np.float64, 3),
         ("normal", np.float64, 3),
         ("force_n", np.float64, 3),
-        ("torque_n_m", np.float64, 3),
     ]
 )
 """A contact point of a step: geoms; friction (two tangents, torsion, two of rolling); normal from
-the first to the second; force, and torque about the position, on the second. World axes."""
-HELD = np.dtype(
-    [
-        ("step", np.int64),
-        ("kind", np.int32),
-        ("id", np.int32),
-        ("position", np.float64),
-        ("force", np.float64),
-    ]
-)
-"""A row of an equality (kind 0) or a tendon's limit (4)."""
+the first to the second; force on the second. World axes."""
 
 
 class ImpulseTerm(NamedTuple):
@@ -96,14 +85,8 @@ class ExplainedPiece:
     """The part of M (u' - u) that no term is, in shares of the largest impulse, shape (k,)."""
     largest: NDArray[np.float32]
     """The largest impulse of each, shape (k,)."""
-    actuators: NDArray[np.int64]
-    """Those whose forces are kept; others drive one joint, and their impulses tell."""
-    actuator_force: Float64
-    """Their forces, shape (k, len(actuators))."""
     touches: NDArray[Any]
     """The contact points, as `TOUCH`."""
-    held: NDArray[Any]
-    """Rows of equalities and tendons' limits, as `HELD`."""
     vocabulary: Vocabulary
 
     def impulses(self, nv: int) -> dict[tuple[str, int, int], Float64]:
@@ -179,10 +162,7 @@ def _piece(
         values=arrays.get("values", np.zeros(0)),
         remainder=arrays.get("remainder", none),
         largest=arrays.get("largest", none),
-        actuators=arrays.get("actuators", np.zeros(0, np.int64)),
-        actuator_force=arrays.get("actuator_force", np.zeros((len(steps), 0))),
         touches=_touches(steps, arrays, vocabulary.pairs),
-        held=_held(steps, arrays),
         vocabulary=vocabulary,
     )
 
@@ -203,17 +183,4 @@ def _touches(
     )
     found["distance_m"], found["position_m"] = arrays["point.distance"], arrays["point.position"]
     found["normal"], found["force_n"] = arrays["point.normal"], arrays["point.force"]
-    if "point.torque" in arrays:
-        found["torque_n_m"] = arrays["point.torque"]
-    return found
-
-
-def _held(steps: NDArray[np.int64], arrays: dict[str, NDArray[Any]]) -> NDArray[Any]:
-    """Return the rows of equalities and of tendons' limits of a piece."""
-    if "held.count" not in arrays:
-        return np.zeros(0, HELD)
-    found = np.zeros(len(arrays["held.id"]), HELD)
-    found["step"] = np.repeat(steps, arrays["held.count"])
-    for name in ("kind", "id", "position", "force"):
-        found[name] = arrays[f"held.{name}"]
     return found

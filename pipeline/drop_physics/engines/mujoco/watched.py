@@ -359,7 +359,8 @@ class MujocoDecoder:
             if first <= each.step < end or (each.step >= end and end == _end(piece))
         ]
         edits = sorted(edits, key=lambda each: (each.step, each.name))  # as in every run
-        acts = sorted([*edits, *wrote], key=lambda each: each.step)
+        acts: list[Edited | Written] = [*edits, *wrote]
+        acts.sort(key=lambda each: each.step)
         for step, together in itertools.groupby(acts, key=lambda each: each.step):
             now = [*together]
             edited = [each for each in now if isinstance(each, Edited)]

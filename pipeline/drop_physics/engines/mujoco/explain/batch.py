@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from . import integrators
-from .constraints import HELD, POINT, PairTable, constrained
+from .constraints import POINT, PairTable, constrained
 from .copied import Copies
-from .forces import JOINTS, smooth
+from .forces import smooth
 from .integrators import RK4, STAGES, WEIGHTS
-from .layout import SLIDE, Layout
+from .layout import Layout
 from .summed import Summed, TermTable, summed
 
 
@@ -22,12 +22,7 @@ class ExplainedBatch(NamedTuple):
     """The numbers of its steps, shape (n,)."""
     summed: Summed
     points: Any
-    held: Any
-    """Contacts and other constraints (`constraints.POINT`, `HELD`); `row` is the step's number."""
-    actuators: Any
-    """The forces of the actuators `which`, shape (n, len(which))."""
-    which: Any
-    """Those whose forces do not follow from their impulses: they drive no single joint."""
+    """Contacts (`constraints.POINT`); `row` is the step's number."""
 
 
 class WaitingSteps:
@@ -57,7 +52,6 @@ class WaitingSteps:
     ) -> None:
         self._m, self._d, self._layout = m, d, layout
         self._terms, self._pairs = terms, pairs
-        self._read = _read_of(m) if m.nu else np.empty(0, int)
         self.integrator, self._version = integrator, version
         implicit = integrator in (integrators.IMPLICIT, integrators.IMPLICITFAST)
         self.copies = Copies(m, d, layout.mass_name, implicit=implicit)
@@ -149,28 +143,9 @@ class WaitingSteps:
             )
             total.remainder[~(strays <= integrators.MOVED_BY)] = np.inf
         numbers = np.array(self.steps)
-        forces = held["actuator_force"][::stages, self._read] if m.nu else np.zeros((n, 0))
-        answer = ExplainedBatch(
-            numbers,
-            total,
-            _of_steps(found.points, numbers, stages, POINT),
-            _of_steps(found.held, numbers, stages, HELD),
-            forces,
-            self._read,
-        )
+        answer = ExplainedBatch(numbers, total, _of_steps(found.points, numbers, stages))
         self._begin()
         return answer
-
-
-def _read_of(m: Any) -> Any:
-    """Return the actuators whose forces do not follow from what they do to one joint."""
-    single = np.isin(m.actuator_trntype, JOINTS)
-    joints = np.where(single, m.actuator_trnid[:, 0], 0)
-    return np.flatnonzero(
-        ~single
-        | (np.array(m.jnt_type)[joints] < SLIDE)
-        | (m.actuator_gear[: len(single), 0] == 0.0)
-    )
 
 
 def _filled(rows: dict[int, Any], count: int, shape: tuple[int, ...]) -> Any:
@@ -181,9 +156,9 @@ def _filled(rows: dict[int, Any], count: int, shape: tuple[int, ...]) -> Any:
     return full
 
 
-def _of_steps(rows: Any, numbers: Any, stages: int, dtype: Any) -> Any:
+def _of_steps(rows: Any, numbers: Any, stages: int) -> Any:
     """Return rows of the first evaluation of each step, with the step's number."""
     first = rows[rows["row"] % stages == 0] if stages > 1 else rows
-    found = np.array(first, dtype)
+    found = np.array(first, POINT)
     found["row"] = numbers[first["row"] // stages] if len(first) else 0
     return found

@@ -27,25 +27,11 @@ POINT = np.dtype(
         ("position", np.float32, 3),
         ("normal", np.float32, 3),
         ("force", np.float32, 3),
-        ("torque", np.float32, 3),
     ]
 )
 """A contact: evaluation, number of its pair (`PairTable`); distance [m], position [m], normal from
-the first geom to the second, force [N] and torque about the position [N m] on the second. World
-axes. Single precision: impulses have more."""
-HELD = np.dtype(
-    [
-        ("row", np.int32),
-        ("kind", np.int32),
-        ("id", np.int32),
-        ("position", np.float32),
-        ("force", np.float32),
-    ]
-)
-"""A row of an equality or a tendon's limit: evaluation, type, number of what is constrained; how
-far it is from being met; its force."""
-TOLD = (EQUALITY, LIMIT_TENDON)
-"""The types whose rows are kept: joints tell how far others are, impulses what they do."""
+the first geom to the second, force [N] on the second. World axes. Single precision: impulses have
+more."""
 
 
 class PairTable:
@@ -100,7 +86,6 @@ class Constrained(NamedTuple):
 
     groups: Groups | None
     points: Any
-    held: Any
 
 
 def constrained(
@@ -124,19 +109,14 @@ def constrained(
     nefc, ncon = np.array(copies.nefc), np.array(copies.ncon)
     total = int(nefc.sum())
     if not total:
-        return Constrained(None, np.empty(0, POINT), np.empty(0, HELD))
+        return Constrained(None, np.empty(0, POINT))
     row_of = np.repeat(np.arange(len(nefc)), nefc)
     base = np.cumsum(nefc) - nefc
     types = copies.columns("efc_type", np.int32)
     ids = copies.columns("efc_id", np.int32)
     forces = copies.columns("efc_force", np.float64)
-    position = copies.columns("efc_pos", np.float64)
     others = np.flatnonzero(types < FRICTIONLESS)
     named = np.where(types == FRICTION_DOF, joint_of[np.minimum(ids, len(joint_of) - 1)], ids)
-    told = np.flatnonzero(np.isin(types, TOLD))
-    held = np.empty(len(told), HELD)
-    held["row"], held["kind"], held["id"] = row_of[told], types[told], named[told]
-    held["position"], held["force"] = position[told], forces[told]
     points, of_contacts = _points(copies, pairs, ncon, base, types, forces)
     # Rows and their weights: what is not a contact's, then pushes, then friction.
     rows = np.concatenate([others, of_contacts.rows, of_contacts.rows])
@@ -168,7 +148,7 @@ def constrained(
     groups = Groups(
         evaluation[begins], kinds[begins], first[begins], second[begins], dofs, values, starts
     )
-    return Constrained(groups, points, held)
+    return Constrained(groups, points)
 
 
 class _OfContacts(NamedTuple):
@@ -220,7 +200,6 @@ def _points(
     points["row"], points["pair"] = row_of, pairs.numbers(raw["geom"], raw["friction"])
     points["distance"], points["position"], points["normal"] = raw["dist"], raw["pos"], frame[:, 0]
     points["force"] = np.einsum("cf,cfx->cx", local[:, :3], frame)
-    points["torque"] = np.einsum("cf,cfx->cx", local[:, 3:], frame)
     first, second = raw["geom"][contact].T
     return points, _OfContacts(rows, pushes, f - pushes, first, second)
 

@@ -136,7 +136,7 @@ class Copies:
         self.rows: dict[str, list[bytes]] = {
             name: []
             for name in (
-                *("efc_J", "efc_force", "efc_type", "efc_id", "efc_pos", "contact"),
+                *("efc_J", "efc_force", "efc_type", "efc_id", "contact"),
                 *("efc_J_rownnz", "efc_J_rowadr", "efc_J_colind"),
             )
         }
@@ -163,7 +163,6 @@ class Copies:
         held["efc_force"].append(d.efc_force.tobytes())
         held["efc_type"].append(d.efc_type.tobytes())
         held["efc_id"].append(d.efc_id.tobytes())
-        held["efc_pos"].append(d.efc_pos.tobytes())
         if sparse:
             for name in ("efc_J_rownnz", "efc_J_rowadr", "efc_J_colind"):
                 held[name].append(getattr(d, name).tobytes())
@@ -171,7 +170,7 @@ class Copies:
         self.ncon.append(ncon)
         if ncon:
             held["contact"].append(self.contacts.copy(d, ncon))
-        self.bytes += len(jacobian) + 40 * nefc + ncon * self.contacts.size
+        self.bytes += len(jacobian) + 32 * nefc + ncon * self.contacts.size
 
     def named(self) -> dict[str, Any]:
         """Return the arrays by name, shape (count, elements)."""

@@ -476,15 +476,11 @@ class Replay:
             "remainder": summed.remainder.astype(np.float32),
             "largest": summed.largest.astype(np.float32),
         }
-        if len(answer.which):
-            arrays |= {"actuators": answer.which, "actuator_force": answer.actuators}
-        for prefix, rows in (("point", answer.points), ("held", answer.held)):
-            if len(rows):
-                counts = np.searchsorted(rows["row"], answer.steps, "right")
-                arrays[f"{prefix}.count"] = np.diff(counts, prepend=0).astype(np.int32)
-                arrays |= {f"{prefix}.{name}": rows[name] for name in rows.dtype.names[1:]}
-        if not answer.points["torque"].any():
-            arrays.pop("point.torque", None)
+        points = answer.points
+        if len(points):
+            counts = np.searchsorted(points["row"], answer.steps, "right")
+            arrays["point.count"] = np.diff(counts, prepend=0).astype(np.int32)
+            arrays |= {f"point.{name}": points[name] for name in points.dtype.names[1:]}
         return arrays
 
     def _said(self, model: ReplayedModel) -> dict[str, Any]:
