@@ -7,6 +7,7 @@ with what another of MuJoCo's functions says of it. `machine` has something of e
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,10 @@ import mujoco
 import numpy as np
 import pytest
 from drop_physics.engines.mujoco.explain.reasons import EXPLAINED, OTHER, REPLAYED
-from drop_physics.engines.mujoco.explained import ExplainedPiece
+from drop_physics.engines.mujoco.explained import ExplainedPiece, explained
 from drop_physics.engines.mujoco.frames import STEP, STEP_HEAD
 from drop_physics.engines.mujoco.received import LENGTH
+from drop_physics.errors import DropError
 from drop_physics.physics.laws.mujoco.tree import MujocoTrees
 from mujoco_scripts import MACHINE, Run, of_world, statuses, watched
 
@@ -439,6 +441,18 @@ def test_what_has_no_sum_says_why(tmp_path: Path, name: str) -> None:
     else:
         reasons = {"discrete": "integrator", "flexible": "flex", "delayed": "delay"}
         assert said == [(REPLAYED, reasons.get(name, name))] * 30
+
+
+def test_steps_are_replayed_by_their_own_version_alone(
+    plain: tuple[Run, list[ExplainedPiece]], tmp_path: Path
+) -> None:
+    """Another version may load a model's binary form as something else, or end."""
+    told, other = f'"version": "{mujoco.__version__}"', tmp_path / "spool"
+    data = plain[0].spool.read_bytes()
+    assert told.encode() in data
+    other.write_bytes(data.replace(told.encode(), told.replace(".", "!").encode()))
+    with pytest.raises(DropError, match="while it replayed the script's steps"):
+        list(explained(other, sys.executable))
 
 
 def test_what_is_edited_in_place_counts_from_that_step_on(tmp_path: Path) -> None:
