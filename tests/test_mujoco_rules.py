@@ -212,6 +212,16 @@ world(ARM.format(joint="").replace("arm", "coarse").replace("hinge", "slow"), st
       dt=0.002 if MENDED else 0.05)
 
 
+def flag(name):
+    return "" if MENDED else '<option><flag %s="disable"/></option>' % name
+
+
+world(ARM.format(joint="").replace("arm", "limp").replace("hinge", "limp"),
+      '<actuator><position name="idle" joint="limp" kp="1000"/></actuator>' + flag("actuation"),
+      drive=sent(0.3))
+world(BOX.format(name="hung", pos="0 0 1", geom=""), flag("gravity"), steps=20)
+
+
 def stale():
     turned = ARM.format(joint="").replace("arm", "turned")
     m = mujoco.MjModel.from_xml_string(f'<mujoco><worldbody>{{turned}}</worldbody></mujoco>')
@@ -263,6 +273,12 @@ def numbers(text: str) -> list[float]:
         ("slides", "sliding", r"coefficient 0\.2\).*\(0\.364\)"),
         ("static-parent", "base", r"link1 is 10 mm inside base .*<exclude"),
         ("starts-in-contact", "high", r"begins 50 mm inside .*low"),
+        (
+            "not-taken",
+            "limp",
+            r"idle is given up to 0\.3, and no actuator acts: a flag of the model",
+        ),
+        ("no-gravity", "hung", r"a flag of the model switches gravity off"),
         ("no-gravity", "floating", r"gravity is 0"),
         ("no-contact", "tray", r"contype 2 and conaffinity 2 of \d+_tray"),
         ("reset-leaves", "wheel", r"put to 0.00 rad .*ctrl keeps the 0.50 rad"),
@@ -299,7 +315,7 @@ def test_what_is_wrong_is_said(
 
 
 def test_nothing_else_is_said_of_them(wrong: dict[str, Finding]) -> None:
-    assert len(wrong) == 24
+    assert len(wrong) == 26
 
 
 def test_nothing_is_said_once_they_are_mended(tmp_path: Path) -> None:

@@ -26,6 +26,7 @@ from drop_physics.stages.why import why  # noqa: E402
 from drop_physics.trace.cures import Cure, Scope  # noqa: E402
 from drop_physics.trace.events import Actuator, Body, Joint  # noqa: E402
 
+NO_GRAVITY = int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
 CORPUS = Path(__file__).parent / "corpus/mujoco/scripts"
 SCENE = """<mujoco><option timestep="0.002"/><worldbody>
   <geom name="floor" type="plane" size="5 5 1"/>
@@ -213,6 +214,38 @@ def test_usual_variations_are_those_of_the_engine_that_the_model_has_not() -> No
     assert names("PyBullet") == {
         *("timestep/2", "timestep/4", "iterations*4", "residual 0", "nudge", "seed")
     }
+
+
+def test_a_mass_takes_its_inertia_along_and_a_flag_is_cleared() -> None:
+    run = RunChanged(
+        {"do": "weigh", "names": ["low"], "mass": 5.0, "factor": 10.0, "derived": True},
+        {"do": "write", "field": "opt.disableflags", "clear": NO_GRAVITY},
+    )
+    run.m.opt.disableflags |= NO_GRAVITY
+    inertia = float(run.m.body_inertia[1, 0])
+    run.d.xfrc_applied[1, 3] = 1.0
+    run.d.qpos[2] = 3.0
+    run.steps(1)
+    assert run.d.qvel[3] == pytest.approx(0.002 / (5 * inertia))
+    assert run.d.qvel[2] == pytest.approx(-9.81 * 0.002)
+    assert run.m.body_mass[1] == 1.0
+    assert run.m.opt.disableflags & NO_GRAVITY
+    assert sorted(run.fired) == [0, 1]
+
+
+def test_a_contact_bounces_as_it_is_asked_to() -> None:
+    run = applied(Cure("restitution", "0_arm", 0.8), Scope([_arm()]))
+    assert run is not None
+    soft = "solref='{:g} {:g}' priority='1'".format(*run.operations[0]["value"])
+    m = mujoco.MjModel.from_xml_string(
+        f"<mujoco><worldbody><geom type='plane' size='1 1 1' {soft}/><body pos='0 0 1'>"
+        "<freejoint/><geom size='.05'/></body></worldbody></mujoco>"
+    )
+    d, speeds = mujoco.MjData(m), list[float]()
+    for _ in range(350):
+        mujoco.mj_step(m, d)
+        speeds.append(float(d.qvel[2]))
+    assert max(speeds) == pytest.approx(-0.8 * min(speeds), rel=0.03)
 
 
 def test_a_write_is_left_out_before_its_line_alone() -> None:

@@ -1,4 +1,7 @@
-"""`target-clamped` of an actuator: what it is sent to lies outside of its range of control."""
+"""`target-clamped`, `not-taken` of an actuator: it takes another control than it is given, or none.
+
+What it is sent to lies outside of its range of control, or the model has actuation switched off.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ import numpy as np
 
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect
-from drop_physics.rules.engines import MUJOCOS
+from drop_physics.rules.engines import MUJOCOS, NO_ACTUATION, is_off
 from drop_physics.rules.joint import units
 from drop_physics.rules.rule import Match, Said, Worst, actuator_rule
 from drop_physics.rules.tables import ActuatorColumns
@@ -48,5 +51,27 @@ def _(worst: Worst) -> Said:
         effect=Effect(worst.size * (worst.high - worst.low), unit)
         if unit and actuator.kind == "position"
         else None,
+        site=worst.scene.only_site(Act.SET_CONTROL),
+    )
+
+
+@actuator_rule("not-taken", "asked", reason="no-effect", engines=MUJOCOS)
+def switched_off(actuators: ActuatorColumns) -> Match | None:
+    """An actuator is given something, and a flag of the model keeps all of them from acting."""
+    if not is_off(actuators.scene.seen, actuators.client, NO_ACTUATION):
+        return None
+    return Match(actuators.given != 0, np.abs(actuators.given))
+
+
+@switched_off.says
+def _(worst: Worst) -> Said:
+    return Said(
+        message=Message(
+            "{name} is given up to {size:.4g}, and no actuator acts: a flag of the model switches "
+            "actuation off"
+        ),
+        values={"name": worst.actuator.name},
+        advice=Message('without <flag actuation="disable"/> of <option>'),
+        share=1.0,
         site=worst.scene.only_site(Act.SET_CONTROL),
     )

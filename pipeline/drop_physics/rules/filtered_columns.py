@@ -13,6 +13,7 @@ from drop_physics.physics.columns import rotation
 from drop_physics.physics.kinematics import Kinematics, kinematics
 from drop_physics.physics.tree import BASE
 from drop_physics.rules.answer import Scene
+from drop_physics.rules.engines import NO_CONTACT, is_off
 from drop_physics.trace.events import Body
 
 Float64 = NDArray[np.float64]
@@ -34,6 +35,8 @@ class FilteredPair:
     """Whether the model excludes them by name."""
     is_family: bool = False
     """Whether one is the parent of the other; else their bits have nothing in common."""
+    is_off: bool = False
+    """Whether the model switches all contacts off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +115,8 @@ def _filtered(scene: Scene) -> Iterator[FilteredPair]:
         for body in scene.seen.bodies.values()
         for own, other, its in body.apart
     }
+    clients = {body.client for body in scene.seen.bodies.values()}
+    off = {each for each in clients if is_off(scene.seen, each, NO_CONTACT)}
     for place, (body_a, a, solid_a) in enumerate(shapes):
         for body_b, b, solid_b in shapes[place + 1 :]:
             if body_a.client != body_b.client or not (body_a.moving or body_b.moving):
@@ -121,7 +126,9 @@ def _filtered(scene: Scene) -> Iterator[FilteredPair]:
             bodies, solids = (body_a.number, body_b.number), (solid_a, solid_b)
             meets = bool(a.bits[0] & b.bits[1] or b.bits[0] & a.bits[1])
             excluded = frozenset(((body_a.number, a.link), (body_b.number, b.link))) in apart
-            if body_a is not body_b and (excluded or not meets):
+            if body_a is not body_b and body_a.client in off:
+                yield FilteredPair(bodies, solids, is_off=True)
+            elif body_a is not body_b and (excluded or not meets):
                 yield FilteredPair(bodies, solids, is_excluded=excluded)
             elif body_a is body_b and meets and not excluded and _is_child(body_a, a.link, b.link):
                 yield FilteredPair(bodies, solids, is_family=True)

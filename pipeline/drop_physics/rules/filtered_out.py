@@ -29,7 +29,11 @@ def _(worst: Worst) -> Said | None:
     a, b = links if itself else [_named(body, shape.link) for body, shape in both]
     values: dict[str, object] = {"a": a, "b": b, "depth": worst.size * 1e3}
     form = ""
-    if pair.is_excluded:
+    if pair.is_off:
+        why = Message("a flag of the model switches all contacts off")
+        cure, form = "contype", "flag"
+        call = Message('without <flag contact="disable"/> of <option>')
+    elif pair.is_excluded:
         why = Message("an <exclude> of the model names both")
         cure, form = "exclude", "out"
         call = Message("take that <exclude> out of <contact>")

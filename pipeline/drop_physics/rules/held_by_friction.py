@@ -37,7 +37,7 @@ Float64 = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-@body_rule("slides", "asked", consecutive=True, engines=MUJOCOS)
+@body_rule("slides", "asked", consecutive=True, subject=1, engines=MUJOCOS)
 def slides_off(bodies: BodyColumns) -> Match | None:
     """The weight of what lies on something, or is gripped, asks more of friction than it gives."""
     return _held(bodies)
@@ -79,7 +79,9 @@ def _(worst: Worst) -> Said:
     )
 
 
-@body_rule("creeps", "model", least_count=CREEPS_STEPS, consecutive=True, engines=MUJOCOS)
+@body_rule(
+    "creeps", "model", least_count=CREEPS_STEPS, consecutive=True, subject=1, engines=MUJOCOS
+)
 def gives_way(bodies: BodyColumns) -> Match | None:
     """Friction below its limit is a damper: what hangs on it moves, however much of it there is."""
     return _held(bodies)
@@ -208,4 +210,5 @@ def _held(bodies: BodyColumns) -> Match | None:
             "way": way[at] * time[:, None],
         },
         counts=holds[rows].astype(np.int64),
+        keys=np.column_stack([bodies.body[rows], lowest[at].astype(np.int64)]),
     )

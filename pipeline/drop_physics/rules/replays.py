@@ -7,7 +7,7 @@ import numpy as np
 from drop_physics.explain.step_status import WHYS
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect
-from drop_physics.rules.engines import MUJOCOS
+from drop_physics.rules.engines import MUJOCOS, NO_GRAVITY, is_off
 from drop_physics.rules.rule import Match, Said, Worst, body_rule
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import FALLS_STEPS
@@ -77,10 +77,13 @@ def _(worst: Worst) -> Said:
 
 @body_rule("no-gravity", "model", least_count=FALLS_STEPS, engines=MUJOCOS)
 def floats_without_gravity(bodies: BodyColumns) -> Match | None:
-    """A free body that nothing holds, and that does not fall: the model's gravity is zero."""
-    if not bodies.batch.bodies[0].body.base_moves:
+    """A free body that nothing holds, and that does not fall: gravity is zero, or off."""
+    body = bodies.batch.bodies[0].body
+    if not body.base_moves:
         return None
-    acts = bodies.after.velocity.any(axis=1) | bodies.reported.gravity_m_s2.any(axis=1)
+    acts = bodies.after.velocity.any(axis=1)
+    if not is_off(bodies.scene.seen, body.client, NO_GRAVITY):
+        acts |= bodies.reported.gravity_m_s2.any(axis=1)
     acts[bodies.reported.contacts.step] = True
     for term in bodies.terms.values():
         acts |= term.any(axis=1)
@@ -92,7 +95,11 @@ def _(worst: Worst) -> Said | None:
     if worst.count < worst.scene.ends[worst.subject.number]:
         return None  # it moves at some time
     advice = Message('<option gravity="0 0 -9.81"/>, or model.opt.gravity[2] = -9.81')
+    message = Message("the model's gravity is 0, so {body} does not fall")
+    if is_off(worst.scene.seen, worst.subject.client, NO_GRAVITY):
+        message = Message("a flag of the model switches gravity off, so {body} does not fall")
+        advice = Message('without <flag gravity="disable"/> of <option>')
     return Said(
-        message=Message("the model's gravity is 0, so {body} does not fall"),
+        message=message,
         cure=Cure("gravity", None, -9.81, advice),
     )

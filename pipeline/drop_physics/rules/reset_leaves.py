@@ -12,7 +12,7 @@ from drop_physics.rules.joint import distance, place
 from drop_physics.rules.rule import Match, Said, Worst, body_rule, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import BodyColumns, JointColumns
-from drop_physics.rules.thresholds import BACK, KEPT, TELEPORTED_M_S, TURNS_RAD_S
+from drop_physics.rules.thresholds import BACK, EACH_STEP, KEPT, TELEPORTED_M_S, TURNS_RAD_S
 from drop_physics.trace.acts import Act
 
 
@@ -79,8 +79,13 @@ def _(worst: Worst) -> Said:
 
 
 @joint_rule("reset-leaves", "model", consecutive=True, engines=MUJOCOS)
-def state_leaves_control(joints: JointColumns) -> Match:
+def state_leaves_control(joints: JointColumns) -> Match | None:
     """Writing `qpos` sets positions, and not what actuators are given."""
+    body, scene = joints.driven.body, joints.scene
+    writes = scene.inputs.lasting.positions.get(body.client)
+    # Written in each step, it is no reset.
+    if writes is not None and len(writes.steps) >= EACH_STEP * scene.ends[body.number]:
+        return None
     return left_targets(joints)
 
 

@@ -34,7 +34,10 @@ SPARE = 1.3
 """What an actuator should have over what it needs."""
 TRIES = 5
 """The greatest gaps of a joint in a piece whose causes are looked for."""
-NOTED = "gap", "goal", "rests", "since", "own", "needs", "clamp", "stop", "bound", "kp", "gear"
+NOTED = (
+    *("gap", "goal", "rests", "since", "own", "needs", "clamp", "stop", "bound"),
+    *("back", "kp", "gear"),
+)
 """Numbers that are noted of a gap: forces [N] or [N m] on the joint, and where its range ends."""
 
 
@@ -122,6 +125,18 @@ def _(worst: Worst) -> Said:
         kp=f"{float(f'{enough:.2g}'):g}",
         off=distance(near, worst.unit),
     )
+    if worst.back * worst.own < 0 and abs(worst.back) > abs(worst.own) / 2:
+        why = Message(
+            "a position actuator is a spring of kp = {kp:.4g}, and that of the joint itself pulls "
+            "it back with {force}",
+            kp=worst.kp,
+            force=effort(abs(worst.back), worst.effort),
+        )
+        advice = Message(
+            'stiffness="0" of the <joint>, or its springref at the target; kp="{kp}" of the '
+            "<position> leaves {off}",
+            **advice.values,
+        )
     return _said(worst, why, Cure("gains", worst.joint, enough, advice))
 
 
@@ -231,7 +246,7 @@ def _cause(
     bound = joints.upper[row, k] if gap < 0 else joints.lower[row, k]
     first, least, limit = joints.asked.began[row, k] + 1, OWN_SHARE * abs(own), driven.limit[row, k]
     noted = gap, joints.target[row, k], float(rests), first, own, needs, clamp, stop, bound
-    numbers = *noted, actuator.kp, actuator.gear
+    numbers = *noted, forces.get("spring", 0.0), actuator.kp, actuator.gear
     if not rests:
         stood = joints.step >= first
         held = driven.at_limit[stood & (joints.step <= joints.step[row]), k]

@@ -159,6 +159,7 @@ class ActuatorColumns:
     """The actuators of a body in n of its steps: columns of shape (n, actuators)."""
 
     def __init__(self, scene: Scene, steps: BodySteps) -> None:
+        self.scene, self.client = scene, steps.body.client
         self.actuators, self.step = steps.body.actuators, steps.steps
         self.noted: dict[str, Float64] = {}
         self.keys = np.full((len(steps), 1), steps.body.number)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Span, so_many
-from drop_physics.rules.engines import MUJOCOS
+from drop_physics.rules.engines import MUJOCOS, NO_AUTO_RESET, is_off
 from drop_physics.rules.input_rule import InputSubject, input_rule
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.memory import rate_at
@@ -16,8 +16,6 @@ from drop_physics.trace.events import EngineWarning
 POSITION = "bad position"
 RESETS = POSITION, "bad velocity", "bad acceleration"
 """The warnings with which the engine resets the state."""
-NO_AUTO_RESET = 1 << 16
-"""The bit of `disableflags` without which a step with such numbers is followed by a reset."""
 
 
 @input_rule("auto-reset", "broken", engines=MUJOCOS)
@@ -28,8 +26,7 @@ def auto_reset(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
         if warning.kind in RESETS:
             by_client.setdefault(warning.client, []).append(warning)
     for client, warnings in by_client.items():
-        settings = [each for each in inputs.scene.seen.settings if each.client == client]
-        if int(float(settings[-1].values.get("disableflags", 0))) & NO_AUTO_RESET:  # type: ignore[arg-type]
+        if is_off(inputs.scene.seen, client, NO_AUTO_RESET):
             continue
         first = min(warnings, key=lambda each: each.at.step)
         steps = sum(each.steps for each in warnings)

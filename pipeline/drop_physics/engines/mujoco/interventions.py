@@ -19,6 +19,8 @@ Operation = dict[str, Any]
 Applies = Callable[[Scope, Cure], Iterator[Operation]]
 
 WORLD = "world"
+NO_CONTACT, NO_GRAVITY = 1 << 4, 1 << 7
+"""Bits of `disableflags` (`mjtDisableBit`)."""
 MORE = 10.0
 """Factor of what is to be raised where a cure gives no number."""
 BELOW = 0.8
@@ -100,6 +102,7 @@ CALLS = {
     "exclude": "<exclude>",
     "exclude:out": "without <exclude>",
     "contype": "contype and conaffinity that meet",
+    "contype:flag": 'without <flag contact="disable"/>',
     "filterparent": 'filterparent="disable"',
     "keyframe-ctrl": "data.ctrl of the keyframe",
     "targets-held": "data.ctrl with data.qpos",
@@ -321,6 +324,7 @@ def _limits(scope: Scope, _: Cure) -> Iterator[Operation]:
 
 def _gravity(_: Scope, cure: Cure) -> Iterator[Operation]:
     yield _write("opt.gravity", value=[0.0, 0.0, _number(cure)])
+    yield _write("opt.disableflags", clear=NO_GRAVITY)
 
 
 def _exclude(scope: Scope, cure: Cure) -> Iterator[Operation]:
@@ -332,6 +336,9 @@ def _exclude(scope: Scope, cure: Cure) -> Iterator[Operation]:
 
 
 def _meet(scope: Scope, cure: Cure) -> Iterator[Operation]:
+    if cure.form == "flag":
+        yield _write("opt.disableflags", clear=NO_CONTACT)
+        return
     yield {"do": "meet", "names": _both(scope, cure)}
 
 

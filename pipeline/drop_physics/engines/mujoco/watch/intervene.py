@@ -542,6 +542,9 @@ def _becoming(operation: Operation) -> Callable[[Any], Any]:
     if "factor" in operation:
         factor = operation["factor"]
         return lambda held: type(held)(held * factor) if isinstance(held, int) else held * factor
+    if "clear" in operation:
+        bits = operation["clear"]
+        return lambda held: held & ~bits
     if "least" in operation:
         least = operation["least"]
         return lambda held: np.maximum(held, least)
