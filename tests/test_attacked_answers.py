@@ -138,7 +138,7 @@ k = p.createMultiBody(
 for j in range(p.getNumJoints(k)):
     p.setJointMotorControl2(k, j, p.VELOCITY_CONTROL, force=0)
     p.resetJointState(k, j, .3)
-steps(240)
+steps(480)
 """
 SAID = {
     "a bar turns in a grip": (

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.changes import energy_of
+from drop_physics.explain.step_status import FLIGHT
 from drop_physics.messages import Message
 from drop_physics.physics.dynamics import angular_momenta
 from drop_physics.physics.kinematics import kinematics, motion
@@ -142,7 +143,7 @@ def default_damping(bodies: BodyColumns) -> Match | None:
     # In the air is also a robot whose motors hold its joints, and what hangs on a constraint.
     near = np.full(len(bodies.step), bodies.law.tree.fixed)
     near[bodies.reported.contacts.step] = True
-    rows = np.flatnonzero(~near)
+    rows = np.flatnonzero((bodies.segment == FLIGHT) | ~near)
     taken_j = -np.concatenate([each for each in its if each is not None])[rows]
     none = np.zeros((len(rows), 3))
     states = bodies.before.at(rows), bodies.after.at(rows)
