@@ -176,6 +176,7 @@ def _server(also: str) -> socket.socket:
     process = subprocess.Popen(
         [sys.executable, __file__, str(serving.fileno()), *[also] * bool(also)],
         pass_fds=[serving.fileno()],
+        stdin=subprocess.DEVNULL,  # which may be a test's terminal: it would never be closed
         stderr=subprocess.DEVNULL,  # PyBullet greets
         stdout=subprocess.DEVNULL,
         env={**BEGAN, **_started_with()},

@@ -76,8 +76,7 @@ def templates() -> Iterator[tuple[str, str]]:
 def made() -> dict[Path, bytes]:
     """Return the messages of the code with their translations, and the same compiled.
 
-    A new message has no translation, or that of a similar one, marked as fuzzy; neither is
-    compiled.
+    A new message has no translation yet, and is not compiled.
     """
     translations, template = Translations(), Catalog(fuzzy=False)
     with MESSAGES.open(encoding="utf-8") as file:
@@ -86,7 +85,7 @@ def made() -> dict[Path, bytes]:
                 translations[known.id] = known
     for text, path in templates():
         template.add(text, locations=[(path, None)])
-    translations.update(template)
+    translations.update(template, no_fuzzy_matching=True)
     text, compiled = io.BytesIO(), io.BytesIO()
     write_po(text, translations, sort_output=True, ignore_obsolete=True)
     write_mo(compiled, translations)
