@@ -194,6 +194,8 @@ def test_a_reset_takes_gravity_away(z: int, tmp_path: Path) -> None:
     assert (found.steps.first, found.steps.count) == (21, 20)
     again = AIR + cube + "p.resetSimulation()\n" + AIR + cube
     assert not ask(again, tmp_path, "no-gravity")
+    twice = AIR + cube + ("p.resetSimulation()\n" + cube) * 2  # the second finds none
+    assert one(twice, tmp_path, "no-gravity").message == found.message
 
 
 @pytest.mark.parametrize(

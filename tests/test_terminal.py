@@ -909,10 +909,21 @@ def test_each_number_of_a_joint_has_its_unit(
 ) -> None:
     """Where there is no room, a unit goes when the last of its numbers has gone."""
     turns = JointRow(
-        name="elbow", index=0, axis=None, kind="revolute", control="position", target=0.5,
-        reached=0.25, off=-0.25, torque=3.0, force_limit=5.0, needs=9.81, needs_at_target=None,
-        at_force_limit_steps=0, at_stop_steps=0,
-    )  # fmt: skip
+        name="elbow",
+        index=0,
+        axis=None,
+        kind="revolute",
+        control="position",
+        target=0.5,
+        reached=0.25,
+        off=-0.25,
+        torque=3.0,
+        force_limit=5.0,
+        needs=9.81,
+        needs_at_target=None,
+        at_force_limit_steps=0,
+        at_stop_steps=0,
+    )
     slides = replace(turns, name="finger", index=1, kind="prismatic", control="velocity")
     monkeypatch.setattr("drop_physics.report.terminal.width", lambda: columns)
     _, *rows = block_lines(joint_table("a_robot_with_a_name", [turns, slides]))
@@ -981,7 +992,7 @@ def test_info_gives_the_command_that_records_a_script_again(drop: Drop, tmp_path
     limits = ("--duration", "0.0125", "--seed", "12345678901234")
     drop("record", *limits, "-o", "./-s.rrd", "--", "-né.py", *arguments)
     done = drop("info", "./-s.rrd")
-    printed = done.stdout.partition("repeat ")[2].partition("where the script is")[0]
+    printed = done.stdout.partition("repeat ")[2].partition("run it in the script")[0]
     assert len(printed.splitlines()) > 1
     assert all(len(line) <= 80 for line in done.stdout.splitlines())
     command = json.loads(drop("info", "./-s.rrd", "--json").stdout)["command"]

@@ -427,8 +427,14 @@ SCRIPT_SWEEP = Object(
         "table": [
             Object(
                 {
-                    "run": int, "ended": str, "error": str | None, "steps": int, "same": bool,
-                    "end_m": float | None, "end_rad": float | None, "findings": list[str],
+                    "run": int,
+                    "ended": str,
+                    "error": str | None,
+                    "steps": int,
+                    "same": bool,
+                    "end_m": float | None,
+                    "end_rad": float | None,
+                    "findings": list[str],
                     "recording": str,
                 },
                 {
@@ -457,7 +463,7 @@ SCRIPT_SWEEP = Object(
         "table": "A row for each run.",
     },
     frozenset({"script", "recording", "runs", "failed", "results", "table"}),
-)  # fmt: skip
+)
 RECORD = Object(
     {"recording": Path, "recording_id": str, "script": str,
      "ended": Literal["finished", "steps", "duration", "idle", "disk", "interrupted", "failed"],

@@ -343,11 +343,19 @@ def sweep(
     """
     if program or tries:
         others = {
-            "samples": samples, "vary": vary, "until-ci": until_ci, "no-record": no_record,
-            "plot": plot, "dark": dark, "camera": camera,
-            **{Scenario.options()[name].name[2:]: None if each is True else each
-               for name, each in lists.items() if name != "duration_s"},
-        }  # fmt: skip
+            "samples": samples,
+            "vary": vary,
+            "until-ci": until_ci,
+            "no-record": no_record,
+            "plot": plot,
+            "dark": dark,
+            "camera": camera,
+            **{
+                Scenario.options()[name].name[2:]: None if each is True else each
+                for name, each in lists.items()
+                if name != "duration_s"
+            },
+        }
         refused = [f"--{name}" for name, each in others.items() if each]
         _sweep_script(
             program, tries, refused, lists["duration_s"], out, seed, jobs, ray, force, json

@@ -31,7 +31,8 @@ class Touch:
     steps: int
     """Number of steps in which a force acted."""
     friction: float | None
-    """Coefficient: the product of both; None where several parts with different ones touched."""
+    """Coefficient: the product of both, in MuJoCo the larger; None where several parts with
+    different ones touched."""
     used: float | None
     """Largest share of Σ μN that the pair used."""
     available_n: float | None

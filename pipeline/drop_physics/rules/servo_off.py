@@ -133,9 +133,9 @@ def _(worst: Worst) -> Said:
             force=effort(abs(worst.back), worst.effort),
         )
         advice = Message(
-            'stiffness="0" of the <joint>, or its springref at the target; kp="{kp}" of the '
-            "<position> leaves {off}",
-            **advice.values,
+            'stiffness="0" of the <joint>, its springref at the target, or a kp well above '
+            "{kp} of the <position>",
+            kp=advice.values["kp"],
         )
     return _said(worst, why, Cure("gains", worst.joint, enough, advice))
 
@@ -258,9 +258,14 @@ def _cause(
         return "actuatorfrcrange", numbers
     if driven.at_limit[row, k]:
         return None if abs(needs) <= limit else ("forcerange", numbers)  # else something holds it
-    # What rubs in the joint, or touches it, may hold it as well.
+    # What rubs in the joint, or touches it, may hold it as well; else it may still be on its way.
     blocked = abs(forces["contacts"] + forces["constraints"]) > least
-    blocked |= abs(forces.get("friction loss", 0.0)) > HOLDS * abs(own)
+    others = (
+        forces.get("friction loss", 0.0),
+        forces.get("joint damping", 0.0),
+        sum(forces.values()),
+    )
+    blocked |= max(map(abs, others)) > HOLDS * abs(own)
     is_spring = abs(own + actuator.kp * actuator.gear**2 * gap) <= SPRING_SHARE * abs(own)
     return ("spring", numbers) if is_spring and not blocked else None
 

@@ -71,8 +71,15 @@ def no_gravity(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     ]
     for body, life in sorted(free, key=lambda each: each[1].first):
         client = body.client
-        calls = [each for each in inputs.made(client, Act.CLEAR) if each[0].step < life.first]
-        reset, use = max(calls, key=lambda each: each[0].call, default=(None, None))
+        # The reset that took gravity away: a later one found none.
+        gave = (at.call for at, _ in inputs.made(client, Act.SET_GRAVITY) if at.step < life.first)
+        last = max(gave, default=-1)
+        resets = (
+            each
+            for each in inputs.made(client, Act.CLEAR)
+            if last < each[0].call and each[0].step < life.first
+        )
+        reset, use = min(resets, key=lambda each: each[0].call, default=(None, None))
         since = -1 if reset is None else reset.call
         held = (at for at, _ in inputs.made(client, *HOLDS) if since < at.call)
         gravity_m_s2 = 0.0

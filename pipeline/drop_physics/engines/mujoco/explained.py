@@ -64,7 +64,7 @@ class Vocabulary:
 
 
 @dataclass(frozen=True)
-class ExplainedPiece:
+class ReplayedPiece:
     """What became of some steps of one simulation, without a gap."""
 
     world: int
@@ -107,7 +107,7 @@ class ExplainedPiece:
         return found
 
 
-def explained(spool: Path, python: str) -> Iterator[ExplainedPiece]:
+def explained(spool: Path, python: str) -> Iterator[ReplayedPiece]:
     """Replay and explain what a script has sent, in its interpreter.
 
     Parameters
@@ -140,7 +140,7 @@ def explained(spool: Path, python: str) -> Iterator[ExplainedPiece]:
 
 def _piece(
     said: dict[str, Any], arrays: dict[str, NDArray[Any]], vocabulary: Vocabulary
-) -> ExplainedPiece:
+) -> ReplayedPiece:
     """Return a piece; what it says of its model's terms is added to the vocabulary."""
     vocabulary.terms += [
         ImpulseTerm(kind, first, second, np.array(dofs, np.int64))
@@ -151,7 +151,7 @@ def _piece(
         vocabulary.pairs = np.concatenate([vocabulary.pairs, said["pairs"]])
     steps = arrays.get("steps", np.zeros(0, np.int32)).astype(np.int64)
     none = np.zeros(0, np.float32)
-    return ExplainedPiece(
+    return ReplayedPiece(
         world=said["world"],
         model=said["model"],
         first=said["first"],

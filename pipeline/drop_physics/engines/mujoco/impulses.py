@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from drop_physics.engines.mujoco.described import DescribedBody, DescribedModel
 from drop_physics.engines.mujoco.explain.reasons import EXPLAINED, OTHER, REASONS
-from drop_physics.engines.mujoco.explained import ExplainedPiece, ImpulseTerm
+from drop_physics.engines.mujoco.explained import ImpulseTerm, ReplayedPiece
 from drop_physics.engines.mujoco.held import softness_of
 from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.trace.events import (
@@ -105,7 +105,7 @@ class ExplainedSteps:
         places = [self.described.link_of[body] for body in geoms.tolist()]
         self._geoms = np.array(places, np.int64).reshape(-1, 2)
 
-    def events(self, piece: ExplainedPiece, times_s: Float64, numbers: Iterator[int]) -> Events:
+    def events(self, piece: ReplayedPiece, times_s: Float64, numbers: Iterator[int]) -> Events:
         """Yield what became of the steps of a piece.
 
         Parameters
@@ -134,7 +134,7 @@ class ExplainedSteps:
         yield ContactRows(self.client, steps, times_s, contacts)
 
     def _blocks(
-        self, piece: ExplainedPiece, numbers: Iterator[int]
+        self, piece: ReplayedPiece, numbers: Iterator[int]
     ) -> list[tuple[int, Int64, Float64]]:
         """Return each cause that acts: its number, the rows of its steps, and its impulses."""
         found: dict[int, list[tuple[Int64, Float64]]] = {}
@@ -216,7 +216,7 @@ class ExplainedSteps:
 
     # -- contact points ---------------------------------------------------------------------------
 
-    def _contacts(self, piece: ExplainedPiece) -> Rows:
+    def _contacts(self, piece: ReplayedPiece) -> Rows:
         """Return contact points as a recording has them; the second geometry is its first body."""
         touches = piece.touches
         rows = np.zeros(len(touches), CONTACT)
@@ -236,7 +236,7 @@ class ExplainedSteps:
         rows["friction_2_direction"] = np.cross(normal, along)
         return rows
 
-    def _pairs(self, piece: ExplainedPiece, contacts: Rows) -> Iterator[PairFriction]:
+    def _pairs(self, piece: ReplayedPiece, contacts: Rows) -> Iterator[PairFriction]:
         """Yield the coefficients of friction that are new."""
         names = ["body_a", "link_a", "body_b", "link_b"]
         if not len(contacts):
@@ -278,7 +278,7 @@ def _whole(made: DescribedBody, places: set[int]) -> tuple[int, ...]:
     return tuple(sorted(places))
 
 
-def _by_term(piece: ExplainedPiece) -> Iterator[tuple[int, tuple[Int64, Float64]]]:
+def _by_term(piece: ReplayedPiece) -> Iterator[tuple[int, tuple[Int64, Float64]]]:
     """Yield each term of a piece: the rows of the steps that it acts in, and its values."""
     vocabulary, k = piece.vocabulary, len(piece.steps)
     if not k:
