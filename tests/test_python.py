@@ -132,7 +132,7 @@ def test_without_a_viewer_a_notebook_shows_a_film_and_says_why(
     with Image.open(io.BytesIO(base64.b64decode(data[0]))) as film:
         assert film.n_frames == 21  # every second one, so that it is short
     swept = sweep({"timestep_s": [1 / 240]}, tmp_path / "swept")
-    with pytest.raises(ScenarioError, match="only the result of a recording can be viewed"):
+    with pytest.raises(ScenarioError, match="only a result that has a recording can be viewed"):
         swept.view()
 
 
