@@ -13,7 +13,7 @@ from typing import Any
 import forked
 import numpy as np
 from drop_physics.engines.mujoco.explain.reasons import REASONS
-from drop_physics.engines.mujoco.explained import ExplainedPiece, explained
+from drop_physics.engines.mujoco.explained import ReplayedPiece, explained
 from drop_physics.engines.mujoco.received import Received, StepPiece, Written
 from drop_physics.engines.pybullet.script import Program, Script
 from drop_physics.trace.events import Ending, Event
@@ -123,7 +123,7 @@ class Run:
         """Return the line of the script that a site is."""
         return self.received.sites[site].line
 
-    def explained(self) -> list[ExplainedPiece]:
+    def explained(self) -> list[ReplayedPiece]:
         """Return the steps, replayed and explained."""
         return list(explained(self.spool, sys.executable))
 
@@ -168,12 +168,12 @@ def watched(folder: Path, text: str, **how: Any) -> Run:
     return Run(received, pieces, ending, *texts, folder / "spool")
 
 
-def of_world(pieces: list[ExplainedPiece], world: int) -> Iterator[ExplainedPiece]:
+def of_world(pieces: list[ReplayedPiece], world: int) -> Iterator[ReplayedPiece]:
     """Yield the pieces of one simulation."""
     yield from (piece for piece in pieces if piece.world == world)
 
 
-def statuses(pieces: list[ExplainedPiece], world: int = 0) -> list[tuple[int, str]]:
+def statuses(pieces: list[ReplayedPiece], world: int = 0) -> list[tuple[int, str]]:
     """Return status and reason of each step of a simulation."""
     return [
         (status, REASONS[reason])

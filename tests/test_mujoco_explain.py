@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 import pytest
 from drop_physics.engines.mujoco.explain.reasons import EXPLAINED, OTHER, REPLAYED
-from drop_physics.engines.mujoco.explained import ExplainedPiece, explained
+from drop_physics.engines.mujoco.explained import ReplayedPiece, explained
 from drop_physics.engines.mujoco.frames import STEP, STEP_HEAD
 from drop_physics.engines.mujoco.received import LENGTH
 from drop_physics.errors import DropError
@@ -79,7 +79,7 @@ def machine(folder: Path, runs: list[tuple[str, str]], steps: int = STEPS) -> Ru
 
 
 @pytest.fixture(scope="module")
-def plain(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, list[ExplainedPiece]]:
+def plain(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, list[ReplayedPiece]]:
     """Return the machine with each integrator."""
     run = machine(tmp_path_factory.mktemp("plain"), [(name, "plain") for name in INTEGRATORS])
     return run, run.explained()
@@ -88,7 +88,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, list[Explained
 Impulses = dict[tuple[str, int, int], np.ndarray]
 
 
-def impulses_of(pieces: list[ExplainedPiece], world: int, nv: int) -> Impulses:
+def impulses_of(pieces: list[ReplayedPiece], world: int, nv: int) -> Impulses:
     """Return the impulses of each cause at all steps of a simulation, shape (STEPS, nv)."""
     found: Impulses = {}
     for piece in of_world(pieces, world):
@@ -102,7 +102,7 @@ def timesteps_of(m: Any) -> np.ndarray:
     return m.opt.timestep * np.where(np.arange(STEPS) < 75, 1.0, 0.5)[:, None]
 
 
-def assert_closed(pieces: list[ExplainedPiece], world: int, steps: int) -> None:
+def assert_closed(pieces: list[ReplayedPiece], world: int, steps: int) -> None:
     assert statuses(pieces, world) == [(EXPLAINED, "")] * steps
     for piece in of_world(pieces, world):
         assert piece.remainder.max() < CLOSES
@@ -111,7 +111,7 @@ def assert_closed(pieces: list[ExplainedPiece], world: int, steps: int) -> None:
 
 @pytest.mark.parametrize("world", range(4), ids=INTEGRATORS)
 def test_every_step_is_replayed_and_its_sum_closes(
-    plain: tuple[Run, list[ExplainedPiece]], world: int
+    plain: tuple[Run, list[ReplayedPiece]], world: int
 ) -> None:
     assert_closed(plain[1], world, STEPS)
 
@@ -124,7 +124,7 @@ def test_the_sum_closes_with_every_option(tmp_path: Path, integrator: str) -> No
         assert_closed(pieces, world, 80)
 
 
-def test_all_causes_are_met(plain: tuple[Run, list[ExplainedPiece]]) -> None:
+def test_all_causes_are_met(plain: tuple[Run, list[ReplayedPiece]]) -> None:
     met = {(term.kind, term.first) for piece in plain[1] for term in piece.vocabulary.terms}
     kinds = {kind for kind, _ in met}
     assert kinds >= {
@@ -139,7 +139,7 @@ def test_all_causes_are_met(plain: tuple[Run, list[ExplainedPiece]]) -> None:
 
 @pytest.mark.parametrize("world", range(4), ids=INTEGRATORS)
 def test_our_own_kinematics_find_the_same_change_of_momentum(
-    plain: tuple[Run, list[ExplainedPiece]], world: int
+    plain: tuple[Run, list[ReplayedPiece]], world: int
 ) -> None:
     """The judge: M (u' - u) without MuJoCo equals what the recorded impulses add up to."""
     run, pieces = plain
@@ -253,7 +253,7 @@ class Reference:
         return found
 
 
-def test_each_impulse_is_what_its_name_says(plain: tuple[Run, list[ExplainedPiece]]) -> None:
+def test_each_impulse_is_what_its_name_says(plain: tuple[Run, list[ReplayedPiece]]) -> None:
     _, pieces = plain
     space: dict[str, Any] = {}
     exec(DRIVEN, space)
@@ -275,7 +275,7 @@ def test_each_impulse_is_what_its_name_says(plain: tuple[Run, list[ExplainedPiec
 
 
 def test_springs_of_tendons_are_apart_from_those_of_joints(
-    plain: tuple[Run, list[ExplainedPiece]],
+    plain: tuple[Run, list[ReplayedPiece]],
 ) -> None:
     """Without its stiffness and damping a tendon leaves the springs and dampers of joints."""
     model = mujoco.MjModel.from_xml_string(MACHINE)
@@ -306,7 +306,7 @@ def test_springs_of_tendons_are_apart_from_those_of_joints(
         np.testing.assert_allclose(values, forces * timesteps, atol=1e-13)
 
 
-def test_contact_points_are_in_the_worlds_axes(plain: tuple[Run, list[ExplainedPiece]]) -> None:
+def test_contact_points_are_in_the_worlds_axes(plain: tuple[Run, list[ReplayedPiece]]) -> None:
     model = mujoco.MjModel.from_xml_string(MACHINE)
     space: dict[str, Any] = {}
     exec(DRIVEN, space)
@@ -353,7 +353,7 @@ def test_contact_points_are_in_the_worlds_axes(plain: tuple[Run, list[ExplainedP
 
 
 def test_a_recorded_state_that_differs_in_one_bit_is_not_explained(
-    plain: tuple[Run, list[ExplainedPiece]], tmp_path: Path
+    plain: tuple[Run, list[ReplayedPiece]], tmp_path: Path
 ) -> None:
     run, _ = plain
     data, at, steps = bytearray(run.spool.read_bytes()), 0, 0
@@ -444,7 +444,7 @@ def test_what_has_no_sum_says_why(tmp_path: Path, name: str) -> None:
 
 
 def test_steps_are_replayed_by_their_own_version_alone(
-    plain: tuple[Run, list[ExplainedPiece]], tmp_path: Path
+    plain: tuple[Run, list[ReplayedPiece]], tmp_path: Path
 ) -> None:
     """Another version may load a model's binary form as something else, or end."""
     told, other = f'"version": "{mujoco.__version__}"', tmp_path / "spool"
