@@ -6,6 +6,7 @@ import hashlib
 import math
 import os
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
@@ -36,7 +37,7 @@ def plain(name: str) -> str:
 
 
 @dataclass(frozen=True)
-class RunChanged(Generic[T]):
+class RunChanged(ABC, Generic[T]):
     """Runs one candidate, called with its number; picklable while none is under way."""
 
     program: Program
@@ -62,22 +63,22 @@ class RunChanged(Generic[T]):
         """Return the name of a run."""
         return self.candidates[number].intervention.call
 
+    @abstractmethod
     def made(self, number: int, ended: Ended) -> T:
         """Return what a run came to, by its recording."""
-        raise NotImplementedError
 
-    def not_made(self) -> T:
-        """Return what stands for a run that was not made, or stopped."""
-        raise NotImplementedError
+    @abstractmethod
+    def not_made(self, number: int) -> T:
+        """Return what stands for a run that was not made, or stopped, or raise an error."""
 
+    @abstractmethod
     def has_failed(self, made: T) -> bool:
         """Return whether a run failed by itself."""
-        raise NotImplementedError
 
     def __call__(self, number: int) -> T:
         """Run a candidate, record it, and compare it with the script's own run."""
         if self.run_of(number) is None or self.is_late(number):
-            return self.not_made()
+            return self.not_made(number)
         program, until = self.program_of(number), self._until(number)
         with ExitStack() as stack:
             if self.written:

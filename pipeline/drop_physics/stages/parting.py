@@ -120,7 +120,7 @@ class Parting(Generic[T]):
                 if not work.has_failed(made):
                     return made
                 work.path_of(number).unlink(missing_ok=True)
-        return work.not_made() if self._stopped else work(number)
+        return work.not_made(number) if self._stopped else work(number)
 
     def stop(self) -> None:
         """End what runs now, and begin nothing more."""

@@ -9,6 +9,7 @@ import contextlib
 import hashlib
 import json
 import os
+from abc import abstractmethod
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from importlib import metadata
@@ -78,9 +79,15 @@ class Varied:
 class RunKept(RunChanged[T]):
     """Runs one candidate, called with its number; one that is there already is read."""
 
+    @abstractmethod
     def compared(self, number: int, other: Recording) -> T:
         """Return what a run came to, by its recording."""
-        raise NotImplementedError
+
+    def not_made(self, number: int) -> T:
+        """Say that a run was stopped, and how to go on."""
+        raise DropError(
+            "{name} was interrupted; run the same command again", name=self.name_of(number)
+        )
 
     def __call__(self, number: int) -> T:
         """Return a run that is there, or make it."""
@@ -94,9 +101,7 @@ class RunKept(RunChanged[T]):
         from drop_physics.recording.reader import read
 
         if ended.how == "interrupted":
-            raise DropError(
-                "{name} was interrupted; run the same command again", name=self.name_of(number)
-            )
+            return self.not_made(number)
         return self.compared(number, read(self.path_of(number)))
 
 

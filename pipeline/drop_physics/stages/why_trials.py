@@ -52,8 +52,9 @@ class RunTrial(RunChanged[TrialRun]):
         """Return what a run does otherwise; None if the engine has no such run."""
         return below(Cure("nudge")) if number == self.nudge else self.candidates[number].run
 
-    def not_made(self) -> TrialRun:
+    def not_made(self, number: int) -> TrialRun:
         """Return what stands for a trial that was not run, or stopped."""
+        del number
         return TrialRun(None, None)
 
     def has_failed(self, made: TrialRun) -> bool:
