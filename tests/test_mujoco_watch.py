@@ -16,6 +16,7 @@ import pytest
 from conftest import some
 from drop_physics.engines.mujoco.explain.reasons import EXPLAINED, OTHER, REPLAYED
 from drop_physics.engines.mujoco.frames import STALE, STEPS, UNPOSED
+from drop_physics.engines.pybullet.script import ELSEWHERE
 from mujoco_scripts import Run, bare, statuses, watched
 
 SCENE = """
@@ -564,6 +565,7 @@ mujoco.mj_step(m, d)
     )
     run = watched(tmp_path, text)
     assert (run.ending.how, run.steps()) == ("finished", 2)
+    assert run.ending.notes == [ELSEWHERE]
 
 
 BLOCK = """

@@ -138,11 +138,11 @@ def test_without_a_viewer_a_notebook_shows_a_film_and_says_why(
 
 def test_a_line_of_a_notebook_is_named_by_its_cell(monkeypatch: pytest.MonkeyPatch) -> None:
     """As in IPython's tracebacks; any other file keeps its name."""
-    cells = {"/tmp/ipykernel_7/1234.py": ("Cell", "In[3]")}
+    cells = {"/nowhere/ipykernel_7/1234.py": ("Cell", "In[3]")}
     shell = SimpleNamespace(compile=SimpleNamespace(format_code_name=cells.get))
-    assert shown_file("/tmp/ipykernel_7/1234.py") == "1234.py"
+    assert shown_file("/nowhere/ipykernel_7/1234.py") == "1234.py"
     monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
-    assert located(shown_file("/tmp/ipykernel_7/1234.py"), 15) == "In[3], line 15"
+    assert located(shown_file("/nowhere/ipykernel_7/1234.py"), 15) == "In[3], line 15"
     assert located(shown_file("/tmp/other.py"), 15) == "other.py:15"
 
 

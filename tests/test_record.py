@@ -30,6 +30,7 @@ import scripts
 from command import HANGS_S, drop_here, wait_for
 from conftest import some
 from drop_physics.engines.pybullet.frames import Frames
+from drop_physics.engines.pybullet.other_processes import OtherProcesses
 from drop_physics.engines.pybullet.watch import pipe
 from drop_physics.errors import DropError, OutputError, ScenarioError
 from drop_physics.recording import schema, writer
@@ -1807,6 +1808,39 @@ def test_a_copy_of_pybullet_is_recorded_alone_and_named_beside_another(bench: Be
     alone = "import vendored.pybullet as q\n" + text.partition("q = ")[2].partition("\n")[2]
     recorded, _ = bench.record(bench.script(alone))
     assert recorded.samples == 8
+
+
+@pytest.mark.parametrize(
+    ("method", "does", "noted"),
+    [
+        ("fork", "p.stepSimulation()", 1),
+        ("fork", "p.getNumBodies()", 0),
+        ("spawn", "while not os.path.exists('seen'): time.sleep(0.01)", 1),
+    ],
+)
+def test_what_other_processes_step_is_said_not_to_be_recorded(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, method: str, does: str, noted: int
+) -> None:
+    """A process that is started anew has loaded the engine by itself; one that is forked steps."""
+    look = OtherProcesses.look
+
+    def looked(others: OtherProcesses) -> None:
+        look(others)
+        if others.found:
+            bench.folder.joinpath("seen").touch()
+
+    monkeypatch.setattr(OtherProcesses, "look", looked)
+    text = (
+        "import multiprocessing, os, time\nimport pybullet as p\n"
+        f"def work():\n    {does}\n"
+        "if __name__ == '__main__':\n    p.connect(p.DIRECT)\n    p.stepSimulation()\n"
+        f"    other = multiprocessing.get_context({method!r}).Process(target=work)\n"
+        "    other.start()\n    other.join()\n    print(other.exitcode)\n"
+    )
+    notes: list[str] = []
+    _, printed = bench.record(bench.script(text), note=notes.append)
+    assert printed.splitlines()[-1] == "0"
+    assert len([note for note in notes if "other processes" in note]) == noted
 
 
 def test_a_stream_of_another_version_is_refused() -> None:

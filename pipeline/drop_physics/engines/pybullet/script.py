@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from drop_physics.engines.pybullet.channel import shared_block, wide_pipe
+from drop_physics.engines.pybullet.other_processes import OtherProcesses
 from drop_physics.engines.pybullet.watch import pipe
 from drop_physics.engines.pybullet.watched import Decoder
 from drop_physics.errors import DropError
@@ -38,6 +39,10 @@ STOPS_WITHIN_S = 6.0
 INTERRUPT_AGAIN_S = 2.0
 """A terminal sends Ctrl-C to the script too; if it still runs after this long, it gets another."""
 TICK_S = 0.1
+ELSEWHERE = Message(
+    "other processes that the script starts use the engine, too: what they step is not recorded; "
+    "let the script step in its own process (with gymnasium: SyncVectorEnv)"
+)
 _EXIT_CODE = re.compile(r"sys\.exit\((-?\d+|True)\)")
 """An end that Python says nothing of: of an exception it prints a traceback, of a text that."""
 
@@ -112,6 +117,8 @@ class Listener(ABC):
         """Whether no process has the sending end of the pipe any more."""
         self._left = False
         """Whether nothing more is read."""
+        self._others: OtherProcesses | None = None
+        """Looks for other processes with an engine; None where they need not be the script's."""
 
     def events(self) -> Iterator[Event]:
         """Yield the events, until the process has ended."""
@@ -154,8 +161,15 @@ class Listener(ABC):
     def _is_over(self) -> bool:
         """Return whether the process sends nothing any more."""
 
-    def _tick(self) -> None:  # noqa: B027 - only a script has to be stopped
-        pass
+    def _tick(self) -> None:
+        """Look after the process, at least every `TICK_S`."""
+        if self._others is not None:
+            self._others.look()
+
+    def _steps_elsewhere(self) -> bool:
+        """Return whether other processes of the script have an engine, too."""
+        loaded = self._others is not None and self._others.found
+        return loaded or any(self.decoder.counters[pipe.APART :])
 
     def _left_behind(self) -> bytes:
         """Return what the process had not sent when it ended."""
@@ -178,9 +192,8 @@ class Listener(ABC):
             "real_time": decoder.real_time,
             "mujoco": decoder.mujoco.version if decoder.mujoco.steps else None,
         }
-        ending = Ending(
-            main_sha256=decoder.main_sha256, notes=list(decoder.faults), made_with=made_with
-        )
+        notes = [*decoder.faults, *([ELSEWHERE] if self._steps_elsewhere() else [])]
+        ending = Ending(main_sha256=decoder.main_sha256, notes=notes, made_with=made_with)
         ended = decoder.ended or {}
         if decoder.stopped:
             ending.how = decoder.stopped
@@ -405,6 +418,7 @@ class Script(Listener):
         finally:
             for end in (writing, *(end for _, end, _ in self._parts)):
                 os.close(end)
+        self._others = OtherProcesses(self._process.pid)
 
     def part(self, number: int, trial: Program) -> PartedTrial | None:
         """Return a trial that has parted from this run; None if it has not yet."""
@@ -480,6 +494,7 @@ class Script(Listener):
 
     def _tick(self) -> None:
         """Tell how far it is; kill a script that was to stop and has not."""
+        super()._tick()
         now = time.monotonic()
         if now - self._told_at > TICK_S:
             self._told_at = now

@@ -57,7 +57,8 @@ class MujocoWatch:
     ----------
     host
         What watches the script: its pipe, its turns, its clock, its limits (`on`, `check`, `count`,
-        `hide`, `calls.place`, `pipe`, `lock`, `clock`, `on_removal`, `forks`, `becoming`).
+        `hide`, `calls.place`, `pipe`, `lock`, `clock`, `on_removal`, `forks`, `becoming`,
+        `steppers`, `step_apart`).
     letter
         The kind of our frames in its pipe.
     frame
@@ -161,6 +162,8 @@ class MujocoWatch:
             if vars(owner).get(name) is original:
                 setattr(owner, name, hook)
                 self.host.on_removal(partial(setattr, owner, name, original))
+                if name in STEPS:
+                    self.host.steppers.append((owner, name, hook))
 
     def replace_static(self, owner: Any, name: str, made: Callable[[Any], Any]) -> None:
         """Replace a static method of a class of mujoco by what is made of it."""
@@ -377,6 +380,7 @@ def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
     def step(*args: Any, **kwargs: Any) -> Any:
         try:
             if not host.on:
+                host.step_apart()
                 return original(*args, **kwargs)
             if len(args) == 2 and not kwargs:
                 (m, d), count, rest = args, 1, ()

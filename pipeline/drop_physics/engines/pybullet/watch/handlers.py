@@ -63,6 +63,7 @@ def stepping(watch: Watch, name: str, original: Any) -> Call:
     def step(*args: Any, **kwargs: Any) -> Any:
         try:
             if not watch.on:
+                watch.step_apart()
                 return original(*args, **kwargs)
             acquire()
             try:

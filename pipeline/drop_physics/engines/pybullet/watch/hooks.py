@@ -20,11 +20,12 @@ from .bodies import WatchedBody
 from .calls import CallWatch, shown_file
 from .clock import CALL_S, Clock
 from .forks import Forks
+from .functions import ROLES
 from .handlers import handler
 from .hidden import hide
 from .intervene import Interventions, Operation
 from .outside import Outside
-from .pipe import Pipe
+from .pipe import APART, Pipe
 from .quiet import Window
 from .readings import Readings
 from .solver import ASKED_EVERY
@@ -170,6 +171,11 @@ class Watch:
         """The file of the PyBullet that is watched."""
         self._modules: list[tuple[ModuleType, dict[str, Any]]] = []
         self._undo: list[Callable[[], None]] = []
+        self.steppers: list[tuple[Any, str, Any]] = []
+        """What stands for functions that make steps: where it stands, and the name."""
+        self._is_plain = variation is None and not interventions and not trials
+        self._left: Any = None
+        """The counters that were shared, in a forked child."""
         self._process, self._thread = getpid(), get_ident()
         self._threads: set[threading.Thread] = set()
         """Other threads that have made steps."""
@@ -209,7 +215,10 @@ class Watch:
             if self.forks is not None:
                 call = self.forks.of(name, call)
             kind = type(TYPE, (Hook,), {**LOOKS, "__call__": staticmethod(call)})
-            setattr(module, name, kind(original, self))
+            hook = kind(original, self)
+            setattr(module, name, hook)
+            if name == ROLES["steps"]:
+                self.steppers.append((module, name, hook))
         self.pipe.note("pybullet", version=module.getAPIVersion(), file=module.__file__)
         for client in range(MOST_CLIENTS):  # connected before we came
             if client not in self.worlds and self.p.isConnected(client):
@@ -260,6 +269,19 @@ class Watch:
             self._undo.pop()()
         self.clock.remove()
         self.lock.remove()
+
+    def leave(self) -> None:
+        """Watch no further, in a forked child; only that it makes a step is noted."""
+        self.remove()
+        self._left = self.pipe.counters
+        self.pipe.leave()
+        for owner, name, hook in self.steppers if self._is_plain else ():
+            setattr(owner, name, hook)
+
+    def step_apart(self) -> None:
+        """Note that a step is not watched, where it is a forked child's."""
+        if self._left is not None:
+            self._left[APART] = 1
 
     hide = staticmethod(hide)
     """Takes wrappers' frames off an error's traceback; for those that are not in this folder."""
@@ -497,5 +519,4 @@ def _leave(kept: ref[Watch]) -> None:
     if watch is None or watch.is_parting:
         return
     if watch.on and getpid() != watch._process:
-        watch.remove()
-        watch.pipe.leave()
+        watch.leave()

@@ -49,7 +49,9 @@ PLACES, COUNTERS = 1 << 12, 3
 whether some may be missing; the last step in which one was looked at."""
 MOST_TARGETS = 1024
 """Most bodies, links or pairs of them that are listed of a place that reads."""
-SHARED_BYTES = BLOCK_BYTES + 8 * PLACES * COUNTERS
+APART = PLACES * COUNTERS
+"""Behind those is, of forked children, whether any makes a step: nothing else is told of them."""
+SHARED_BYTES = BLOCK_BYTES + 8 * (APART + 1)
 CUT_BYTES = 64
 """Room in the block for the note that it is full and the pipe closed."""
 LONGEST = 1 << 29
@@ -178,7 +180,7 @@ class Pipe:
         """Let everything that is still sent go nowhere."""
         self.open = False
         self.memory, self.counts = bytearray(BLOCK_BYTES), [0, 0]
-        self.counters = [0] * (PLACES * COUNTERS)
+        self.counters = [0] * (APART + 1)
         self.end, self.limit = BLOCK.size, BLOCK.size + FLUSH_BYTES
 
     def _hand_over(self, data: bytes | memoryview) -> None:

@@ -1,0 +1,64 @@
+"""Which engines the processes have loaded that a script starts: what they step is not recorded."""
+
+from __future__ import annotations
+
+import re
+import time
+from pathlib import Path
+
+ENGINE = re.compile(rb"^(\S+) .*/(?:pybullet|libmujoco)[^/]*\.so[^/]*$", re.MULTILINE)
+"""A part of a process's memory that is an engine's library, and where it lies."""
+LOOKS_S = 0.1, 1.0
+"""How long [s] after a process was first seen it is looked at again, twice as long after that, and
+so on up to the second."""
+
+
+class OtherProcesses:
+    """Looks now and then whether a process of a script has loaded an engine by itself.
+
+    One that was forked has the script's, at the same addresses, and tells itself that it steps.
+
+    Parameters
+    ----------
+    script
+        The number of the script's own process.
+    """
+
+    def __init__(self, script: int) -> None:
+        self._script = script
+        self.found = False
+        self._due = 0.0
+        self._next: dict[int, tuple[float, float]] = {}
+        """When each process is looked at again, and how long after the last time [s]."""
+
+    def look(self) -> None:
+        """Look at what is due: new processes soon, old ones ever more seldom."""
+        now, (first, last) = time.monotonic(), LOOKS_S
+        if self.found or now < self._due:
+            return
+        self._due = now + first
+        for process in _started_by(self._script):
+            due, since = self._next.get(process, (now, first))
+            if due <= now:
+                self._next[process] = now + since, min(2 * since, last)
+                its = _engines_in(process)
+                self.found |= bool(its and its - _engines_in(self._script))
+
+
+def _started_by(process: int) -> list[int]:
+    """Return the processes that one has started, and those that they have; Linux tells them."""
+    found: list[int] = []
+    for tasks in Path("/proc").glob(f"{process}/task/*/children"):
+        try:
+            children = [*map(int, tasks.read_text().split())]
+        except OSError:  # it has ended
+            continue
+        found += children + [other for child in children for other in _started_by(child)]
+    return found
+
+
+def _engines_in(process: int) -> set[bytes]:
+    try:
+        return {*ENGINE.findall(Path(f"/proc/{process}/maps").read_bytes())}
+    except OSError:
+        return set()
