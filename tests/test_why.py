@@ -13,7 +13,7 @@ import os
 import re
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -41,11 +41,13 @@ from drop_physics.recording.layer_file import trials_of
 from drop_physics.recording.reader import read
 from drop_physics.report.html import CURVES, html_of
 from drop_physics.rules.answer import Effect, Finding
+from drop_physics.stages import parting
 from drop_physics.stages.changed_runs import RunChanged
-from drop_physics.stages.parting import MOST
+from drop_physics.stages.parting import MOST, Parting
 from drop_physics.stages.record import record_script
 from drop_physics.stages.view import view
 from drop_physics.stages.why import Proved, Why, why
+from drop_physics.stages.why_trials import RunTrial, TrialRun
 from drop_physics.trace.acts import Act
 from drop_physics.trace.cures import Cure, Scope
 from drop_physics.trace.events import Appearance, Body, Calls, FileRequests, Joint, Mimic, Site
@@ -314,6 +316,33 @@ def test_trials_that_part_from_one_run_are_runs_of_their_own_to_the_bit(
     assert len(set(parted.values())) == len(tries)
 
 
+def test_a_script_that_outlasts_its_trials_is_not_run_again_for_each(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its second run goes on until all trials are read; then it is the first, to the bit."""
+    monkeypatch.chdir(tmp_path)
+    go, is_same, begin = Path("go"), Parting.is_same, parting.parting
+
+    @contextlib.contextmanager
+    def begun(work: RunTrial, numbers: Sequence[int]) -> Iterator[Parting[TrialRun]]:
+        go.unlink()
+        with begin(work, numbers) as runs:
+            yield runs
+
+    def asked(runs: Parting[TrialRun]) -> bool:
+        go.touch()
+        return is_same(runs)
+
+    go.touch()
+    monkeypatch.setattr(parting, "parting", begun)
+    monkeypatch.setattr(Parting, "is_same", asked)
+    monkeypatch.setattr(RunChanged, "__call__", None)
+    waits = "while os.getpid() == me and not os.path.exists('go'):\n    pass\nsteps(9)\n"
+    Path("script.py").write_text("import os\nme = os.getpid()\n" + HEAD + HELD + waits)
+    result = why("script.py", tries=["constraint-force=40"], stdout=2)
+    assert found(result, "weak-constraint").verdict == "cured"
+
+
 def test_what_is_asked_with_try_is_tried_and_nothing_else(tmp_path: Path) -> None:
     result = proved(tmp_path, HELD, tries=["damping", "constraint-force=40"], duration_s=0.24)
     assert result.ended == "duration"
@@ -332,8 +361,12 @@ def test_what_is_asked_with_try_is_tried_and_nothing_else(tmp_path: Path) -> Non
 def test_trials_go_with_the_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("script.py").write_text(HEAD + HELD)
-    result = why("script.py", budget_s=1e-9, stdout=2)
-    assert {each.verdict for each in result.findings} == {"untried"}
+    notes: list[str] = []
+    result = why("script.py", budget_s=1e-9, stdout=2, note=notes.append)
+    # The budget is over before anything is tried; the best is, in any case.
+    assert found(result, "weak-constraint").verdict == "cured"
+    assert [each.intervention.name for each in result.hangs_on] == ["constraint-force"]
+    assert any(each.startswith("not tried within 1e-09 s: ") for each in notes)
     folder = trials_of(result.recording)
     assert folder.joinpath("why.json").is_file()
     assert record_script("script.py", stdout=2).recording == result.recording

@@ -292,6 +292,7 @@ def why(
         begins_s=SEEDED_CLOCK_S,
         explain=True,
     )
+    order = [*first_tried([*candidates, *ablated])]
     work = RunTrial(
         program,
         [*candidates, *ablated],
@@ -302,6 +303,7 @@ def why(
         drawn,
         written,
         until=time.time() + budget_s,
+        best=next(iter(order), None),
     )
 
     def run(which: RunTrial, numbers: Sequence[int]) -> dict[int, TrialRun]:
@@ -316,7 +318,6 @@ def why(
 
     own = _own(base, findings)
     try:
-        order = [*first_tried(work.candidates)]
         done = run(work, [*order[:1], work.nudge, *order[1:]])
         summed = shares(work, done, run, own)
     except BaseException:  # Ctrl-C, too: half a trial is none

@@ -38,6 +38,8 @@ class RunTrial(RunChanged[TrialRun]):
 
     until: float = np.inf
     """The budget ends then, by the time of day [s]."""
+    best: int | None = None
+    """The candidate that is tried in any case, by number."""
 
     @property
     def nudge(self) -> int:
@@ -46,7 +48,7 @@ class RunTrial(RunChanged[TrialRun]):
 
     def is_late(self, number: int) -> bool:
         """Return whether there is no time left for a candidate."""
-        return number != self.nudge and time.time() > self.until
+        return number not in (self.best, self.nudge) and time.time() > self.until
 
     def run_of(self, number: int) -> ChangedRun | None:
         """Return what a run does otherwise; None if the engine has no such run."""
