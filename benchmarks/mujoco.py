@@ -17,7 +17,7 @@ from pathlib import Path
 
 from drop_physics.engines.mujoco.explained import explained
 from drop_physics.engines.mujoco.received import Received
-from drop_physics.engines.pybullet.script import Program, Script
+from drop_physics.engines.script import Program, Script
 from drop_physics.trace.events import Event
 
 from benchmarks.harness import Measured

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from drop_physics.engines.pybullet.script import Program, Script
+from drop_physics.engines.script import Program, Script
 
 from benchmarks.growth import boxes
 from benchmarks.harness import DROP, Measured, process, worked

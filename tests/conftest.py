@@ -23,7 +23,7 @@ from altered import rows_in
 from command import HANGS_S, drop_alone, drop_here
 from drop_physics import DropAnalysis, Scenario, simulate
 from drop_physics.drop.story import drop_analysis_of
-from drop_physics.engines.pybullet import script
+from drop_physics.engines import script
 from drop_physics.recording.reader import Recording, read
 from drop_physics.recording.viewer import binary
 from drop_physics.rules.answer import Finding
@@ -193,7 +193,7 @@ sys.meta_path.insert(0, Listen)
 
 LOOKED_FOR = {
     "__main__",
-    "_drop_watching",
+    "_drop_engines",
     "cython",
     "drop_physics",
     "sitecustomize",

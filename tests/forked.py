@@ -38,8 +38,8 @@ BEGAN = dict(os.environ)
 """The environment before any test: a command line that runs in this process adds to it."""
 IMPORTED = (
     *("argparse", "logging", "pathlib", "tempfile", "traceback", "numpy", "pybullet"),
-    *("pybullet_data", "drop_physics.engines.pybullet.watch.start"),
-    "drop_physics.engines.pybullet.watch.ending",
+    *("pybullet_data", "drop_physics.engines.watching.start"),
+    "drop_physics.engines.watching.running",
 )
 
 
@@ -114,8 +114,8 @@ class Forked:
 
 def fork_scripts() -> None:
     """Let scripts, and what explains MuJoCo's, start in a moment in this process."""
+    from drop_physics.engines import script
     from drop_physics.engines.mujoco import explained
-    from drop_physics.engines.pybullet import script
 
     for module in (script, explained):
         vars(module)["subprocess"] = SimpleNamespace(Popen=popen, PIPE=subprocess.PIPE)
@@ -127,8 +127,8 @@ def popen(command: Sequence[str], **how: Any) -> Any:
     then, env = _started_with(), {"MALLOC_PERTURB_": PERTURB, **how["env"]}
     if not same or any(env.get(name) != then.get(name) for name in STARTS) or _customized(env):
         return subprocess.Popen(command, **how)
-    scripts = [path for path in map(Path, command[3:]) if path.is_file()]
-    mujoco = Path(command[1]).name == "explain" or any(
+    scripts = [path for path in map(Path, command[4:]) if path.is_file()]
+    mujoco = command[2].startswith("mujoco.") or any(
         b"mujoco" in each.read_bytes() for each in scripts
     )
     return Forked(command, also="mujoco" if mujoco else "", **how)

@@ -15,7 +15,7 @@ import numpy as np
 from drop_physics.engines.mujoco.explain.reasons import REASONS
 from drop_physics.engines.mujoco.explained import ReplayedPiece, explained
 from drop_physics.engines.mujoco.received import Received, StepPiece, Written
-from drop_physics.engines.pybullet.script import Program, Script
+from drop_physics.engines.script import Program, Script
 from drop_physics.trace.events import Ending, Event
 
 MACHINE = """

@@ -26,8 +26,8 @@ from command import HANGS_S
 from drop_physics.analysis.results import Analysis, BodyAnalysis
 from drop_physics.analysis.story import Story
 from drop_physics.engines.cures import call_of
-from drop_physics.engines.pybullet.script import BlockListener
-from drop_physics.engines.pybullet.watch import ending, pipe, start
+from drop_physics.engines.script import BlockListener
+from drop_physics.engines.watching import ending, pipe, start
 from drop_physics.explain.recording import Explanation
 from drop_physics.recording import schema, writer
 from drop_physics.recording.about import about_script

@@ -16,7 +16,7 @@ import pytest
 from conftest import some
 from drop_physics.engines.mujoco.explain.reasons import EXPLAINED, OTHER, REPLAYED
 from drop_physics.engines.mujoco.frames import STALE, STEPS, UNPOSED
-from drop_physics.engines.pybullet.script import ELSEWHERE
+from drop_physics.engines.script import ELSEWHERE
 from mujoco_scripts import Run, bare, statuses, watched
 
 SCENE = """
@@ -570,8 +570,8 @@ mujoco.mj_step(m, d)
 
 BLOCK = """
 import os, tempfile
-from drop_physics.engines.pybullet.watch import ending, start
-from drop_physics.engines.pybullet.watch.pipe import SHARED_BYTES
+from drop_physics.engines.watching import ending, start
+from drop_physics.engines.watching.pipe import SHARED_BYTES
 plain = mujoco.mj_step
 with tempfile.TemporaryFile() as block:
     block.truncate(SHARED_BYTES)

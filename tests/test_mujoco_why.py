@@ -50,23 +50,26 @@ class RunChanged:
         self.fired: list[int] = []
         self.inside: list[float] = []
         """The timestep that each step has found."""
-        calls_of = SimpleNamespace(place=lambda _: ("a.py", at.line))
-        self.host: Any = SimpleNamespace(on=True, hide=lambda _: None, calls=calls_of, forks=None)
+        sites = SimpleNamespace(place=lambda _: ("a.py", at.line), outside=lambda frame: frame)
+        self.host: Any = SimpleNamespace(sites=sites, forks=None, standing=lambda _, call: call)
         originals = {"mj_setConst": mujoco.mj_setConst}
         watch: Any = SimpleNamespace(
             host=self.host,
             mujoco=mujoco,
             originals=originals,
             uncounted=set(),
-            outside=lambda frame: frame,
         )
         given = [{"engine": "mujoco", **each} for each in operations]
-        self.changes = ModelChanges(watch, given, variation, self.fired.append)
+        self.changes = ModelChanges(watch, given, variation, self._tell)
         calls: dict[str, Callable[..., Any]] = {"mj_step": self._step}
         calls |= {name: getattr(mujoco, name) for name in ("mj_step1", "mj_step2", "mj_forward")}
         self.call = {name: self.changes.around(name, each) for name, each in calls.items()}
         self.m = mujoco.MjModel.from_xml_string(SCENE.format(pair=pair))
         self.d = mujoco.MjData(self.m)
+
+    def _tell(self, number: int) -> None:
+        if number not in self.fired:
+            self.fired.append(number)
 
     def _step(self, m: Any, d: Any) -> None:
         self.inside.append(m.opt.timestep)
@@ -183,7 +186,7 @@ def test_joints_that_are_placed_are_held_there() -> None:
 def test_a_run_that_becomes_a_trial_differs_from_its_first_call_on() -> None:
     run, parted = RunChanged(), [True]
 
-    def part() -> None:
+    def part(_: object) -> None:
         if parted.pop():
             run.changes.become([], {"finer": 2})
             parted.append(False)

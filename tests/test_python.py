@@ -18,7 +18,7 @@ import pytest
 from clients import release_clients
 from conftest import Drop
 from drop_physics import DropError, Run, Scenario, analyze, check, plan_of, simulate, sweep
-from drop_physics.engines.pybullet.watch.calls import shown_file
+from drop_physics.engines.watching.sites import shown_file
 from drop_physics.errors import (
     PARAMETERS,
     OutputError,

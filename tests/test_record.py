@@ -29,9 +29,9 @@ import scenes
 import scripts
 from command import HANGS_S, drop_here, wait_for
 from conftest import some
-from drop_physics.engines.pybullet.frames import Frames
-from drop_physics.engines.pybullet.other_processes import OtherProcesses
-from drop_physics.engines.pybullet.watch import pipe
+from drop_physics.engines.frames import Frames
+from drop_physics.engines.other_processes import OtherProcesses
+from drop_physics.engines.watching import pipe
 from drop_physics.errors import DropError, OutputError, ScenarioError
 from drop_physics.recording import schema, writer
 from drop_physics.recording.reader import read

@@ -19,7 +19,7 @@ STOPS = [
     for file, names in re.findall(r"^\d+\. `([\w/]+\.py)`, ([`\w., ]+): ", WALK, re.MULTILINE)
 ]
 """The files in the order of the walk, each with what of it is named; the first name leads."""
-IN_THE_SCRIPT = "engines/pybullet/watch/"
+IN_THE_SCRIPT = ("engines/watching/", "engines/pybullet/watch/")
 """What is here runs in the script's process, where this test cannot look."""
 SCRIPT = """
 import pybullet as p, pybullet_data

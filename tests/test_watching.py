@@ -18,9 +18,9 @@ import numpy as np
 import pytest
 import scripts
 from conftest import some
-from drop_physics.engines.pybullet.channel import shared_block
-from drop_physics.engines.pybullet.watch import ending, pipe, start
-from drop_physics.engines.pybullet.watched import Decoder
+from drop_physics.engines.channel import shared_block
+from drop_physics.engines.decoder import Decoder
+from drop_physics.engines.watching import ending, pipe, start
 from drop_physics.trace.events import (
     Appearance,
     At,

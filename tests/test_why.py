@@ -29,9 +29,9 @@ from conftest import Drop
 from drop_physics import Scenario, analyze, simulate
 from drop_physics.engines.mujoco.interventions import TABLE as MUJOCO_TABLE
 from drop_physics.engines.pybullet.interventions import TABLE, applied, call_of
-from drop_physics.engines.pybullet.script import Program, Script
-from drop_physics.engines.pybullet.watch.calls import shown_file
 from drop_physics.engines.pybullet.watch.intervene import Interventions
+from drop_physics.engines.script import Program, Script
+from drop_physics.engines.watching.sites import shown_file
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.experiments.interventions import KINDS
 from drop_physics.experiments.run_distance import Apart, Track

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import scripts
-from drop_physics.engines.pybullet.script import Program, Script
-from drop_physics.engines.pybullet.watched import Decoder
+from drop_physics.engines.decoder import Decoder
+from drop_physics.engines.script import Program, Script
 from drop_physics.trace.calls import text_of
 from drop_physics.trace.events import Calls, Ending, Event, Site
 
@@ -45,8 +45,8 @@ def watched(
 
 RECORDED = """
 import contextlib, os, tempfile
-from drop_physics.engines.pybullet.watch import ending, start
-from drop_physics.engines.pybullet.watch.pipe import SHARED_BYTES
+from drop_physics.engines.watching import ending, start
+from drop_physics.engines.watching.pipe import SHARED_BYTES
 @contextlib.contextmanager
 def recorded(name):
     with tempfile.TemporaryFile() as block:

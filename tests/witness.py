@@ -99,7 +99,7 @@ def _install(handlers: Any, worlds: Any, witness: _Witness, *, blind: bool) -> N
 
 
 def main() -> None:
-    """Do what `python WATCHING OPTIONS …` does."""
+    """Do what `python WATCHING MODULE …` does."""
     del sys.path[0], sys.argv[0]
     path = Path(sys.argv[0], "__main__.py")
     spec = importlib.util.spec_from_file_location("_drop_watching_main", path)
@@ -107,11 +107,12 @@ def main() -> None:
     assert spec.loader is not None
     watching = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(watching)
-    watching._load()
+    running = watching._module(sys.argv[1])
     witness = _Witness(os.environ["WITNESS"])
-    modules = (sys.modules[f"{watching._PACKAGE}.{name}"] for name in ("handlers", "worlds"))
+    bullet = f"{watching._PACKAGE}.pybullet.watch"
+    modules = (sys.modules[f"{bullet}.{name}"] for name in ("handlers", "worlds"))
     _install(*modules, witness, blind=os.environ.get("WITNESS_BLIND") == "1")
-    watching.main()
+    running.main(*sys.argv[2:])
 
 
 if __name__ == "__main__":

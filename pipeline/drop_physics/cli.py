@@ -622,6 +622,7 @@ def trust(
             table=table,
             plot=plot,
             dark=dark,
+            note=output.note,
             progress=report,
         )
     write_page(result)

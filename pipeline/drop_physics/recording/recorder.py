@@ -81,7 +81,7 @@ class Recorder:
         of_drop: bool = False,
         drawn: bool = True,
     ) -> None:
-        self.inputs, self._compared, self.drawn = inputs, compared, drawn
+        self.inputs, self.compared, self.drawn = inputs, compared, drawn
         self.samples = self.frames = 0
         self.bodies: dict[int, Body] = {}
         """All that ever existed, by number."""
@@ -247,7 +247,7 @@ class Recorder:
     # -- samples ----------------------------------------------------------------------------------
 
     def _on_samples(self, seen: Samples) -> Iterator[Chunk]:
-        if self._compared:
+        if self.compared:
             self.take_in(seen)
         if not len(seen.steps):
             return

@@ -12,7 +12,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from drop_physics.engines.pybullet.script import BlockListener
+from drop_physics.engines.script import BlockListener
 from drop_physics.errors import NO_MEMORY, DropError
 from drop_physics.recording import schema
 from drop_physics.recording.recorder import Recorder
@@ -58,4 +58,7 @@ def write(
         listener.close()
         os.close(memory)
     recorded = recorded_of(recorder, ended, path, recording_id=recording_id, name=schema.BLOCK)
-    return vars(recorded) | {"wall_s": time.perf_counter() - began, "beside": beside}
+    return vars(recorded) | {
+        "wall_s": time.perf_counter() - began,
+        "beside": beside and beside.recorded,
+    }

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from drop_physics.engines.pybullet.script import PartedTrial, Program, Script
+from drop_physics.engines.script import PartedTrial, Program, Script
 from drop_physics.stages.proposals import Candidate
 from drop_physics.stages.runs import Ended, RunsUnderWay
 from drop_physics.stages.scratch import scratch_copy

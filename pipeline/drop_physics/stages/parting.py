@@ -17,7 +17,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from drop_physics.engines.pybullet import script as running
+from drop_physics.engines import script as running
 from drop_physics.stages.changed_runs import RunChanged
 from drop_physics.stages.runs import Ended, Progress, run_all
 from drop_physics.trace.cures import ChangedRun

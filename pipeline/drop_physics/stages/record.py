@@ -14,17 +14,17 @@ import sys
 import threading
 import time
 import uuid
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from drop_physics.engines.pybullet import script as running
-from drop_physics.engines.pybullet.script import Program
+from drop_physics.engines import script as running
+from drop_physics.engines.script import Program
 from drop_physics.fields import all_of
 from drop_physics.files.outputs import check_apart
 from drop_physics.messages import Message
@@ -45,7 +45,7 @@ from drop_physics.stages.record_target import Target, target_of
 from drop_physics.trace.events import Ending
 
 if TYPE_CHECKING:
-    from drop_physics.engines.pybullet.watched import Decoder
+    from drop_physics.engines.decoder import Decoder
     from drop_physics.recording.recorder import Recorder
 
 NAMED_AFTER_S = 60.0
@@ -226,18 +226,31 @@ def record_script(
         note(sentence)
     compared, again = False, None
     if twice:
+        first = {process.decoder.engine: recorder}
         last = process.decoder.steps, ended.how
-        compared, again = _again(program, last, recorder, note, progress or _silent)
+        if beside is not None:
+            first[beside.engine] = beside.recorder
+            last = process.decoder.steps + beside.steps, ended.how
+        compared, again = _again(program, last, first, note, progress or _silent)
     recorded = recorded_of(recorder, ended, path, recording_id=recording_id, name=target)
     return replace(
         recorded,
         replay=_replay(process.decoder) if explain else None,
         wall_s=time.perf_counter() - began,
-        beside=beside,
+        beside=None if beside is None else beside.recorded,
         twice=compared,
         first_difference=again,
         outside=tuple(process.decoder.outside),
     )
+
+
+class Beside(NamedTuple):
+    """What was recorded of the other engine of a script that steps two."""
+
+    engine: str
+    recorded: Recorded
+    recorder: Recorder
+    steps: int
 
 
 def recorded_beside(
@@ -245,7 +258,7 @@ def recorded_beside(
     recorder: Recorder,
     name: str,
     placed: Callable[..., contextlib.AbstractContextManager[Target]],
-) -> Recorded | None:
+) -> Beside | None:
     """Record the other engine of a script that steps two; return None of any other script.
 
     Parameters
@@ -265,18 +278,19 @@ def recorded_beside(
     from drop_physics.recording.recorder import Recorder
 
     began = time.perf_counter()
-    second = Recorder(recorder.inputs, drawn=recorder.drawn)
+    second = Recorder(recorder.inputs, drawn=recorder.drawn, compared=recorder.compared)
     recording_id = uuid.uuid4().hex
     with contextlib.closing(other.decoder), placed(engine=other.decoder.engine) as place:
         ended = written(
             other, second, place.path, name=place.name, recording_id=recording_id, force=False
         )
         path = place.settled(stepped=True)
-    return replace(
+    recorded = replace(
         recorded_of(second, ended, path, recording_id=recording_id, name=name),
         replay=None if other.explains_with is None else _replay(other.decoder),
         wall_s=time.perf_counter() - began,
     )
+    return Beside(other.decoder.engine, recorded, second, other.decoder.steps)
 
 
 def _replay(decoder: Decoder) -> ReplayedSteps | None:
@@ -317,7 +331,7 @@ def _worth_knowing(
             yield early
         elif not ended.notes:  # they say what was not seen
             yield nothing
-    if decoder.real_time:
+    if decoder.bullet.real_time:
         virtual = Message(
             "the script asked for real-time simulation, which needs a window: it was stepped by a "
             "virtual clock"
@@ -363,7 +377,7 @@ def written(
     def ending() -> Ending:
         ended = process.ending()
         if ended.how == "failed" and CANNOT_LOAD in ended.error:
-            site = recorder.sites.get(process.decoder.raised)
+            site = recorder.sites.get(process.decoder.bullet.raised)
             why = missing_file(site.form, process.target) if site is not None else None
             ended.error = f"{ended.error} {why}" if why else ended.error
         endings.append(ended)
@@ -445,13 +459,14 @@ def _named_later(note: Callable[[str], None]) -> Callable[[float, int], None]:
 def _again(
     program: Program,
     last: tuple[int, str],
-    recorder: Recorder,
+    recorders: Mapping[str, Recorder],
     note: Callable[[str], None],
     tell: Callable[[float, int], None],
 ) -> tuple[bool, int | None]:
     """Run a program again; return whether it was compared, and the first step that differs.
 
-    `last` is how many steps the first run made, and how it ended.
+    `last` is how many steps the first run made, and how it ended; `recorders` have what it did, by
+    engine.
     """
     made, how = last
     if not made and how in ("disk", "interrupted"):
@@ -461,21 +476,37 @@ def _again(
     most = made if made and how in STOPPED else made + 1
     from drop_physics.recording.recorder import Recorder
 
-    other, null = Recorder({}), os.open(os.devnull, os.O_WRONLY)
+    again_of, null = (
+        {engine: Recorder({}) for engine in recorders},
+        os.open(os.devnull, os.O_WRONLY),
+    )
+
+    def take_in(listener: running.Listener) -> None:
+        taken = Recorder({})
+        for event in listener.events():
+            taken.take_in(event)
+        again_of[listener.decoder.engine] = taken
+
     try:
         again = replace(program, steps=most, perturb=running.OTHER_PERTURB, explain=False)
         with (
             running.Script(again, stdout=null, stderr=null, tell=tell) as process,
             _interrupts(process.interrupt),
         ):
-            for event in process.events():
-                other.take_in(event)
+            take_in(process)
+            beside = process.other()
+            if beside is not None:
+                with contextlib.closing(beside.decoder):
+                    take_in(beside)
     finally:
         os.close(null)
     if process.ending().how == "interrupted":
         note(Message("the second run was interrupted: it cannot be compared"))
         return False, None
-    first = recorder.first_difference(other)
+    differ = {e: one.first_difference(again_of[e]) for e, one in recorders.items()}
+    engine, first = next((each for each in differ.items() if each[1] is not None), ("", None))
+    if len(differ) > 1 and first is not None:
+        note(Message("the states that differ are those of {engine}", engine=engine))
     if first is None:
         note(Message("recorded twice: every state is the same to the bit"))
     elif process.decoder.unseeded:

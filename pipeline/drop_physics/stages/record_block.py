@@ -18,9 +18,9 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drop_physics.engines.pybullet.channel import shared_block, wide_pipe
-from drop_physics.engines.pybullet.watch import ending, start
-from drop_physics.engines.pybullet.watch.hooks import Stop, Watch
+from drop_physics.engines.channel import shared_block, wide_pipe
+from drop_physics.engines.watching import ending, start
+from drop_physics.engines.watching.host import ScriptWatch, Stop
 from drop_physics.errors import OutputError, check_suffix
 from drop_physics.files.outputs import check_target
 from drop_physics.stages.program import checked_limits
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 class Block:
     """A block that is being recorded."""
 
-    watch: Watch
+    watch: ScriptWatch
     written: dict[str, Any] | None = None
     """The values of the result, once it has ended."""
 

@@ -11,16 +11,24 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from drop_physics.engines.pybullet import script as running
+from drop_physics.engines import script as running
+from drop_physics.messages import Message
 from drop_physics.sweeping import engines
 
 if TYPE_CHECKING:
-    from drop_physics.engines.pybullet.script import Program
+    from drop_physics.engines.script import Program
 
 T = TypeVar("T")
 
 Progress = Callable[[int, int, int], None]
 """Called with the number of runs that are done, of those that failed, and of all."""
+
+
+def only_of(engine: str) -> Message:
+    """Return what is said of a script that steps another engine, too."""
+    return Message(
+        "the script steps two engines: only {engine}'s steps are compared", engine=engine
+    )
 
 
 @dataclass(frozen=True)
@@ -33,6 +41,8 @@ class Ended:
     """Steps of all its simulations."""
     intervened: frozenset[int]
     """The interventions that have changed something, by number."""
+    also_steps: str
+    """The other engine, where the script steps two; else empty."""
     outside: bool
     """Whether the script reached something beside its simulation, where it was listened to."""
 
@@ -101,7 +111,13 @@ class RunsUnderWay:
         finally:
             self.under_way.discard(process)
         decoder = process.decoder
-        return Ended(ended.how, decoder.steps, frozenset(decoder.intervened), bool(decoder.outside))
+        return Ended(
+            ended.how,
+            decoder.steps,
+            frozenset(decoder.intervened),
+            decoder.also_steps,
+            bool(decoder.outside),
+        )
 
     def stop(self) -> None:
         """End what runs now."""

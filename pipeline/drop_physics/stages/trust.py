@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drop_physics.engines.cures import cures_of as engine_cures
-from drop_physics.engines.pybullet.script import Program
+from drop_physics.engines.script import Program
 from drop_physics.errors import ScenarioError
 from drop_physics.fields import shown
 from drop_physics.option_types import number
@@ -105,6 +105,7 @@ def trust(
     table: Path | str | None = None,
     plot: Path | str | None = None,
     dark: bool = False,
+    note: Callable[[str], None] = lambda _: None,
     progress: Progress = lambda *_: None,
 ) -> Trust:
     """Run a script as it is and with variations, and compare them.
@@ -135,6 +136,8 @@ def trust(
         A `.png` or `.svg` file for a plot of the distances over time, or None.
     dark
         Whether the plot is for a dark page.
+    note
+        Called with a sentence worth knowing that is not an error.
     progress
         Called while it runs.
 
@@ -168,7 +171,7 @@ def trust(
     place = Path("recordings") / f"{Path(target).stem}-trust" if out is None else Path(out)
     folder = RunFolder(place.resolve(), identity_of(program), force)
     with folder.claimed((BASE, *(each.call for each in asked))):
-        base, limited, parts = folder.begun(program, stdout=stdout)
+        base, limited, parts = folder.begun(program, stdout=stdout, note=note)
         candidates = candidates_of(base.seen, asked, "--vary", usual=not vary)
         work = RunVariation(limited, candidates, folder.path, base.path, base, runs=folder.runs)
         varied = run_kept(work, parts=parts, jobs=jobs, ray=ray, progress=progress)

@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 from abc import abstractmethod
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
@@ -25,11 +25,11 @@ from drop_physics.messages import Message
 from drop_physics.stages.changed_runs import RunChanged, plain
 from drop_physics.stages.parting import parts_first, run_changed
 from drop_physics.stages.program import STOPPED, digest_of_script
-from drop_physics.stages.runs import Ended, Progress, RunsUnderWay
+from drop_physics.stages.runs import Ended, Progress, RunsUnderWay, only_of
 from drop_physics.workers import cores
 
 if TYPE_CHECKING:
-    from drop_physics.engines.pybullet.script import Program
+    from drop_physics.engines.script import Program
     from drop_physics.experiments.run_distance import Apart
     from drop_physics.recording.reader import Recording
 
@@ -232,7 +232,9 @@ class RunFolder:
         """Return the recording of a run."""
         return self.path / f"{plain(name)}.rrd"
 
-    def begun(self, program: Program, *, stdout: int) -> tuple[Recording, Program, bool]:
+    def begun(
+        self, program: Program, *, stdout: int, note: Callable[[str], None] = lambda _: None
+    ) -> tuple[Recording, Program, bool]:
         """Run and record a program as it is, or read what is there.
 
         Also return it limited to the steps that it made, and whether others may part from it.
@@ -244,7 +246,7 @@ class RunFolder:
         OutputError
             If its recording is another, or damaged.
         """
-        path, parts = self.recording(BASE), False
+        path, parts, two = self.recording(BASE), False, False
         if not os.path.lexists(path):
             ended = self.runs.record(
                 replace(program, listens=True),
@@ -256,8 +258,10 @@ class RunFolder:
             )
             if ended.how == "interrupted":
                 raise DropError("{name} was interrupted; run the same command again", name=BASE)
-            parts = not ended.outside
+            parts, two = not ended.outside, bool(ended.also_steps)
         base = whole(path, self.id)
+        if two:
+            note(only_of(base.seen.engine))
         made = made_of(BASE, base)
         if not made.steps:
             raise DropError(
@@ -266,7 +270,7 @@ class RunFolder:
                 script=program.target,
             )
         steps = made.steps + (made.ended not in STOPPED)
-        return base, replace(program, steps=steps, duration_s=None), parts
+        return base, replace(program, steps=steps, of_first=True, duration_s=None), parts
 
     @property
     def id(self) -> str:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from rich.filesize import decimal
 
 from drop_physics.engines.cures import cures_of
-from drop_physics.engines.pybullet.script import Program
+from drop_physics.engines.script import Program
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.experiments.interventions import Intervention
 from drop_physics.fields import all_of, outside
@@ -29,7 +29,7 @@ from drop_physics.stages.parting import run_changed
 from drop_physics.stages.program import SEEDED_CLOCK_S, STOPPED
 from drop_physics.stages.proposals import Candidate, Proposals
 from drop_physics.stages.record import record_script
-from drop_physics.stages.runs import Progress
+from drop_physics.stages.runs import Progress, only_of
 from drop_physics.stages.scratch import can_be_copied
 from drop_physics.stages.why_shares import shares
 from drop_physics.stages.why_trials import RunTrial, TrialRun, first_tried
@@ -233,6 +233,8 @@ def why(
     from drop_physics.recording.reader import read
 
     base = read(recorded.recording)
+    if recorded.beside is not None:
+        note(only_of(base.seen.engine))
     reached = dict(reversed(recorded.outside))
     written = [Path(name) for how, name in recorded.outside if how == KEEPS]
     kept, there = reached.pop(KEEPS, None), reached.pop(THERE, None)
@@ -289,6 +291,7 @@ def why(
         is_module,
         all_steps + 2 * (recorded.ended not in STOPPED),  # may make one more, and end by itself
         seed=seed,
+        of_first=True,
         begins_s=SEEDED_CLOCK_S,
         explain=True,
     )

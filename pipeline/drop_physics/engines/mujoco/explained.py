@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.engines.channel import WATCHING
 from drop_physics.engines.mujoco import frames
 from drop_physics.engines.mujoco.received import LENGTH
 from drop_physics.errors import DropError
@@ -21,7 +22,8 @@ from drop_physics.workers import how_it_ended, users_environment
 
 Float64 = NDArray[np.float64]
 
-EXPLAIN = Path(__file__).with_name("explain")
+MODULE = "mujoco.explain.answering"
+"""What is asked in the script's interpreter."""
 TOUCH = np.dtype(
     [
         ("step", np.int64),
@@ -122,7 +124,7 @@ def explained(spool: Path, python: str) -> Iterator[ReplayedPiece]:
     DropError
         If that ends before it is through.
     """
-    command = [python, str(EXPLAIN), str(spool)]
+    command = [python, str(WATCHING), MODULE, str(spool)]
     known: dict[int, Vocabulary] = {}
     with subprocess.Popen(command, stdout=subprocess.PIPE, env=users_environment()) as process:
         assert process.stdout is not None

@@ -97,6 +97,8 @@ class StateMemory:
                 raise LookupError(f"{after} does not lie behind {before}")
         self.view = view_of(begin, self.size) if names else memoryview(b"")
         self.saved = bytearray(self.size)
+        """What was last looked at: it is compared as it is, and written to as `kept`."""
+        self.kept = memoryview(self.saved)
         self.parts = [
             StatePart(name, places[name] - begin, held[name].nbytes, self.view, self.saved)
             for name in names
@@ -104,8 +106,14 @@ class StateMemory:
 
     def changed(self) -> tuple[int, bytes]:
         """Return how many arrays do not hold what was remembered, and these as a frame has them."""
-        found = [part.frame() for part in self.parts if part.saved.tobytes() != part.view.tobytes()]
-        self.saved[:] = self.view
+        found = []
+        for part in self.parts:
+            if part.saved.tobytes() != part.view.tobytes():
+                found.append(part.frame())
+                part.saved[:] = part.view
+                if self.saved == self.view:  # most often only one has
+                    break
+        self.kept[:] = self.view
         return len(found), b"".join(found)
 
 

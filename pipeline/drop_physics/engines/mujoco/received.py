@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, BinaryIO, NamedTuple
 
@@ -23,6 +23,15 @@ PIECE_STEPS, PIECE_BYTES = 1 << 12, 1 << 22
 """A piece has at most so many steps, and bytes of states."""
 LENGTH = struct.Struct("<I")
 """Before each payload in a spool."""
+WHERE = struct.Struct("<4xII")
+"""Simulation and site in a `frames.STEP_HEAD`."""
+STEP_HEAD = np.dtype(
+    [
+        *(("kind", "S1"), ("function", np.uint8), ("zero", np.uint16), ("world", np.uint32)),
+        *(("site", np.uint32), ("time_s", np.float64)),
+    ]
+)
+"""A `frames.STEP_HEAD`."""
 
 
 @dataclass
@@ -49,8 +58,7 @@ class ScriptLine:
     via_line: int
 
 
-@dataclass(frozen=True)
-class Written:
+class Written(NamedTuple):
     """What was written into a state before a step."""
 
     step: int
@@ -122,24 +130,23 @@ class _World:
     size: int
     step: int = 0
     site: int = -1
-    heads: list[tuple[int, int, float]] = field(default_factory=list)
-    bodies: list[bytes] = field(default_factory=list)
+    payloads: list[bytes] = field(default_factory=list)
+    """The steps that are gathered."""
     written: list[Written] = field(default_factory=list)
     edited: list[Edited] = field(default_factory=list)
     warnings: list[tuple[int, int, int, int]] = field(default_factory=list)
     counts: dict[int, int] = field(default_factory=dict)
 
-    @property
-    def is_full(self) -> bool:
-        """Return whether enough steps are gathered for a piece."""
-        n = len(self.bodies)
-        return n >= PIECE_STEPS or n * self.size >= PIECE_BYTES
+    def __post_init__(self) -> None:
+        self.most = min(PIECE_STEPS, -(-PIECE_BYTES // max(self.size, 1)))
+        """How many steps make a piece."""
 
     def piece(self) -> StepPiece:
         """Return what was gathered, and begin anew."""
-        n = len(self.bodies)
-        functions, sites, times = map(np.array, zip(*self.heads, strict=True))
-        raw = np.frombuffer(b"".join(self.bodies), np.uint8).reshape(n, self.size)
+        n, begins = len(self.payloads), STEP_HEAD.itemsize
+        raw = np.frombuffer(b"".join(self.payloads), np.uint8).reshape(n, begins + self.size)
+        heads = np.ascontiguousarray(raw[:, :begins]).view(STEP_HEAD)[:, 0]
+        raw, functions = raw[:, begins:], heads["function"]
         parts = {
             name: np.ascontiguousarray(raw[:, begin : begin + size]).view(np.float64)
             for name, begin, size in self.core
@@ -148,16 +155,16 @@ class _World:
             world=self.number,
             model=self.model,
             first=self.step - n,
-            times_s=times,
+            times_s=heads["time_s"].copy(),
             functions=(functions & 15).astype(np.uint8),
             stale=(functions & (STALE | UNPOSED)).astype(np.uint8),
-            sites=sites.astype(np.int32),
+            sites=heads["site"].astype(np.int32),
             parts=parts,
             written=self.written,
             edited=self.edited,
             warnings=self.warnings,
         )
-        self.heads, self.bodies, self.written, self.edited, self.warnings = [], [], [], [], []
+        self.payloads, self.written, self.edited, self.warnings = [], [], [], []
         return found
 
 
@@ -200,18 +207,18 @@ class Received:
         """Steps received so far."""
         return sum(world.step for world in self._worlds.values())
 
-    def take(self, payload: bytes) -> Iterator[StepPiece]:
-        """Take a payload."""
+    def take(self, payload: bytes) -> Iterable[StepPiece]:
+        """Take a payload; return the pieces that are whole by now."""
         if self._spool is not None:
             self._spool.write(LENGTH.pack(len(payload)) + payload)
         kind = payload[:1]
         if kind == frames.STEP:
-            yield from self._on_step(payload)
-        elif kind == frames.WRITTEN:
+            return self._on_step(payload)
+        if kind == frames.WRITTEN:
             self._on_written(payload)
         elif kind == frames.NOTE:
             note = json.loads(payload[1:])
-            yield from getattr(self, f"_on_{note.pop('what')}")(**note) or ()
+            return getattr(self, f"_on_{note.pop('what')}")(**note) or ()
         elif kind == frames.EDITED:
             self._on_edited(payload)
         elif kind == frames.WARNED:
@@ -222,23 +229,22 @@ class Received:
             head, arrays = frames.arrays_of(payload)
             if head["what"] == "constants":
                 self._constants[head["digest"]] = arrays
+        return ()
 
     def rest(self) -> Iterator[StepPiece]:
         """Yield what is gathered; the stream is over."""
         for world in self._worlds.values():
-            if world.bodies:
+            if world.payloads:
                 yield world.piece()
 
     # -- numbers ----------------------------------------------------------------------------------
 
-    def _on_step(self, payload: bytes) -> Iterator[StepPiece]:
-        _, function, _, number, site, time_s = frames.STEP_HEAD.unpack_from(payload)
+    def _on_step(self, payload: bytes) -> tuple[StepPiece, ...]:
+        number, site = WHERE.unpack_from(payload)
         world = self._worlds[number]
-        world.heads.append((function, site, time_s))
-        world.bodies.append(payload[frames.STEP_HEAD.size :])
+        world.payloads.append(payload)
         world.step, world.site = world.step + 1, site
-        if world.is_full:
-            yield world.piece()
+        return (world.piece(),) if len(world.payloads) >= world.most else ()
 
     def _on_written(self, payload: bytes) -> None:
         _, cause, count, number, site, argument, time_s = frames.WRITTEN_HEAD.unpack_from(payload)
@@ -319,7 +325,7 @@ class Received:
 
     def _on_model_of(self, world: int, model: int) -> Iterator[StepPiece]:
         its = self._worlds[world]
-        if its.bodies:
+        if its.payloads:
             yield its.piece()
         its.model = model
         its.edited = [each._replace(step=its.step) for each in self._edits.get(model, ())]

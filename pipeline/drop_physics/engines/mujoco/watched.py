@@ -10,8 +10,9 @@ import itertools
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -60,6 +61,8 @@ STATE = ("qpos", "qvel", "act", "ctrl", "qfrc_applied", "xfrc_applied", "eq_acti
 PLACES = ("mocap_pos", "mocap_quat")
 """The parts of a state that a script writes to mean something by it."""
 MOVING = ("qpos", "qvel")
+MOVES = frozenset((*MOVING, *PLACES))
+"""The parts of it that say where bodies are, and how they move."""
 BY_MEMORY = frozenset(
     ("memory", "mj_forward", "mj_step1", "mj_inverse", "mj_kinematics", "mj_fwdPosition")
 )
@@ -184,7 +187,10 @@ class MujocoDecoder:
         self._edited: set[int] = set()
         """The edits that were told, by the identity of their values, which are kept."""
         self._kept: list[NDArray[Any]] = []
-        self._sites: dict[tuple[Any, ...], int] = {}
+        self._sites: dict[tuple[str, str, int, int], int] = {}
+        """The numbers of acts by what is set, in which form, and the sites of the calls around."""
+        self._shown: dict[tuple[str, str, str, int], int] = {}
+        """The same by how they are shown."""
         self._new_sites: list[Site] = []
         self._calls = 0
         self.samples = self.replayed = self.explains = 0
@@ -215,20 +221,19 @@ class MujocoDecoder:
         """Simulated time of what was taken so far, of the simulation that is furthest [s]."""
         return max((each.time_s(each.ends) for each in self._simulations.values()), default=0.0)
 
-    def take(self, payload: bytes) -> Iterator[Event]:
-        """Yield the events in a payload."""
+    def take(self, payload: bytes) -> Iterable[Event]:
+        """Return the events in a payload."""
         if self._received is None:
             self._folder = Path(tempfile.mkdtemp(prefix="drop-"))
             self._spool = (self._folder / "spool").open("wb")
             self._received = Received(self._spool)
-        for piece in self._received.take(payload):
-            yield from self._on_piece(piece)
+        pieces = self._received.take(payload)
+        return self._on_pieces(pieces) if pieces else ()
 
     def rest(self) -> Iterator[Event]:
         """Yield what is left; the stream is over."""
         if self._received is not None:
-            for piece in self._received.rest():
-                yield from self._on_piece(piece)
+            yield from self._on_pieces(self._received.rest())
             if not self.steps:
                 for world, model in self._received.idle:
                     yield self._settings(self._simulation(world, model, 0), At(0, 0.0, 0))
@@ -295,6 +300,10 @@ class MujocoDecoder:
             yield Message("a simulation could not be read: {error}", error=fault)
 
     # -- pieces -----------------------------------------------------------------------------------
+
+    def _on_pieces(self, pieces: Iterable[StepPiece]) -> Iterator[Event]:
+        for piece in pieces:
+            yield from self._on_piece(piece)
 
     def _on_piece(self, piece: StepPiece) -> Iterator[Event]:
         """Yield what happened in a piece, cut where an edit changes how its samples are read."""
@@ -563,13 +572,13 @@ class MujocoDecoder:
         row = written.step - piece.first - 1
         if its.held_at != written.step and row >= 0:  # what the step before left
             for name, held in piece.parts.items():
-                its.held[name] = held[row].copy()
+                its.held[name] = held[row]
         its.held_at = written.step
         changed = its.take(written)
         if "qpos" in changed:
-            its.written[written.step] = its.held["qpos"].copy()
+            its.written[written.step] = its.held["qpos"]
         if "ctrl" in changed:
-            its.given[written.step] = its.held["ctrl"].copy()
+            its.given[written.step] = its.held["ctrl"]
         if written.cause in SILENT:
             return
         if written.cause == "first":
@@ -588,7 +597,7 @@ class MujocoDecoder:
                 names, values = ("key",), np.array([float(written.argument)])
             form = ", ".join("key={}" for _ in names)
             self._call(written.cause, written.site, -1, step, form, names, values, rows)
-        if step == 0:  # the first sample follows it
+        if step == 0 or not changed.keys() & MOVES:  # the first sample follows it
             return
         at = At(step, its.time_s(step), self._calls)
         for made in its.described.bodies:
@@ -629,8 +638,7 @@ class MujocoDecoder:
         """Note that a part of the state was written: all of it, or some elements."""
         held = its.held[name]
         if len(where) == len(held):
-            form = ", ".join("{}" for _ in held)
-            names, values = (name,) * len(held), held
+            form, names, values = _blanks(len(held)), (name,) * len(held), held
         else:
             form = ", ".join("[{}]={}" for _ in where)
             names = ("index", name) * len(where)
@@ -670,22 +678,30 @@ class MujocoDecoder:
         rows: _Rows,
     ) -> None:
         """Gather an act of the script."""
-        assert self._received is not None
-        line = self._received.sites[site]
-        if since >= 0 and since != site:
-            form += f"; after {_place(self._received.sites[since])}"
-        key = function, form, line.file, line.line
-        number = self._sites.get(key)
+        number = self._sites.get((function, form, site, since))
         if number is None:
-            number = self._sites[key] = len(self._sites)
-            whole = tuple(name in ("index", "key") for name in names)
-            form = form.replace("{", "{{").replace("}", "}}").replace("{{}}", "{}")
-            self._new_sites.append(Site(number, function, line.file, line.line, form, names, whole))
+            number = self._site(function, form, site, since, names)
         rows.steps.append(step)
         rows.numbers.append(self._calls)
         rows.sites.append(number)
-        rows.values.append(np.asarray(values, np.float64))
+        rows.values.append(values)
         self._calls += 1
+
+    def _site(self, function: str, form: str, site: int, since: int, names: tuple[str, ...]) -> int:
+        """Return the number of where an act of a form is made, between two calls."""
+        assert self._received is not None
+        line, key = self._received.sites[site], (function, form, site, since)
+        if since >= 0 and since != site:
+            form += f"; after {_place(self._received.sites[since])}"
+        shown = function, form, line.file, line.line
+        number = self._shown.get(shown)
+        if number is None:
+            number = self._shown[shown] = len(self._shown)
+            whole = tuple(name in ("index", "key") for name in names)
+            form = form.replace("{", "{{").replace("}", "}}").replace("{{}}", "{}")
+            self._new_sites.append(Site(number, function, line.file, line.line, form, names, whole))
+        self._sites[key] = number
+        return number
 
     def _gathered(self, its: MujocoSimulation, rows: _Rows) -> Calls:
         steps = np.array(rows.steps, np.int64)
@@ -698,6 +714,12 @@ class MujocoDecoder:
             np.concatenate(rows.values),
             np.full(len(steps), np.nan),
         )
+
+
+@cache
+def _blanks(count: int) -> str:
+    """Return the form of an act that sets so many numbers."""
+    return ", ".join("{}" for _ in range(count))
 
 
 def _end(piece: StepPiece) -> int:

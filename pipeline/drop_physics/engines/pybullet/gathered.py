@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.engines.pybullet.watch import pipe
 from drop_physics.engines.pybullet.watch.worlds import POINT
+from drop_physics.engines.watching import pipe
 from drop_physics.trace.events import At, Body, Calls, Put, Samples
 from drop_physics.trace.states import CONTACT, Joints, Rows
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from drop_physics.engines.pybullet.gathered import GatheredWorld
-from drop_physics.engines.pybullet.watch import pipe
+from drop_physics.engines.watching import pipe
 from drop_physics.trace.readings import Lens, Reading, Subject
 
 Ids = Sequence[tuple[int, int | None]]

@@ -4,3 +4,30 @@ It needs Python 3.9 or later, numpy, and the script's own mujoco (3.3 or later).
 are replaced by ones that call them (`hooks`); what the script writes without a call is found by
 comparing memory (`memory`, `followed`). No number is touched.
 """
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+from ...watching.host import ScriptWatch
+
+if TYPE_CHECKING:
+    from .hooks import MujocoWatch
+
+
+def begin(
+    host: ScriptWatch, operations: Sequence[Mapping[str, Any]], variation: dict[str, Any] | None
+) -> None:
+    """Watch MuJoCo, as soon as it is imported; what does so needs numpy, as MuJoCo does."""
+    watches: list[MujocoWatch] = []
+
+    def install(module: ModuleType) -> None:
+        if not watches:
+            from .hooks import MujocoWatch
+
+            watches.append(MujocoWatch(host, operations, variation))
+        watches[0].install(module)
+
+    host.on_import("mujoco", install, once=False)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...watching.pipe import MUJOCO
 from .. import memory
 from ..frames import (
     CALLBACK,
@@ -273,7 +274,7 @@ class WatchedData:
         reset = self.user.saved != self.user.view  # by a callback, or because MuJoCo has reset
         if self.answers:
             self._tell_answers()
-            self.user.saved[:] = self.user.view
+            self.user.kept[:] = self.user.view
             reset = False
         dt, before = time - self.time, self.time
         if dt > 0.0:
@@ -285,7 +286,7 @@ class WatchedData:
             FRAME.pack_into(
                 pipe.memory,
                 end,
-                self.watch.letter,
+                MUJOCO,
                 STEP_HEAD.size + size,
                 STEP,
                 function,
@@ -300,7 +301,7 @@ class WatchedData:
         else:
             head = STEP_HEAD.pack(STEP, function, 0, self.number, site, time)
             self.watch.send(head + bytes(core.view))
-        core.saved[:] = core.view
+        core.kept[:] = core.view
         self._posed = None
         if reset:
             self.tell_written(d, site, RESET)

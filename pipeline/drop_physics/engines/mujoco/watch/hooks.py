@@ -16,6 +16,10 @@ from threading import get_ident
 from types import ModuleType
 from typing import Any
 
+from ...watching.hidden import hide, hiding
+from ...watching.host import EngineWatch, ScriptWatch
+from ...watching.pipe import MUJOCO, frame
+from ...watching.sites import caller
 from ..frames import CALLBACKS, CAUSES, STEPS, note_bytes
 from . import uncaught
 from .followed import WatchedData, WatchedModel
@@ -46,40 +50,26 @@ MOST_WARNINGS = 100
 """Different texts of warnings that are sent."""
 WARNS_TO_STDERR = (3, 9)
 """The first version that prints warnings there."""
-PACKAGES = ("site-packages", "dist-packages")
-"""Folders that only the paths of installed libraries have."""
 
 
-class MujocoWatch:
+class MujocoWatch(EngineWatch):
     """What is known of a script's use of mujoco.
 
     Parameters
     ----------
     host
-        What watches the script: its pipe, its turns, its clock, its limits (`on`, `check`, `count`,
-        `hide`, `calls.place`, `pipe`, `lock`, `clock`, `on_removal`, `forks`, `becoming`,
-        `steppers`, `step_apart`).
-    letter
-        The kind of our frames in its pipe.
-    frame
-        What makes a frame of a kind and a payload.
-    on_import
-        What calls a function with a module once that is imported.
+        What watches the script.
     operations, variation
         What differs in the run, as `ModelChanges` takes it.
     """
 
     def __init__(
         self,
-        host: Any,
-        letter: bytes,
-        frame: Callable[[bytes, bytes], bytes],
-        on_import: Callable[[str, Callable[[ModuleType], None]], None],
+        host: ScriptWatch,
         operations: Sequence[Mapping[str, Any]] = (),
         variation: Mapping[str, Any] | None = None,
     ) -> None:
-        self.host, self.pipe, self.letter = host, host.pipe, letter
-        self._frame, self._on_import = frame, on_import
+        super().__init__(host)
         self.mujoco: Any = None
         self.originals: dict[str, Any] = {}
         """MuJoCo's own functions."""
@@ -92,11 +82,8 @@ class MujocoWatch:
         """The script's own, by name."""
         self._changes = ModelChanges(self, operations, variation or {}, host.tell_intervention)
         self._stands_before = self._changes.any or host.forks is not None
-        self.depth = 2 if self._stands_before else 1
+        self.depth = 3 if self._stands_before else 1
         """How many calls a function of the script is away from a hook."""
-        host.becoming.append(
-            lambda trial: self._changes.become(trial["interventions"], trial["variation"] or {})
-        )
         self.uncounted: set[int] = set()
         """Threads that make more steps than the script asks for."""
         self.stepping: dict[int, WatchedData | None] = {}
@@ -106,14 +93,16 @@ class MujocoWatch:
         self._sites: dict[tuple[int, int, int, int], int] = {}
         self._codes: list[Any] = []
         """The code of sites, so that none is replaced by another at its address."""
-        self._libraries: dict[int, bool] = {}
-        """Whether a code belongs to a library, by its `id`."""
         self._models = self._worlds = 0
         """How many of them were sent."""
         self._faults: set[tuple[int | None, str]] = set()
         self._warning: Any = None
         """The script's own handler of warnings."""
-        self._warnings: dict[str, int] = {}
+        self._warned: set[str] = set()
+
+    def become(self, trial: dict[str, Any]) -> None:
+        """Go on as a trial, in a process that has just been forked."""
+        self._changes.become(trial["interventions"], trial["variation"] or {})
 
     def install(self, module: ModuleType) -> None:
         """Replace functions of mujoco, in place."""
@@ -138,11 +127,11 @@ class MujocoWatch:
         if again:
             return
         self.tell("mujoco", version=module.__version__, python=sys.version.split()[0])
-        self._on_import("mujoco.viewer", self._on_viewer)
+        self.host.on_import("mujoco.viewer", self._on_viewer)
         for name in uncaught.IMPORTED:
-            self._on_import(name, partial(self._on_uncaught, name))
+            self.host.on_import(name, partial(self._on_uncaught, name))
         for name, functions in uncaught.CALLED.items():
-            self._on_import(name, partial(uncaught.install, self, functions))
+            self.host.on_import(name, partial(uncaught.install, self, functions))
 
     def _on_uncaught(self, name: str, _: ModuleType) -> None:
         self.tell_uncaught(name, None)
@@ -175,7 +164,7 @@ class MujocoWatch:
 
     def send(self, payload: bytes) -> None:
         """Send a payload; the caller holds the turn."""
-        self.pipe.write(self._frame(self.letter, payload))
+        self.pipe.write(frame(MUJOCO, payload))
 
     def tell(self, what: str, **values: Any) -> None:
         """Send a note."""
@@ -184,7 +173,9 @@ class MujocoWatch:
 
     def tell_uncaught(self, name: str, place: Any) -> None:
         """Name something that steps models and is not recorded."""
-        file, line = ("", 0) if place is None else self.host.calls.place(self.outside(place))
+        file, line = (
+            ("", 0) if place is None else self.host.sites.place(self.host.sites.outside(place))
+        )
         self.tell("uncaught", name=name, file=file, line=line)
 
     def site_of(self, place: Any) -> int:
@@ -192,38 +183,19 @@ class MujocoWatch:
 
         A call within an installed library belongs to the line that called the library.
         """
-        code = place.f_code
-        outer = place
-        if self._libraries.get(id(code)) is not False:
-            outer = self.outside(place)
+        code, sites = place.f_code, self.host.sites
+        outer = sites.outside(place)
         key = (id(code), place.f_lasti, id(outer.f_code), outer.f_lasti)
         site = self._sites.get(key)
         if site is None:
             site = self._sites[key] = len(self._sites)
             self._codes += [code, outer.f_code]
-            file, line = self.host.calls.place(outer)
-            via, at = ("", 0) if outer is place else self.host.calls.place(place)
+            file, line = sites.place(outer)
+            via, at = ("", 0) if outer is place else sites.place(place)
             self.send(note_bytes("site", number=site, file=file, line=line, via=via, via_line=at))
             if outer is place:
                 self.sites[key[:2]] = site
         return site
-
-    def outside(self, place: Any) -> Any:
-        """Return the innermost frame that is not a library's."""
-        outer = place
-        while outer is not None:
-            code = outer.f_code
-            known = self._libraries.get(id(code))
-            if known is None:
-                path = code.co_filename
-                known = path.startswith("<frozen") or any(name in path for name in PACKAGES)
-                known = known or path.startswith(LIBRARY)
-                self._libraries[id(code)] = known
-                self._codes.append(code)
-            if not known:
-                return outer
-            outer = outer.f_back
-        return place
 
     # -- states -----------------------------------------------------------------------------------
 
@@ -268,15 +240,6 @@ class MujocoWatch:
             for key in gone:
                 del table[key]
 
-    def guarded(self, state: WatchedData, do: Callable[..., Any], *arguments: Any) -> bool:
-        """Do something of ours; if it fails, the state is dropped, and the script goes on."""
-        try:
-            do(*arguments)
-        except Exception as error:  # noqa: BLE001 - our errors must not reach the script
-            self.lose(state, error)
-            return False
-        return True
-
     def lose(self, state: WatchedData | None, error: Exception) -> None:
         """Follow a state no longer."""
         number, text = None if state is None else state.number, f"{type(error).__name__}: {error}"
@@ -303,25 +266,21 @@ class MujocoWatch:
         which = CALLBACKS.index(name[5:])
 
         def set_callback(callback: Any) -> None:
-            try:
-                if not self.host.on or not callable(callback):
-                    plain(callback)
-                    if self.callbacks.pop(name, None) is not None:
-                        self.tell("callback", name=name, on=False)
-                    if callback is not None and self.host.on:
-                        self.tell_uncaught(f"set_{name}", _getframe(1))
-                    return
-                plain(_calling(self, which, callback))
-                self.callbacks[name] = callback
-                self.tell("callback", name=name, on=True)
-            except BaseException as error:
-                self.host.hide(error)
-                raise
+            if not self.host.on or not callable(callback):
+                plain(callback)
+                if self.callbacks.pop(name, None) is not None:
+                    self.tell("callback", name=name, on=False)
+                if callback is not None and self.host.on:
+                    self.tell_uncaught(f"set_{name}", caller())
+                return
+            plain(_calling(self, which, callback))
+            self.callbacks[name] = callback
+            self.tell("callback", name=name, on=True)
 
         def get_callback() -> Any:
             return self.callbacks.get(name) or getter()
 
-        self._replace(module, f"set_{name}", set_callback)
+        self._replace(module, f"set_{name}", hiding(set_callback))
         self._replace(module, f"get_{name}", get_callback)
         self.host.on_removal(lambda: plain(self.callbacks.get(name) or getter()))
 
@@ -337,25 +296,17 @@ class MujocoWatch:
         stream = 2 if _version(module.__version__) >= WARNS_TO_STDERR else 1
 
         def warn(text: Any) -> None:
-            try:
-                text = text.decode(errors="replace") if isinstance(text, bytes) else str(text)
-                if self._warning is not None:
-                    self._warning(text)
-                else:
-                    (sys.stdout if stream == 1 else sys.stderr).flush()
-                    os.write(stream, f"WARNING: {text}\n\n".encode(errors="replace"))
-                known = text.partition(" Time = ")[0]
-                if (
-                    self.host.on
-                    and known not in self._warnings
-                    and len(self._warnings) < MOST_WARNINGS
-                ):
-                    self._warnings[known] = 1
-                    state = self.stepping.get(get_ident())
-                    self.tell("warning", text=text, world=None if state is None else state.number)
-            except BaseException as error:
-                self.host.hide(error)
-                raise
+            text = text.decode(errors="replace") if isinstance(text, bytes) else str(text)
+            if self._warning is not None:
+                self._warning(text)
+            else:
+                (sys.stdout if stream == 1 else sys.stderr).flush()
+                os.write(stream, f"WARNING: {text}\n\n".encode(errors="replace"))
+            known, warned = text.partition(" Time = ")[0], self._warned
+            if self.host.on and known not in warned and len(warned) < MOST_WARNINGS:
+                warned.add(known)
+                state = self.stepping.get(get_ident())
+                self.tell("warning", text=text, world=None if state is None else state.number)
 
         def set_warning(handler: Any) -> None:
             self._warning = handler
@@ -363,7 +314,7 @@ class MujocoWatch:
         def get_warning() -> Any:
             return self._warning
 
-        plain(warn)
+        plain(hiding(warn))
         self._replace(module, "set_mju_user_warning", set_warning)
         self._replace(module, "get_mju_user_warning", get_warning)
         self.host.on_removal(lambda: plain(self._warning))
@@ -426,7 +377,7 @@ def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
                 try:
                     state.after(d, site, function)
                     if not uncounted or get_ident() not in uncounted:
-                        host.count(state.elapsed_s)
+                        host.count(state.elapsed_s, watch)
                 except Exception as error:  # noqa: BLE001 - likewise
                     watch.lose(state, error)
                 finally:
@@ -435,7 +386,7 @@ def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
                         lock.give_back()
             return None
         except BaseException as error:
-            host.hide(error)
+            hide(error)
             raise
 
     return step
@@ -464,28 +415,22 @@ def _resetting(watch: MujocoWatch, name: str, original: Any) -> Any:
     of_model, of_data = WHICH.get(name, (0, 1))
 
     def reset(*args: Any, **kwargs: Any) -> Any:
-        try:
-            if not host.on:
-                return original(*args, **kwargs)
-            given, state, d = [*args, *kwargs.values()], None, None
+        given, state, d = [*args, *kwargs.values()], None, None
+        with host.lock:
+            host.check()
+            if len(given) > max(of_model, of_data):
+                d = given[of_data]
+                state, site = watch.seen(given[of_model], d, caller())
+            if state is not None and name in PARTLY:
+                watch.guarded(state, state.before, d, site)
+        result = original(*args, **kwargs)
+        if state is not None and not state.lost:
+            argument = given[2] if name == "mj_resetDataKeyframe" else 0
             with host.lock:
-                host.check()
-                if len(given) > max(of_model, of_data):
-                    d = given[of_data]
-                    state, site = watch.seen(given[of_model], d, _getframe(watch.depth))
-                if state is not None and name in PARTLY:
-                    watch.guarded(state, state.before, d, site)
-            result = original(*args, **kwargs)
-            if state is not None and not state.lost:
-                argument = given[2] if name == "mj_resetDataKeyframe" else 0
-                with host.lock:
-                    watch.guarded(state, state.set_by, d, site, cause, argument)
-            return result
-        except BaseException as error:
-            host.hide(error)
-            raise
+                watch.guarded(state, state.set_by, d, site, cause, argument)
+        return result
 
-    return reset
+    return host.standing(original, reset)
 
 
 def _posing(watch: MujocoWatch, name: str, original: Any) -> Any:
@@ -494,29 +439,25 @@ def _posing(watch: MujocoWatch, name: str, original: Any) -> Any:
     complete, callbacks, now = name in COMPLETE, watch.callbacks, watch.stepping
 
     def pose(*args: Any, **kwargs: Any) -> Any:
+        given = [*args, *kwargs.values()]
+        if len(given) < 2:
+            return original(*args, **kwargs)
+        m, d = given[:2]
+        outer = now.get(get_ident())
+        with host.lock:
+            host.check()
+            state, site = watch.seen(m, d, caller())
+            if state is not None:
+                watch.guarded(state, state.pose, d, site, cause, complete)
+                if callbacks and name == "mj_step1":
+                    watch.begin_calling(state)
         try:
-            given = [*args, *kwargs.values()]
-            if not host.on or len(given) < 2:
-                return original(*args, **kwargs)
-            m, d = given[:2]
-            outer = now.get(get_ident())
-            with host.lock:
-                host.check()
-                state, site = watch.seen(m, d, _getframe(watch.depth))
-                if state is not None:
-                    watch.guarded(state, state.pose, d, site, cause, complete)
-                    if callbacks and name == "mj_step1":
-                        watch.begin_calling(state)
-            try:
-                return original(*args, **kwargs)
-            finally:
-                if now:
-                    now[get_ident()] = outer
-        except BaseException as error:
-            host.hide(error)
-            raise
+            return original(*args, **kwargs)
+        finally:
+            if now:
+                now[get_ident()] = outer
 
-    return pose
+    return host.standing(original, pose)
 
 
 def _calling(watch: MujocoWatch, which: int, callback: Any) -> Any:
@@ -524,25 +465,17 @@ def _calling(watch: MujocoWatch, which: int, callback: Any) -> Any:
     now = watch.stepping
 
     def call(*args: Any) -> Any:
-        try:
-            answer = callback(*args)
-            state = now.get(get_ident())
-            # A callback may step other data, which call it, too.
-            if state is not None and not state.lost and state.ref() is args[1]:
-                with watch.host.lock:
-                    watch.guarded(state, state.called, which, answer)
-            return answer
-        except BaseException as error:
-            watch.host.hide(error)
-            raise
+        answer = callback(*args)
+        state = now.get(get_ident())
+        # A callback may step other data, which call it, too.
+        if state is not None and not state.lost and state.ref() is args[1]:
+            with watch.host.lock:
+                watch.guarded(state, state.called, which, answer)
+        return answer
 
-    return call
+    return hiding(call)
 
 
 def _version(text: str) -> tuple[int, ...]:
     """Return a version's numbers."""
     return tuple(int(part) for part in text.split(".")[:2])
-
-
-LIBRARY = os.path.dirname(os.__file__) + os.sep
-"""The folder of Python's own modules."""

@@ -13,12 +13,12 @@ import re
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from sys import _getframe
 from threading import Lock, get_ident
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...watching.sites import caller
 from ..frames import STEPS
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ class ModelChanges:
         `friction` and `mass`; `nudge`, the largest displacement before the first step [m, rad],
         and `seed`, what draws it.
     tell
-        Called with the number of an operation when it first does something.
+        Called with the number of an operation when it does something.
     """
 
     def __init__(
@@ -94,7 +94,6 @@ class ModelChanges:
         mine = [each for each in enumerate(operations) if each[1].get("engine") == ENGINE]
         self._operations = [*mine, *((-1, each) for each in _varied(variation))]
         """By number; what is varied has none."""
-        self._fired: set[int] = set()
         self._models: dict[int, ChangedModel] = {}
         """By the `id` of the MjModel, which is used again."""
         self._data: dict[int, ChangedData] = {}
@@ -107,8 +106,7 @@ class ModelChanges:
 
     def fire(self, number: int) -> None:
         """Note that an operation has changed something."""
-        if number >= 0 and number not in self._fired:
-            self._fired.add(number)
+        if number >= 0:
             self._tell(number)
 
     def of(self, do: str) -> Iterator[tuple[int, Operation]]:
@@ -123,70 +121,60 @@ class ModelChanges:
         return self._stepping(name, call) if name in STEPS else self._other(name, call)
 
     def _other(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
-        # Hooks count the calls between them and the script.
         def changed(*args: Any, **kwargs: Any) -> Any:
+            found = self._of(args, kwargs)
+            if found is None:
+                return call(*args, **kwargs)
+            model, m, d = found
+            site = self._site()
+            for number, each in self.of("skip"):
+                if (each["function"], each["site"]) == (name, site):
+                    self.fire(number)
+                    return None
+            if name == "mj_step1":
+                d.before(site)
+            m.enter(model, site)
             try:
-                self._part()
-                found = self._of(args, kwargs) if self._watch.host.on else None
-                if found is None:
-                    return call(*args, **kwargs)
-                model, m, d = found
-                site = self._site(_getframe(1)) if self._sited else None
-                for number, each in self.of("skip"):
-                    if (each["function"], each["site"]) == (name, site):
-                        self.fire(number)
-                        return None
-                if name == "mj_step1":
-                    d.before(site)
+                result = call(*args, **kwargs)
+            finally:
+                m.leave(model)
+            d.after(name)
+            return result
+
+        return self._watch.host.standing(call, changed)
+
+    def _stepping(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        # The hooks of steps count the calls between them and the script.
+        def changed(*args: Any, **kwargs: Any) -> Any:
+            found = self._of(args, kwargs)
+            if found is None:
+                return call(*args, **kwargs)
+            model, m, d = found
+            given = {**dict(zip(("m", "d", "nstep"), args)), **kwargs}
+            repeats = given.pop("nstep", 1) if name == "mj_step" else 1
+            site = self._site()
+            for _ in range(repeats):
+                d.before(site)
                 m.enter(model, site)
                 try:
-                    result = call(*args, **kwargs)
+                    if name == "mj_step2":
+                        self._pose(model, d)
+                    uncounted = self._watch.uncounted
+                    for left in range(self.finer - 1, -1, -1):
+                        if left:
+                            uncounted.add(get_ident())
+                        else:
+                            uncounted.discard(get_ident())
+                        if left == self.finer - 1 and name != "mj_step":
+                            call(*args, **kwargs)
+                        else:
+                            self._calls["mj_step"](given["m"], given["d"])
                 finally:
                     m.leave(model)
                 d.after(name)
-                return result
-            except BaseException as error:
-                self._watch.host.hide(error)
-                raise
+            return None
 
-        return changed
-
-    def _stepping(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
-        def changed(*args: Any, **kwargs: Any) -> Any:
-            try:
-                self._part()
-                found = self._of(args, kwargs) if self._watch.host.on else None
-                if found is None:
-                    return call(*args, **kwargs)
-                model, m, d = found
-                given = {**dict(zip(("m", "d", "nstep"), args)), **kwargs}
-                repeats = given.pop("nstep", 1) if name == "mj_step" else 1
-                site = self._site(_getframe(1)) if self._sited else None
-                for _ in range(repeats):
-                    d.before(site)
-                    m.enter(model, site)
-                    try:
-                        if name == "mj_step2":
-                            self._pose(model, d)
-                        uncounted = self._watch.uncounted
-                        for left in range(self.finer - 1, -1, -1):
-                            if left:
-                                uncounted.add(get_ident())
-                            else:
-                                uncounted.discard(get_ident())
-                            if left == self.finer - 1 and name != "mj_step":
-                                call(*args, **kwargs)
-                            else:
-                                self._calls["mj_step"](given["m"], given["d"])
-                    finally:
-                        m.leave(model)
-                    d.after(name)
-                return None
-            except BaseException as error:
-                self._watch.host.hide(error)
-                raise
-
-        return changed
+        return self._watch.host.standing(call, changed)
 
     def _pose(self, m: Any, data: ChangedData) -> None:
         """Make data current before a step that takes them as they are."""
@@ -195,18 +183,21 @@ class ModelChanges:
                 self.fire(number)
                 self._calls["mj_step1"](m, data.ref())
 
-    def _site(self, frame: Any) -> list[Any]:
-        file, line = self._watch.host.calls.place(self._watch.outside(frame))
+    def _site(self) -> list[Any] | None:
+        """Return where the script calls, if that matters."""
+        if not self._sited:
+            return None
+        sites = self._watch.host.sites
+        file, line = sites.place(sites.outside(caller()))
         return [file, line]
 
-    def _part(self) -> None:
-        """Let trials part from this run, before its first call."""
-        host = self._watch.host
-        if host.forks is not None and host.on:
-            host.forks.part()
-
     def _of(self, args: Any, kwargs: Any) -> tuple[Any, ChangedModel, ChangedData] | None:
-        """Return the MjModel and what changes it and the state of a call; None if it has none."""
+        """Return the MjModel and what changes it and the state of a call; None if it has none.
+
+        Trials part from this run before its first call.
+        """
+        if self._watch.host.forks is not None:
+            self._watch.host.forks.part(_not_at_load)
         module, given = self._watch.mujoco, (*args, *kwargs.values())
         m = next((each for each in given if isinstance(each, module.MjModel)), None)
         d = next((each for each in given if isinstance(each, module.MjData)), None)
@@ -477,6 +468,11 @@ class ChangedData:
                 self._held[part] = getattr(d, part).copy()
             if self._holds:
                 self._last = d.qpos.copy(), d.ctrl.copy()
+
+
+def _not_at_load(trial: Mapping[str, Any]) -> bool:
+    """Return whether a trial parts from its run before the first call of a loaded model."""
+    return not any(each.get("at_load") for each in trial["interventions"])
 
 
 # -- what is written into a model -----------------------------------------------------------------

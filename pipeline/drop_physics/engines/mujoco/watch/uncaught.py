@@ -7,6 +7,8 @@ from sys import _getframe
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from ...watching.hidden import hide
+
 if TYPE_CHECKING:
     from .hooks import MujocoWatch
 
@@ -48,7 +50,7 @@ def _naming(watch: MujocoWatch, name: str, original: Any) -> Any:
         try:
             return original(*args, **kwargs)
         except BaseException as error:
-            watch.host.hide(error)
+            hide(error)
             raise
 
     call.drop_watch = watch  # type: ignore[attr-defined]

@@ -1,6 +1,21 @@
-"""The half of `drop record` that runs in the script's own interpreter, and watches its calls.
+"""The part of `drop record` that runs in a PyBullet script's own interpreter: its calls and steps.
 
-It needs Python 3.9 or later, the standard library, and the script's own pybullet. It imports
-nothing else of drop, so it can record in an environment that cannot have drop: it is started by its
-path (`__main__`), and sends what it sees through a pipe (`pipe`) to the other half.
+It needs Python 3.9 or later, the standard library, and the script's own pybullet.
 """
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ...watching.host import ScriptWatch
+from .hooks import BulletWatch
+from .varied import varied_by
+
+
+def begin(
+    host: ScriptWatch, operations: Sequence[Mapping[str, Any]], variation: dict[str, Any] | None
+) -> None:
+    """Watch PyBullet, as soon as it is imported; a script may forget it, and import it again."""
+    watch = BulletWatch(host, variation=varied_by(variation), interventions=operations)
+    host.on_extension("pybullet", watch.install)

@@ -6,17 +6,15 @@ on a call from there is its number and the numbers in its arguments.
 
 from __future__ import annotations
 
-import os
-import sys
 from collections.abc import Callable
 from functools import cache
-from hashlib import sha256
-from io import FileIO
 from struct import Struct
 from typing import TYPE_CHECKING, Any
 
+from ...watching.host import ScriptWatch
+from ...watching.pipe import CALL, HEADER, NOTE, encoded, frame
+from ...watching.sites import caller_of
 from .arguments import CLIENT, CLIENT_AT, MODE_AT, UNNAMED, names_of
-from .pipe import CALL, HEADER, NOTE, Pipe, encoded, frame
 
 if TYPE_CHECKING:
     from .worlds import WatchedWorld
@@ -40,19 +38,17 @@ MOST_WHOLE = 1 << 53
 """Whole numbers up to here are the same as doubles."""
 MOST_PLANS = 4096
 """Most places and forms that are kept; beyond, all are made again."""
-OURS = os.path.dirname(os.path.abspath(__file__)) + os.sep
 
 
 class CallWatch:
     """Sends calls, and describes their sites."""
 
-    def __init__(self, pipe: Pipe) -> None:
-        self._pipe = pipe
+    def __init__(self, host: ScriptWatch) -> None:
+        self._pipe, self._place = host.pipe, host.sites.place
         self._plans: dict[str, dict[tuple[int, int], Plan]] = {}
         self._codes: list[Any] = []
         """The code of places with a plan, so that none is replaced by another at its address."""
         self._sites: dict[tuple[Any, ...], int] = {}
-        self._shown: dict[str, str] = {}
 
     def plans(self, name: str) -> dict[tuple[int, int], Plan]:
         """Return how to send calls of a function, by code and instruction; `tell` adds to it."""
@@ -87,7 +83,7 @@ class CallWatch:
         site = self._sites.get(described)
         if site is None:
             site = self._sites[described] = len(self._sites)
-            file, line = self.place(caller)
+            file, line = self._place(caller)
             note = {
                 "what": "site",
                 "number": site,
@@ -117,32 +113,6 @@ class CallWatch:
         if key not in plans:
             self._codes.append(code)
         plans[key] = world, len(args), [*kwargs], flat, packed.pack_into, packed.size, site
-
-    def place(self, place: Any) -> tuple[str, int]:
-        """Return file and line of a frame, the file without folders of this machine."""
-        name = place.f_code.co_filename
-        shown = self._shown.get(name)
-        if shown is None:
-            shown = self._shown[name] = shown_file(name)
-            if place.f_globals.get("__name__") == "__main__":
-                self._tell_main(name)
-        return shown, place.f_lineno
-
-    def _tell_main(self, name: str) -> None:
-        """Send the digest of the file that runs as a script, if it is one."""
-        try:
-            with FileIO(name) as file:
-                digest = sha256(file.read()).hexdigest()
-        except OSError:
-            return
-        self._pipe.write(frame(NOTE, encoded({"what": "main", "sha256": digest})))
-
-
-def caller_of(place: Any) -> Any:
-    """Return the frame of the script that called: another recording may be within this one."""
-    while place.f_back is not None and place.f_code.co_filename.startswith(OURS):
-        place = place.f_back
-    return place
 
 
 def numbers_of(
@@ -245,26 +215,3 @@ def is_numpy(kind: type) -> bool:
 def _escaped(text: str) -> str:
     """Return a text as it stands in a form: only `{}` is a number."""
     return text.replace("{", "{{").replace("}", "}}")
-
-
-HOME: list[str] = []
-"""The script's working directory, where it runs in a copy of that."""
-
-
-def shown_file(name: str) -> str:
-    """Return a file's name, relative to the working directory or the module path.
-
-    That of a notebook's cell is `In[3]`, as IPython's own tracebacks say.
-    """
-    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
-    cell_of = getattr(getattr(shell, "compile", None), "format_code_name", None)
-    if cell_of is not None and cell_of(name):
-        return str(cell_of(name)[1])
-    try:
-        here = os.getcwd()
-    except OSError:  # it was removed
-        here = ""
-    for folder in (here, *HOME, *sorted(sys.path, key=len, reverse=True)):
-        if folder and name.startswith(os.path.join(folder, "")):
-            return os.path.relpath(name, folder)
-    return os.path.basename(name) or name

@@ -10,7 +10,9 @@ from sys import _getframe
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-from . import pipe as protocol
+from ...watching import pipe as protocol
+from ...watching.hidden import hide
+from ...watching.sites import caller
 from .arguments import ARGUMENTS, client_of, named, number, vector
 from .changes import after_change, before_change
 from .functions import (
@@ -25,12 +27,11 @@ from .functions import (
     RETURNS,
     ROLES,
 )
-from .hidden import hide
 from .quiet import Window
 from .worlds import ALL, WatchedWorld
 
 if TYPE_CHECKING:
-    from .hooks import Watch
+    from .hooks import BulletWatch
 
 Call = Callable[..., Any]
 
@@ -38,7 +39,7 @@ ANSWERED = set(Window(SimpleNamespace(), 0).answers())
 """What a window would answer."""
 
 
-def handler(watch: Watch, name: str, original: Any) -> Call:
+def handler(watch: BulletWatch, name: str, original: Any) -> Call:
     """Return what stands before a function."""
     special = {
         "connects": connecting,
@@ -55,20 +56,21 @@ def handler(watch: Watch, name: str, original: Any) -> Call:
     return made(watch, name, original)
 
 
-def stepping(watch: Watch, name: str, original: Any) -> Call:
+def stepping(watch: BulletWatch, name: str, original: Any) -> Call:
     """Return what makes a step, and sends a sample after it."""
-    lock, pipe, worlds = watch.lock, watch.pipe, watch.worlds
+    host, pipe, worlds = watch.host, watch.pipe, watch.worlds
+    lock = host.lock
     acquire, release, kept = lock.acquire, lock.release, lock.kept
 
     def step(*args: Any, **kwargs: Any) -> Any:
         try:
-            if not watch.on:
-                watch.step_apart()
+            if not host.on:
+                host.step_apart()
                 return original(*args, **kwargs)
             acquire()
             try:
-                if watch.stopped or pipe.gone:
-                    watch.check()
+                if host.stopped or pipe.gone:
+                    host.check()
                 world = worlds.get(client_of(name, args, kwargs) if args or kwargs else 0)
                 if world is None:
                     return original(*args, **kwargs)
@@ -84,12 +86,13 @@ def stepping(watch: Watch, name: str, original: Any) -> Call:
     return step
 
 
-def changing(watch: Watch, name: str, original: Any) -> Call:
+def changing(watch: BulletWatch, name: str, original: Any) -> Call:
     """Return what sends a call that changes a simulation, and reads again what it changes.
 
     A call like an earlier one goes straight into the block; `Calls.tell` does the others.
     """
-    lock, pipe, worlds, calls = watch.lock, watch.pipe, watch.worlds, watch.calls
+    host, pipe, worlds, calls = watch.host, watch.pipe, watch.worlds, watch.calls
+    lock = host.lock
     acquire, release, kept = lock.acquire, lock.release, lock.kept
     real_time, plan_of = watch.real_time_since, calls.plans(name).get
     (before, after), frame = _effects(name), _getframe
@@ -97,13 +100,13 @@ def changing(watch: Watch, name: str, original: Any) -> Call:
 
     def change(*args: Any, **kwargs: Any) -> Any:
         try:
-            if not watch.on:
+            if not host.on:
                 return original(*args, **kwargs)
             told = noted = None
             acquire()
             try:
-                if watch.stopped or pipe.gone or real_time:
-                    watch.check()
+                if host.stopped or pipe.gone or real_time:
+                    host.check()
                     watch.let_time_pass()
                 place, world, numbers = frame(1), None, None
                 plan = plan_of((id(place.f_code), place.f_lasti))
@@ -163,13 +166,15 @@ def _effects(name: str) -> tuple[Call | None, Call | None]:
     return None, _after_creation if name in RETURNS else None
 
 
-def _after_ik(watch: Watch, _: WatchedWorld, __: str, ___: Any, result: Any) -> None:
+def _after_ik(watch: BulletWatch, _: WatchedWorld, __: str, ___: Any, result: Any) -> None:
     """Send the largest number of an answer, by which targets that are taken from it are known."""
     if type(result) is tuple and result:
         watch.pipe.send(protocol.RESULT, protocol.NUMBER.pack(max(result, key=abs)))
 
 
-def _before_move(watch: Watch, world: WatchedWorld, name: str, args: Any, kwargs: Any) -> None:
+def _before_move(
+    watch: BulletWatch, world: WatchedWorld, name: str, args: Any, kwargs: Any
+) -> None:
     """Note the body that a call moves, and what it sets of it."""
     body = args[0] if args else kwargs.get("bodyUniqueId", kwargs.get("objectUniqueId"))
     if type(body) is not int:
@@ -188,13 +193,13 @@ def _before_move(watch: Watch, world: WatchedWorld, name: str, args: Any, kwargs
     world.touched = True
 
 
-def _before_push(watch: Watch, world: WatchedWorld, *_: Any) -> None:
+def _before_push(watch: BulletWatch, world: WatchedWorld, *_: Any) -> None:
     if world.touched:  # it acts at a point and along axes of the body's current pose
         watch.guarded(world, world.sync)
 
 
 def _before_change(
-    watch: Watch, world: WatchedWorld, name: str, args: Any, kwargs: Any
+    watch: BulletWatch, world: WatchedWorld, name: str, args: Any, kwargs: Any
 ) -> dict[str, Any]:
     arguments = named(name, args, kwargs)
     watch.guarded(world, before_change, world, name, arguments)
@@ -202,7 +207,7 @@ def _before_change(
 
 
 def _after_change(
-    watch: Watch, world: WatchedWorld, name: str, arguments: dict[str, Any], result: Any
+    watch: BulletWatch, world: WatchedWorld, name: str, arguments: dict[str, Any], result: Any
 ) -> None:
     _after_creation(watch, world, name, arguments, result)
     watch.guarded(world, after_change, world, name, arguments, result)
@@ -211,12 +216,12 @@ def _after_change(
     watch.pipe.tick()
 
 
-def _after_creation(watch: Watch, _: WatchedWorld, name: str, __: Any, result: Any) -> None:
+def _after_creation(watch: BulletWatch, _: WatchedWorld, name: str, __: Any, result: Any) -> None:
     if type(result) is int and name in RETURNS:
         watch.pipe.send(protocol.RESULT, protocol.NUMBER.pack(result))
 
 
-def _raised(watch: Watch, world: WatchedWorld | None, name: str, error: Exception) -> None:
+def _raised(watch: BulletWatch, world: WatchedWorld | None, name: str, error: Exception) -> None:
     if world is None:  # it was not told of
         return
     watch.pipe.note("raised", error=f"{type(error).__name__}: {error}")
@@ -225,25 +230,26 @@ def _raised(watch: Watch, world: WatchedWorld | None, name: str, error: Exceptio
         world.touched = True
 
 
-def reading(watch: Watch, name: str, original: Any) -> Call:
+def reading(watch: BulletWatch, name: str, original: Any) -> Call:
     """Return what calls a function that only reads, and counts where it does."""
-    pipe, readings, real_time = watch.pipe, watch.readings, watch.real_time_since
-    acquire, release, kept = watch.lock.acquire, watch.lock.release, watch.lock.kept
+    host, pipe, readings = watch.host, watch.pipe, watch.readings
+    lock, real_time = host.lock, watch.real_time_since
+    acquire, release, kept = lock.acquire, lock.release, lock.kept
     passing, frame = readings.passing(name), _getframe
 
     def read(*args: Any, **kwargs: Any) -> Any:
         try:
             try:
-                if frame(1).f_lasti in passing or not watch.on:
+                if frame(1).f_lasti in passing or not host.on:
                     # Without empty keywords it takes a fiftieth of the reading less.
                     return original(*args, **kwargs) if kwargs else original(*args)
-                if watch.stopped or pipe.gone or real_time:
-                    with watch.lock:
-                        watch.check()
+                if host.stopped or pipe.gone or real_time:
+                    with host.lock:
+                        host.check()
                         watch.let_time_pass()
                 result = original(*args, **kwargs)
             except Exception as error:
-                if watch.on:
+                if host.on:
                     _failed(watch, name, args, kwargs, error, frame(1))
                 raise
             acquire()
@@ -254,7 +260,7 @@ def reading(watch: Watch, name: str, original: Any) -> Call:
             finally:
                 release()
                 if kept:
-                    watch.lock.give_back()
+                    lock.give_back()
             return result
         except BaseException as error:
             hide(error)
@@ -264,7 +270,7 @@ def reading(watch: Watch, name: str, original: Any) -> Call:
 
 
 def _failed(
-    watch: Watch,
+    watch: BulletWatch,
     name: str,
     args: tuple[Any, ...],
     kwargs: dict[str, Any],
@@ -272,28 +278,28 @@ def _failed(
     place: Any,
 ) -> None:
     """Send a call that changes nothing and failed: what it asked for is why."""
-    with watch.lock:
+    with watch.host.lock:
         world = watch.worlds.get(client_of(name, args, kwargs))
         if world is not None:
             watch.guarded(world, watch.calls.tell, world, name, args, kwargs, place)
         _raised(watch, world, name, error)
 
 
-def passive(watch: Watch, name: str, original: Any) -> Call:
+def passive(watch: BulletWatch, name: str, original: Any) -> Call:
     """Return what calls a function that changes nothing, or gives a window's answer."""
-    polls, clock, pipe, windows = name in POLLS, watch.clock, watch.pipe, watch.windows
+    polls, host, pipe, windows = name in POLLS, watch.host, watch.pipe, watch.windows
     has_answer, real_time = name in ANSWERED, watch.real_time_since
 
     def call(*args: Any, **kwargs: Any) -> Any:
         try:
-            if not watch.on:
+            if not host.on:
                 return original(*args, **kwargs)
-            if watch.stopped or pipe.gone or real_time or polls:
-                with watch.lock:
-                    watch.check()
+            if host.stopped or pipe.gone or real_time or polls:
+                with host.lock:
+                    host.check()
                     watch.let_time_pass()
                     if polls:
-                        clock.ask()
+                        host.clock.ask()
             if has_answer and windows:
                 client = client_of(name, args, kwargs)
                 if client in windows:
@@ -318,128 +324,103 @@ def _answer(window: Window, name: str, original: Any, args: Any, kwargs: Any) ->
     return window.answers()[name](arguments, answer)
 
 
-def searching(watch: Watch, name: str, original: Any) -> Call:
+def searching(watch: BulletWatch, name: str, original: Any) -> Call:
     """Return what notes where PyBullet looks for files."""
     call = passive(watch, name, original)
 
     def search(*args: Any, **kwargs: Any) -> Any:
-        try:
-            result = call(*args, **kwargs)
-        except BaseException as error:
-            hide(error)
-            raise
+        result = call(*args, **kwargs)
         path = named(name, args, kwargs).get("path")
         if type(path) is str:
             WatchedWorld.search_path = path
         return result
 
-    return search
+    return watch.host.standing(call, search)
 
 
-def connecting(watch: Watch, _: str, original: Any) -> Call:
+def connecting(watch: BulletWatch, _: str, original: Any) -> Call:
     """Return what begins a simulation, never with a window."""
+    host = watch.host
 
     def connect(*args: Any, **kwargs: Any) -> Any:
-        try:
-            if not watch.on:
-                return original(*args, **kwargs)
-            with watch.lock:
-                watch.check()
-                p = watch.p
-                method: Any = args[0] if args else kwargs.get("method")
-                windows = {getattr(p, name, None) for name in ("GUI", "GUI_SERVER")}
-                if method in windows:
-                    client = original(p.DIRECT)
-                    watch.windows[client] = Window(p, method)
-                    label = "GUI"
-                elif method == p.SHARED_MEMORY:
-                    return -1  # a server there would not be the script's
-                else:
-                    client = original(*args, **kwargs)
-                    label = "DIRECT" if method == p.DIRECT else f"method {method}"
-                if client >= 0:
-                    watch.begin(client, label)
-                return client
-        except BaseException as error:
-            hide(error)
-            raise
+        with host.lock:
+            host.check()
+            p = watch.p
+            method: Any = args[0] if args else kwargs.get("method")
+            windows = {getattr(p, name, None) for name in ("GUI", "GUI_SERVER")}
+            if method in windows:
+                client = original(p.DIRECT)
+                watch.windows[client] = Window(p, method)
+                label = "GUI"
+            elif method == p.SHARED_MEMORY:
+                return -1  # a server there would not be the script's
+            else:
+                client = original(*args, **kwargs)
+                label = "DIRECT" if method == p.DIRECT else f"method {method}"
+            if client >= 0:
+                watch.begin(client, label)
+            return client
 
-    return connect
+    return host.standing(original, connect)
 
 
-def disconnecting(watch: Watch, name: str, original: Any) -> Call:
+def disconnecting(watch: BulletWatch, name: str, original: Any) -> Call:
     """Return what ends a simulation."""
 
     def disconnect(*args: Any, **kwargs: Any) -> Any:
-        try:
-            if watch.on:  # no check for Stop: scripts clean up with this call
-                with watch.lock:
-                    watch.end(client_of(name, args, kwargs))
-            return original(*args, **kwargs)
-        except BaseException as error:
-            hide(error)
-            raise
+        with watch.host.lock:  # no check for Stop: scripts clean up with this call
+            watch.end(client_of(name, args, kwargs))
+        return original(*args, **kwargs)
 
-    return disconnect
+    return watch.host.standing(original, disconnect)
 
 
-def resetting(watch: Watch, name: str, original: Any) -> Call:
+def resetting(watch: BulletWatch, name: str, original: Any) -> Call:
     """Return what removes all bodies."""
+    host = watch.host
 
     def reset(*args: Any, **kwargs: Any) -> Any:
-        try:
-            if not watch.on:
+        with host.lock:
+            host.check()
+            world = watch.worlds.get(client_of(name, args, kwargs))
+            if world is None:
                 return original(*args, **kwargs)
-            with watch.lock:
-                watch.check()
-                world = watch.worlds.get(client_of(name, args, kwargs))
-                if world is None:
-                    return original(*args, **kwargs)
-                watch.guarded(world, world.sync)
-                place = _getframe(1)
-                watch.guarded(world, watch.calls.tell, world, name, args, kwargs, place)
-                try:
-                    result = original(*args, **kwargs)
-                except Exception as error:
-                    _raised(watch, world, name, error)
-                    raise
-                world.forget()
-                watch.readings.forget()
-                return result
-        except BaseException as error:
-            hide(error)
-            raise
+            watch.guarded(world, world.sync)
+            watch.guarded(world, watch.calls.tell, world, name, args, kwargs, caller())
+            try:
+                result = original(*args, **kwargs)
+            except Exception as error:
+                _raised(watch, world, name, error)
+                raise
+            world.forget()
+            watch.readings.forget()
+            return result
 
-    return reset
+    return host.standing(original, reset)
 
 
-def photographing(watch: Watch, name: str, original: Any) -> Call:
+def photographing(watch: BulletWatch, name: str, original: Any) -> Call:
     """Return what sends what the script's camera sees."""
+    host = watch.host
 
     def photograph(*args: Any, **kwargs: Any) -> Any:
-        try:
-            if not watch.on:
-                return original(*args, **kwargs)
-            with watch.lock:
-                watch.check()
-                watch.let_time_pass()
-                world = watch.worlds.get(client_of(name, args, kwargs))
-                result = original(*args, **kwargs)
-                if world is not None:
-                    watch.guarded(world, watch.readings.count, name, args, kwargs, _getframe(1))
-                    place = watch.calls.place(_getframe(1))
-                    arguments = named(name, args, kwargs)
-                    watch.guarded(world, _send_image, watch, world, arguments, result, place)
-                return result
-        except BaseException as error:
-            hide(error)
-            raise
+        with host.lock:
+            host.check()
+            watch.let_time_pass()
+            world = watch.worlds.get(client_of(name, args, kwargs))
+            result = original(*args, **kwargs)
+            if world is not None:
+                place = caller()
+                watch.guarded(world, watch.readings.count, name, args, kwargs, place)
+                arguments, at = named(name, args, kwargs), host.sites.place(place)
+                watch.guarded(world, _send_image, watch, world, arguments, result, at)
+            return result
 
-    return photograph
+    return host.standing(original, photograph)
 
 
 def _send_image(
-    watch: Watch,
+    watch: BulletWatch,
     world: WatchedWorld,
     arguments: dict[str, Any],
     result: Any,

@@ -9,14 +9,13 @@ what it would have read without.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from sys import _getframe
 from types import SimpleNamespace
 from typing import Any
 
+from ...watching.hidden import hiding
+from ...watching.sites import caller, shown_file
 from .arguments import BODY_NAMES, CLIENT, UNNAMED, body_of, client_of, named, number
-from .calls import caller_of, shown_file
 from .functions import MAKES_BODIES, PUSHES
-from .hidden import hide
 
 Call = Callable[..., Any]
 Operation = Mapping[str, Any]
@@ -61,13 +60,12 @@ class Interventions:
     operations
         As `interventions` makes them, those of other engines among them.
     tell
-        Called with the number of an operation when it first does something.
+        Called with the number of an operation when it does something.
     """
 
     def __init__(self, operations: Sequence[Operation], tell: Callable[[int], None]) -> None:
         self._operations = [each for each in enumerate(operations) if "functions" in each[1]]
         self._tell = tell
-        self._fired: set[int] = set()
         self._calls: dict[str, Call] = {}
         self._p = SimpleNamespace()
         self.next_body: dict[int, int] = {}
@@ -142,7 +140,7 @@ class Interventions:
         """Return whether an operation is about a call, before it or, with its result, after."""
         place = operation.get("site")
         if place is not None:
-            frame = caller_of(_getframe(2))
+            frame = caller()
             if [shown_file(frame.f_code.co_filename), frame.f_lineno] != place:
                 return False
         if operation.get("client", client) != client and name != "connect":
@@ -157,23 +155,18 @@ class Interventions:
         modes = operation.get("modes")
         return modes is None or arguments.get("controlMode") in modes
 
-    def _fire(self, which: int) -> None:
-        if which not in self._fired:
-            self._fired.add(which)
-            self._tell(which)
-
     # -- calls made otherwise: each returns the arguments of the call, or None to leave it out ----
 
     def _leave(self, which: int, operation: Operation, arguments: Any, _: int) -> Any:
         """Leave a call out, or one of its arguments."""
         left = operation["arguments"]
         if not left:
-            self._fire(which)
+            self._tell(which)
             return None
         made = {name: value for name, value in arguments.items() if name not in left}
         if made == arguments:
             return arguments
-        self._fire(which)
+        self._tell(which)
         return made
 
     def _apart(self, which: int, operation: Operation, arguments: Any, _: int) -> Any:
@@ -181,7 +174,7 @@ class Interventions:
         own = {n: v for n, v in arguments.items() if n in operation["arguments"]}
         about = {n: v for n, v in arguments.items() if n in (*BODY_NAMES, "linkIndex", CLIENT)}
         if own:
-            self._fire(which)
+            self._tell(which)
             self._calls["changeDynamics"](**about, **own)
         return {n: v for n, v in arguments.items() if n not in own}
 
@@ -196,7 +189,7 @@ class Interventions:
             made[name] = (number(arguments.get(name)) or 0) & ~operation.get("clear", 0) | bits
         if made == arguments:
             return arguments
-        self._fire(which)
+        self._tell(which)
         if "setPhysicsEngineParameter" in operation["functions"]:
             for name in operation.get("values", {}).keys() & arguments.keys():
                 self._told[client, None, None, name] = arguments[name]
@@ -232,7 +225,7 @@ class Interventions:
                     for joint, each in zip(joints, of)
                 ]
         if made != arguments:
-            self._fire(which)
+            self._tell(which)
         return made
 
     def _redirect(self, which: int, operation: Operation, arguments: Any, _: int) -> Any:
@@ -245,7 +238,7 @@ class Interventions:
         else:
             joint = number(arguments.get("jointIndex"))
             made["jointIndex"] = to.get(joint, joint)
-        self._fire(which)
+        self._tell(which)
         return made
 
     def _centre(self, which: int, _: Operation, arguments: Any, client: int) -> Any:
@@ -258,7 +251,7 @@ class Interventions:
                 if link is None or link < 0
                 else self._p.getLinkState(body, link, 0, 1, client)[0]
             )
-        self._fire(which)
+        self._tell(which)
         return {**arguments, "posObj": [*at]}
 
     def _frames(self, which: int, _: Operation, arguments: Any, client: int) -> Any:
@@ -272,7 +265,7 @@ class Interventions:
         turned = arguments.get("parentFrameOrientation", none)
         point = p.multiplyTransforms(*one, arguments["parentFramePosition"], turned)
         point = p.multiplyTransforms(*p.invertTransform(*other), *point)
-        self._fire(which)
+        self._tell(which)
         return {
             **arguments,
             "childFramePosition": [*point[0]],
@@ -284,7 +277,7 @@ class Interventions:
         info = self._p.getDynamicsInfo(body_of(arguments), -1, client)
         pose = arguments["posObj"], arguments["ornObj"]
         at, turned = self._p.multiplyTransforms(*pose, info[3], info[4])
-        self._fire(which)
+        self._tell(which)
         return {**arguments, "posObj": [*at], "ornObj": [*turned]}
 
     def _fall(self, which: int, _: Operation, arguments: Any, client: int) -> Any:
@@ -292,7 +285,7 @@ class Interventions:
         if "linearVelocity" not in arguments:
             return arguments
         vertical = self._p.getBaseVelocity(body_of(arguments), client)[0][2]
-        self._fire(which)
+        self._tell(which)
         return {**arguments, "linearVelocity": [*[*arguments["linearVelocity"]][:2], vertical]}
 
     def _drive(self, which: int, _: Operation, arguments: Any, client: int) -> Any:
@@ -302,7 +295,7 @@ class Interventions:
             return arguments
         if not self._steps.get(client):
             return arguments
-        self._fire(which)
+        self._tell(which)
         self._calls["setJointMotorControl2"](
             body_of(arguments),
             arguments["jointIndex"],
@@ -345,7 +338,7 @@ class Interventions:
             if name in ("changeDynamics", "setPhysicsEngineParameter"):
                 before = self._noted(client, body, link, again)
                 made.update({key: before[key] * factor for key, factor in factors.items()})
-            self._fire(which)
+            self._tell(which)
             self._calls[name](**made, **{CLIENT: client})
             for key in again:
                 reported = self._reported(client, body, link, key)
@@ -373,7 +366,7 @@ class Interventions:
         """Place a body elsewhere than where it is set."""
         if "posObj" not in arguments:
             return arguments
-        self._fire(which)
+        self._tell(which)
         moved = [each + by for each, by in zip(arguments["posObj"], operation["by_m"])]
         return {**arguments, "posObj": moved}
 
@@ -384,7 +377,7 @@ class Interventions:
             return
         at, turned = self._p.getBasePositionAndOrientation(body, client)
         at = [each + by for each, by in zip(at, operation["by_m"])]
-        self._fire(which)
+        self._tell(which)
         self._calls["resetBasePositionAndOrientation"](body, at, [*turned], physicsClientId=client)
 
     def _pull(self, _: int, __: Operation, arguments: Any, ___: int) -> Any:
@@ -397,7 +390,7 @@ class Interventions:
         force_n = p.getConstraintInfo(made, client)[FORCE_AT]
         most_n = operation["values"].get("maxForce", force_n)
         most_n *= operation["factors"].get("maxForce", 1.0)
-        self._fire(which)
+        self._tell(which)
         self._calls["changeConstraint"](made, maxForce=most_n, physicsClientId=client)
 
     def _gear(self, _: int, __: Operation, arguments: Any, ___: int) -> Any:
@@ -408,7 +401,7 @@ class Interventions:
         p, body, (leads, follows) = self._p, operation["body"], operation["links"]
         if max(leads, follows) >= p.getNumJoints(body, client):
             return
-        self._fire(which)
+        self._tell(which)
         self._calls["setJointMotorControl2"](
             body, follows, p.VELOCITY_CONTROL, force=0, physicsClientId=client
         )
@@ -439,7 +432,7 @@ class Interventions:
         """Make a call for another simulation, too."""
         other, name = operation["of"], operation["functions"][0]
         if client != other and self._p.isConnected(other):
-            self._fire(which)
+            self._tell(which)
             self._calls[name](**{**arguments, CLIENT: other})
 
     def _carry(self, _: int, __: Operation, arguments: Any, ___: int) -> Any:
@@ -454,7 +447,7 @@ class Interventions:
             return
         timestep_s = self._p.getPhysicsEngineParameters(client)["fixedTimeStep"]
         velocity = [(now - then) / timestep_s for now, then in zip(at, before)]
-        self._fire(which)
+        self._tell(which)
         self._calls["resetBaseVelocity"](body, velocity, physicsClientId=client)
 
     def _hold(self, _: int, __: Operation, arguments: Any, ___: int) -> Any:
@@ -470,7 +463,7 @@ class Interventions:
             return
         kept = self._kept.get(("motor", client, body, joint))
         if kept is not None:
-            self._fire(which)
+            self._tell(which)
             self._calls["setJointMotorControl2"](
                 body,
                 joint,
@@ -487,13 +480,13 @@ class Interventions:
         step = self._steps.get(client, 0)
         for (what, of, name, *_), (at, push) in [*self._kept.items()]:
             if what == "push" and of == client and at < step:
-                self._fire(which)
+                self._tell(which)
                 self._calls[name](**push)
         self._steps[client] = step + 1
         return arguments
 
     def _again_then(self, _: int, __: Operation, arguments: Any, client: int) -> None:
-        frame = caller_of(_getframe(1))
+        frame = caller()
         for name in PUSHES:
             vector = "forceObj" if name == "applyExternalForce" else "torqueObj"
             if vector in arguments:
@@ -529,19 +522,6 @@ class Interventions:
                 at = REPORTED[argument][1]
                 result = (*result[:at], value, *result[at + 1 :])
         return result
-
-
-def hiding(call: Call) -> Call:
-    """Return a wrapper whose frames are in no traceback of the script's."""
-
-    def called(*args: Any, **kwargs: Any) -> Any:
-        try:
-            return call(*args, **kwargs)
-        except BaseException as error:
-            hide(error)
-            raise
-
-    return called
 
 
 def _bodies(name: str, result: Any) -> Iterator[int]:

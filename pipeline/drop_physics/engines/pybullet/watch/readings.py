@@ -11,13 +11,14 @@ from __future__ import annotations
 import itertools
 from typing import TYPE_CHECKING, Any
 
+from ...watching.pipe import COUNTERS, MOST_TARGETS, PLACES
+from ...watching.sites import caller_of
 from .arguments import CLIENT, client_of, named, number, vector
-from .calls import MOST_PLANS, caller_of, is_numpy
+from .calls import MOST_PLANS, is_numpy
 from .functions import CONVERTS, PHOTOGRAPHS
-from .pipe import COUNTERS, MOST_TARGETS, PLACES
 
 if TYPE_CHECKING:
-    from .hooks import Watch
+    from .hooks import BulletWatch
     from .worlds import WatchedWorld
 
 EXACT, TOGETHER, SHARE = 256, 4, 61
@@ -42,7 +43,7 @@ PLAIN = {int, float, bool, str, type(None)}
 class Readings:
     """Counts what a script reads, and describes the places where it does."""
 
-    def __init__(self, watch: Watch) -> None:
+    def __init__(self, watch: BulletWatch) -> None:
         self._watch, self._fails = watch, False
         self.next_turn = EXACT - TOGETHER - TOGETHER * SHARE
         """After so many steps `turn` is due."""
@@ -138,7 +139,7 @@ class Readings:
             return None
         arguments = named(name, args, kwargs)
         arguments.pop(CLIENT, None)
-        file, line = watch.calls.place(caller_of(place))
+        file, line = watch.host.sites.place(caller_of(place))
         flags = {key: number(arguments[key]) for key in FLAGS if key in arguments}
         described = name, file, line, world.client, *arguments, *flags.values()
         which = self._places.get(described)

@@ -11,13 +11,12 @@ from __future__ import annotations
 import copy
 import random
 from collections.abc import Callable
-from sys import _getframe
 from types import SimpleNamespace
 from typing import Any
 
+from ...watching.sites import caller
 from .arguments import body_of, client_of, named
 from .bodies import RIGID, SPHERICAL, WatchedBody
-from .calls import caller_of
 from .functions import COMMANDS, MAKES_BODIES, PUSHES, SETS_ENGINE
 
 TIMESTEP, ITERATIONS, GRAVITY = "fixedTimeStep", "numSolverIterations", "gravityAcceleration"
@@ -158,7 +157,7 @@ class Variation:
             kept = copy.deepcopy((args, kwargs)) if self.finer > 1 else None
             result = original(*args, **kwargs)
             if kept is not None and (name in PUSHES or self._is_torque(name, args, kwargs)):
-                frame = caller_of(_getframe(2))  # of the script: hooks are in between
+                frame = caller()
                 place = SimpleNamespace(
                     f_code=frame.f_code,
                     f_lineno=frame.f_lineno,

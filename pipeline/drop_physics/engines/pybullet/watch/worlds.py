@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
-from . import pipe as protocol
+from ...watching import pipe as protocol
+from ...watching.pipe import BLOCK, BLOCK_BYTES, Pipe
 from .bodies import BASE, RIGID, Loaded, WatchedBody, plain
 from .capsules import lay
-from .pipe import BLOCK, BLOCK_BYTES, Pipe
 from .solver import Solver
 
 GEAR = 6

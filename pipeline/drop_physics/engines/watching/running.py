@@ -1,44 +1,45 @@
-"""Run and watch a script: `python PATH-OF-THIS-FOLDER OPTIONS [-m] SCRIPT [ARG …]`.
-
-It runs as Python would run it. `OPTIONS` is JSON: the arguments of `start.watch`, and whether the
-script is a module.
-"""
+"""Run and watch a script as Python would run it."""
 
 from __future__ import annotations
 
 import builtins
 import importlib.machinery
-import importlib.util
 import json
 import os
 import runpy
 import sys
 from types import ModuleType
-from typing import Any
 
-_HERE = os.path.dirname(os.path.abspath(__file__))
-_PACKAGE = "_drop_watching"
+from . import ending, start
+
 _ALWAYS = {
     "abc", "codecs", "encodings", "genericpath", "io", "ntpath", "os", "posixpath", "site", "stat",
     "zipimport",
 }  # fmt: skip
 """What every Python has imported before it knows where the script is."""
+_PACKAGE = __name__.partition(".")[0]
 
 
-def _load() -> tuple[Any, Any]:
-    """Import our own modules under a name that no script uses, and leave them off its path."""
-    if sys.path and os.path.abspath(sys.path[0]) == _HERE:
-        del sys.path[0]
-    spec = importlib.util.spec_from_file_location(
-        _PACKAGE, os.path.join(_HERE, "__init__.py"), submodule_search_locations=[_HERE]
-    )
-    assert spec is not None
-    assert spec.loader is not None
-    package = importlib.util.module_from_spec(spec)
-    sys.modules[_PACKAGE] = package
-    spec.loader.exec_module(package)
-    start = importlib.import_module(f"{_PACKAGE}.start")
-    return start, importlib.import_module(f"{_PACKAGE}.ending")
+def main(options: str, *command: str) -> None:
+    """Run the script.
+
+    Parameters
+    ----------
+    options
+        JSON: the arguments of `start.watch`, whether the script is a `module`, whether it `listens`
+        to what the script reaches, and its `scratch` folder.
+    command
+        The script, or a module's name, and its own arguments.
+    """
+    arguments = json.loads(options)
+    is_module, listens = arguments.pop("module"), arguments.pop("listens")
+    start.enter(arguments.pop("scratch"))
+    sys.argv = [*command]
+    watch = start.watch(**arguments)
+    if listens:
+        watch.listen_outside()
+    run = _run_module if is_module else _run_file
+    ending.run(watch, lambda: run(command[0]))
 
 
 def _enter(folder: str) -> None:
@@ -78,26 +79,7 @@ def _run_module(name: str) -> None:
 def _new_main() -> ModuleType:
     module = ModuleType("__main__")
     vars(module).update(__builtins__=builtins, __spec__=None, __cached__=None)
-    if "__annotations__" in globals():  # as every Python before 3.14 has it
+    if "__annotations__" in vars(sys.modules["__main__"]):  # as every Python before 3.14 has it
         vars(module)["__annotations__"] = {}
     sys.modules["__main__"] = module
     return module
-
-
-def main() -> None:
-    """Run the script."""
-    options, *rest = sys.argv[1:]
-    arguments = json.loads(options)
-    start, ending = _load()
-    is_module, listens = arguments.pop("module"), arguments.pop("listens")
-    start.enter(arguments.pop("scratch"))
-    sys.argv = rest
-    watch = start.watch(**arguments)
-    if listens:
-        watch.listen_outside()
-    run = _run_module if is_module else _run_file
-    ending.run(watch, lambda: run(rest[0]), os.path.abspath(__file__))
-
-
-if __name__ == "__main__":
-    main()

@@ -1,4 +1,4 @@
-"""Run a script in its own interpreter, and watch its calls of PyBullet."""
+"""Run a script in its own interpreter, and watch what it does with its engines."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from abc import ABC, abstractmethod
 from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-from drop_physics.engines.pybullet.channel import shared_block, wide_pipe
-from drop_physics.engines.pybullet.other_processes import OtherProcesses
-from drop_physics.engines.pybullet.watch import pipe
-from drop_physics.engines.pybullet.watched import Decoder
+from drop_physics.engines.channel import WATCHING, shared_block, wide_pipe
+from drop_physics.engines.decoder import Decoder
+from drop_physics.engines.other_processes import OtherProcesses
+from drop_physics.engines.watching import pipe
 from drop_physics.errors import DropError
 from drop_physics.messages import Message
 from drop_physics.trace.events import Ending, Event, located
 from drop_physics.workers import how_it_ended, under_load, users_environment
 
-WATCHING = Path(__file__).with_name("watch")
+MODULE = "watching.running"
+"""What is asked to run a script in its interpreter."""
 
 PERTURB = "85"
 """What new memory is filled with (`MALLOC_PERTURB_`): PyBullet reads some of it uninitialised."""
@@ -66,12 +66,14 @@ class Program:
     python: str
     is_module: bool = False
     steps: int | None = None
+    """After how many steps it is stopped; with `of_first`, of the engine that steps first."""
     duration_s: float | None = None
     keep_sleeping: bool = False
     seed: int | None = None
     begins_s: float | None = None
     """What its clock shows at first [s], if it is virtual."""
     perturb: str = PERTURB
+    of_first: bool = False
     explain: bool = False
     """Whether steps of MuJoCo are replayed and explained in the same interpreter, afterwards."""
     variation: Mapping[str, Any] | None = None
@@ -189,7 +191,7 @@ class Listener(ABC):
         made_with = {
             **decoder.python,
             "unseeded": decoder.unseeded or None,
-            "real_time": decoder.real_time,
+            "real_time": decoder.bullet.real_time,
             "mujoco": decoder.mujoco.version if decoder.mujoco.steps else None,
         }
         notes = [*decoder.faults, *([ELSEWHERE] if self._steps_elsewhere() else [])]
@@ -373,6 +375,7 @@ class Script(Listener):
             "module": program.is_module,
             "steps": program.steps,
             "duration_s": program.duration_s,
+            "of_first": program.of_first,
             "keep_sleeping": program.keep_sleeping,
             "seed": program.seed,
             "begins_s": program.begins_s,
@@ -391,7 +394,7 @@ class Script(Listener):
                 for trial, (_, end, block) in zip(program.trials, self._parts, strict=True)
             ],
         }
-        command = [program.python, str(WATCHING), json.dumps(options), program.target]
+        command = [program.python, str(WATCHING), MODULE, json.dumps(options), program.target]
         try:
             self._process = subprocess.Popen(
                 [*command, *program.arguments],

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from types import TracebackType
+from typing import Any
 
-_HERE = os.path.dirname(os.path.abspath(__file__))
-_ENGINES = os.path.dirname(os.path.dirname(_HERE))
-WRAPPERS = (_HERE + os.sep, os.path.join(_ENGINES, "mujoco", "watch", ""))
+_ENGINES = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+WRAPPERS = (
+    os.path.join(_ENGINES, "watching", ""),
+    *(os.path.join(_ENGINES, name, "watch", "") for name in ("pybullet", "mujoco")),
+)
 """The folders whose functions stand before others."""
 
 
@@ -22,3 +26,16 @@ def hide(error: BaseException) -> None:
     while trace is not None and trace.tb_frame.f_code.co_filename.startswith(WRAPPERS):
         trace = trace.tb_next
     BaseException.with_traceback(error, trace)  # a script's class may have its own
+
+
+def hiding(call: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a wrapper whose frames are in no traceback of the script's."""
+
+    def called(*args: Any, **kwargs: Any) -> Any:
+        try:
+            return call(*args, **kwargs)
+        except BaseException as error:
+            hide(error)
+            raise
+
+    return called

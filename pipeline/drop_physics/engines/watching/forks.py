@@ -16,14 +16,8 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from .arguments import client_of, named
-from .functions import MAKES_BODIES
-from .intervene import Interventions, hiding
-
 if TYPE_CHECKING:
-    from .hooks import Watch
-
-Call = Callable[..., Any]
+    from .host import ScriptWatch
 
 
 class Forks:
@@ -38,30 +32,16 @@ class Forks:
         and `interventions`, as of a run of its own.
     """
 
-    def __init__(self, watch: Watch, trials: Sequence[dict[str, Any]]) -> None:
-        self._watch = watch
-        self._pending = [*enumerate(trials)]
+    def __init__(self, watch: ScriptWatch, trials: Sequence[dict[str, Any]]) -> None:
+        self._watch, self.trials = watch, trials
+        self.pending = [*enumerate(trials)]
+        """Those that have not parted, by number."""
         self._children: list[int] = []
         self._is_trial = False
-        self._known = Interventions([each for t in trials for each in t["interventions"]], _silent)
 
-    def of(self, name: str, call: Call) -> Call:
-        """Return what stands before a watched function, which may part here."""
-        if not self._pending:
-            return call
-
-        def parting(*args: Any, **kwargs: Any) -> Any:
-            if self._pending:
-                arguments, client = named(name, args, kwargs), client_of(name, args, kwargs)
-                for number, trial in self._differing(name, arguments, client):
-                    if self._forked(number, trial):
-                        return self._watch.calls_of(name)(*args, **kwargs)
-            result = call(*args, **kwargs)
-            if self._pending and name in MAKES_BODIES | {"connect", "resetSimulation"}:
-                self._known.came(name, result if name == "connect" else client, result)
-            return result
-
-        return hiding(parting)
+    def part(self, differs: Callable[[dict[str, Any]], bool]) -> bool:
+        """Let trials part before a call in which they differ; return whether this is one now."""
+        return any(self._forked(*each) for each in [*self.pending] if differs(each[1]))
 
     def end(self) -> None:
         """Wait for the trials to end, each read by the recorder; end a trial at once.
@@ -74,33 +54,12 @@ class Forks:
             atexit._run_exitfuncs()
             os._exit(0)
 
-    def _differing(
-        self, name: str, arguments: dict[str, Any], client: int
-    ) -> list[tuple[int, dict[str, Any]]]:
-        """Return the trials that differ in a call."""
-        return [
-            (number, trial)
-            for number, trial in self._pending
-            if (trial["variation"] and name == "connect")
-            or any(
-                name in each.get("functions", ())
-                and self._known.is_about(each, name, arguments, client)
-                for each in trial["interventions"]
-            )
-        ]
-
-    def part(self) -> None:
-        """Let the trials part in which a loaded model differs: before its first call all do."""
-        for number, trial in [*self._pending]:
-            loaded = not any(each.get("at_load") for each in trial["interventions"])
-            if loaded and self._forked(number, trial):
-                return
-
     def _forked(self, number: int, trial: dict[str, Any]) -> bool:
         """Part from the run; return whether this is the trial."""
         watch = self._watch
         if threading.active_count() > 1:  # others would be lost in the child
-            self._pending.clear()
+            self.pending.clear()
+        if (number, trial) not in self.pending:
             return False
         for stream in (sys.stdout, sys.stderr):
             with contextlib.suppress(AttributeError, OSError, ValueError):  # closed, or none
@@ -114,27 +73,23 @@ class Forks:
             child = os.fork()
         except OSError:  # too many processes
             watch.is_parting = False
-            self._pending.clear()
+            self.pending.clear()
             return False
         if not child:
             random.setstate(drawn)
-            for other, each in self._pending:
+            for other, each in self.pending:
                 if other != number:
                     os.close(each["pipe"])
                     os.close(each["block"])
-            self._pending, self._children, self._is_trial = [], [], True
-            watch.become(trial, self._known.next_body)
+            self.pending, self._children, self._is_trial = [], [], True
+            watch.become(trial)
             return True
         watch.is_parting = False
         self._children.append(child)
-        self._pending.remove((number, trial))
+        self.pending.remove((number, trial))
         os.close(trial["pipe"])
         os.close(trial["block"])
         with watch.lock:
             watch.pipe.note("forked", trial=number, process=child, after=watch.pipe.sent_bytes)
             watch.pipe.flush()
         return False
-
-
-def _silent(_: int) -> None:
-    pass

@@ -9,13 +9,17 @@ import contextlib
 import fcntl
 import os
 import tempfile
+from pathlib import Path
 from typing import IO
 
 from rich.filesize import decimal
 
-from drop_physics.engines.pybullet.watch import pipe
+from drop_physics.engines.watching import pipe
 from drop_physics.errors import OutputError
 from drop_physics.messages import Message
+
+WATCHING = Path(__file__).with_name("watching")
+"""What runs parts of ours in a script's interpreter."""
 
 
 def shared_block() -> IO[bytes]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from drop_physics.engines.pybullet.watch import pipe
+from drop_physics.engines.watching import pipe
 from drop_physics.errors import DropError
 
 FRAMES = {pipe.NOTE, pipe.SAMPLE, pipe.SET, pipe.CALL, pipe.RESULT, pipe.IMAGE, pipe.MUJOCO}

@@ -16,6 +16,7 @@ from types import ModuleType
 from typing import Any
 
 from .hidden import hide
+from .sites import INSTALLED
 
 SEEDS = ("seed", "setstate", "set_state", "set_bit_generator")
 """Functions of a generator that determine what it draws."""
@@ -23,8 +24,6 @@ SILENT = ("getstate", "get_state", "getrandbits")
 """Those that draw nothing, or with which Python's library draws for itself."""
 OF_NUMPY = ("seed", "sample", "ranf", "set_bit_generator")
 """Functions of numpy's generator that are not its methods."""
-INSTALLED = re.compile(r"[/\\](site|dist)-packages[/\\]")
-"""Parts of the path of a library's module."""
 SEEDED_STATE = re.compile(r"RandomState\((?!\s*(None\s*)?\))")
 """A call that gives `numpy.random.RandomState` a seed."""
 

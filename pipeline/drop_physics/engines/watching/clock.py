@@ -21,6 +21,7 @@ from threading import get_ident
 from typing import Any
 
 from .hidden import hide
+from .sites import LIBRARY
 
 CALL_S = 1e-4
 """How long a call takes on the clock while a simulation runs in real time [s]."""
@@ -30,8 +31,7 @@ ASK_S, LONGEST_ASK_S = 1e-6, 1e-3
 """How long asking for input takes [s]: more each time, until something happens."""
 NAMES = ("time", "monotonic", "perf_counter")
 
-_LIBRARY = os.path.dirname(os.__file__) + os.sep
-_OTHERS = _LIBRARY + "site-packages" + os.sep
+_OTHERS = LIBRARY + "site-packages" + os.sep
 
 
 class Clock:
@@ -149,7 +149,7 @@ class Clock:
         known = self._library.get(name)
         if known is None:
             known = name.startswith("<frozen") or (
-                name.startswith(_LIBRARY) and not name.startswith(_OTHERS)
+                name.startswith(LIBRARY) and not name.startswith(_OTHERS)
             )
             self._library[name] = known
         return known

@@ -4,34 +4,23 @@ from __future__ import annotations
 
 import atexit
 import ctypes
-import os
 import sys
 import traceback
 from collections.abc import Callable
 from types import TracebackType
 
-from . import draws
-from .calls import shown_file
-from .hooks import Stop, Watch
+from .hidden import WRAPPERS
+from .host import ScriptWatch, Stop
+from .sites import is_library, shown_file
 
-LIBRARY = os.path.dirname(os.__file__)
-"""The folder of Python's own modules."""
 NOWHERE = "", 0
 """File and line where there is none."""
 PR_SET_PDEATHSIG, SIGKILL = 1, 9
 """Numbers from Linux's `sys/prctl.h` and `signal.h`."""
 
 
-def run(watch: Watch, script: Callable[[], None], ours: str) -> None:
-    """Run a script to its end, and end the process as it asks.
-
-    Parameters
-    ----------
-    watch, script
-        What watches it, and runs it.
-    ours
-        The file whose frames are left out of a traceback.
-    """
+def run(watch: ScriptWatch, script: Callable[[], None]) -> None:
+    """Run a script to its end, and end the process as it asks."""
     _end_with_the_recorder()
     atexit.register(_end_last, watch)
     code: object = 0
@@ -49,8 +38,8 @@ def run(watch: Watch, script: Callable[[], None], ours: str) -> None:
         code = 130
     except BaseException as error:  # noqa: BLE001 - the script's own
         watch.clock.remove()
-        _tell(watch, "failed", in_one_line(error), place_of(error, ours))
-        while error.__traceback__ is not None and _is_ours(error.__traceback__, ours):
+        _tell(watch, "failed", in_one_line(error), place_of(error))
+        while error.__traceback__ is not None and _is_ours(error.__traceback__):
             error.__traceback__ = error.__traceback__.tb_next
         sys.excepthook(type(error), error, error.__traceback__)
         code = 1
@@ -59,7 +48,7 @@ def run(watch: Watch, script: Callable[[], None], ours: str) -> None:
     raise SystemExit(code)  # not sys.exit, which the script may have replaced
 
 
-def end(watch: Watch, how: str, error: str = "", site: tuple[str, int] = NOWHERE) -> None:
+def end(watch: ScriptWatch, how: str, error: str = "", site: tuple[str, int] = NOWHERE) -> None:
     """Send the recorder what is left, and that the script is over: nothing follows."""
     watch.finish()
     watch.lock.remove()
@@ -67,7 +56,7 @@ def end(watch: Watch, how: str, error: str = "", site: tuple[str, int] = NOWHERE
     watch.pipe.flush()
 
 
-def _tell(watch: Watch, how: str, error: str = "", site: tuple[str, int] = NOWHERE) -> None:
+def _tell(watch: ScriptWatch, how: str, error: str = "", site: tuple[str, int] = NOWHERE) -> None:
     """Tell how the script has ended, and with an error, in which line of its own.
 
     What its threads, its functions of `atexit` and its finalizers still do is recorded.
@@ -78,7 +67,7 @@ def _tell(watch: Watch, how: str, error: str = "", site: tuple[str, int] = NOWHE
         watch.pipe.flush()
 
 
-def _end_last(watch: Watch) -> None:
+def _end_last(watch: ScriptWatch) -> None:
     """Send what is left when all else that was registered has run.
 
     Only finalizers follow, in this thread: what they do is left in the block. The turn is kept from
@@ -90,22 +79,24 @@ def _end_last(watch: Watch) -> None:
         watch.settle()
 
 
-def place_of(error: BaseException, ours: str) -> tuple[str, int]:
-    """Return the last of the script's own files that an error came through, and the line."""
+def place_of(error: BaseException, ours: str = "") -> tuple[str, int]:
+    """Return the last of the script's own files that an error came through, and the line.
+
+    Frames of the file `ours` are not the script's.
+    """
     place = NOWHERE
     trace = error.__traceback__
     while trace is not None:
         name = trace.tb_frame.f_code.co_filename
-        library = name.startswith(("<", LIBRARY)) or draws.INSTALLED.search(name)
-        if not library and not _is_ours(trace, ours):
+        if not (name.startswith("<") or is_library(name) or _is_ours(trace) or name == ours):
             place = shown_file(name), trace.tb_lineno
         trace = trace.tb_next
     return place
 
 
-def _is_ours(trace: TracebackType, ours: str) -> bool:
+def _is_ours(trace: TracebackType) -> bool:
     name = trace.tb_frame.f_code.co_filename
-    return name in (ours, __file__) or "runpy" in name
+    return name.startswith(WRAPPERS) or "runpy" in name
 
 
 def in_one_line(error: BaseException) -> str:

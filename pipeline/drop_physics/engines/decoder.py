@@ -1,0 +1,257 @@
+"""Interprets what a watched script's process sends: from frames to events, whatever the engine.
+
+The other end of `watching`; the stream is described in its `pipe`. What is of an engine goes to the
+decoder in its folder.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Iterator, Sequence
+from typing import IO, Any
+
+from drop_physics.engines.frames import Frames
+from drop_physics.engines.mujoco.frames import STEP
+from drop_physics.engines.mujoco.watched import MujocoDecoder
+from drop_physics.engines.pybullet.watched import NOTES, BulletDecoder
+from drop_physics.engines.watching import pipe
+from drop_physics.errors import DropError
+from drop_physics.fields import counted
+from drop_physics.messages import Message
+from drop_physics.trace.events import Event, located
+from drop_physics.trace.history import PYBULLET
+
+MUJOCO = "MuJoCo"
+
+
+class Decoder:
+    """Interprets a stream of frames as events, in order.
+
+    A script may step PyBullet and MuJoCo, but a recording has one engine: the first that steps. The
+    frames of the other are kept for a decoder of its own (`other`), and until one steps all are.
+
+    Parameters
+    ----------
+    finer
+        Steps of the engine for each of the script's.
+    """
+
+    def __init__(self, finer: int = 1) -> None:
+        self._finer = finer
+        self.engine = ""
+        """The engine whose frames are events: the first that steps; empty until then."""
+        self._kept: IO[bytes] | None = None
+        """The frames that are kept; None while there are none."""
+        self.also_steps = ""
+        """The other engine, where it steps, too; else empty."""
+        self.python: dict[str, Any] = {}
+        self.main_sha256: str | None = None
+        """Digest of the file that runs as `__main__`, once it has made a call."""
+        self.stopped = ""
+        self.ended: dict[str, Any] | None = None
+        self.faults: list[str] = []
+        self.cut_off = False
+        """Whether the script closed the pipe or wrote into it: the end is missing."""
+        self.unseeded: list[str] = []
+        self.outside: list[tuple[str, str]] = []
+        """What it reached beside its simulation: `connects`, `starts`, `writes`, `removes`, `keeps`
+        or `keeps there`, and a name."""
+        self.intervened: set[int] = set()
+        """The interventions that have changed something, by number."""
+        self.forked: dict[int, tuple[int, int]] = {}
+        """Process of each trial that parted from it, and after how many bytes of the stream."""
+        self.timing = ""
+        """Where the script first read a time after a step: file and line."""
+        self.bullet, self.mujoco = BulletDecoder(finer, self.faults), MujocoDecoder()
+        self._frames = Frames()
+        self.counters: Sequence[int] = ()
+        """How often places have read, as counted in the memory shared with the process."""
+
+    @property
+    def steps(self) -> int:
+        """How many steps all simulations have made."""
+        return self.bullet.steps or self.mujoco.steps
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time [s], of the simulation that is furthest."""
+        return self.bullet.time_s or self.mujoco.time_s
+
+    def close(self) -> None:
+        """Free what was kept."""
+        self.mujoco.close()
+        if self._kept is not None:
+            self._kept.close()
+
+    def other(self) -> tuple[Decoder, Iterator[Event]] | None:
+        """Return what decodes the other engine that was stepped, and its events, after all others.
+
+        None if only one engine was stepped.
+        """
+        if not self.also_steps:
+            return None
+        other = Decoder(self._finer)
+        other.engine = self.also_steps
+        other.python, other.main_sha256 = self.python, self.main_sha256
+        other.counters = self.counters
+
+        def events() -> Iterator[Event]:
+            for kind, payload in _frames_in(self._kept):
+                yield from other._on_frame(kind, payload)
+            yield from other.rest()
+
+        return other, events()
+
+    def _begin(self, engine: str) -> Iterator[Event]:
+        """Yield the events of an engine that were kept, and keep only the other's from now on."""
+        self.engine = engine
+        kept, self._kept = self._kept, None
+        for kind, payload in _frames_in(kept):
+            yield from self._on_frame(kind, payload)
+        if kept is not None:
+            kept.close()
+
+    def feed(self, data: bytes) -> Iterator[Event]:
+        """Yield the events in the next part of the stream."""
+        bullet = self.bullet.take
+        for kind, payload in self._frames.feed(data):
+            if kind == pipe.MUJOCO and self.engine == MUJOCO:  # as most are, or one of these
+                yield from self.mujoco.take(payload)
+            elif kind in (pipe.SAMPLE, pipe.CALL) and self.engine == PYBULLET:
+                yield from bullet(kind, payload)
+            else:
+                yield from self._on_frame(kind, payload)
+
+    def _on_frame(self, kind: bytes, payload: bytes) -> Iterator[Event]:
+        """Yield the events in a frame, or keep it."""
+        of, note = MUJOCO if kind == pipe.MUJOCO else PYBULLET, {}
+        if kind == pipe.NOTE:
+            try:
+                note = json.loads(payload)
+            except ValueError:
+                self._frames.broken = True
+                return
+            of = PYBULLET if note["what"] in NOTES else ""
+        if of and of != self.engine:
+            steps = kind == pipe.SAMPLE or (kind == pipe.MUJOCO and payload[:1] == STEP)
+            if not steps or self.engine:
+                if self._kept is None:
+                    self._kept = tempfile.TemporaryFile()  # noqa: SIM115 - until it is closed
+                self._kept.write(pipe.frame(kind, payload))
+                if steps:
+                    self.also_steps = of
+                return
+            yield from self._begin(of)
+        if kind == pipe.MUJOCO:
+            yield from self.mujoco.take(payload)
+        elif kind != pipe.NOTE:
+            yield from self.bullet.take(kind, payload)
+        elif of:
+            yield from self.bullet.note(**note)
+        else:
+            getattr(self, f"_on_{note.pop('what')}")(**note)
+
+    def explained(self, python: str) -> Iterator[Event]:
+        """Yield what the steps of MuJoCo are, replayed and explained in an interpreter."""
+        try:
+            yield from self.mujoco.explained(python)
+        except DropError as error:  # the recording is whole without it
+            self.faults.append(Message("its steps are not explained: {why}", why=str(error)))
+
+    def rest(self) -> Iterator[Event]:
+        """Yield what is gathered and not yet yielded; the stream is over."""
+        if not self.engine:
+            yield from self._begin(PYBULLET)
+        if self.engine == PYBULLET and not self.also_steps:  # it says what of MuJoCo is not caught
+            for _, payload in _frames_in(self._kept):
+                yield from self.mujoco.take(payload)
+        yield from self.bullet.rest(self.counters)
+        if not self.bullet.is_used:
+            yield from self.mujoco.rest()
+        self.faults += self.mujoco.notes()
+        if self.also_steps:
+            self.faults.append(
+                Message(
+                    "the script steps {first} and {other}: {other} has a recording of its own",
+                    first=self.engine,
+                    other=self.also_steps,
+                )
+            )
+        if self._frames.broken:
+            self._is_cut_off(Message("the script wrote into drop's pipe"))
+        elif self._frames.is_cut and self.stopped != "disk":
+            self._is_cut_off(Message("the rest is missing in drop's pipe"))
+
+    def _is_cut_off(self, why: Message) -> None:
+        self.cut_off = True
+        self._ends_early(why)
+
+    def _ends_early(self, why: Message) -> None:
+        self.faults.append(
+            Message(
+                "the recording ends after {samples}: {why}",
+                samples=counted(self.bullet.samples, "sample"),
+                why=why,
+            )
+        )
+
+    # -- notes ------------------------------------------------------------------------------------
+
+    def _on_python(self, **note: Any) -> None:  # noqa: ANN401
+        self.python.update(note)
+
+    def _on_main(self, sha256: str, **_: object) -> None:
+        self.main_sha256 = sha256
+
+    def _on_pybullet(self, version: int, **_: object) -> None:
+        self.python["pybullet_api"] = version
+
+    def _on_timing(self, file: str, line: int) -> None:
+        self.timing = located(file, line)
+
+    def _on_unseeded(self, called: str, file: str, line: int) -> None:
+        self.unseeded.append(f"{called} at {located(file, line)}")
+
+    def _on_copy(self, file: str) -> None:
+        self.faults.append(
+            Message(
+                "{file} is a second copy of PyBullet, with simulations of its own: they are not "
+                "recorded",
+                file=file,
+            )
+        )
+
+    def _on_running(self) -> None:
+        self._ends_early(Message("threads that step the simulation outlive the block"))
+
+    def _on_outside(self, how: str, name: str) -> None:
+        self.outside.append((how, name))
+
+    def _on_intervened(self, number: int) -> None:
+        self.intervened.add(number)
+
+    def _on_forked(self, trial: int, process: int, after: int) -> None:
+        self.forked[trial] = process, after
+
+    def _on_stop(self, why: str) -> None:
+        self.stopped = why
+
+    def _on_end(self, **note: Any) -> None:  # noqa: ANN401
+        self.ended = note
+
+    def _on_cut(self) -> None:
+        self._is_cut_off(Message("the script closed drop's pipe"))
+
+    def _on_unread(self, error: str) -> None:
+        self.faults.append(Message("not all is known that the script read: {error}", error=error))
+
+
+def _frames_in(kept: IO[bytes] | None) -> Iterator[tuple[bytes, bytes]]:
+    """Yield kind and payload of the frames in a file."""
+    if kept is None:
+        return
+    kept.seek(0)
+    while head := kept.read(pipe.HEADER.size):
+        kind, length = pipe.HEADER.unpack(head)
+        yield kind, kept.read(length)

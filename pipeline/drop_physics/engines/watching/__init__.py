@@ -1,0 +1,7 @@
+"""The half of `drop record` that runs in the script's own interpreter, whatever engine it steps.
+
+It needs Python 3.9 or later and the standard library. It imports nothing of drop but its
+neighbours, the folders `watch` of the engines, so it can record in an environment that cannot have
+drop: it is started by its path (`__main__`), and sends what it sees through a pipe (`pipe`) to the
+other half.
+"""

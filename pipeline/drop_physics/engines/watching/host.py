@@ -1,0 +1,306 @@
+"""A running script that is watched: what is the same whatever engine it steps.
+
+What is an engine's own (`EngineWatch`) is in the engine's folder: it replaces its functions, sends
+what they do, and counts each step here.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Sequence
+from functools import partial
+from os import getpid
+from threading import current_thread, get_ident
+from typing import Any
+from weakref import ref
+
+from .clock import Clock
+from .forks import Forks
+from .hidden import hide
+from .imports import Then, on_extension, on_import
+from .outside import Outside
+from .pipe import APART, Pipe
+from .sites import Sites
+from .turns import Turn
+
+IDLE_S = 60.0
+"""A script that sleeps or asks for input this long [s] without a step waits for a user who is not
+there."""
+Call = Callable[..., Any]
+TOLD_EVERY = 8
+"""After this many steps it is looked whether what was not sent yet has waited for long."""
+
+
+class Stop(SystemExit):
+    """The script has reached its limit; few scripts catch this, and threads end silently."""
+
+
+class EngineWatch:
+    """What watches the functions of an engine.
+
+    Parameters
+    ----------
+    host
+        What watches the script.
+    """
+
+    def __init__(self, host: ScriptWatch) -> None:
+        self.host, self.pipe = host, host.pipe
+        host.engines.append(self)
+
+    def guarded(self, world: Any, do: Callable[..., object], *arguments: Any) -> None:
+        """Do something of ours; if it fails, a simulation is followed no longer.
+
+        The script goes on: our errors must not reach it.
+        """
+        try:
+            do(*arguments)
+        except Exception as error:  # noqa: BLE001 - whatever it is
+            self.lose(world, error)
+
+    def lose(self, world: Any, error: Exception) -> None:
+        """Follow a simulation no longer, and tell why."""
+        raise NotImplementedError
+
+    def become(self, trial: dict[str, Any]) -> None:
+        """Go on as a trial, in a process that has just been forked."""
+
+    def catch_up(self) -> None:
+        """Make the steps that simulations in real time owe; the caller holds the turn."""
+
+    def stop(self) -> None:
+        """Note that the script ends at its next call."""
+
+    def settle(self) -> None:
+        """Send what is left of all simulations; the caller holds the turn."""
+
+    def finish(self) -> None:
+        """Follow no simulation any longer."""
+
+
+class ScriptWatch:
+    """What is known of a running script.
+
+    Parameters
+    ----------
+    pipe, clock
+        Where it is told, and the time that the script reads.
+    steps
+        After how many steps to stop it, or None.
+    of_first
+        Whether only those of the engine that steps first count.
+    duration_s
+        After how much time on its clock [s] to stop it, or None.
+    trials
+        Runs that part from this one, as `forks` takes them.
+    is_plain
+        Whether nothing differs from the script's own run.
+    """
+
+    def __init__(
+        self,
+        pipe: Pipe,
+        clock: Clock,
+        *,
+        steps: int | None,
+        duration_s: float | None,
+        of_first: bool = False,
+        trials: Sequence[dict[str, Any]] = (),
+        is_plain: bool = True,
+    ) -> None:
+        self.pipe, self.clock = pipe, clock
+        self.on = True
+        self.lock, self.sites = Turn(), Sites(pipe)
+        self.engines: list[EngineWatch] = []
+        self.is_parting = False
+        """Whether a trial forks: its child is watched, too."""
+        self.forks: Forks | None = Forks(self, trials) if trials else None
+        self.stopped: str | None = None
+        self.steps_made = self._beside = 0
+        self._first: EngineWatch | None = None
+        """The engine that has stepped first; how many steps of others do not count."""
+        self._of_first = of_first
+        self._intervened: set[int] = set()
+        self._limit_steps, self._limit_s = steps, duration_s
+        self._undo: list[Callable[[], None]] = []
+        self.steppers: list[tuple[Any, str, Any]] = []
+        """What stands for functions that make steps: where it stands, and the name."""
+        self._is_plain = is_plain
+        self._left: Any = None
+        """The counters that were shared, in a forked child."""
+        self._process, self._thread = getpid(), get_ident()
+        self._threads: set[threading.Thread] = set()
+        """Other threads that have made steps."""
+        clock.passed = self._time_has_passed
+        clock.timing = self._tell_timing
+        if hasattr(os, "register_at_fork"):
+            # What is registered is kept as long as the process lives.
+            os.register_at_fork(after_in_child=partial(_leave, ref(self)))
+
+    def become(self, trial: dict[str, Any]) -> None:
+        """Go on as a trial, as `forks` takes it, in a process that has just been forked."""
+        self._process, self.is_parting = getpid(), False
+        self.pipe.become(trial["pipe"], trial["block"])
+        self._limit_steps, self._intervened = trial["steps"], set()
+        for engine in self.engines:
+            engine.become(trial)
+
+    def on_removal(self, undo: Callable[[], None]) -> None:
+        """Register a function that undoes something when this watch ends."""
+        self._undo.append(undo)
+
+    def on_import(self, name: str, then: Then, *, once: bool = True) -> None:
+        """Call a function with a module when the script imports it: once, or every time."""
+        self.on_removal(on_import(name, then, once=once))
+
+    def on_extension(self, name: str, then: Then) -> None:
+        """Call a function with every module that an extension's file becomes."""
+        self.on_removal(on_extension(name, then))
+
+    def remove(self) -> None:
+        """Put all functions back; those that a script has kept just call the engine."""
+        self.on = False
+        while self._undo:
+            self._undo.pop()()
+        self.clock.remove()
+        self.lock.remove()
+
+    def leave(self) -> None:
+        """Watch no further, in a forked child; only that it makes a step is noted."""
+        self.remove()
+        self._left = self.pipe.counters
+        self.pipe.leave()
+        for owner, name, hook in self.steppers if self._is_plain else ():
+            setattr(owner, name, hook)
+
+    def step_apart(self) -> None:
+        """Note that a step is not watched, where it is a forked child's."""
+        if self._left is not None:
+            self._left[APART] = 1
+
+    def standing(self, original: Call, call: Call) -> Call:
+        """Return what stands before a function: `call`, as long as the script is watched.
+
+        Its frames are in no traceback of the script's.
+        """
+
+        def stand(*args: Any, **kwargs: Any) -> Any:
+            try:
+                return (call if self.on else original)(*args, **kwargs)
+            except BaseException as error:
+                hide(error)
+                raise
+
+        return stand
+
+    # -- what is told -----------------------------------------------------------------------------
+
+    def tell(self, what: str, **values: Any) -> None:
+        """Send a note."""
+        with self.lock:
+            self.pipe.note(what, **values)
+
+    def tell_place(self, what: str, frame: Any, **values: Any) -> None:
+        """Send a note about a line of the script."""
+        file, line = self.sites.place(frame)
+        self.tell(what, file=file, line=line, **values)
+
+    def tell_draw(self, called: str, frame: Any) -> None:
+        """Report an unseeded random number."""
+        self.tell_place("unseeded", frame, called=called)
+
+    def tell_intervention(self, number: int) -> None:
+        """Report that an intervention has changed something, once."""
+        if number not in self._intervened:
+            self._intervened.add(number)
+            self.tell("intervened", number=number)
+
+    def _tell_timing(self, frame: Any) -> None:
+        """Report where the script reads a time between steps."""
+        self.tell_place("timing", frame)
+
+    def listen_outside(self) -> None:
+        """Tell what the script reaches beside its simulation; for good, in this interpreter."""
+        Outside(self._tell_outside).listen()
+
+    def _tell_outside(self, what: str, name: str) -> None:
+        if self.on:
+            self.tell("outside", how=what, name=name)
+
+    # -- steps and time ---------------------------------------------------------------------------
+
+    def count(self, time_s: float, engine: EngineWatch) -> None:
+        """Count a step that leads to a time [s]; end the script where that is its limit."""
+        self.steps_made += 1
+        if engine is not self._first:
+            self._first = self._first or engine
+            self._beside += self._of_first and engine is not self._first
+        if get_ident() != self._thread:
+            self._threads.add(current_thread())
+        self.clock.step(time_s)
+        if self.steps_made - self._beside == self._limit_steps:
+            self.stop("steps")
+        if self._limit_s is not None:
+            self._check_time()
+        if not self.steps_made % TOLD_EVERY:
+            self.pipe.tick()
+
+    def _time_has_passed(self) -> None:
+        if not self.on:
+            return
+        with self.lock:
+            self.check()
+            for engine in self.engines:
+                engine.catch_up()
+            self._check_time()
+
+    def _check_time(self) -> None:
+        now_s = max(self.clock.simulated_s, self.clock.waited_s)
+        if self._limit_s is not None and now_s >= self._limit_s * (1 - 1e-12):
+            self.stop("duration")
+        elif self.clock.idle_s >= IDLE_S:
+            self.stop("idle")
+
+    def stop(self, why: str) -> None:
+        """End the script: here, and at any further call of an engine."""
+        self.stopped = why
+        for engine in self.engines:
+            engine.stop()
+        self.pipe.note("stop", why=why)
+        self.pipe.flush()
+        raise Stop(0)
+
+    def check(self) -> None:
+        """Raise again if the script has caught the end; without a recorder it ends too."""
+        if self.stopped or self.pipe.gone:
+            raise Stop(0)
+
+    # -- the end ----------------------------------------------------------------------------------
+
+    def settle(self) -> None:
+        """Send what is left of all simulations, as far as the script has come."""
+        with self.lock:
+            for engine in self.engines:
+                engine.settle()
+            self.pipe.flush()
+
+    def finish(self) -> None:
+        """Send what is left, and watch no further: what follows is not recorded."""
+        with self.lock:
+            self.settle()
+            here = current_thread()
+            if any(thread.is_alive() for thread in self._threads if thread is not here):
+                self.pipe.note("running")
+            for engine in self.engines:
+                engine.finish()
+            self.on = False
+
+
+def _leave(kept: ref[ScriptWatch]) -> None:
+    """Watch no further, in a forked child: its parent is watched."""
+    watch = kept()
+    if watch is None or watch.is_parting:
+        return
+    if watch.on and getpid() != watch._process:
+        watch.leave()

@@ -1,0 +1,109 @@
+"""Modules are watched from the moment they are imported."""
+
+from __future__ import annotations
+
+import _imp
+import importlib.machinery
+import importlib.util
+import sys
+from collections.abc import Callable, Sequence
+from types import ModuleType
+from typing import Any
+
+from .hidden import hide
+
+Then = Callable[[ModuleType], None]
+"""What is done with a module."""
+
+
+def on_import(name: str, then: Then, *, once: bool) -> Callable[[], None]:
+    """Call a function with a module when the script imports it: every time, or once.
+
+    Return what stops waiting.
+    """
+    if name in sys.modules:
+        then(sys.modules[name])
+        if once:
+            return _nothing
+    finder = _OnImport(name, then, once=once)
+    sys.meta_path.insert(0, finder)
+    return finder.remove
+
+
+def on_extension(name: str, then: Then) -> Callable[[], None]:
+    """Call a function with every module that an extension's file becomes, however it is loaded.
+
+    `importlib` can make one under another name, or beside the one that is imported already; all of
+    them come from one function of Python's. The last part of the name is always the extension's.
+    Return what stops waiting.
+    """
+    original = _imp.create_dynamic
+
+    def create(spec: Any, *rest: Any) -> ModuleType:
+        try:
+            module: ModuleType = original(spec, *rest)
+        except BaseException as error:
+            hide(error)
+            raise
+        if spec.name.rpartition(".")[2] == name:
+            then(module)
+        return module
+
+    _imp.create_dynamic = create
+    for known, module in list(sys.modules.items()):
+        loader = getattr(module, "__loader__", None)
+        is_extension = isinstance(loader, importlib.machinery.ExtensionFileLoader)
+        if is_extension and known.rpartition(".")[2] == name:
+            then(module)
+    return lambda: setattr(_imp, "create_dynamic", original)
+
+
+def _nothing() -> None:
+    pass
+
+
+class _OnImport:
+    """Calls a function with a module when the script imports it: every time, or once.
+
+    Python asks it as a finder (`sys.meta_path`); `importlib.abc` has a class for those, and takes
+    as long to import as all of ours.
+    """
+
+    def __init__(self, name: str, then: Then, *, once: bool) -> None:
+        self._name, self._then, self._once = name, then, once
+        self._over = False
+
+    def remove(self) -> None:
+        """Stop waiting."""
+        self._over = True
+        finders: list[Any] = sys.meta_path
+        if self in finders:
+            finders.remove(self)
+
+    def find_spec(
+        self, fullname: str, _path: Sequence[str] | None, _target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        if fullname != self._name or self not in sys.meta_path:
+            return None
+        place = sys.meta_path.index(self)
+        del sys.meta_path[place]
+        try:
+            spec = importlib.util.find_spec(fullname)
+        finally:
+            sys.meta_path.insert(place, self)
+        if spec is not None and spec.loader is not None:
+            execute = spec.loader.exec_module
+
+            def exec_module(module: ModuleType) -> None:
+                try:
+                    execute(module)
+                except BaseException as error:
+                    hide(error)
+                    raise
+                if not self._over:
+                    self._over = self._once
+                    self._then(module)
+
+            loader: Any = spec.loader
+            loader.exec_module = exec_module
+        return spec

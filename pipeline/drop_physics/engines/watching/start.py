@@ -1,0 +1,89 @@
+"""Start watching: from now on, what the script does with its engines is reported."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Any
+
+from .clock import Clock
+from .draws import Draws
+from .host import ScriptWatch
+from .pipe import Pipe
+from .sites import HOME
+
+ENGINES = ("pybullet", "mujoco")
+"""The folders of engines; `begin` of their `watch` takes the watch of the script, and what differs.
+"""
+
+
+def watch(
+    pipe: int,
+    block: int,
+    *,
+    steps: int | None,
+    duration_s: float | None,
+    keep_sleeping: bool,
+    seed: int | None,
+    of_first: bool = False,
+    begins_s: float | None = None,
+    variation: dict[str, Any] | None = None,
+    interventions: Sequence[dict[str, Any]] = (),
+    trials: Sequence[dict[str, Any]] = (),
+) -> ScriptWatch:
+    """Watch all engines, each as soon as it is imported.
+
+    Parameters
+    ----------
+    pipe, block
+        File descriptors of the pipe, and of the memory shared with its reader.
+    steps, duration_s
+        When to stop the script; None for never.
+    keep_sleeping
+        Whether the script's clock is the real one.
+    seed
+        Seed of all random numbers, or None.
+    of_first
+        Whether only steps of the engine that steps first count.
+    begins_s
+        What a virtual clock shows at first [s]; None for the time of day.
+    variation
+        What varies in the run, as each engine takes it; None for the script's own run.
+    interventions
+        What its calls do otherwise, likewise.
+    trials
+        Runs that part from this one, as `forks` takes them.
+    """
+    started = ScriptWatch(
+        Pipe(pipe, block),
+        Clock(real=keep_sleeping, begins_s=begins_s),
+        steps=steps,
+        duration_s=duration_s,
+        of_first=of_first,
+        trials=trials,
+        is_plain=not (variation or interventions or trials),
+    )
+    version = ".".join(map(str, sys.version_info[:3]))
+    started.pipe.note(
+        "python", version=version, machine=platform.machine(), virtual_time=not keep_sleeping
+    )
+    started.clock.install()
+    started.lock.install()
+    draws = Draws(seed, started.tell_draw)
+    draws.begin()
+    started.on_removal(draws.remove)
+    started.on_import("numpy.random", draws.on_numpy)
+    for engine in ENGINES:
+        its = import_module(f"..{engine}.watch", __package__)
+        its.begin(started, interventions, variation)
+    return started
+
+
+def enter(scratch: str | None) -> None:
+    """Work in a copy of the working directory; files are named as in that."""
+    if scratch is not None:
+        HOME.append(os.getcwd())
+        os.chdir(scratch)
