@@ -253,6 +253,36 @@ def test_a_script_that_steps_two_engines_has_a_recording_of_each(
     assert note in " ".join(both.stderr.split())
 
 
+def test_the_steps_of_both_engines_are_compared(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A second run makes as many steps of both, and the engine whose states differ is named."""
+    monkeypatch.chdir(tmp_path)
+    script = tmp_path / "script.py"
+    notes: list[str] = []
+    for drawn, differs in (("0.0", None), ("os.urandom(1)[0] + os.getpid()", 21)):
+        script.write_text(f"import os\n{BOTH}bullet(); muj(); d.qvel[2] = {drawn}; bullet(); muj()")
+        found = record_script("script.py", twice=True, stdout=2, note=notes.append)
+        assert (found.twice, found.first_difference) == (True, differs)
+    assert "recorded twice: every state is the same to the bit" in notes
+    assert "the states that differ are those of MuJoCo" in notes
+
+
+def test_trust_and_why_say_that_they_compare_one_engine_of_two(
+    tmp_path: Path, drop: Drop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Their runs are stopped by the steps of that engine, and so make all of them."""
+    monkeypatch.chdir(tmp_path)
+    tmp_path.joinpath("script.py").write_text(f"{BOTH}muj(); bullet(); muj()")
+    said = drop("trust", "--vary", "nudge", "script.py")
+    assert "the script steps two engines: only MuJoCo" in " ".join(said.stderr.split())
+    kept = {path.stem: read(path) for path in Path("recordings/script-trust").glob("*.rrd")}
+    assert len(kept) == 2
+    assert {sum(each.seen.samples.values()) for each in kept.values()} == {41}
+    said = drop("why", "--try", "gravity=-9", "--jobs", "1", "script.py")
+    assert "the script steps two engines: only MuJoCo" in " ".join(said.stderr.split())
+
+
 def test_an_edit_in_each_step_takes_its_own_bytes_alone(tmp_path: Path) -> None:
     """It does not cut the samples into chunks of a step, and each counts from its step on."""
     script = tmp_path / "script.py"

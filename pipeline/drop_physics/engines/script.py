@@ -109,6 +109,9 @@ class Listener(ABC):
     explains_with: str | None = None
     """The interpreter in which steps of MuJoCo are replayed and explained; None leaves it out."""
 
+    _others: OtherProcesses | None = None
+    """Looks for other processes with an engine; None where they need not be the script's."""
+
     def __init__(self, reading: int, block: int) -> None:
         self.decoder = Decoder()
         self._reading, self._memory = reading, block
@@ -119,8 +122,6 @@ class Listener(ABC):
         """Whether no process has the sending end of the pipe any more."""
         self._left = False
         """Whether nothing more is read."""
-        self._others: OtherProcesses | None = None
-        """Looks for other processes with an engine; None where they need not be the script's."""
 
     def events(self) -> Iterator[Event]:
         """Yield the events, until the process has ended."""
