@@ -24,7 +24,7 @@ from pathlib import Path
 from unittest.mock import patch
 
 import typer.main
-from drop_physics import workers
+from drop_physics import loading
 from drop_physics.console.running import main
 from drop_physics.sweeping.engines import dismiss
 from forked import fork_scripts
@@ -82,7 +82,7 @@ def run_here(
         stack.enter_context(patch.dict(os.environ, environment, clear=True))
         stack.enter_context(patch.object(sys, "argv", ["drop", *map(str, arguments)]))
         stack.enter_context(contextlib.chdir(folder))
-        stack.enter_context(patch.object(workers, "leave_out_pandas"))
+        stack.enter_context(patch.object(loading, "load_less"))
         stack.callback(dismiss)  # workers that got ready, and end with the process
         try:
             main()

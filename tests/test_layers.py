@@ -56,14 +56,14 @@ FILES = {str(path.relative_to(PACKAGE)): path for path in sorted(PACKAGE.rglob("
 def room_of(*parts: str) -> str:
     """Return the room of a path or module below the package: `scenario` has three files."""
     first = parts[0].removesuffix(".py")
-    return {"fields": "scenario", "option_types": "scenario", "cli_options": "cli"}.get(
-        first, first
-    )
+    parts_of = {"scenario": ("fields", "option_types"), "cli": ("cli_options",)}
+    parts_of["workers"] = ("loading",)
+    return next((room for room, files in parts_of.items() if first in files), first)
 
 
 @cache
 def knows(room: str) -> set[str]:
-    """Return the rooms that a room imports from, except `errors` and `messages`."""
+    """Return the rooms that a room imports from, except `errors`, `messages` and `data`."""
     paths = [path for name, path in FILES.items() if room_of(*Path(name).parts) == room]
     modules = [
         module
@@ -71,7 +71,12 @@ def knows(room: str) -> set[str]:
         for module in imports_of(path)
         if module.startswith("drop_physics.")
     ]
-    return {room_of(*module.split(".")[1:]) for module in modules} - {room, "errors", "messages"}
+    return {room_of(*module.split(".")[1:]) for module in modules} - {
+        room,
+        "errors",
+        "messages",
+        "data",
+    }
 
 
 def test_a_room_knows_what_the_architecture_says_and_nothing_else() -> None:

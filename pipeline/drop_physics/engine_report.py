@@ -11,8 +11,10 @@ and 1 / (1 / m) is not always m.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, field, fields
 from typing import Any, Self, get_type_hints
+
+from drop_physics.data import dataclass
 
 Vector = tuple[float, float, float]
 

@@ -99,7 +99,7 @@ _JAPANESE = re.compile("[\u3040-\u30ff\u4e00-\u9fff]")
 _WIDE, _KANJI, _UNIT = "\u2e80-\ua4cf\uff01-\uff60", "\u3005\u4e00-\u9fff", "A-Za-zµ°%²³/"
 _KANA = "[ぁ-ゖ]+(?:込[ぁ-ゖ]+)?"  # めり込み is one word
 _NUMBER = rf"[-+±]?\d[^\s{_WIDE}]* (?:[{_UNIT}]+(?: m[{_UNIT}]*)?|[ァ-ヺー]+|[{_KANJI}]+)"
-_UNBROKEN = re.compile(
+_UNBROKEN = (
     rf"\s+|[「『（(]*(?:{_NUMBER}|[ァ-ヺー]+|[{_KANJI}]+|[^\s{_WIDE}]+(?<!\()|{_KANA}|.)"
     rf"(?: ?{_KANA})?[、。」』）)・ー…:]*"
 )
@@ -121,9 +121,8 @@ class _Wrapper(textwrap.TextWrapper):
 
     def _split(self, text: str) -> list[str]:
         japanese = _JAPANESE.search(text) is not None
-        return [
-            _Part(part) for part in (_UNBROKEN.findall(text) if japanese else super()._split(text))
-        ]
+        parts = re.findall(_UNBROKEN, text) if japanese else super()._split(text)
+        return [*map(_Part, parts)]
 
 
 def wrapped(words: str, columns: int, indent: str = "") -> list[str]:

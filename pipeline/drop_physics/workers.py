@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import IO, Any, Self
 
 from drop_physics.errors import DropError
+from drop_physics.loading import load_less
 from drop_physics.messages import Message
 
 SAFE = {"PYTHONSAFEPATH": "1", "MUJOCO_GL": "disable"}
@@ -101,25 +102,6 @@ def end_with_parent() -> None:
 def silence() -> None:
     """Let Matplotlib not say that it has no folder for its settings: then it uses another."""
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
-
-
-class WithoutPandas:
-    """Says of pandas that it is not installed, as a finder (`sys.meta_path`)."""
-
-    def find_spec(self, fullname: str, *_: object) -> None:
-        """Raise what an import raises of a module that is missing; find nothing else."""
-        if fullname == "pandas":
-            raise ModuleNotFoundError(fullname, name=fullname)
-
-
-def leave_out_pandas() -> None:
-    """Let pyarrow do without pandas, which it else imports for its first list, if installed.
-
-    That takes as long as all of ours, and nothing here needs it. What a script imports is its own:
-    it runs in another process.
-    """
-    finders: list[Any] = sys.meta_path
-    finders.insert(0, WithoutPandas())
 
 
 def our_environment() -> dict[str, str]:
@@ -309,7 +291,7 @@ def _work() -> None:
     """Answer the questions from standard input until it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
     silence()
-    leave_out_pandas()
+    load_less()
     gc.set_threshold(100_000)  # at 700, the default, it takes a fifth of the import time
     sink = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what C prints is not an answer

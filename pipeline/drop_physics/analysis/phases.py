@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.results import BodyContact, Pusher
+from drop_physics.data import dataclass
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.step_status import CONTACT, StepVerdicts
 from drop_physics.explain.steps import StepBatch

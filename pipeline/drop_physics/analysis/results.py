@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
-import polars as pl
-
+from drop_physics.data import dataclass
 from drop_physics.engine_report import EngineReport
 from drop_physics.explain.actuators import ActuatorRow
 from drop_physics.explain.curves import CurveTable
 from drop_physics.explain.decomposition import VectorTerms
 from drop_physics.explain.joints import JointRow
 from drop_physics.explain.jsonable import jsonable
+from drop_physics.explain.rows import SampleRows, table_of
 from drop_physics.explain.touches import Touch
 from drop_physics.printable import Printable
 from drop_physics.rules.answer import Finding
+
+if TYPE_CHECKING:
+    import polars as pl
 
 Vector = tuple[float, float, float]
 
@@ -25,7 +29,7 @@ JSON_NAMES = {"other": "with"}
 """Names of fields that JSON has in place of Python's."""
 REPORT = "drop_physics.report.analysis"
 """What reports an analysis."""
-HIDDEN = ("table", "by_body", "contact_j", "curves", "sources")
+HIDDEN = ("rows", "table", "by_body", "contact_j", "curves", "sources")
 """What JSON leaves out."""
 
 
@@ -236,8 +240,8 @@ class Analysis(Printable, reported_by=REPORT):
     """How many more were found, and left out: by the command, the script or the project."""
     by_body: dict[int, Explained]
     """How much of each body is explained, by number."""
-    table: pl.DataFrame
-    """A row per sample and body; of long recordings only what is shown, unless it was asked for."""
+    rows: Sequence[SampleRows]
+    """The samples of each body; of long recordings what is shown, unless all were asked for."""
     curves: CurveTable | None = None
     """What plots and the viewer show of joints, friction and energy; None where there is no sum."""
     kind: Literal["drop", "script"] = "script"
@@ -253,6 +257,11 @@ class Analysis(Printable, reported_by=REPORT):
     """Whether the recording was never finished, so that only its beginning was analyzed."""
     lacks: str | None = None
     """What the recording does not hold, as it is of an earlier schema; None if nothing."""
+
+    @cached_property
+    def table(self) -> pl.DataFrame:
+        """A row per sample and body, those of `rows`."""
+        return table_of(self.rows)
 
     def as_json(self) -> dict[str, Any]:
         """Return the documented JSON object; what does not exist is null."""

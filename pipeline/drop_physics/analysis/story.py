@@ -7,7 +7,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import polars as pl
 
 from drop_physics.analysis.bodies import BodyStory
 from drop_physics.analysis.phases import runs_of
@@ -17,7 +16,7 @@ from drop_physics.explain.curves import CurveTable
 from drop_physics.explain.joints import JointTable
 from drop_physics.explain.recording import Explanation
 from drop_physics.explain.replayed import Replayed
-from drop_physics.explain.rows import MOST_ROWS, SHOWN_PER_S, SampleRows, table_of
+from drop_physics.explain.rows import MOST_ROWS, SHOWN_PER_S, SampleRows, joined
 from drop_physics.explain.times import StepTimes
 from drop_physics.explain.touches import TouchTable
 from drop_physics.physics.base import Law
@@ -133,7 +132,7 @@ class Story:
             findings=self.findings(),
             left_out=len(self.findings(reported=False)),
             by_body=by_body,
-            table=self.table,
+            rows=joined(self._rows),
             curves=self.curves,
         )
 
@@ -147,11 +146,6 @@ class Story:
     @cached_property
     def _found(self) -> list[Finding]:
         return [each for answer in self._answers for each in answer.findings()]
-
-    @property
-    def table(self) -> pl.DataFrame:
-        """The samples that were kept, body by body."""
-        return table_of(self._rows)
 
 
 def _together(parts: Sequence[Explained]) -> Explained:

@@ -6,11 +6,17 @@ everything else that `drop --help` does.
 
 from __future__ import annotations
 
+import copy
+import os
+import sys
 from collections.abc import Callable
-from typing import Any
+from pathlib import Path
+from typing import Any, get_args
 
 import typer
 from typer import completion
+from typer._click.core import Command
+from typer._coercion import RuntimeParam
 from typer.core import TyperCommand, TyperGroup
 from typer.models import CommandFunctionType
 
@@ -22,6 +28,8 @@ SCRIPT = "SCRIPT.py"
 GROUPS = OWN, BOX, RECORDINGS = "Your own script", "The falling box", "Recordings"
 """Groups of commands, in the order in which help lists them."""
 SHELLS = ("bash", "zsh", "fish")
+RECORDED = (SCRIPT, "record", "analyze")
+"""Commands that a line which begins with a script has to do with."""
 
 
 class App(typer.Typer):
@@ -37,8 +45,60 @@ class App(typer.Typer):
         """Declare a command."""
         return super().command(name, cls=cls or HelpedCommand, **how)
 
+    def __call__(self, *args: Any, **how: Any) -> Any:  # noqa: ANN401 - handed on
+        """Run what was typed, without making the other commands."""
+        first = "".join(sys.argv[1:2])
+        wanted = RECORDED if first.endswith(".py") else (first,)
+        few = copy.copy(self)
+        few.registered_commands = [
+            each
+            for each in self.registered_commands
+            if (each.name or getattr(each.callback, "__name__", None)) in wanted
+        ] or self.registered_commands
+        return super(App, few).__call__(*args, **how)
 
-class HelpedCommand(TyperCommand):
+
+class Plain(RuntimeParam):
+    """Takes a text or a path as it is typed; Typer loads pydantic for it, as long as all else."""
+
+    def coerce(self, value: Any, param: Any, ctx: Any) -> Any:  # noqa: ANN401 - of any type
+        """Return the value of a parameter, of which Typer checks what is more than a text."""
+        kind, several = self.annotation, param.multiple or param.nargs == -1
+        if value is None:
+            return () if several else None
+        texts = value if several else [value]
+        is_default = self.parameter_info.parser is not None and not isinstance(value, str)
+        if is_default or value in get_args(kind):  # of a few texts, one
+            return value
+        if all(isinstance(each, str) for each in texts):
+            if kind in (str, list[str]):
+                return value
+            if kind in (Path, list[Path]) and not any(map(_is_unreadable, texts)):
+                return [*map(Path, texts)] if several else Path(value)
+        param._runtime_param = None
+        return param.get_runtime_param().coerce(value, param=param, ctx=ctx)
+
+    def _coerce_value(self, value: Any, param: Any, ctx: Any) -> Any:  # noqa: ANN401
+        return self.coerce(value, param, ctx)
+
+
+def _is_unreadable(path: str) -> bool:
+    return Path(path).exists() and not os.access(path, os.R_OK)
+
+
+class TakesPlainly(Command):
+    """A command, or a list of commands, whose parameters are taken as `Plain`."""
+
+    def get_params(self, ctx: Any) -> Any:  # noqa: ANN401 - Typer's
+        """Return its parameters."""
+        params: list[Any] = super().get_params(ctx)
+        for each in params:
+            its = each.type_descriptor
+            each._runtime_param = each._runtime_param or Plain(its.parameter_info, its.annotation)
+        return params
+
+
+class HelpedCommand(TakesPlainly, TyperCommand):
     """A command whose help lists arguments, its own options, then each `rich_help_panel`."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
@@ -55,7 +115,7 @@ class HelpedCommand(TyperCommand):
                 formatter.write_dl(records)
 
 
-class HelpedCommands(TyperGroup):
+class HelpedCommands(TakesPlainly, TyperGroup):
     """The list of commands, by groups; a script in place of a command is recorded and analyzed."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401, ARG002

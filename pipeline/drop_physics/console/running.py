@@ -13,7 +13,7 @@ import signal
 import sys
 from typing import TYPE_CHECKING
 
-from drop_physics import workers
+from drop_physics import loading, workers
 from drop_physics.console.output import width
 from drop_physics.errors import NO_MEMORY, DropError, Stopped, signals
 from drop_physics.messages import Message, joined
@@ -61,7 +61,7 @@ def main() -> None:
     os.environ |= workers.SAFE
     workers.silence()
     gc.set_threshold(COLLECTED_EVERY)
-    workers.leave_out_pandas()
+    loading.load_less()
     try:
         code = run(load, signals)
     finally:

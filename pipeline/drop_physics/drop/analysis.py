@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from drop_physics.data import dataclass
 from drop_physics.drop.case import Case, case_of
 from drop_physics.drop.course import Course
 from drop_physics.drop.energy import Energies

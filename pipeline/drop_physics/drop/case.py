@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.data import dataclass
 from drop_physics.drop.samples import DropSamples, samples_in, samples_of
 from drop_physics.engine_report import EngineReport
 from drop_physics.physics import theory

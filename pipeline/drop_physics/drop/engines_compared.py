@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.data import dataclass
 from drop_physics.drop.case import Case
 from drop_physics.drop.samples import DropSamples
 from drop_physics.explain.decomposition import TERMS, error_and_terms

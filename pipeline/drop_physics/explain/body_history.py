@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.data import dataclass
 from drop_physics.explain.bodies import Record
 from drop_physics.physics.rowed import Rowed
 from drop_physics.physics.tree import States, Tree

@@ -10,12 +10,13 @@ the body's id, beyond other modes, `removeBody` and `resetSimulation` (`pdContro
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.data import dataclass
 from drop_physics.explain.touching import rows_of
 from drop_physics.physics.laws.bullet.reports import pd_effort
 from drop_physics.physics.laws.bullet.tree import BulletTree

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.data import dataclass
 from drop_physics.explain.commands import DEFAULT, Commanded
 from drop_physics.explain.needs import Holding, holding
 from drop_physics.explain.recording import ExplainedPiece

@@ -3,26 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
+from drop_physics.data import dataclass
 from drop_physics.explain.step_status import SEGMENTS, Judged
 from drop_physics.explain.times import StepTimes
 from drop_physics.trace.events import Body
 
+if TYPE_CHECKING:
+    import polars as pl
+
 Float64 = NDArray[np.float64]
 
 COLUMNS = {
-    "step": pl.Int64, "time_s": pl.Float64, "body": pl.Int64, "label": pl.String,
-    "segment": pl.String, "x_m": pl.Float64, "y_m": pl.Float64, "z_m": pl.Float64,
-    "error_x_m": pl.Float64, "error_y_m": pl.Float64, "error_z_m": pl.Float64,
-    "energy_j": pl.Float64, "contact_j": pl.Float64, "remainder": pl.Float64,
+    "step": "Int64", "time_s": "Float64", "body": "Int64", "label": "String",
+    "segment": "String", "x_m": "Float64", "y_m": "Float64", "z_m": "Float64",
+    "error_x_m": "Float64", "error_y_m": "Float64", "error_z_m": "Float64",
+    "energy_j": "Float64", "contact_j": "Float64", "remainder": "Float64",
 }  # fmt: skip
-"""An error is that of the flight with the sample, else null; the remainder is that of the step that
+"""Columns of the table, and Polars' types of them.
+
+An error is that of the flight with the sample, else null; the remainder is that of the step that
 led to it, over its largest term."""
 MOST_ROWS = 1 << 17
 """Rows that a table has at most, but for changes, without being asked for."""
@@ -54,28 +58,51 @@ class SampleRows:
         return SampleRows(self.body, {name: each[kept] for name, each in self.columns.items()})
 
 
-def table_of(parts: Sequence[SampleRows]) -> pl.DataFrame:
-    """Return rows as one table, ordered by body and step; what a body lacks is null."""
-    more = dict.fromkeys(name for part in parts for name in part.columns if name not in COLUMNS)
-    counts = [len(part.columns["step"]) for part in parts]
-    which = pl.Series(np.repeat(np.arange(len(parts)), counts))
+def joined(parts: Sequence[SampleRows]) -> list[SampleRows]:
+    """Return the rows of each body as one, by body and step; a column that a part lacks is nan."""
+    of_bodies: dict[int, list[SampleRows]] = {}
+    for part in parts:
+        of_bodies.setdefault(part.body.number, []).append(part)
+    return [_joined(of_bodies[number]) for number in sorted(of_bodies)]
+
+
+def _joined(parts: Sequence[SampleRows]) -> SampleRows:
+    steps = np.concatenate([part.columns["step"] for part in parts])
+    order = np.argsort(steps, kind="stable")
+    names = dict.fromkeys(name for part in parts for name in part.columns)
+    columns = {
+        name: np.concatenate(
+            [part.columns.get(name, np.full(len(part.columns["step"]), np.nan)) for part in parts]
+        )[order]
+        for name in names
+    }
+    return SampleRows(parts[0].body, columns)
+
+
+def table_of(bodies: Sequence[SampleRows]) -> pl.DataFrame:
+    """Return the rows of bodies as one table; what a body lacks is null."""
+    import polars as pl  # slow to load, and few need it
+
+    more = dict.fromkeys(name for each in bodies for name in each.columns if name not in COLUMNS)
+    counts = [len(each.columns["step"]) for each in bodies]
+    which = pl.Series(np.repeat(np.arange(len(bodies)), counts))
     table: dict[str, Any] = {
         name: np.concatenate(
             [
-                part.columns.get(name, np.full(count, np.nan))
-                for part, count in zip(parts, counts, strict=True)
+                each.columns.get(name, np.full(count, np.nan))
+                for each, count in zip(bodies, counts, strict=True)
             ]
         )
         for name in (*COLUMNS, *more)
-        if parts and name not in ("body", "label")
+        if bodies and name not in ("body", "label")
     }
-    if parts:
-        table["body"] = pl.Series([part.body.number for part in parts]).gather(which)
-        table["label"] = pl.Series([part.body.label for part in parts]).gather(which)
+    if bodies:
+        table["body"] = pl.Series([each.body.number for each in bodies]).gather(which)
+        table["label"] = pl.Series([each.body.label for each in bodies]).gather(which)
         table["segment"] = pl.Series(SEGMENTS).gather(table["segment"])
-    schema = COLUMNS | dict.fromkeys(more, pl.Float64)
-    whole = pl.DataFrame(table, schema=schema, nan_to_null=True)
-    return whole.sort("body", "step", maintain_order=True)
+    kinds = {name: getattr(pl, kind) for name, kind in COLUMNS.items()}
+    schema = kinds | dict.fromkeys(more, pl.Float64)
+    return pl.DataFrame(table, schema=schema, nan_to_null=True)
 
 
 def rows_of(

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.data import dataclass
 from drop_physics.explain.bodies import Records
 from drop_physics.physics.impulses import Forces
 from drop_physics.physics.laws.bullet.reports import contact_forces, points_force_n

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from drop_physics.data import dataclass
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from rich.filesize import decimal
 
-from drop_physics.errors import OutputError
+from drop_physics.errors import OutputError, check_suffix
 from drop_physics.messages import Message
 
 MOST_PARTS = 9
@@ -97,6 +97,20 @@ def check_target(path: Path, *, force: bool) -> None:
                 "the folder {folder} cannot be written to; choose another one", folder=folder
             )
         check_regular(part_of(path))
+
+
+def check_table(path: Path, *, force: bool) -> None:
+    """Make sure that a table can be written, before any work is done for it.
+
+    Raises
+    ------
+    ScenarioError
+        If the suffix is neither .parquet nor .csv.
+    OutputError
+        If the file exists and `force` is not given, or cannot be written.
+    """
+    check_suffix("--table", path, (".parquet", ".csv"))
+    check_target(path, force=force)
 
 
 def check_apart(outputs: Sequence[Path], *, inputs: Sequence[Path]) -> None:

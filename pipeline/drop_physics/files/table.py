@@ -9,26 +9,11 @@ from typing import BinaryIO
 
 import polars as pl
 
-from drop_physics.errors import check_suffix
-from drop_physics.files.outputs import check_target, unwritable
+from drop_physics.files.outputs import unwritable
 from drop_physics.files.whole import written_whole
 from drop_physics.messages import harmless
 
 PROBE_BYTES = 1 << 16
-
-
-def check_table(path: Path, *, force: bool) -> None:
-    """Make sure that a table can be written, before any work is done for it.
-
-    Raises
-    ------
-    ScenarioError
-        If the suffix is neither .parquet nor .csv.
-    OutputError
-        If the file exists and `force` is not given, or cannot be written.
-    """
-    check_suffix("--table", path, (".parquet", ".csv"))
-    check_target(path, force=force)
 
 
 def write_table(path: Path, samples: pl.DataFrame, *, force: bool) -> None:

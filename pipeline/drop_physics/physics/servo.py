@@ -21,10 +21,12 @@ Source: both are the schemes applied to I x" = -k x - (d + e) x', in closed form
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+
+from drop_physics.data import dataclass
 
 HALVINGS = 60
 """Bisections of a limit: as many as a double has digits."""

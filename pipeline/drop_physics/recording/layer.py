@@ -8,10 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import polars as pl
 import rerun as rr
 from numpy.typing import NDArray
 from rerun.chunk import Chunk
@@ -23,6 +22,9 @@ from drop_physics.recording.layout import Look, eye_around, layout, look_of_drop
 from drop_physics.recording.reader import Recording
 from drop_physics.recording.scene import parts_of, reach_of
 from drop_physics.recording.writer import Times
+
+if TYPE_CHECKING:
+    import polars as pl
 
 Float64 = NDArray[np.float64]
 
@@ -45,9 +47,6 @@ WIDE = 3.0
 
 MOST_STATES = 40
 """Bodies whose states are shown: more are illegible."""
-_SHOWN = (pl.col("time_s") * SHOWN_PER_S + 1e-9).floor()
-DUE = _SHOWN.shift(1, fill_value=-1) != _SHOWN
-"""Whether a point of a script's curve is due."""
 
 
 class Line(NamedTuple):
@@ -63,8 +62,22 @@ class Line(NamedTuple):
     values: Float64
 
 
+class BodySamples(NamedTuple):
+    """What is shown of the samples of a script's body, n of them."""
+
+    label: str
+    at: Times
+    segments: Sequence[str]
+    """What each sample is."""
+    errors_m: Float64
+    """How far off free fall they are, nan where it does not fly, shape (n, 3)."""
+
+
 class Shown(NamedTuple):
     """What is shown of a script."""
+
+    samples: Sequence[BodySamples] = ()
+    """Those of each body."""
 
     panels: Sequence[tuple[str, Sequence[Line]]] = ()
     """Their titles and curves, the first first."""
@@ -78,7 +91,7 @@ def write_layer(
     path: Path,
     recording: Recording,
     *,
-    samples: pl.DataFrame,
+    samples: pl.DataFrame | None,
     events: Sequence[tuple[int, float, str]],
     findings: str,
     look: Shown,
@@ -94,8 +107,7 @@ def write_layer(
     recording
         The recording it belongs to.
     samples
-        The analysis table: of a drop a row per sample, of a script one per sample and body; null
-        where there is no number to show.
+        The analysis table of a drop, null where there is no number to show; None of a script.
     events
         What happened: step, time [s] and a line each, in order.
     findings
@@ -110,10 +122,10 @@ def write_layer(
     OutputError
         If the file cannot be written.
     """
-    if recording.drop is not None:
+    if samples is not None:
         chunks = [*_of_drop(recording.scenario.timestep_s, samples)]
     else:
-        chunks = [*_of_bodies(samples, look.bodies), *_of_panels(look)]
+        chunks = [*_of_bodies(look), *_of_panels(look)]
     if events:
         steps, times_s, lines = zip(*events, strict=True)
         at = Times(np.array(steps, np.int64), np.array(times_s))
@@ -153,6 +165,8 @@ def _look(recording: Recording, entities: frozenset[str], shown: Shown) -> Look:
 
 
 def _of_drop(timestep_s: float, samples: pl.DataFrame) -> Iterator[Chunk]:
+    import polars as pl
+
     explained = samples.filter(pl.col("timestep_m").is_not_null())
     steps = explained["step"].to_numpy()
     at = writer.at(steps, timestep_s)
@@ -178,14 +192,14 @@ def _of_drop(timestep_s: float, samples: pl.DataFrame) -> Iterator[Chunk]:
 # -- of a script's bodies: kinds of samples, errors of flights ------------------------------------
 
 
-def _of_bodies(samples: pl.DataFrame, first: Sequence[str]) -> Iterator[Chunk]:
-    bodies = samples.partition_by("label", maintain_order=True)
-    order = {label: at - len(first) for at, label in enumerate(first)}
-    for body in sorted(bodies, key=lambda body: order.get(body["label"][0], 0))[:MOST_STATES]:
+def _of_bodies(shown: Shown) -> Iterator[Chunk]:
+    order = {label: at - len(shown.bodies) for at, label in enumerate(shown.bodies)}
+    ordered = sorted(shown.samples, key=lambda body: order.get(body.label, 0))
+    for body in ordered[:MOST_STATES]:
         yield from _states(body)
-    for body in bodies:
-        if body["error_z_m"].count():
-            yield from _errors(body, f"{schema.ERROR_MM}/{body['label'][0]}")
+    for body in shown.samples:
+        if not np.isnan(body.errors_m[:, 2]).all():
+            yield from _errors(body)
 
 
 def _of_panels(shown: Shown) -> Iterator[Chunk]:
@@ -204,22 +218,20 @@ def _of_panels(shown: Shown) -> Iterator[Chunk]:
             yield writer.scalars_chunk(entity, Times(lines[0].steps, lines[0].times_s), values)
 
 
-def _errors(body: pl.DataFrame, entity: str) -> Iterator[Chunk]:
+def _errors(body: BodySamples) -> Iterator[Chunk]:
     """Yield how far off free fall a body is, with the ends of each flight, and the gap after it."""
-    yield writer.series_chunk(entity, [f"{body['label'][0]} {axis}" for axis in "xyz"])
-    in_flight = pl.col("error_z_m").is_not_null()
-    shown = body.filter(
-        (in_flight & DUE)
-        | (in_flight != in_flight.shift(1, fill_value=False))
-        | (in_flight != in_flight.shift(-1, fill_value=False))
-    )
-    errors_mm = shown.select("error_x_m", "error_y_m", "error_z_m").to_numpy() * 1e3
-    yield writer.scalars_chunk(entity, _times(shown), errors_mm)
+    entity = f"{schema.ERROR_MM}/{body.label}"
+    yield writer.series_chunk(entity, [f"{body.label} {axis}" for axis in "xyz"])
+    flies = ~np.isnan(body.errors_m[:, 2])
+    due = np.floor(body.at.times_s * SHOWN_PER_S + 1e-9)
+    turns = np.diff(np.concatenate(([False], flies, [False])))
+    shown = (flies & (np.diff(due, prepend=-1) != 0)) | turns[1:] | turns[:-1]
+    yield writer.scalars_chunk(entity, body.at.only(shown), body.errors_m[shown] * 1e3)
 
 
-def _states(body: pl.DataFrame) -> Iterator[Chunk]:
+def _states(body: BodySamples) -> Iterator[Chunk]:
     """Yield the states of one body, a row per change."""
-    entity = f"{schema.SEGMENTS}/{body['label'][0]}"
+    entity = f"{schema.SEGMENTS}/{body.label}"
     names = list(colours.SEGMENTS)
     yield Chunk.from_columns(
         entity,
@@ -230,13 +242,10 @@ def _states(body: pl.DataFrame) -> Iterator[Chunk]:
             colors=[writer.rgba(colour) for colour in colours.SEGMENTS.values()],
         ).partition([len(names)]),
     )
-    changes = body.filter(pl.col("segment") != pl.col("segment").shift(1, fill_value=""))
+    segments = np.array(body.segments)
+    changes = np.flatnonzero(np.append(True, segments[1:] != segments[:-1]))
     yield Chunk.from_columns(
         entity,
-        writer.times(_times(changes)),
-        rr.StateChange.columns(state=changes["segment"].to_list()),
+        writer.times(body.at.only(changes)),
+        rr.StateChange.columns(state=segments[changes].tolist()),
     )
-
-
-def _times(rows: pl.DataFrame) -> Times:
-    return Times(rows["step"].to_numpy(), rows["time_s"].to_numpy())

@@ -21,8 +21,8 @@ import numpy as np
 import pyarrow as pa
 import rerun as rr
 import rerun.blueprint as rrb
+import rerun_bindings
 from numpy.typing import NDArray
-from rerun import bindings  # type: ignore[attr-defined]
 from rerun.chunk import Chunk, LazyChunkStream
 
 from drop_physics.errors import check_signals
@@ -104,7 +104,7 @@ def record(
             # If one thread cleans up while another saves, both wait forever.
             with output_errors(layout), _SAVING:
                 layout_of.save(schema.APPLICATION_ID, str(layout))
-                bindings.flush_and_cleanup_orphaned_recordings()
+                rerun_bindings.flush_and_cleanup_orphaned_recordings()
             seal(part, path, blueprint=layout, rows=due, force=force or ours)
 
 

@@ -6,9 +6,8 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-import polars as pl
+import numpy as np
 
-from drop_physics.drop.results import DropAnalysis
 from drop_physics.fields import counted
 from drop_physics.messages import Message
 from drop_physics.report.blocks import (
@@ -28,6 +27,7 @@ from drop_physics.stages.panels import plot_of
 
 if TYPE_CHECKING:
     from drop_physics.analysis.results import Analysis
+    from drop_physics.drop.results import DropAnalysis
 
 MOST_AT_THE_END = 12
 """Bodies, and joints, whose ends are listed."""
@@ -44,8 +44,8 @@ def report_of(
     """
     if at_the_end:
         return report_of_end(analysis)
-    if isinstance(analysis, DropAnalysis):
-        report = report_of_drop(analysis, verbose=verbose)
+    if analysis.kind == "drop":
+        report = report_of_drop(_of_drop(analysis), verbose=verbose)
     else:
         report = report_of_bodies(analysis, verbose=verbose)
     curves = Section([Graphs(partial(plot_of, analysis))], apart=False)
@@ -68,6 +68,13 @@ def report_of(
     return replace(report, notes=notes, remarks=[remark], code=TOO_GRAVE)
 
 
+def _of_drop(analysis: Analysis) -> DropAnalysis:
+    from drop_physics.drop.results import DropAnalysis
+
+    assert isinstance(analysis, DropAnalysis)
+    return analysis
+
+
 def _samples(analysis: Analysis) -> int:
     if analysis.kind == "drop":  # whose floor has no samples of its own
         return analysis.samples
@@ -77,16 +84,22 @@ def _samples(analysis: Analysis) -> int:
 def report_of_end(analysis: Analysis) -> Report:
     """Say what was found, and where bodies and joints end, to the micrometre and microradian."""
     found = FindingList(analysis.findings, len(analysis.findings))
-    if isinstance(analysis, DropAnalysis):
+    if analysis.kind == "drop":
         last_m = _digits(analysis.table["simulated_m"][-1])
         end = DataTable([Column("at the end", ["centre"]), numbers("z [m]", [last_m])])
-        return replace(report_of_drop(analysis), sections=[Section([found, end])])
-    last = analysis.table.group_by("body", maintain_order=True).last()
-    last = last.filter(pl.col("z_m").is_not_null()).head(MOST_AT_THE_END)
+        return replace(report_of_drop(_of_drop(analysis)), sections=[Section([found, end])])
+    last = [
+        (each.body.label, [float(each.columns[f"{axis}_m"][-1]) for axis in "xyz"])
+        for each in analysis.rows
+        if len(each.columns["z_m"]) and not np.isnan(each.columns["z_m"][-1])
+    ][:MOST_AT_THE_END]
     ends = DataTable(
         [
-            Column("at the end", last["label"].to_list()),
-            *(numbers(f"{axis} [m]", [*map(_digits, last[f"{axis}_m"])]) for axis in "xyz"),
+            Column("at the end", [label for label, _ in last]),
+            *(
+                numbers(f"{axis} [m]", [_digits(place_m[k]) for _, place_m in last])
+                for k, axis in enumerate("xyz")
+            ),
         ]
     )
     joints = [(body.label, row) for body in analysis.bodies for row in body.joints]

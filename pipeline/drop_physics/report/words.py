@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from drop_physics.experiments.interventions import short
-from drop_physics.experiments.verdicts import CAUSES as DECIDED
 from drop_physics.fields import counted, decimals
 from drop_physics.messages import Message, joined
 
@@ -82,6 +80,11 @@ HANGS_ON = Message("the outcome hangs on {call}")
 
 def trials_of(finding: Finding) -> Iterator[Message]:
     """Yield what trials of what a finding proposes have shown."""
+    if not finding.tried:
+        return
+    from drop_physics.experiments.interventions import short
+    from drop_physics.experiments.verdicts import CAUSES as DECIDED
+
     for each in finding.tried:
         hangs = finding.code in DECIDED and each["verdict"] in ("cured", "part")
         shown = HANGS_ON if hangs else TRIED.get(each["verdict"])

@@ -7,10 +7,11 @@ def other_client(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]: ...
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from drop_physics.data import dataclass
 from drop_physics.rules.answer import Answer, Finding, Level, Span
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.engines import ANY, BULLETS, engine_of

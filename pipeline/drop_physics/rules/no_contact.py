@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.data import dataclass
 from drop_physics.explain.bodies import records_of
 from drop_physics.explain.overlap import PlacedShape, is_convex, overlaps
 from drop_physics.messages import Message

@@ -13,11 +13,12 @@ import math
 import re
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cache
 from importlib import resources
 from typing import Any, get_args
 
+from drop_physics.data import dataclass
 from drop_physics.errors import ScenarioError
 from drop_physics.messages import Message
 from drop_physics.rules.answer import LEVELS, Level

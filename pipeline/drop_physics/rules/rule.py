@@ -15,7 +15,7 @@ calls set are `input_rule`.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 from string import Formatter
 from typing import Any
@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.data import dataclass
 from drop_physics.messages import Message
 from drop_physics.rules.answer import (
     Answer,

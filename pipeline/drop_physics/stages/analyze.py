@@ -7,21 +7,24 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from drop_physics import colours
 from drop_physics.analysis.results import Analysis
 from drop_physics.analysis.story import Story
 from drop_physics.engines.cures import call_of
 from drop_physics.errors import ScenarioError, check_suffix
+from drop_physics.explain.step_status import SEGMENTS
 from drop_physics.explain.times import StepTimes
 from drop_physics.figures.plot import Plot
-from drop_physics.files.outputs import check_apart, check_target, refused
-from drop_physics.files.table import check_table, write_table
+from drop_physics.files.outputs import check_apart, check_table, check_target, refused
 from drop_physics.messages import Message
 from drop_physics.recording.contents import is_script
-from drop_physics.recording.layer import Line, write_layer
+from drop_physics.recording.layer import BodySamples, Line, write_layer
 from drop_physics.recording.layer import Shown as LayerShown
 from drop_physics.recording.layer_file import is_layer, layer_of
 from drop_physics.recording.reader import Recording, read
+from drop_physics.recording.writer import Times
 from drop_physics.rules.answer import Finding
 from drop_physics.rules.choice import EVERY, Choice
 from drop_physics.stages.events import events
@@ -107,7 +110,7 @@ def analyze(
     write_layer(
         layer,
         read_back,
-        samples=analysis.table,
+        samples=analysis.table if analysis.kind == "drop" else None,
         events=events(analysis),
         findings=analysis.markdown(),
         look=_shown(analysis, read_back.seen),
@@ -115,6 +118,8 @@ def analyze(
         ours=out is None,
     )
     for file in tables:
+        from drop_physics.files.table import write_table  # with Polars, which few need
+
         write_table(file, analysis.table, force=force)
     progress(ANALYZING, _PARTS, _PARTS)
     if body is not None:
@@ -192,7 +197,16 @@ def _shown(analysis: Analysis, seen: Seen) -> LayerShown:
         for panel in panels
     ]
     titles = [f"{panel.title} [{panel.unit}]" for panel in panels]
-    return LayerShown([*zip(titles, lines, strict=True)], bodies, _hulls(analysis))
+    samples = [
+        BodySamples(
+            each.body.label,
+            Times(each.columns["step"], each.columns["time_s"]),
+            [SEGMENTS[segment] for segment in each.columns["segment"].tolist()],
+            np.stack([each.columns[f"error_{axis}_m"] for axis in "xyz"], axis=1),
+        )
+        for each in analysis.rows
+    ]
+    return LayerShown(samples, [*zip(titles, lines, strict=True)], bodies, _hulls(analysis))
 
 
 def outputs_of(

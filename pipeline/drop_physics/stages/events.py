@@ -5,10 +5,15 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterator
 from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from drop_physics.analysis.results import Analysis
-from drop_physics.drop.results import DropAnalysis, Moment
 from drop_physics.fields import decimals
+
+if TYPE_CHECKING:
+    from drop_physics.drop.results import DropAnalysis, Moment
 
 WIDTH = 44
 """Characters of a line in the viewer's list of events."""
@@ -16,26 +21,37 @@ WIDTH = 44
 
 def events(analysis: Analysis) -> list[tuple[int, float, str]]:
     """Return what happened when, in order: step, time [s] and a line each."""
-    if not isinstance(analysis, DropAnalysis):
+    if analysis.kind == "script":
         return sorted(_of_bodies(analysis))
+    from drop_physics.drop.results import DropAnalysis
+
+    assert isinstance(analysis, DropAnalysis)
     timestep_s = analysis.scenario["timestep_s"]
     return [(step, step * timestep_s, line) for step, line in _of_drop(analysis)]
 
 
 def _of_bodies(analysis: Analysis) -> Iterator[tuple[int, float, str]]:
     # Lines begin with the time, which the viewer cuts off in its own column.
-    times_s = dict(analysis.table.select("step", "time_s").unique().iter_rows())
     for finding in analysis.findings:
         step = None if finding.steps is None else finding.steps.first
-        if step is not None and step in times_s:
+        if step is not None and (time_s := _time_s(analysis, step)) is not None:
             about = finding.joint or finding.body
             line = f"{finding.code}: {about}" if about else finding.code
-            yield step, times_s[step], f"{times_s[step]:.3f} s  {line}"
+            yield step, time_s, f"{time_s:.3f} s  {line}"
     for body in analysis.bodies:
         for contact in body.contacts:
             others = ", ".join(sorted({partner.body for partner in contact.by}))
             line = textwrap.shorten(f"{body.label} meets {others}", WIDTH, placeholder=" …")
             yield contact.first_step, contact.start_s, f"{contact.start_s:.3f} s  {line}"
+
+
+def _time_s(analysis: Analysis, step: int) -> float | None:
+    """Return the time of a step [s]; None if no body has a sample of it."""
+    for rows in analysis.rows:
+        place = int(np.searchsorted(rows.columns["step"], step))
+        if place < len(rows.columns["step"]) and rows.columns["step"][place] == step:
+            return float(rows.columns["time_s"][place])
+    return None
 
 
 def _of_drop(analysis: DropAnalysis) -> list[tuple[int, str]]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+from drop_physics.data import dataclass
 from drop_physics.engines.cures import call_of
 from drop_physics.errors import ScenarioError
 from drop_physics.messages import Message

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics import colours
@@ -167,10 +166,9 @@ def heights(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> I
     longest = max((each.last_step - each.first_step for each in body.flights), default=0)
     if longest <= FLIES * sum(body.segments.values()):
         return
-    rows = subject.analysis.table.filter(pl.col("body") == body.id)
-    times_s, z_m = rows["time_s"].to_numpy(), rows["z_m"].to_numpy()
-    steps = rows["step"].to_numpy()
-    fall_m = z_m - rows["error_z_m"].fill_null(np.nan).to_numpy()
+    (rows,) = (each.columns for each in subject.analysis.rows if each.body.number == body.id)
+    times_s, z_m, steps = rows["time_s"], rows["z_m"], rows["step"]
+    fall_m = z_m - rows["error_z_m"]
     yield Panel(
         Message("height of {body}", body=body.label),
         "m",

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
 
 from drop_physics.analysis.results import Analysis
-from drop_physics.drop.results import FallAnalysis
 from drop_physics.figures.plot import Panel, Plot
 from drop_physics.messages import Message
-from drop_physics.stages.drop_plot import plot_of_drop
 from drop_physics.stages.panel_kinds import (
     KINDS,
     Drawable,
@@ -19,6 +18,9 @@ from drop_physics.stages.panel_kinds import (
 )
 from drop_physics.trace.events import Body
 
+if TYPE_CHECKING:
+    from drop_physics.drop.results import FallAnalysis
+
 MOST_PANELS = 4
 """Most panels of a plot."""
 MOST_BODIES = 3
@@ -27,7 +29,11 @@ MOST_BODIES = 3
 
 def plot_of(analysis: Analysis | FallAnalysis) -> Plot:
     """Return what the plot of a recording tells."""
-    if isinstance(analysis, FallAnalysis):
+    if not isinstance(analysis, Analysis) or analysis.kind == "drop":
+        from drop_physics.drop.results import FallAnalysis
+        from drop_physics.stages.drop_plot import plot_of_drop
+
+        assert isinstance(analysis, FallAnalysis)
         return plot_of_drop(analysis)
     title, *lines = _verdict(analysis)
     return Plot(title, lines, [*_panels(analysis)][:MOST_PANELS])

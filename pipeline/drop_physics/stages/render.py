@@ -5,12 +5,13 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drop_physics.analysis import story as told
 from drop_physics.analysis.results import Analysis
+from drop_physics.data import dataclass
 from drop_physics.drop.analysis import fall_of
 from drop_physics.drop.case import case_seen
 from drop_physics.drop.results import FallAnalysis

@@ -7,25 +7,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import polars as pl
 
 from drop_physics import colours
 from drop_physics.errors import check_suffix
 from drop_physics.figures.plot import Curve, Panel, Plot
-from drop_physics.files.outputs import check_apart, check_target
-from drop_physics.files.table import check_table, write_table
+from drop_physics.files.outputs import check_apart, check_table, check_target
 from drop_physics.files.whole import written_whole
 from drop_physics.messages import Message
 
 if TYPE_CHECKING:
+    import polars as pl
+
     from drop_physics.stages.trust import Trust
 
-COLUMNS = {
-    "variation": pl.String, "body": pl.String, "joint": pl.String, "unit": pl.String,
-    "moved": pl.Float64, "end": pl.Float64, "end_s": pl.Float64, "most": pl.Float64,
-    "most_s": pl.Float64, "from_s": pl.Float64, "term": pl.String,
-}  # fmt: skip
+COLUMNS = ("variation", "body", "joint", "unit", "moved", "end", "end_s", "most", "most_s",
+           "from_s", "term")  # fmt: skip
 """Columns of the table: a row per variation and position, distances from its own run [m, rad]."""
+TEXTS = {"variation", "body", "joint", "unit", "term"}
+"""Those that are no numbers."""
 COLOURS = (*colours.TERMS.values(), colours.SIMULATED, *colours.ENGINES.values())
 LEAST = 1e-17
 """Distances below are 0 in the plot."""
@@ -57,6 +56,8 @@ def write_outputs(
 ) -> None:
     """Write the table and the plot."""
     if table is not None:
+        from drop_physics.files.table import write_table
+
         write_table(table, table_of(trust), force=force)
     if plot is not None:
         from drop_physics.figures import panel_plot  # loads matplotlib
@@ -74,6 +75,8 @@ def distances_of(trust: Trust) -> Plot:
 
 def table_of(trust: Trust) -> pl.DataFrame:
     """Return a row per variation and position."""
+    import polars as pl  # slow to load, and few need it
+
     rows = [
         {
             "variation": each.name,
@@ -88,7 +91,9 @@ def table_of(trust: Trust) -> pl.DataFrame:
         for each in trust.variations
         for track in each.apart.tracks
     ]
-    return pl.DataFrame(rows, schema=COLUMNS)
+    return pl.DataFrame(
+        rows, schema={name: pl.String if name in TEXTS else pl.Float64 for name in COLUMNS}
+    )
 
 
 def _panels(trust: Trust) -> Iterator[Panel]:

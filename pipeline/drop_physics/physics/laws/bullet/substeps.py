@@ -19,13 +19,14 @@ velocity and pose are those that the substeps lead to.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import reduce
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.data import dataclass
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.impulses import Forces, Sum
 from drop_physics.physics.kinematics import Kinematics, kinematics

@@ -6,12 +6,13 @@ Measured with PyBullet 3.2.7 (`docs/validation.md`). File names and line numbers
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.data import dataclass
 from drop_physics.physics.columns import length
 from drop_physics.physics.dynamics import angular_momenta, bias, gravity, lifted_j, mass_matrix
 from drop_physics.physics.impulses import (

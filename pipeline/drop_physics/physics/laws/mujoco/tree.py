@@ -11,11 +11,12 @@ Trees of the same structure are one batch, and so are steps: arrays run over ste
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from drop_physics.data import dataclass
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]

@@ -1,0 +1,53 @@
+"""The standard library's data classes, made four times as quickly: there are three hundred.
+
+It compiles six methods for each, and someone waits for a command to start. Here a class gets its
+`__init__` from there, and shares all other methods. That nobody changes what is frozen is for the
+type checker to see.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from dataclasses import dataclass as dataclass
+else:
+
+    def dataclass(
+        cls: type | None = None, /, *, frozen: bool = False, eq: bool = True, kw_only: bool = False
+    ) -> Any:  # noqa: ANN401
+        """Make a class a data class, as `dataclasses.dataclass` does."""
+
+        def made(cls: type) -> type:
+            own = vars(cls)
+            if eq and "__eq__" not in own:
+                cls.__eq__ = _equal
+                cls.__hash__ = own.get("__hash__") or (_hash if frozen else None)
+            if "__repr__" not in own:
+                cls.__repr__ = _text
+            dataclasses.dataclass(cls, eq=False, repr=False, kw_only=kw_only)
+            cls._compared = tuple(each.name for each in dataclasses.fields(cls) if each.compare)
+            return cls
+
+        return made if cls is None else made(cls)
+
+
+def _values(self: Any) -> tuple[Any, ...]:  # noqa: ANN401 - any data class
+    return tuple([getattr(self, name) for name in self._compared])
+
+
+def _equal(self: Any, other: Any) -> Any:  # noqa: ANN401
+    if other.__class__ is not self.__class__:
+        return NotImplemented
+    return _values(self) == _values(other)
+
+
+def _hash(self: Any) -> int:  # noqa: ANN401
+    return hash(_values(self))
+
+
+def _text(self: Any) -> str:  # noqa: ANN401
+    shown = [each.name for each in dataclasses.fields(self) if each.repr]
+    values = ", ".join(f"{name}={getattr(self, name)!r}" for name in shown)
+    return f"{type(self).__qualname__}({values})"
