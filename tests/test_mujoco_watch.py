@@ -167,6 +167,95 @@ def test_every_way_to_step_is_seen_to_the_bit_and_explained(tmp_path: Path, way:
     assert statuses(run.explained(), world) == [(EXPLAINED, "")] * len(sent)
 
 
+TRAPS = {
+    "a model of its own for each step": """
+import gc
+for k in range(12):
+    mujoco.mj_step(mujoco.MjModel.from_xml_string(XML.replace('kp="20"', f'kp="{k + 1}"')), d)
+    gc.collect()
+    look()
+""",
+    "a model swapped in the viewer's loop": """
+import contextlib, mujoco.viewer
+class Open(contextlib.nullcontext):
+    __enter__ = lambda self: self
+    sync, is_running = (lambda self: None), (lambda self: True)
+for kp in (20, 40):
+    m = mujoco.MjModel.from_xml_string(XML.replace('kp="20"', f'kp="{kp}"'))
+    d = mujoco.MjData(m)
+    with mujoco.viewer.launch_passive(m, d) as viewer:
+        while viewer.is_running() and d.time < 0.011:
+            mujoco.mj_step(m, d)
+            viewer.sync()
+            look(d)
+""",
+    "a model that is compiled again": """
+spec = mujoco.MjSpec.from_string(XML)
+m = spec.compile()
+d = mujoco.MjData(m)
+for k in range(6):
+    mujoco.mj_step(m, d)
+spec.body("arm").add_geom(size=[0.1, 0, 0], pos=[0.3, 0, 0], density=500)
+m, d = spec.recompile(m, d)
+for k in range(6):
+    mujoco.mj_step(m, d)
+    look(d)
+""",
+    "a state that was pickled": """
+import pickle
+for k in range(6):
+    mujoco.mj_step(m, d)
+d.ctrl[0] = 0.3
+d = pickle.loads(pickle.dumps(d))
+for k in range(6):
+    mujoco.mj_step(m, d)
+    look(d)
+""",
+    "a function of the script's own in place of mj_step": """
+plain = mujoco.mj_step
+def mj_step(m, d, nstep=1):
+    d.ctrl[0] = d.qpos[7] + 0.1
+    plain(m, d, nstep)
+mujoco.mj_step = mj_step
+for k in range(6):
+    mujoco.mj_step(m, d, nstep=2)
+    look()
+""",
+}
+"""What has lost, or mixed up, simulations."""
+
+
+@pytest.mark.parametrize("trap", TRAPS)
+def test_nothing_is_lost_where_models_and_states_are_made_anew(tmp_path: Path, trap: str) -> None:
+    text = f"{SCENE}{TRAPS[trap]}tell()\n"
+    without_window = text.replace("mujoco.viewer.launch_passive(m, d)", "Open()")
+    alone, run = bare(tmp_path / "bare", without_window), watched(tmp_path / "watched", text)
+    assert alone.returncode == 0, alone.stderr
+    assert run.printed == alone.stdout
+    assert (run.received.faults, run.received.steps) == ([], 12)
+    pieces = run.explained()
+    told = Counter(
+        each for world in {piece.world for piece in pieces} for each in statuses(pieces, world)
+    )
+    assert told == {(EXPLAINED, ""): 12}
+
+
+def test_a_state_that_is_no_number_goes_on_as_it_is(tmp_path: Path) -> None:
+    """Where MuJoCo is not to start again, such steps are replayed, and have no sum."""
+    text = f"""{SCENE}
+m.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+for k in range(8):
+    if k == 4: d.qvel[6] = np.nan
+    mujoco.mj_step(m, d)
+    look()
+tell()
+"""
+    alone, run = bare(tmp_path / "bare", text), watched(tmp_path / "watched", text)
+    assert run.printed == alone.stdout
+    assert "NaN" in run.printed
+    assert statuses(run.explained()) == [(EXPLAINED, "")] * 4 + [(REPLAYED, "remainder")] * 4
+
+
 def test_functions_are_counted_by_name(tmp_path: Path) -> None:
     run = watched(tmp_path, SCENE + WAYS["integrators"] + WAYS["two halves"])
     counts: Counter[str] = Counter()
