@@ -47,6 +47,21 @@ _EXIT_CODE = re.compile(r"sys\.exit\((-?\d+|True)\)")
 """An end that Python says nothing of: of an exception it prints a traceback, of a text that."""
 
 
+TRIES = ("steps", "variation", "interventions")
+"""What of a program may be another in each of its trials."""
+TOLD = (
+    "is_module",
+    "duration_s",
+    "of_first",
+    "keep_sleeping",
+    "seed",
+    "begins_s",
+    "listens",
+    "scratch",
+)
+"""What else of it its process is told."""
+
+
 @dataclass(frozen=True)
 class Program:
     """What to run, and for how long.
@@ -373,24 +388,12 @@ class Script(Listener):
         options = {
             "pipe": writing,
             "block": self._block.fileno(),
-            "module": program.is_module,
-            "steps": program.steps,
-            "duration_s": program.duration_s,
-            "of_first": program.of_first,
-            "keep_sleeping": program.keep_sleeping,
-            "seed": program.seed,
-            "begins_s": program.begins_s,
-            "variation": program.variation,
-            "listens": program.listens,
-            "interventions": program.interventions,
-            "scratch": program.scratch,
+            **{name: getattr(program, name) for name in (*TRIES, *TOLD)},
             "trials": [
                 {
                     "pipe": end,
                     "block": block.fileno(),
-                    "steps": trial.steps,
-                    "variation": trial.variation,
-                    "interventions": trial.interventions,
+                    **{name: getattr(trial, name) for name in TRIES},
                 }
                 for trial, (_, end, block) in zip(program.trials, self._parts, strict=True)
             ],

@@ -93,12 +93,25 @@ def shape(entity: str, at: Times, seen: Shape, before: Shape | None = None) -> I
 
     Of a mesh that was drawn there before, in another colour, only the colour is yielded.
     """
+    if seen.kind == "mesh" and before is not None and replace(before, rgba=seen.rgba) == seen:
+        recoloured = rr.Asset3D.columns(albedo_factor=[_colour(seen)])
+        yield Chunk.from_columns(entity, times(at), recoloured)
+    elif (drawn := _mesh_drawn(seen) if seen.kind == "mesh" else _drawn(seen)) is not None:
+        yield Chunk.from_columns(entity, times(at), drawn)
+
+
+def _colour(seen: Shape) -> int:
     rgba = [min(1.0, max(0.0, value)) for value in seen.rgba] or [1.0] * 4
     shades = [round(BRIGHTEST * value) for value in rgba[:3]]
-    colour = int.from_bytes(bytes([*shades, round(255 * rgba[3])]), "big")
-    solid = [rr.components.FillMode.Solid]
+    return int.from_bytes(bytes([*shades, round(255 * rgba[3])]), "big")
+
+
+@functools.lru_cache(maxsize=1024)
+def _drawn(seen: Shape) -> list[rr.ComponentColumn] | None:
+    """Return a shape that is no mesh, and its pose on its link; None if it cannot be drawn."""
+    colour, solid = _colour(seen), [rr.components.FillMode.Solid]
     a, b, *_ = (*seen.size_m, 0.0, 0.0)
-    offset, scale = (0.0, 0.0, 0.0), None
+    offset = (0.0, 0.0, 0.0)
     if seen.kind in ROUND_OR_BOX:
         drawn = _solid(seen, colors=[colour], fill_mode=solid)
     elif seen.kind == "capsule":
@@ -109,20 +122,27 @@ def shape(entity: str, at: Times, seen: Shape, before: Shape | None = None) -> I
         half, offset = [[side_m / 2, side_m / 2, 0.005]], (0.0, 0.0, -0.005)
         drawn = rr.Boxes3D.columns(half_sizes=half, colors=[PLANE_COLOUR], fill_mode=solid)
     else:
-        mesh = _mesh(seen.file) if seen.kind == "mesh" else None
-        if mesh is None:
-            return
-        blob, media_type = mesh
-        if before is not None and replace(before, rgba=seen.rgba) == seen:
-            recoloured = rr.Asset3D.columns(albedo_factor=[colour])
-            yield Chunk.from_columns(entity, times(at), recoloured)
-            return
-        drawn = rr.Asset3D.columns(blob=[blob], media_type=[media_type], albedo_factor=[colour])
-        scale = [seen.size_m]
-    placed = rr.Transform3D.columns(
-        translation=[_moved(seen, offset)], quaternion=[seen.orientation], scale=scale
-    )
-    yield Chunk.from_columns(entity, times(at), [*drawn, *placed])
+        return None
+    return [*drawn, *_placed(seen, offset)]
+
+
+def _mesh_drawn(seen: Shape) -> list[rr.ComponentColumn] | None:
+    mesh = _mesh(seen.file)
+    if mesh is None:
+        return None
+    blob, media_type = mesh
+    colour = _colour(seen)
+    drawn = rr.Asset3D.columns(blob=[blob], media_type=[media_type], albedo_factor=[colour])
+    return [*drawn, *_placed(seen, scale=[seen.size_m])]
+
+
+def _placed(
+    seen: Shape,
+    offset: Sequence[float] = (0.0, 0.0, 0.0),
+    scale: Sequence[Sequence[float]] | None = None,
+) -> rr.ComponentColumnList:
+    moved = [_moved(seen, offset)]
+    return rr.Transform3D.columns(translation=moved, quaternion=[seen.orientation], scale=scale)
 
 
 def _solid(seen: Shape | Collision, **look: Any) -> Iterable[rr.ComponentColumn]:  # noqa: ANN401

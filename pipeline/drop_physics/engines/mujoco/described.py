@@ -89,6 +89,11 @@ class DescribedBody:
     free: int
     """MuJoCo's joint that frees its base; -1 if it is not free."""
 
+    def as_number(self, number: int, client: int) -> DescribedBody:
+        """Return it as a body of another simulation of the same model."""
+        label = f"{number}_{_plain(self.body.name)}"
+        return replace(self, body=replace(self.body, number=number, label=label, client=client))
+
     @property
     def root(self) -> int:
         """MuJoCo's body that is the base, or hangs on it first."""

@@ -185,6 +185,8 @@ class MujocoDecoder:
         self._spool: BinaryIO | None = None
         self._received: Received | None = None
         self._simulations: dict[tuple[int, int], MujocoSimulation] = {}
+        self._described_before: dict[str, tuple[DescribedBody, ...]] = {}
+        """The bodies of each model, by its digest: many states may have the same."""
         self._edited: set[int] = set()
         """The edits that were told, by the identity of their values, which are kept."""
         self._kept: list[NDArray[Any]] = []
@@ -346,10 +348,13 @@ class MujocoDecoder:
         assert self._received is not None
         assert self._folder is not None
         model = self._received.models[number_of_model]
-        arrays = {name: np.array(values) for name, values in model.arrays.items()}
+        arrays = dict(model.arrays)
         number = sum(len(s.described.bodies) for s in self._simulations.values())
         client = len(self._simulations)
-        made = described(arrays, client=client, first=number, folder=self._folder)
+        alike = enumerate(self._described_before.get(model.digest, ()), number)
+        known = {each: body.as_number(each, client) for each, body in alike}
+        made = described(arrays, client=client, first=number, folder=self._folder, known=known)
+        self._described_before[model.digest] = made.bodies
         before = [each for (of, _), each in self._simulations.items() if of == world]
         held = dict(before[-1].held) if before else {}
         found = MujocoSimulation(client, number_of_model, first, made, number, held, first, arrays)

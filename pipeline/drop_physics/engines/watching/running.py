@@ -26,13 +26,13 @@ def main(options: str, *command: str) -> None:
     Parameters
     ----------
     options
-        JSON: the arguments of `start.watch`, whether the script is a `module`, whether it `listens`
-        to what the script reaches, and its `scratch` folder.
+        JSON: the arguments of `start.watch`; `is_module`; `listens`, whether it is told what the
+        script reaches; and its `scratch` folder.
     command
         The script, or a module's name, and its own arguments.
     """
     arguments = json.loads(options)
-    is_module, listens = arguments.pop("module"), arguments.pop("listens")
+    is_module, listens = arguments.pop("is_module"), arguments.pop("listens")
     start.enter(arguments.pop("scratch"))
     sys.argv = [*command]
     watch = start.watch(**arguments)

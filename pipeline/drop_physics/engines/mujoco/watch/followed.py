@@ -50,8 +50,6 @@ IDLE_CALLS = 10
 MEMORY, POSED, FIRST, RESET = map(CAUSES.index, ("memory", "posed", "first", "step"))
 FRAME = struct.Struct("<cI" + STEP_HEAD.format[1:])
 """The head of a frame, and that of a step in it."""
-OF_FRAME = FRAME.size - STEP_HEAD.size
-"""Bytes of a frame before its payload."""
 
 
 class WatchedModel:
