@@ -1,12 +1,13 @@
-"""How the cost of `drop record` and `drop analyze` grows: with steps, bodies, degrees of freedom.
+"""How what a command takes grows: with steps, bodies, degrees of freedom, contacts, and trials.
 
-`python -m benchmarks.growth PICTURE.png` draws it.
+`python -m benchmarks.growth PICTURE.png` draws it; `--long` goes on to 10⁷ steps, in half an hour.
 """
 
 from __future__ import annotations
 
 import argparse
 import functools
+import math
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -31,12 +32,38 @@ p.loadURDF("plane.urdf")
 for _ in range(int(sys.argv[1])):
     p.stepSimulation()
 """
+CHAIN = """count = 85
+rod = p.createCollisionShape(p.GEOM_CAPSULE, radius=0.01, height=0.02)
+p.createMultiBody(0, basePosition=[0, 0, 9], linkMasses=[0.1] * count,
+    linkCollisionShapeIndices=[rod] * count, linkVisualShapeIndices=[-1] * count,
+    linkPositions=[[0.01, 0, -0.05]] * count, linkOrientations=[[0, 0, 0, 1]] * count,
+    linkInertialFramePositions=[[0, 0, 0]] * count, linkParentIndices=[*range(count)],
+    linkInertialFrameOrientations=[[0, 0, 0, 1]] * count,
+    linkJointTypes=[p.JOINT_REVOLUTE] * count, linkJointAxis=[[0, 1, 0]] * count)"""
 ROBOTS = {
     7: 'p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)',
     18: 'p.loadURDF("laikago/laikago_toes_zup_lores.urdf", [0, 0, 0.5])',
     34: 'p.loadURDF("humanoid/humanoid.urdf", [0, 0, 1.2])',
+    85: CHAIN,
 }
-"""Degrees of freedom, and what is loaded."""
+"""Degrees of freedom, and what is loaded; the last is a hanging chain."""
+TITLES = {
+    "steps": "steps of one box at rest",
+    "bodies": "boxes at rest, {steps} steps",
+    "dofs": "degrees of freedom, {steps} steps",
+    "contacts": "contact points a step, {steps} steps",
+    "trials": "trials of a script of 240 steps",
+}
+FALL = """
+import pybullet as p, pybullet_data
+p.connect(p.DIRECT)
+p.setAdditionalSearchPath(pybullet_data.getDataPath())
+p.setGravity(0, 0, -9.81)
+p.loadURDF("plane.urdf")
+p.loadURDF("cube_small.urdf", [0, 0, 1])
+for _ in range(240):
+    p.stepSimulation()
+"""
 
 
 @dataclass(frozen=True)
@@ -44,118 +71,122 @@ class Case:
     """A script of so many steps."""
 
     what: str
-    """What grows: `steps`, `bodies` or `dofs`."""
+    """What grows: one of TITLES."""
     size: int
     steps: int
-    load: str
+    load: str = ""
 
     @property
     def name(self) -> str:
         """What is shown of it."""
-        count = self.size if self.what == "bodies" else 1
-        boxes = "1 box" if count == 1 else f"{count} boxes"
-        sized = (
-            f"a robot of {self.size} degrees of freedom"
-            if self.what == "dofs"
-            else f"{boxes} at rest"
-        )
-        return f"{sized}, {self.steps:,} steps"
+        return f"{self.size:,} {TITLES[self.what].format(steps=f'{self.steps:,}')}"
+
+
+@dataclass(frozen=True)
+class Took:
+    """What a case took."""
+
+    case: Case
+    runs: Mapping[str, Ran]
+    """By verb."""
+
+    def rows(self) -> Iterator[Measured]:
+        """Yield the rows of a table."""
+        for verb, ran in self.runs.items():
+            yield Measured(
+                f"`drop {verb}`, {self.case.name}",
+                "",
+                [ran.wall_s],
+                unit="s",
+                detail=f"processor time {ran.cpu_s:.2f} s, {ran.peak_mb:.0f} MB",
+            )
 
 
 def boxes(count: int) -> str:
     """Return lines that lay so many boxes on the floor."""
+    side = max(10, math.isqrt(count))
     return f"""for number in range({count}):
-    p.loadURDF("cube_small.urdf", [0.2 * (number % 10), 0.2 * (number // 10), 0.025])"""
+    p.loadURDF("cube_small.urdf", [0.2 * (number % {side}), 0.2 * (number // {side}), 0.025])"""
 
 
-def cases(*, quick: bool) -> Iterator[Case]:
+def cases(*, quick: bool, long: bool = False) -> Iterator[Case]:
     """Yield what is measured."""
-    counts = [1_000, 10_000, 100_000, 1_000_000][: 2 if quick else 4]
-    for steps in counts:
+    for steps in [10_000, 100_000, 1_000_000, 10_000_000][: 1 if quick else 4 if long else 3]:
         yield Case("steps", steps, steps, boxes(1))
-    for count in (1, 10, 100):
-        yield Case("bodies", count, counts[1] // (10 if quick else 1), boxes(count))
+    for count in (1, 10, 100, 1000)[: 3 if quick else 4]:
+        yield Case("bodies", count, 100, boxes(count))
     for dofs, load in ROBOTS.items():
-        yield Case("dofs", dofs, counts[1] // (10 if quick else 1), load)
+        yield Case("dofs", dofs, 100 if quick else 2000, load)
+    for count in (25, 250, 2500)[: 2 if quick else 3]:
+        yield Case("contacts", 4 * count, 10, boxes(count))
+    for count in (10, 100, 1000)[: 1 if quick else 3 if long else 2]:
+        yield Case("trials", count, 240)
 
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     """Time whole processes, and their memory."""
-    for case, *both in measured(folder, quick=quick):
-        yield from rows(case, *both)
+    for took in measured(folder, quick=quick):
+        yield from took.rows()
 
 
-def rows(case: Case, recorded: Ran, analyzed: Ran) -> Iterator[Measured]:
-    """Yield the rows of a table."""
-    for verb, ran in (("record", recorded), ("analyze", analyzed)):
-        yield Measured(
-            f"`drop {verb}`, {case.name}",
-            "",
-            [ran.wall_s / case.steps * 1e6],
-            unit="µs a step",
-            detail=f"{ran.wall_s:.2f} s, {ran.peak_mb:.0f} MB",
-        )
-
-
-def measured(folder: Path, *, quick: bool) -> Iterator[tuple[Case, Ran, Ran]]:
-    """Yield each case with what recording and analyzing it took."""
-    for case in cases(quick=quick):
+def measured(folder: Path, *, quick: bool, long: bool = False) -> Iterator[Took]:
+    """Yield what each case took: recording and analyzing it, or its trials."""
+    for case in cases(quick=quick, long=long):
+        if case.what == "trials":
+            (folder / "fall.py").write_text(FALL, encoding="utf-8")
+            values = ",".join(str(0.1 + number / 1000) for number in range(case.size))
+            given = ("--try", f"friction={values}", "--force", "--out", "trials", "fall.py")
+            yield Took(case, {"sweep": process(*DROP, "sweep", *given, folder=folder)})
+            continue
         (folder / "scene.py").write_text(SCENE.format(load=case.load), encoding="utf-8")
-        recorded = process(
-            *DROP,
-            "record",
-            "--force",
-            "--duration",
-            "1e9",
-            "--out",
-            "run.rrd",
-            "scene.py",
-            case.steps,
-            folder=folder,
-        )
-        yield case, recorded, process(*DROP, "analyze", "--force", "run.rrd", folder=folder)
+        given = ("--force", "--duration", "1e9", "--out", "run.rrd", "scene.py")
+        recorded = process(*DROP, "record", *given, case.steps, folder=folder)
+        analyzed = process(*DROP, "analyze", "--force", "run.rrd", folder=folder)
+        yield Took(case, {"record": recorded, "analyze": analyzed})
 
 
-def draw(path: Path, *, quick: bool) -> None:
-    """Measure, print the table, and draw seconds over steps, bodies and degrees of freedom."""
-    found: dict[str, list[tuple[int, float, float]]] = {}
+def draw(path: Path, *, quick: bool, long: bool) -> None:
+    """Measure, print the table, and draw seconds over what grows."""
+    found: list[Took] = []
     with tempfile.TemporaryDirectory() as folder:
-        for case, recorded, analyzed in measured(Path(folder), quick=quick):
-            found.setdefault(case.what, []).append((case.size, recorded.wall_s, analyzed.wall_s))
-            for row in rows(case, recorded, analyzed):
+        for took in measured(Path(folder), quick=quick, long=long):
+            found.append(took)
+            for row in took.rows():
                 print(row.row(), flush=True)
     path.write_bytes(style.rendered(functools.partial(build_figure, found), "png", dark=False))
 
 
-def build_figure(found: Mapping[str, Sequence[tuple[int, float, float]]], theme: Theme) -> Figure:
-    """Return the figure of sizes, and of seconds to record and to analyze, by what grows."""
-    titles = {
-        "steps": "steps of one box at rest",
-        "bodies": "boxes at rest, 10,000 steps",
-        "dofs": "degrees of freedom, 10,000 steps",
-    }
+def build_figure(found: Sequence[Took], theme: Theme) -> Figure:
+    """Return the figure of processor time over sizes, by what grows."""
     note = "start included; dotted: in proportion"
-    figure = style.figure_of("Seconds that a command takes", [note], 2.9, theme)
-    panels = figure.subplots(1, 3)
-    for panel, (what, its) in zip(panels, found.items(), strict=True):
-        sizes, *seconds = (list(column) for column in zip(*its, strict=True))
-        panel.set_title(titles[what], loc="left", size=10)
-        if what != "dofs":
-            panel.set_xscale("log")
-            panel.set_yscale("log")
-            along = [max(seconds[1]) * size / sizes[-1] for size in sizes]
-            panel.plot(sizes, along, ":", color=theme.faint, lw=1)
-            panel.yaxis.set_minor_formatter(NullFormatter())
-            panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-            panel.xaxis.set_major_formatter(EngFormatter(sep=""))
-        for each, colour in zip(seconds, (colours.SIMULATED, colours.TIMESTEP), strict=True):
+    figure = style.figure_of("Processor time of a command [s]", [note], 4.8, theme)
+    panels = figure.subplots(2, 3).ravel()
+    verbs = {
+        "record": colours.SIMULATED,
+        "analyze": colours.TIMESTEP,
+        "sweep": colours.DAMPING,
+    }
+    for panel, what in zip(panels, TITLES, strict=False):
+        its = [took for took in found if took.case.what == what]
+        sizes = [took.case.size for took in its]
+        panel.set_title(TITLES[what].format(steps=f"{its[0].case.steps:,}"), loc="left", size=9)
+        panel.set_xscale("log")
+        panel.set_yscale("log")
+        most_s = max(ran.cpu_s for ran in its[-1].runs.values())
+        along = [most_s * size / sizes[-1] for size in sizes]
+        panel.plot(sizes, along, ":", color=theme.faint, lw=1)
+        panel.yaxis.set_minor_formatter(NullFormatter())
+        panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        panel.xaxis.set_minor_formatter(NullFormatter())
+        panel.xaxis.set_major_formatter(EngFormatter(sep=""))
+        for verb in its[0].runs:
             # Robots differ in more than their degrees of freedom.
-            panel.plot(sizes, each, "o" if what == "dofs" else "o-", color=colour)
-        panel.set_ylim(*((0.5, 100) if what != "dofs" else (0, None)))
-    ends = zip(("record", "analyze"), seconds, (colours.SIMULATED, colours.TIMESTEP), strict=True)
-    style.name_curves(
-        panels[-1], [(name, each[-1], colour) for name, each, colour in ends], columns=21, size=10
-    )
+            seconds = [took.runs[verb].cpu_s for took in its]
+            panel.plot(sizes, seconds, "o" if what == "dofs" else "o-", color=verbs[verb])
+        panel.set_ylim(bottom=0.3)
+    panels[-1].set_axis_off()
+    for number, (verb, colour) in enumerate(verbs.items()):
+        panels[-1].text(0.1, 0.8 - 0.2 * number, verb, color=colour, size=11)
     return style.laid_out(figure)
 
 
@@ -163,6 +194,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(prog="python -m benchmarks.growth", description=__doc__)
     parser.add_argument("picture", metavar="PICTURE.png", type=Path, help="the plot to write")
     parser.add_argument("--quick", action="store_true", help="a tenth of the work, as a smoke test")
+    parser.add_argument("--long", action="store_true", help="10⁷ steps and 10³ trials, too")
     options = parser.parse_args()
     print(machine(), HEAD, sep="\n\n")
-    draw(options.picture, quick=options.quick)
+    draw(options.picture, quick=options.quick, long=options.long)

@@ -79,6 +79,7 @@ def run_here(
         stack.enter_context(_standard_streams(streams))
         stack.enter_context(_signal_handlers())
         stack.callback(gc.set_threshold, *gc.get_threshold())
+        stack.callback(gc.unfreeze)
         stack.enter_context(patch.dict(os.environ, environment, clear=True))
         stack.enter_context(patch.object(sys, "argv", ["drop", *map(str, arguments)]))
         stack.enter_context(contextlib.chdir(folder))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import subprocess
 import sys
+from collections.abc import Mapping
 from typing import Any
 
 import pytest
@@ -45,6 +46,7 @@ def made_by(maker: Any) -> tuple[type[Any], type[Any], type[Any]]:
     class Pair:
         a: int
         b: str = dataclasses.field(default="x", compare=False)
+        more: Mapping[str, int] = dataclasses.field(default_factory=dict, hash=False)
 
     @maker(frozen=True, kw_only=True)
     class More(Pair):
@@ -63,6 +65,7 @@ def test_a_data_class_is_that_of_the_standard_library() -> None:
     assert repr(pair(1)) == repr(theirs(1))
     assert pair(1) == pair(1, "y") != pair(2)
     assert {pair(1): 3}[pair(1, "y")] == 3
+    assert pair(1, more={"z": 1}) != pair(1)
     assert pair(1) != more(a=1, c=()) != theirs(1)
     assert more(a=1, c=(2,)) != more(a=1)
     assert dataclasses.asdict(more(a=1, c=(2,))) == dataclasses.asdict(their_more(a=1, c=(2,)))

@@ -27,24 +27,26 @@ else:
             if "__repr__" not in own:
                 cls.__repr__ = _text
             dataclasses.dataclass(cls, eq=False, repr=False, kw_only=kw_only)
-            cls._compared = tuple(each.name for each in dataclasses.fields(cls) if each.compare)
+            compared = [each for each in dataclasses.fields(cls) if each.compare]
+            cls._compared = tuple(each.name for each in compared)
+            cls._hashed = tuple(each.name for each in compared if each.hash is not False)
             return cls
 
         return made if cls is None else made(cls)
 
 
-def _values(self: Any) -> tuple[Any, ...]:  # noqa: ANN401 - any data class
-    return tuple([getattr(self, name) for name in self._compared])
+def _all_of(self: Any, names: tuple[str, ...]) -> tuple[Any, ...]:  # noqa: ANN401 - any data class
+    return tuple([getattr(self, name) for name in names])
 
 
 def _equal(self: Any, other: Any) -> Any:  # noqa: ANN401
     if other.__class__ is not self.__class__:
         return NotImplemented
-    return _values(self) == _values(other)
+    return _all_of(self, self._compared) == _all_of(other, self._compared)
 
 
 def _hash(self: Any) -> int:  # noqa: ANN401
-    return hash(_values(self))
+    return hash(_all_of(self, self._hashed))
 
 
 def _text(self: Any) -> str:  # noqa: ANN401

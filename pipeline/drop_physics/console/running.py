@@ -69,6 +69,7 @@ def main() -> None:
             signal.signal(number, signal.SIG_IGN)
         workers.given = {}
     _give_up_standard_output()
+    gc.freeze()  # or all objects would be looked through once more at the end: 0.08 s
     raise SystemExit(code)
 
 
