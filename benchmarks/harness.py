@@ -18,7 +18,7 @@ from pathlib import Path
 from drop_physics import Scenario
 from drop_physics.engines.pybullet.camera_frames import Poses
 from drop_physics.engines.pybullet.world import World
-from drop_physics.trace.states import poses_of
+from drop_physics.trace.states import BODY
 from drop_physics.workers import cores
 
 DROP = (sys.executable, "-m", "drop_physics")
@@ -164,7 +164,7 @@ def slow_fall(count: int) -> tuple[Scenario, Poses]:
     """Return a fall and its first poses, shape (count, 7), each a different picture."""
     scenario = Scenario(timestep_s=1 / 2400)
     with World(scenario) as world:
-        return scenario, poses_of(next(world.samples(count)).base)
+        return scenario, next(world.samples(count)).bases[BODY][:, :7]
 
 
 def machine() -> str:

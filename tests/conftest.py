@@ -10,7 +10,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import packages_distributions
 from pathlib import Path
@@ -19,7 +19,6 @@ from typing import Any
 import drop_physics
 import polars as pl
 import pytest
-from altered import rows_in
 from command import HANGS_S, drop_alone, drop_here
 from drop_physics import DropAnalysis, Scenario, simulate
 from drop_physics.drop.story import drop_analysis_of
@@ -28,8 +27,7 @@ from drop_physics.recording.reader import Recording, read
 from drop_physics.recording.viewer import binary
 from drop_physics.rules.answer import Finding
 from drop_physics.stages.run import Run, run
-from drop_physics.trace.states import CONTACT, STATE
-from dropped import Sampled
+from dropped import seen_with
 from hypothesis import HealthCheck, settings
 from skipping import pytest_runtest_makereport as pytest_runtest_makereport
 from skipping import pytest_runtest_setup as pytest_runtest_setup
@@ -133,12 +131,7 @@ def judge(
     at_s: Sequence[float] = (),
 ) -> DropAnalysis:
     """Analyze a drop that was read back, as `analyze` does, perhaps with other numbers."""
-    seen, mine = recording.seen, recording.states if states is None else states
-    if states is not None or contacts is not None:
-        contacts = recording.contacts if contacts is None else contacts
-        seen = replace(
-            seen, sampled=Sampled(rows_in(mine, STATE), rows_in(contacts, CONTACT), None)
-        )
+    seen = seen_with(recording.seen, states, contacts)
     return drop_analysis_of(recording.scenario, recording.engine, seen, at_s=at_s)
 
 

@@ -2,86 +2,50 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
-
+import polars as pl
+from altered import otherwise
 from drop_physics.drop.case import Case
 from drop_physics.drop.course import Course
 from drop_physics.drop.results import DropAnalysis
-from drop_physics.drop.samples import DropSamples
 from drop_physics.drop.story import drop_analysis_of
+from drop_physics.engines.other_world import OtherWorld
 from drop_physics.engines.pybullet.world import World
-from drop_physics.stages.recorded import BATCH, bodies_of, made_with
-from drop_physics.trace.events import Appearance, Body, Dynamics, Settings
-from drop_physics.trace.history import Piece, Seen
-from drop_physics.trace.log import Log
-from drop_physics.trace.states import (
-    BASE_STATE,
-    BODY,
-    Batch,
-    Joints,
-    Rows,
-    base_of,
-    between,
-)
+from drop_physics.recording.reader import Recording
+from drop_physics.stages.recorded import BATCH, case_of
+from drop_physics.trace.events import Samples
+from drop_physics.trace.history import Seen
 
 
-@dataclass(frozen=True)
-class Sampled:
-    """Samples of one simulation, in memory."""
-
-    states: Rows
-    contacts: Rows
-    joints: Joints | None
-    first: int = 0
-
-    @property
-    def last(self) -> int:
-        """The last step."""
-        return int(self.states["step"].max())
-
-    def piece(self, first: int, end: int) -> Piece:
-        """Return what was sampled of some steps."""
-        bases = base_of(between(self.states, first, end))[[*(BASE_STATE.names or ())]]
-        joints = {} if self.joints is None else {BODY: self.joints.at(slice(first, end))}
-        return Piece(
-            first,
-            end,
-            bases.astype(BASE_STATE),
-            joints,
-            {},
-            between(self.contacts, first, end),
-            Log(),
-        )
+def seen_with(
+    seen: Seen, states: pl.DataFrame | None, contacts: pl.DataFrame | None = None
+) -> Seen:
+    """Return what was seen of a drop with other states of its body, or other contact points."""
+    given = {"contacts": contacts}
+    if states is not None:
+        given["bases"] = states.filter(pl.col("link") == -1).sort("step")
+    return otherwise(seen, **{name: each for name, each in given.items() if each is not None})
 
 
-def departs(case: Case, samples: Iterable[DropSamples]) -> int | None:
+def case_with(recording: Recording, states: pl.DataFrame | None = None) -> Case:
+    """Return the drop of a recording, perhaps with other states."""
+    return Case(recording.scenario, recording.engine, seen_with(recording.seen, states))
+
+
+def dropped_whole(world: World | OtherWorld) -> Samples:
+    """Drop the body of a world, and return all samples."""
+    (samples,) = world.samples(world.scenario.steps + 1)
+    return samples
+
+
+def departs(case: Case) -> int | None:
     """Return the first sample in the air that the law does not lead to."""
     course = Course(case)
-    for part in samples:
+    for part in case.parts():
         course.add(part)
     return course.air.departs
 
 
 def analysis_of_world(world: World) -> DropAnalysis:
     """Drop the body of a world, and analyze that."""
-    batch, engine = Batch.joined([*world.samples(BATCH)]), made_with(world)
-    events = [*bodies_of(world, engine)]
-    appearances = [each for each in events if isinstance(each, Appearance)]
-    bodies: dict[int, Body] = {each.body.number: each.body for each in appearances}
-    seen = Seen(
-        bodies=bodies,
-        appearances=appearances,
-        dynamics=[each for each in events if isinstance(each, Dynamics)],
-        settings=[each for each in events if isinstance(each, Settings)],
-        surfaces=[],
-        solvers=[],
-        readings=[],
-        puts=[],
-        samples={},
-        sampled=Sampled(batch.states, batch.contacts, batch.joints),
-        real_time=False,
-        unseeded=(),
-        machine=engine.machine or "",
-    )
-    return drop_analysis_of(world.scenario, engine, seen)
+    case = case_of(world, world.samples(BATCH))
+    return drop_analysis_of(case.scenario, case.engine, case.seen)

@@ -10,13 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Recorder, judge, some
-from drop_physics.drop.analysis import fall_analysis_of
+from drop_physics.drop.analysis import fall_of
+from drop_physics.drop.case import Case
 from drop_physics.drop.mechanics import Drift, mechanics_of_part
 from drop_physics.explain.decomposition import decompose
 from drop_physics.physics.base import Motion
 from drop_physics.recording.reader import Recording
 from drop_physics.stages.events import events
-from drop_physics.trace.states import between, in_step_order
+from drop_physics.trace.history import HeldSamples
+from drop_physics.trace.states import between
 from iterated import law_of, thrown_as
 from numpy.typing import NDArray
 
@@ -499,14 +501,11 @@ def test_what_goes_on_slowly_has_no_first_sample_of_its_rest(recorded: Recorder,
 def test_a_body_rests_only_after_a_tenth_of_a_second(recorded: Recorder) -> None:
     """For any length of the recording, 24 steps of 1/240 s are between settling and its end."""
     recording = recorded()
-    lasts = {}
+    seen, lasts = recording.seen, {}
     for samples in range(150, 242):
         scenario = replace(recording.scenario, duration_s=(samples - 1) / 240)
-        states, contacts = (
-            between(rows, 0, samples)
-            for rows in (in_step_order(recording.seen.states), recording.seen.contacts)
-        )
-        rest = fall_analysis_of(scenario, recording.engine, states, contacts).rest
+        first = HeldSamples(*(between(rows, 0, samples) for rows in (seen.bases, seen.contacts)))
+        rest = fall_of(Case(scenario, recording.engine, replace(seen, sampled=first))).rest
         if rest is not None:
             lasts[samples] = samples - 1 - rest.settled_step
     assert min(lasts.values()) == 24

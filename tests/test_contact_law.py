@@ -18,6 +18,7 @@ from drop_physics.physics.laws.bullet import contact as bullet_contact
 from drop_physics.physics.laws.bullet.air import effective_damping
 from drop_physics.physics.laws.bullet.law import BulletLaw
 from drop_physics.scenario import Scenario
+from drop_physics.trace.states import BODY
 from engine import MODES, drive
 from iterated import airborne, law_of
 
@@ -175,10 +176,10 @@ def test_the_floor_of_our_own_worlds_is_the_laws() -> None:
         coordinates="maximal", restitution=0.9, solver_residual=0.0, timestep_s=1 / 60
     )
     with World(scenario) as world:
-        (batch,) = world.samples(1000)
+        (samples,) = world.samples(1000)
     fall = fall_of(coordinates="maximal")
     heights, _ = predicted(fall, 60, 60, restitution=0.9**2)
-    assert np.abs(heights - batch.base["position_m"][:, 2]).max() <= 1e-13 + 2**-50 * 60
+    assert np.abs(heights - samples.bases[BODY][:, 2]).max() <= 1e-13 + 2**-50 * 60
 
 
 @pytest.mark.parametrize("coordinates", MODES)

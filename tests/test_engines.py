@@ -6,6 +6,7 @@ MuJoCo has more in `test_mujoco`.
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,10 @@ import numpy as np
 import polars as pl
 import pyarrow as pa
 import pytest
-from altered import rows_in
 from conftest import Drop, Recorder, judge, said
 from drop_physics import Scenario, colours, simulate
 from drop_physics.compare.comparison import Comparison
-from drop_physics.drop.case import Case, case_of
-from drop_physics.drop.samples import DropSamples
+from drop_physics.drop.case import Case
 from drop_physics.engines import other_world
 from drop_physics.engines.pybullet.world import World
 from drop_physics.errors import DropError, ScenarioError
@@ -27,11 +26,10 @@ from drop_physics.explain.decomposition import TERMS
 from drop_physics.recording import other_layer, writer
 from drop_physics.recording.reader import Recording, read, recording_id
 from drop_physics.stages.check import check
-from drop_physics.stages.recorded import made_with
+from drop_physics.stages.recorded import case_of
 from drop_physics.stages.view import view
-from drop_physics.trace.states import STATE, Batch
 from drop_physics.trace.tables import table_of
-from dropped import departs
+from dropped import departs, seen_with
 from engine import shape, urdf_of
 from rerun.chunk import RrdReader
 
@@ -77,19 +75,18 @@ def drawn(engine: str, seed: int) -> Scenario:
     return Scenario(**values)  # type: ignore[arg-type]
 
 
-def dropped(scenario: Scenario) -> tuple[Case, DropSamples]:
+def dropped(scenario: Scenario) -> Case:
     with other_world.OtherWorld(scenario) as world:
-        states, contacts, _ = Batch.joined(world.samples(1000))
-        case, (samples,) = case_of(scenario, made_with(world), states, contacts)
-        return case, samples
+        return case_of(world, world.samples(1000))
 
 
 @pytest.mark.parametrize("engine", OTHERS)
 def test_every_step_in_the_air_follows_the_law(engine: str) -> None:
     to_the_bit = 0
     for seed in range(40):
-        case, samples = dropped(drawn(engine, seed))
-        assert departs(case, [samples]) is None, seed
+        case = dropped(drawn(engine, seed))
+        assert departs(case) is None, seed
+        (samples,) = case.parts()
         after = case.law.step(samples.before())
         same = np.array_equal(after.velocity_m_s[1:], samples.velocity_m_s[1:])
         to_the_bit += same and np.array_equal(after.position_m[1:], samples.position_m[1:])
@@ -138,14 +135,14 @@ def test_a_long_flight_follows_the_law_as_well(values: dict[str, Any], tmp_path:
     if values.pop("heavy", False):
         values["body"] = str(tmp_path / "heavy.urdf")
         Path(values["body"]).write_text(HEAVY)
-    case, samples = dropped(Scenario(**values, floor=False))
-    assert departs(case, [samples]) is None
+    assert departs(dropped(Scenario(**values, floor=False))) is None
 
 
 @PHYSX
 def test_physx_spins_by_its_law_to_the_bit() -> None:
     for seed in range(0, 30, 3):
-        case, samples = dropped(drawn("physx", seed))
+        case = dropped(drawn("physx", seed))
+        (samples,) = case.parts()
         after = case.law.step(samples.before())
         assert np.array_equal(after.spin_rad_s[1:], samples.spin_rad_s[1:])
 
@@ -181,19 +178,14 @@ def test_terms_add_up_though_physx_rounds_the_release_to_single_precision(
 
 @pytest.mark.parametrize("engine", OTHERS)
 def test_an_altered_sample_is_noticed(engine: str) -> None:
-    case, samples = dropped(drawn(engine, 9))
-    assert departs(case, [samples]) is None
-    scenario = case.scenario
-    with other_world.OtherWorld(scenario) as world:
-        states, contacts, _ = Batch.joined(world.samples(1000))
-        states = table_of(states)
-        report = made_with(world)
+    case = dropped(drawn(engine, 9))
+    assert departs(case) is None
+    states = table_of(case.seen.states)
     off = 1e-3 if engine == "physx" else 1e-7
     for column in ("x_m", "vz_m_s", "wy_rad_s", "qx"):
         moved = pl.when(pl.col("step") == 30).then(pl.col(column) + off).otherwise(column)
-        altered = rows_in(states.with_columns(moved.alias(column)), STATE)
-        altered = case_of(scenario, report, altered, contacts)
-        assert departs(*altered) == 30, column
+        altered = seen_with(case.seen, states.with_columns(moved.alias(column)))
+        assert departs(replace(case, seen=altered)) == 30, column
 
 
 @pytest.mark.parametrize(

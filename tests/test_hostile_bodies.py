@@ -33,7 +33,8 @@ from drop_physics.engines.pybullet.world import World
 from drop_physics.errors import ScenarioError
 from drop_physics.stages.sweep import sweep
 from drop_physics.sweeping.plan import plan_of
-from drop_physics.trace.states import Batch
+from drop_physics.trace.states import BODY
+from dropped import dropped_whole
 
 DATA = Path(pybullet_data.getDataPath())
 BOX = '<box size="0.1 0.1 0.1"/>'
@@ -190,10 +191,8 @@ def test_the_limits_of_joints_are_those_of_pybullet(
             refused(written(tmp_path, linked(most + 1, kind, star=star), "more.urdf"), "joints")
         scenario = Scenario(body=str(path), duration_s=0.1, linear_damping=0.0)
         with World(scenario) as world:
-            base = Batch.joined(world.samples(64)).base
-        np.testing.assert_allclose(
-            base["velocity_m_s"][-1, 2], scenario.gravity_m_s2 * 0.1, rtol=1e-9
-        )
+            base = dropped_whole(world).bases[BODY]
+        np.testing.assert_allclose(base[-1, 9], scenario.gravity_m_s2 * 0.1, rtol=1e-9)
 
 
 # -- meshes ---------------------------------------------------------------------------------------
@@ -471,4 +470,4 @@ def test_mutations_of_pybullets_own_files_are_loaded_or_refused(tmp_path: Path, 
         one_line(error)
         return
     with World(Scenario(body=str(urdf), height_m=0.1, duration_s=0.1)) as world:
-        assert len(Batch.joined(world.samples(64)).base) == 25
+        assert len(dropped_whole(world).steps) == 25

@@ -9,10 +9,8 @@ import mujoco_drop
 import numpy as np
 import polars as pl
 import pytest
-from altered import rows_in
 from conftest import Drop, Recorder, judge, some
 from drop_physics import Scenario, simulate
-from drop_physics.drop.case import case_of
 from drop_physics.drop.engines_compared import apart, flight_of
 from drop_physics.drop.mechanics import Drift
 from drop_physics.engines import other_world
@@ -25,10 +23,8 @@ from drop_physics.recording.frames import frames
 from drop_physics.recording.reader import Recording, read
 from drop_physics.scenario import INTEGRATORS
 from drop_physics.stages.check import check
-from drop_physics.stages.recorded import made_with
-from drop_physics.trace.states import STATE as ROWS
-from drop_physics.trace.states import Batch
-from dropped import departs
+from drop_physics.stages.recorded import case_of
+from dropped import case_with, departs
 
 STATE = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "vx_m_s", "vy_m_s", "vz_m_s"]
 SPIN = ["wx_rad_s", "wy_rad_s", "wz_rad_s"]
@@ -63,11 +59,11 @@ def test_every_step_in_the_air_follows_the_law(integrator: str) -> None:
         body = BLOCK if seed % 5 == 0 else {}
         scenario = Scenario(**drawn(seed), **body, integrator=integrator)  # type: ignore[arg-type]
         with other_world.OtherWorld(scenario) as world:
-            states, contacts, _ = Batch.joined(world.samples(100))
-            case, (samples,) = case_of(scenario, made_with(world), states, contacts)
-        assert departs(case, [samples]) is None, seed
+            case = case_of(world, world.samples(100))
+        assert departs(case) is None, seed
         if seed % 2 or seed % 3 == 0 or integrator == "rk4":
             continue
+        (samples,) = case.parts()
         after = case.law.step(samples.before())  # straight up or down
         to_the_bit += np.array_equal(after.velocity_m_s[1:], samples.velocity_m_s[1:])
         to_the_bit += np.array_equal(after.position_m[1:], samples.position_m[1:])
@@ -114,15 +110,13 @@ def test_a_law_that_is_another_one_is_noticed(recorded: Recorder) -> None:
     """The other integrators' law, and a number that is off by a few units of its last place."""
     recording = recorded(engine="mujoco", **BLOCK, height_m=6.0, spin_rad_s=(3.0, 5.0, -2.0))
     assert judge(recording).explained.why is None
-    states, contacts = recording.states, recording.seen.contacts
+    states = recording.states
     for column in (*STATE, *SPIN):
         off = 1e-9 if column in SPIN else 1e-12
         moved = pl.when(pl.col("step") == 100).then(pl.col(column) + off).otherwise(column)
         altered = states.with_columns(moved.alias(column))
-        case = case_of(recording.scenario, recording.engine, rows_in(altered, ROWS), contacts)
-        assert departs(*case) == 100, column
-    case = recording.scenario, recording.engine, rows_in(states, ROWS), contacts
-    _, (samples,) = case_of(*case)
+        assert departs(case_with(recording, altered)) == 100, column
+    (samples,) = case_with(recording).parts()
     for integrator in ("rk4", "implicit"):
         other = Scenario(**{**vars_of(recording.scenario), "integrator": integrator})
         found = segments_of(samples, law_for(other, recording.engine), samples.touches)
@@ -410,7 +404,7 @@ def test_nothing_is_promised_that_the_law_does_not_give(recorded: Recorder) -> N
     run = recorded(engine="mujoco")
     states = run.states.with_columns(pl.col("z_m") + 1e-6 * pl.col("step"))
     flights = [
-        flight_of(*case_of(each.scenario, each.engine, rows_in(moved, ROWS), each.seen.contacts))
+        flight_of(case_with(each, moved))
         for each, moved in ((run, states), (golden, golden.states))
     ]
     assert "agree" not in apart(*flights, parts_at=1)

@@ -20,7 +20,7 @@ from drop_physics.engines.pybullet.world import World
 from drop_physics.recording import rrd, schema
 from drop_physics.recording.reader import read
 from drop_physics.scenario import View
-from drop_physics.trace.states import poses_of
+from drop_physics.trace.states import BODY
 from PIL import Image
 
 SMALL = Camera(size_px=(160, 120))
@@ -29,7 +29,7 @@ SMALL = Camera(size_px=(160, 120))
 def poses_in(scenario: Scenario) -> np.ndarray:
     with World(scenario) as world:
         (fall,) = world.samples(1000)
-        return poses_of(fall.base)[::7]
+        return fall.bases[BODY][::7, :7]
 
 
 def drawn_whole(scenario: Scenario, camera: Camera, poses: np.ndarray) -> list[np.ndarray]:
@@ -139,7 +139,7 @@ def test_the_close_camera_sees_the_body_where_it_lies() -> None:
     camera = framed(Camera(view="close"), scenario)
     with World(scenario) as world:
         (fall,) = world.samples(1000)
-    landed = poses_of(fall.base)[fall.contacts["step"][0]]
+    landed = fall.bases[BODY][fall.contacts["step"][0], :7]
     row, column, width = seen(scenario, camera, landed)
     assert (row, column) == (pytest.approx(180, abs=20), pytest.approx(240, abs=20))
     assert width > 40

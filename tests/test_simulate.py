@@ -23,7 +23,9 @@ from drop_physics.recording.frames import frames
 from drop_physics.recording.reader import read
 from drop_physics.stages.sweep_shard import RunShard
 from drop_physics.sweeping.plan import plan_of
-from drop_physics.trace.states import BODY, FLOOR, Batch
+from drop_physics.trace.events import Samples
+from drop_physics.trace.states import BODY, FLOOR
+from dropped import dropped_whole
 from engine import DATA, MODES, box, lowered, shape, urdf_of
 
 
@@ -111,7 +113,7 @@ def test_a_btrigidbody_bounces_with_the_restitution_that_is_reported(
         report, (fall,) = world.report(), world.samples(1000)
     assert report.restitution == (told or 0.75)
     assert report.pair_restitution is not None
-    upwards_m_s = fall.base["velocity_m_s"][:, 2]
+    upwards_m_s = fall.bases[BODY][:, 9]
     up = int(np.argmax(upwards_m_s > 0))
     approach_m_s = upwards_m_s[up - 1] - 9.81 / 240
     assert upwards_m_s[up] == pytest.approx(report.pair_restitution * -approach_m_s, rel=1e-12)
@@ -125,8 +127,8 @@ def test_one_substep_is_none(coordinates: Any) -> None:
             assert_the_same(fall, same)
 
 
-def assert_the_same(fall: Batch, other: Batch) -> None:
-    for rows, others in ((fall.states, other.states), (fall.contacts, other.contacts)):
+def assert_the_same(fall: Samples, other: Samples) -> None:
+    for rows, others in ((fall.bases[BODY], other.bases[BODY]), (fall.contacts, other.contacts)):
         assert len(rows) > 0
         np.testing.assert_array_equal(rows, others)
 
@@ -492,9 +494,9 @@ def test_camera_options_decide_the_frames(tmp_path: Path) -> None:
 
 
 def test_a_simulation_is_the_same_every_time() -> None:
-    def fall() -> Batch:
+    def fall() -> Samples:
         with World(Scenario(spin_rad_s=(1.0, 2.0, 3.0))) as world:
-            return Batch.joined(world.samples(100))
+            return dropped_whole(world)
 
     assert_the_same(fall(), fall())
 
@@ -504,6 +506,6 @@ def test_a_btrigidbody_without_a_mass_cannot_be_given_one(tmp_path: Path) -> Non
     urdf = urdf_of(tmp_path, box("0.1 0.1 0.1"), mass_kg=0.0)
     with World(Scenario(body=urdf, mass_kg=1.0)) as world:
         (fall,) = world.samples(1000)
-        assert fall.base["position_m"][-1, 2] < 1
+        assert fall.bases[BODY][-1, 2] < 1
     with pytest.raises(ScenarioError, match="coordinates='reduced'"):
         World(Scenario(body=urdf, mass_kg=1.0, coordinates="maximal"))

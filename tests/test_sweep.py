@@ -42,8 +42,9 @@ from drop_physics.stages.sweep_shard import RunShard, ShardDone
 from drop_physics.sweeping import engines
 from drop_physics.sweeping.folder import TERMS
 from drop_physics.sweeping.plan import plan_of
-from drop_physics.trace.states import Batch, base_of
+from drop_physics.trace.states import BODY
 from drop_physics.workers import Worker
+from dropped import dropped_whole
 from shards import always_dies, double, first_is_quick, nap
 
 ARTICLE = ("--timestep", "1/240,1/480,1/960", "--linear-damping", "default,0")
@@ -196,7 +197,7 @@ def test_a_row_has_the_numbers_of_drop_analyze(tmp_path: Path) -> None:
             if terms is None
             else [terms.timestep, terms.damping, terms.interaction, terms.rounding]
         ), kind
-        assert row["end_m"] == base_of(read(path).seen.states)["position_m"][-1, 2]
+        assert row["end_m"] == read(path).seen.bases["position_m"][-1, 2]
 
 
 def test_a_row_can_be_replayed_alone_to_the_last_bit(tmp_path: Path, drop: Drop) -> None:
@@ -249,9 +250,9 @@ def test_a_kept_world_gives_the_bits_of_a_new_one() -> None:
             following = scenario()
             assert kept.serves(following)
             kept.restart(following)
-            mine, anew = (Batch.joined(one.samples(100)) for one in (kept, World(following)))
+            mine, anew = (dropped_whole(one) for one in (kept, World(following)))
             points += len(mine.contacts)
-            assert np.array_equal(mine.states, anew.states)
+            assert np.array_equal(mine.bases[BODY], anew.bases[BODY])
             assert np.array_equal(mine.contacts, anew.contacts)
     assert points > 1000
 

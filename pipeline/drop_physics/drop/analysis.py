@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 
 import numpy as np
@@ -10,21 +10,18 @@ import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.data import dataclass
-from drop_physics.drop.case import Case, case_of
+from drop_physics.drop.case import Case
 from drop_physics.drop.course import Course
 from drop_physics.drop.energy import Energies
 from drop_physics.drop.landing import ContactLaw, find_bounces, find_landing, find_rest
 from drop_physics.drop.mechanics import Mechanics, mechanics
-from drop_physics.drop.one_sample import DEFAULT_AT_S
+from drop_physics.drop.one_sample import DEFAULT_AT_S, moment_of
 from drop_physics.drop.phases import Phases
 from drop_physics.drop.results import Airborne, FallAnalysis, Moment, Terms
 from drop_physics.drop.samples import DropSamples
-from drop_physics.engine_report import EngineReport
 from drop_physics.errors import ScenarioError
 from drop_physics.explain.decomposition import TERMS, Decomposition, decompose
 from drop_physics.explain.rows import MOST_ROWS, SHOWN_PER_S
-from drop_physics.scenario import Scenario
-from drop_physics.trace.states import Rows
 
 Float64 = NDArray[np.float64]
 
@@ -117,10 +114,8 @@ class FallAnalyzer:
     def _moment(self, table: pl.DataFrame, step: int) -> Moment:
         found = table.filter(pl.col("step") == step)
         if found.is_empty():  # it was not asked for, and its row is not shown
-            case, sample = self._case, self._case.sample(step)
-            parts = decompose(case.law, case.fall, sample.position_m, first=step)
-            found = _rows(case, sample, mechanics(case.engine, sample), parts)
-            found = found.with_columns(pl.lit("falling").alias("phase"))
+            case = self._case
+            return moment_of(case.law, case.fall, case.sample(step).position_m, step)
         row = found.row(0, named=True)
         explained = row["timestep_m"] is not None
         return Moment(
@@ -134,26 +129,12 @@ class FallAnalyzer:
         )
 
 
-def fall_of(
-    case: Case, samples: Iterable[DropSamples], *, at_s: Sequence[float] = (), whole: bool = True
-) -> Fall:
-    """Analyze the samples of a fall: see `Falling`."""
+def fall_of(case: Case, *, at_s: Sequence[float] = (), whole: bool = True) -> FallAnalysis:
+    """Return the analysis of a fall alone, without what is explained: see `FallAnalyzer`."""
     falling = FallAnalyzer(case, at_s=at_s, whole=whole)
-    for _ in map(falling.add, samples):  # `map` keeps none while the next are read
+    for _ in map(falling.add, case.parts()):  # `map` keeps none while the next are read
         pass
-    return falling.fall()
-
-
-def fall_analysis_of(
-    scenario: Scenario,
-    engine: EngineReport,
-    states: Rows,
-    contacts: Rows,
-    *,
-    at_s: Sequence[float] = (),
-) -> FallAnalysis:
-    """Return the analysis of a fall from states and contact points: see `case_of`, `Falling`."""
-    return fall_of(*case_of(scenario, engine, states, contacts), at_s=at_s).analysis
+    return falling.fall().analysis
 
 
 class _Errors:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.data import dataclass
-from drop_physics.drop.samples import DropSamples, samples_in, samples_of
+from drop_physics.drop.samples import DropSamples, samples_seen
 from drop_physics.engine_report import EngineReport
 from drop_physics.physics import theory
 from drop_physics.physics.base import EXACT_MACHINES, Law, Motion
@@ -18,8 +17,8 @@ from drop_physics.physics.laws.lookup import fall_of, law_for
 from drop_physics.physics.rotations import same_way
 from drop_physics.physics.theory import TheoreticalFall
 from drop_physics.scenario import ENGINES, EXACT_INTEGRATORS, Scenario
-from drop_physics.trace.history import PIECE, Piece, Seen, joined
-from drop_physics.trace.states import BODY, Rows, between
+from drop_physics.trace.history import PIECE, Seen
+from drop_physics.trace.states import BODY
 
 Float64 = NDArray[np.float64]
 
@@ -37,10 +36,29 @@ class Case:
 
     scenario: Scenario
     engine: EngineReport
-    samples: int
-    """How many there are."""
-    sample: Callable[[int], DropSamples]
-    """Returns one of them."""
+    seen: Seen
+    """What was observed, of which samples are read piece by piece."""
+
+    @cached_property
+    def samples(self) -> int:
+        """How many there are of the body; joints may have more where it was cut off."""
+        sampled, end = self.seen.sampled, self.seen.sampled.last + 1
+        while end > 0:
+            bases = sampled.piece(max(end - PIECE, 0), end).bases
+            steps = bases["step"][bases["body"] == BODY]
+            if len(steps):
+                return int(steps[-1]) + 1
+            end -= PIECE
+        return 0
+
+    def sample(self, step: int) -> DropSamples:
+        """Return one of them."""
+        return samples_seen(self.seen, self.seen.sampled.piece(step, step + 1))
+
+    def parts(self) -> Iterator[DropSamples]:
+        """Yield all of them in order, some at a time."""
+        for piece in self.seen.pieces():
+            yield samples_seen(self.seen, piece)
 
     @cached_property
     def start(self) -> DropSamples:
@@ -179,45 +197,3 @@ class Case:
         In other engines the floor has no edge.
         """
         return not self.is_bullet or bool((np.abs(position_m[:, :2]) < FLOOR_REACH_M).all())
-
-
-def case_of(
-    scenario: Scenario, engine: EngineReport, states: Rows, contacts: Rows
-) -> tuple[Case, Iterable[DropSamples]]:
-    """Return the case of states and contact points, in step order, and its samples in order."""
-
-    def sample(step: int) -> DropSamples:
-        return samples_of(*(between(rows, step, step + 1) for rows in (states, contacts)))
-
-    return Case(scenario, engine, int(states["step"][-1]) + 1, sample), samples_in(states, contacts)
-
-
-def case_seen(
-    scenario: Scenario, engine: EngineReport, seen: Seen
-) -> tuple[Case, Iterable[DropSamples]]:
-    """Return the case of a recording, and its samples in order, which are read piece by piece."""
-
-    def sample(step: int) -> DropSamples:
-        return samples_seen(seen, seen.sampled.piece(step, step + 1))
-
-    def samples() -> Iterator[DropSamples]:
-        yield from map(functools.partial(samples_seen, seen), seen.pieces())
-
-    return Case(scenario, engine, _sampled(seen), sample), samples()
-
-
-def _sampled(seen: Seen) -> int:
-    """Return how many samples of the body there are; joints may have more where it was cut off."""
-    end = seen.sampled.last + 1
-    while end > 0:
-        bases = seen.sampled.piece(max(end - PIECE, 0), end).bases
-        steps = bases["step"][bases["body"] == BODY]
-        if len(steps):
-            return int(steps[-1]) + 1
-        end -= PIECE
-    return 0
-
-
-def samples_seen(seen: Seen, piece: Piece) -> DropSamples:
-    """Return the samples of a piece of a recording."""
-    return samples_of(joined(seen.parts_of(piece)), piece.contacts)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import fields, replace
 
 import numpy as np
@@ -11,7 +10,6 @@ from numpy.typing import NDArray
 
 from drop_physics.data import dataclass
 from drop_physics.drop.case import Case
-from drop_physics.drop.samples import DropSamples
 from drop_physics.explain.decomposition import TERMS, error_and_terms
 from drop_physics.fields import decimals
 from drop_physics.messages import Message, joined
@@ -47,10 +45,10 @@ class Flight:
     """The samples before the first that a contact led to."""
 
 
-def flight_of(case: Case, samples: Iterable[DropSamples]) -> Flight:
+def flight_of(case: Case) -> Flight:
     """Return a drop's flight; no sample after it is read."""
     parts: list[Motion] = []
-    for part in samples:
+    for part in case.parts():
         near = np.flatnonzero(part.contact_points)
         parts.append(part.at(slice(int(near[0]) if len(near) else len(part))))
         if len(near):

@@ -17,7 +17,8 @@ from drop_physics.drop.landing import restitution_threshold_m_s
 from drop_physics.drop.posture import extent_m, tilt_rad
 from drop_physics.fields import counted, decimals, fraction
 from drop_physics.messages import Message, joined
-from drop_physics.rules.answer import Effect, Finding, Level, Span
+from drop_physics.rules.answer import Cure, Effect, Finding, Level, Span
+from drop_physics.trace.states import BODY_LABEL
 
 LEVEL_OF: dict[str, Level] = {
     "law-mismatch": "broken", "tunnelled": "broken",
@@ -90,23 +91,28 @@ def _found(
     metres: float | None = None,
     case: Case | None = None,
     first: int | None = None,
+    cure: Cure | None = None,
 ) -> Finding:
-    """Return a finding; `metres` are ranked by the body's size, `first` is a step."""
+    """Return a finding; `metres` are ranked by the body's size, `first` is a step.
+
+    The call of its cure is the scenario's option.
+    """
     size_m = max(case.engine.reach_m, 1e-12) if case is not None else math.inf
     return Finding(
         code=code,
         level=LEVEL_OF[code],
         message=message,
         advice=advice,
+        cure=cure,
         effect=None if metres is None else Effect(abs(metres), "m"),
         share=0.0 if metres is None else abs(metres) / size_m,
         steps=None if first is None else Span(first, first, 1),
     )
 
 
-def _mistake(code: str, message: Message, case: Case) -> Finding:
+def _mistake(code: str, message: Message, case: Case, cure: Cure | None = None) -> Finding:
     in_bullet, elsewhere = MISTAKES[code]
-    return _found(code, message, in_bullet if case.is_bullet else elsewhere)
+    return _found(code, message, in_bullet if case.is_bullet else elsewhere, cure=cure)
 
 
 def _no_gravity(fall: Fall) -> Iterator[Finding]:
@@ -115,7 +121,8 @@ def _no_gravity(fall: Fall) -> Iterator[Finding]:
             "the engine's gravity is 0 m/s² and the centre is at {height} m at the end",
             height=decimals(fall.case.end.height_m[0], 4),
         )
-        yield _mistake("no-gravity", seen, fall.case)
+        cure = Cure("gravity", value=fall.case.scenario.gravity_m_s2, call="omit --no-gravity")
+        yield _mistake("no-gravity", seen, fall.case, cure)
 
 
 def _not_stepped(fall: Fall) -> Iterator[Finding]:
@@ -223,7 +230,8 @@ def _default_damping(fall: Fall) -> Iterator[Finding]:
         advice = Message(
             "call p.changeDynamics(body, -1, linearDamping=0), i.e. --linear-damping 0"
         )
-        yield _found("default-damping", seen, advice, metres=moved_m, case=fall.case)
+        cure = Cure("damping", BODY_LABEL, 0.0, call="--linear-damping 0")
+        yield _found("default-damping", seen, advice, metres=moved_m, case=fall.case, cure=cure)
 
 
 def _velocity_clamped(fall: Fall) -> Iterator[Finding]:
@@ -258,16 +266,20 @@ def _deep_penetration(fall: Fall) -> Iterator[Finding]:
         share=depth_m / tall_m,
         moved=decimals(per_step_m * 1e3, 1),
     )
-    advice = None
+    advice = cure = None
     if not case.is_soft:
         # It cannot get deeper than it moves in a step; a tenth more, for gravity in that step.
         times = math.ceil(1.1 * per_step_m / (DEEP_PENETRATION * tall_m))
+        timestep = fraction(case.timestep_s / times)
         advice = Message(
             "use a timestep {times} times shorter: --timestep {timestep}",
             times=times,
-            timestep=fraction(case.timestep_s / times),
+            timestep=timestep,
         )
-    yield _found("deep-penetration", seen, advice, metres=depth_m, case=case, first=impact.step)
+        cure = Cure("timestep", value=float(times), call=f"--timestep {timestep}")
+    yield _found(
+        "deep-penetration", seen, advice, metres=depth_m, case=case, first=impact.step, cure=cure
+    )
 
 
 def _tumbled(fall: Fall) -> Iterator[Finding]:

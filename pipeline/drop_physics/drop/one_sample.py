@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from drop_physics.drop.results import Moment, Terms
 from drop_physics.engine_report import EngineReport
 from drop_physics.explain.decomposition import TERMS, decompose
-from drop_physics.physics.base import Motion
+from drop_physics.physics.base import Law, Motion
 from drop_physics.physics.laws.lookup import fall_of, law_for
+from drop_physics.physics.theory import TheoreticalFall
 from drop_physics.scenario import Scenario
 
 Float64 = NDArray[np.float64]
@@ -65,17 +66,22 @@ def moment_in_the_air(
     # Near the limit of velocities, each step would have to be asked whether it was clamped.
     if not np.array_equal(law.held(2 * velocity_m_s), 2 * velocity_m_s):
         return None
-    parts = decompose(law, fall, position_m[-1:], first=step)
+    moment = moment_of(law, fall, position_m[-1:], step)
     lowest_m = engine.rest_height_m if scenario.floor else None
-    free_fall_m = float(parts.free_fall_m[-1, 2])
-    if lowest_m is not None and free_fall_m <= lowest_m:
+    if lowest_m is not None and moment.free_fall_m <= lowest_m:
         return None  # by theory it has landed
+    return moment
+
+
+def moment_of(law: Law, fall: TheoreticalFall, position_m: Float64, step: int) -> Moment:
+    """Break down the error of a sample in free flight, whose position has the shape (1, 3)."""
+    parts = decompose(law, fall, position_m, first=step)
     return Moment(
         time_s=step * law.timestep_s,
         step=step,
         phase="falling",
-        simulated_m=float(position_m[-1, 2]),
-        free_fall_m=free_fall_m,
-        error_m=float(parts.total_m[-1, 2]),
-        terms_m=Terms(**{name: float(getattr(parts, f"{name}_m")[-1, 2]) for name in TERMS}),
+        simulated_m=float(position_m[0, 2]),
+        free_fall_m=float(parts.free_fall_m[0, 2]),
+        error_m=float(parts.total_m[0, 2]),
+        terms_m=Terms(**{name: float(getattr(parts, f"{name}_m")[0, 2]) for name in TERMS}),
     )

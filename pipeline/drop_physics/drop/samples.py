@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cached_property
 
 import numpy as np
@@ -11,13 +10,11 @@ from numpy.typing import NDArray
 from drop_physics.data import dataclass
 from drop_physics.explain.touching import Touches, touches_of
 from drop_physics.physics.base import Motion
-from drop_physics.trace.states import BASE, BODY, FLOOR, MOTION, Rows, between
+from drop_physics.trace.history import Piece, Seen
+from drop_physics.trace.states import BASE, BODY, FLOOR, MOTION, STATE, Rows
 
 Float64 = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-BLOCK = 1 << 13
-"""Samples worked through at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,20 +68,12 @@ class DropSamples(Motion):
         return touches_of(self.contacts, BODY).since(self.first, slice(None))
 
 
-def samples_of(states: Rows, contacts: Rows) -> DropSamples:
-    """Return consecutive samples as arrays: the body's motion, and how it touches the floor.
-
-    Parameters
-    ----------
-    states
-        Of dtype `STATE`: one row per sample and part, those of a part in step order.
-    contacts
-        Of dtype `CONTACT`, in step order.
-    """
-    body = states[states["body"] == BODY]
-    base = _motion_of(body, BASE)
-    links = sorted({*np.unique(body["link"]).tolist()} - {BASE})
-    first = int(states["step"].min()) if len(states) else 0
+def samples_seen(seen: Seen, piece: Piece) -> DropSamples:
+    """Return the samples of a piece as arrays: the body's motion, and how it touches the floor."""
+    parts, contacts = seen.parts_of(piece), piece.contacts
+    states = parts.get((BODY, BASE), np.empty(0, STATE))
+    base = _motion_of(states)
+    first = int(states["step"][0]) if len(states) else 0
     points, distance_m, pushed = _contact(contacts, first, samples=len(base))
     return DropSamples(
         position_m=base.position_m,
@@ -95,15 +84,11 @@ def samples_of(states: Rows, contacts: Rows) -> DropSamples:
         contact_points=points,
         contact_distance_m=distance_m,
         pushed=pushed,
-        links=tuple(_motion_of(body, link) for link in links),
+        links=tuple(
+            _motion_of(parts[key]) for key in sorted(parts) if key[0] == BODY and key[1] != BASE
+        ),
         contacts=contacts,
     )
-
-
-def samples_in(states: Rows, contacts: Rows) -> Iterator[DropSamples]:
-    """Yield the samples of a drop, some at a time; states and contacts are in step order."""
-    for first in range(0, int(states["step"][-1]) + 1, BLOCK):
-        yield samples_of(*(between(rows, first, first + BLOCK) for rows in (states, contacts)))
 
 
 def _contact(contacts: Rows, first: int, samples: int) -> tuple[NDArray[np.int16], Float64, Flags]:
@@ -121,7 +106,6 @@ def _contact(contacts: Rows, first: int, samples: int) -> tuple[NDArray[np.int16
     return points, distance_m, pushed
 
 
-def _motion_of(body: Rows, link: int) -> Motion:
+def _motion_of(states: Rows) -> Motion:
     """Return the states of one part as arrays, a row per sample."""
-    states = body[body["link"] == link]
     return Motion(*(np.ascontiguousarray(states[name]) for name in MOTION))

@@ -8,9 +8,10 @@ from dataclasses import replace
 from drop_physics.analysis.results import Analysis, BodyAnalysis, Explained, Unexplained
 from drop_physics.analysis.story import Story
 from drop_physics.drop.analysis import Fall, FallAnalyzer
-from drop_physics.drop.case import Case, case_seen, samples_seen
+from drop_physics.drop.case import Case
 from drop_physics.drop.findings import findings
 from drop_physics.drop.results import DropAnalysis
+from drop_physics.drop.samples import samples_seen
 from drop_physics.engine_report import EngineReport
 from drop_physics.explain.rows import MOST_ROWS
 from drop_physics.messages import Message
@@ -60,7 +61,7 @@ def drop_analysis_of(
     samples = seen.sampled.last + 1
     seen = replace(seen, samples={0: samples}, machine=engine.machine or "")
     other = None if scenario.engine == "bullet" else law_for(scenario, engine)
-    case, _ = case_seen(scenario, engine, seen)
+    case = Case(scenario, engine, seen)
     falling = FallAnalyzer(case, at_s=at_s, whole=whole or samples <= MOST_ROWS)
     walked = Story(
         seen,

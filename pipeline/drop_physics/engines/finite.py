@@ -1,29 +1,63 @@
-"""Whether an engine's numbers can be recorded."""
+"""Samples of a drop from an engine's numbers, if a recording can hold them."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drop_physics.engine_report import LARGEST
 from drop_physics.errors import DropError
-from drop_physics.trace.states import Rows
+from drop_physics.trace.events import Samples
+from drop_physics.trace.states import BODY, CONTACT, Joints, Rows
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
 
 
-def check_numbers(rows: Rows) -> None:
-    """Make sure that states or contacts are numbers that a recording can hold.
+def drop_samples(
+    steps: Int64, timestep_s: float, base: Float64, contacts: Rows, joints: Joints | None = None
+) -> Samples:
+    """Return consecutive samples of a drop.
+
+    Parameters
+    ----------
+    steps
+        Their numbers, shape (n,).
+    timestep_s
+        Time between two of them.
+    base
+        States of the body's base, as `MOTION` places them, shape (n, 13).
+    contacts
+        The contact points, of dtype `CONTACT`.
+    joints
+        The joints of the body; None if none moves.
 
     Raises
     ------
     DropError
-        If one is not finite, or too large.
+        If a number is not finite, or too large for a recording.
     """
-    lost = np.zeros(len(rows), dtype=bool)
-    for name in rows.dtype.names or ():
-        values = rows[name]
-        if values.dtype.kind == "f":
-            lost |= ~(np.abs(values) <= LARGEST).all(axis=tuple(range(1, values.ndim)))
-    if lost.any():
-        raise non_finite(rows["step"][lost][0])
+    # A contact point begins with five whole numbers: its step, and which links it is of.
+    points = contacts.view(np.float64).reshape(-1, CONTACT.itemsize // 8)[:, 5:]
+    driven = () if joints is None else (joints.position, joints.velocity, joints.effort)
+    for of, values in (
+        (steps, base),
+        (contacts["step"], points),
+        *((steps, each) for each in driven),
+    ):
+        lost = ~(np.abs(values) <= LARGEST).all(axis=1)
+        if lost.any():
+            raise non_finite(int(of[lost][0]))
+    return Samples(
+        client=0,
+        steps=steps,
+        times_s=np.asarray(steps * timestep_s, dtype=np.float64),
+        call=0,
+        bases={BODY: base},
+        joints={} if joints is None else {BODY: joints},
+        contacts=contacts,
+        constraints={},
+    )
 
 
 def non_finite(step: int) -> DropError:

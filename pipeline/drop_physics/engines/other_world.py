@@ -15,14 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.engine_report import EngineReport
-from drop_physics.engines.finite import check_numbers, non_finite
+from drop_physics.engines.finite import drop_samples, non_finite
 from drop_physics.engines.pybullet.world import World
 from drop_physics.engines.session import RigidBody, Session
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.fields import counted
 from drop_physics.messages import Message
 from drop_physics.scenario import ENGINES, ENGINES_WITH, Engine, Scenario
-from drop_physics.trace.states import BASE, BODY, CONTACT, FLOOR, STATE, Batch
+from drop_physics.trace.events import Samples
+from drop_physics.trace.states import BASE, BODY, CONTACT, FLOOR
 
 Float64 = NDArray[np.float64]
 Build = Callable[[Scenario, RigidBody], Session]
@@ -49,7 +50,7 @@ BULLETS_OWN = (
     "lateral_friction", "floor_restitution", "floor_lateral_friction",
 )  # fmt: skip
 """Fields of PyBullet's report that are about PyBullet itself."""
-_ROW = struct.Struct("<5q19d").pack
+_POINT = struct.Struct("<5q19d").pack
 
 
 class OtherWorld:
@@ -96,8 +97,6 @@ class OtherWorld:
 
     def __exit__(self, *_: object) -> None:
         pass
-
-    watch: Callable[[Batch], object] = staticmethod(lambda _: None)
 
     def report(self) -> EngineReport:
         """Return what the engine reports about itself and the body; the shape is PyBullet's."""
@@ -176,10 +175,8 @@ class OtherWorld:
             raise non_finite(self.scenario.steps)
         return state[2]
 
-    def samples(self, batch: int) -> Iterator[Batch]:
+    def samples(self, batch: int) -> Iterator[Samples]:
         """Fall: yield the state before each step and after the last, and the contact points.
-
-        Each batch is passed to `watch` too.
 
         Parameters
         ----------
@@ -193,28 +190,17 @@ class OtherWorld:
         """
         session, samples = self._session, self.scenario.steps + 1
         for start in range(0, samples, batch):
-            states, contacts = np.zeros(min(batch, samples - start), STATE), bytearray()
-            for row, sample in enumerate(range(start, min(start + batch, samples))):
+            steps = np.arange(start, min(start + batch, samples))
+            base, contacts = np.empty((len(steps), 13)), bytearray()
+            for row, sample in enumerate(steps.tolist()):
                 if self.scenario.stepped and sample:
                     self._step()
                     for point in session.contacts():
-                        contacts += _ROW(sample, BODY, BASE, FLOOR, BASE, *point)
+                        contacts += _POINT(sample, BODY, BASE, FLOOR, BASE, *point)
                 with np.errstate(all="ignore"):  # non-finite numbers are rejected below
-                    state = session.state()
-                states[row] = (
-                    sample,
-                    BODY,
-                    BASE,
-                    state[:3],
-                    state[3:7],
-                    state[7:10],
-                    state[10:],
-                )
-            chunk = Batch(states, np.frombuffer(contacts, CONTACT))
-            check_numbers(states)
-            check_numbers(chunk.contacts)
-            self.watch(chunk)
-            yield chunk
+                    base[row] = session.state()
+            points = np.frombuffer(contacts, CONTACT)
+            yield drop_samples(steps, self.scenario.timestep_s, base, points)
 
 
 def other_versions(engines: Iterable[Engine]) -> dict[str, str]:

@@ -6,19 +6,7 @@ from typing import Self
 
 from drop_physics.engines.other_world import OtherWorld
 from drop_physics.engines.pybullet.lasting_world import LastingWorld
-from drop_physics.engines.pybullet.world import World
 from drop_physics.scenario import Scenario
-
-
-def world_of(scenario: Scenario) -> World | OtherWorld:
-    """Return the world of a scenario, in the engine that it names; use it in `with`.
-
-    Raises
-    ------
-    ScenarioError
-        If the engine is not installed, or the body cannot be found, loaded or dropped by it.
-    """
-    return World(scenario) if scenario.engine == "bullet" else OtherWorld(scenario)
 
 
 class Worlds:
@@ -33,7 +21,7 @@ class Worlds:
         Raises
         ------
         ScenarioError
-            As `world_of` raises it.
+            If the engine is not installed, or the body cannot be found, loaded or dropped by it.
         """
         if scenario.engine != "bullet":
             return OtherWorld(scenario)

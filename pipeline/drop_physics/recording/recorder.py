@@ -45,7 +45,8 @@ from drop_physics.trace.events import (
     Surface,
     widths_of,
 )
-from drop_physics.trace.states import MOTION, Rows
+from drop_physics.trace.history import rows_of_bases
+from drop_physics.trace.states import Rows
 
 ROWS_TOGETHER = 1024
 """Rows that are held until they become chunks."""
@@ -394,15 +395,3 @@ def _is_for_looking(entity: str) -> bool:
     ends = f"/{schema.TARGET}", f"/{schema.LIMIT}"
     of_motors = entity.startswith(f"{schema.JOINTS}/") and entity.endswith(ends)
     return of_motors or entity.startswith(schema.FOR_LOOKING)
-
-
-def rows_of_bases(seen: Samples) -> Rows:
-    """Return the states of bases as rows, by step and number."""
-    numbers = sorted(seen.bases)
-    rows = np.empty((len(seen.steps), len(numbers)), schema.STATES.kind)
-    rows["step"] = seen.steps[:, None]
-    rows["body"] = numbers
-    for column, number in enumerate(numbers):
-        for name, part in MOTION.items():
-            rows[name][:, column] = seen.bases[number][:, part]
-    return rows.reshape(-1)

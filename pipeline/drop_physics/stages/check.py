@@ -181,12 +181,10 @@ def _checked(run: Recording, golden: Recording, tolerance_m: float) -> Check:
         pictures = replace(pictures, first_step=None)
     engines = None
     if [each.column for each in comparison.differences] == ["engine"]:
-        from drop_physics.drop.case import case_seen
+        from drop_physics.drop.case import Case
         from drop_physics.drop.engines_compared import apart, flight_of
 
-        flights = [
-            flight_of(*case_seen(each.scenario, each.engine, each.seen)) for each in (run, golden)
-        ]
+        flights = [flight_of(Case(each.scenario, each.engine, each.seen)) for each in (run, golden)]
         first = comparison.first
         engines = apart(*flights, parts_at=None if first is None else first.step)
     return Check(

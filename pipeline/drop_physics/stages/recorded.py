@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import platform
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, replace
 from importlib import metadata
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from drop_physics import colours
+from drop_physics.drop.case import Case
 from drop_physics.engine_report import EngineReport
 from drop_physics.engines.other_world import OtherWorld
 from drop_physics.engines.pybullet.camera_frames import Photographer
@@ -38,16 +39,8 @@ from drop_physics.trace.events import (
     Settings,
     Shape,
 )
-from drop_physics.trace.states import (
-    BASE,
-    BODY,
-    BODY_LABEL,
-    FLOOR,
-    FLOOR_LABEL,
-    Batch,
-    Float64,
-    motion_of,
-)
+from drop_physics.trace.history import seen_in
+from drop_physics.trace.states import BASE, BODY, BODY_LABEL, FLOOR, FLOOR_LABEL, Float64
 
 BATCH = 8192
 """Samples in one chunk of a recording: the most that a killed run loses. Longer chunks take memory
@@ -59,9 +52,16 @@ ORIGIN = np.array([[0.0, 0.0, 0.0, *UPRIGHT]])
 
 
 def recorded(
-    world: World | OtherWorld, photographer: Photographer | None, batch: int, progress: Progress
+    world: World | OtherWorld,
+    photographer: Photographer | None,
+    batch: int,
+    progress: Progress,
+    watch: Callable[[Samples], object] = lambda _: None,
 ) -> Iterator[Chunk]:
-    """Let the body of a world fall, and yield the chunks of its recording."""
+    """Let the body of a world fall, and yield the chunks of its recording.
+
+    `watch` is called with all samples, too.
+    """
     scenario, photography, gl_renderer = world.scenario, None, None
     if photographer is not None:
         photography = Photography(photographer.camera, photographer.draw, world_from_camera)
@@ -89,11 +89,10 @@ def recorded(
 
     def events() -> Iterator[Event]:
         yield from bodies_of(world, engine)
-        done = 0
         for each in world.samples(batch):
-            yield samples_of(each, scenario.timestep_s)
-            done += len(each.base)
-            progress(Message("stepping"), done, scenario.steps + 1)
+            watch(each)
+            yield each
+            progress(Message("stepping"), int(each.steps[-1]) + 1, scenario.steps + 1)
 
     return recorder.chunks(
         events(),
@@ -101,6 +100,12 @@ def recorded(
         lambda _: about_drop(scenario, camera, engine),
         falling,
     )
+
+
+def case_of(world: World | OtherWorld, samples: Iterable[Samples]) -> Case:
+    """Return the drop of a world from its samples, which no recording holds."""
+    engine = made_with(world)
+    return Case(world.scenario, engine, seen_in([*bodies_of(world, engine), *samples]))
 
 
 def bodies_of(world: World | OtherWorld, engine: EngineReport) -> Iterator[Event]:
@@ -172,22 +177,6 @@ def bodies_of(world: World | OtherWorld, engine: EngineReport) -> Iterator[Event
         yield Appearance(at, floor, there=True, came=True)
         if isinstance(world, World):
             yield Dynamics(at, floor, world.dynamics(FLOOR))
-
-
-def samples_of(batch: Batch, timestep_s: float) -> Samples:
-    """Return a world's samples as an observer sees them."""
-    base = batch.base
-    steps = base["step"].copy()
-    return Samples(
-        client=0,
-        steps=steps,
-        times_s=np.asarray(steps * timestep_s, dtype=np.float64),
-        call=0,
-        bases={BODY: motion_of(base)},
-        joints={} if batch.joints is None else {BODY: batch.joints},
-        contacts=batch.contacts,
-        constraints={},
-    )
 
 
 def made_with(world: World | OtherWorld, *, gl_renderer: str | None = None) -> EngineReport:

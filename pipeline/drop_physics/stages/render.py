@@ -13,7 +13,7 @@ from drop_physics.analysis import story as told
 from drop_physics.analysis.results import Analysis
 from drop_physics.data import dataclass
 from drop_physics.drop.analysis import fall_of
-from drop_physics.drop.case import case_seen
+from drop_physics.drop.case import Case
 from drop_physics.drop.results import FallAnalysis
 from drop_physics.errors import RecordingError, ScenarioError, check_suffix
 from drop_physics.explain.rows import MOST_ROWS
@@ -210,8 +210,8 @@ def _analysis_of(
 ) -> Analysis | FallAnalysis:
     """Return the analysis; `whole`: whether the table has all samples of a long drop too."""
     if held.drop is not None:
-        case, samples = case_seen(held.scenario, held.engine, held.seen)
-        return fall_of(case, samples, whole=whole or case.samples <= MOST_ROWS).analysis
+        case = Case(held.scenario, held.engine, held.seen)
+        return fall_of(case, whole=whole or case.samples <= MOST_ROWS)
     return told.Story(held.seen, held.origin_and_end, reports=reports).analysis()
 
 

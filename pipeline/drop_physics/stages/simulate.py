@@ -11,7 +11,7 @@ from pathlib import Path
 from drop_physics.data import dataclass
 from drop_physics.engines.pybullet.camera_frames import Photographer
 from drop_physics.engines.pybullet.found import find_body
-from drop_physics.engines.worlds import world_of
+from drop_physics.engines.worlds import Worlds
 from drop_physics.errors import check_suffix
 from drop_physics.files.outputs import check_apart, check_room, check_target
 from drop_physics.messages import Message
@@ -108,8 +108,7 @@ def simulate(
             photographer = stack.enter_context(
                 Photographer(scenario, camera, frames=frames, note=note, assistant=assistant)
             )
-        world = world_of(scenario)
-        stack.enter_context(world)
+        world = stack.enter_context(Worlds()).world_of(scenario)
         for sentence in world.notes():
             note(sentence)
         chunks = writer.named(recorded(world, photographer, batch, progress), path.stem)

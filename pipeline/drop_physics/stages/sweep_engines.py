@@ -16,16 +16,15 @@ import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.data import dataclass
-from drop_physics.drop.analysis import fall_analysis_of
+from drop_physics.drop.analysis import fall_of
 from drop_physics.drop.convergence import ROUNDED
 from drop_physics.drop.results import FallAnalysis, Rest
 from drop_physics.engines.worlds import Worlds
 from drop_physics.messages import Message
 from drop_physics.physics.laws.lookup import law_for
 from drop_physics.scenario import Engine, Scenario
-from drop_physics.stages.recorded import BATCH, made_with
+from drop_physics.stages.recorded import BATCH, case_of
 from drop_physics.sweeping.plan import Plan
-from drop_physics.trace.states import Batch
 
 Float64 = NDArray[np.float64]
 
@@ -114,8 +113,7 @@ def _order(plan: Plan, fall: EngineTrajectory, falls: list[EngineTrajectory]) ->
 
 def _dropped(worlds: Worlds, run: int, scenario: Scenario) -> EngineTrajectory:
     world = worlds.world_of(scenario)
-    fall = Batch.joined(world.samples(BATCH))
-    analysis = fall_analysis_of(scenario, made_with(world), fall.states, fall.contacts)
+    analysis = fall_of(case_of(world, world.samples(BATCH)))
     impact, rest = analysis.impact, analysis.rest
     of_engine = EngineRun(
         run=run,

@@ -10,7 +10,9 @@ import uuid
 from collections.abc import Iterable
 from dataclasses import asdict, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+import numpy as np
 import polars as pl
 
 from drop_physics.data import dataclass
@@ -28,7 +30,11 @@ from drop_physics.files.whole import onto_disk
 from drop_physics.scenario import Camera, Scenario
 from drop_physics.sweeping.folder import EXPLAINED, SCHEMA, Folder, Row
 from drop_physics.sweeping.plan import Plan, replay_command
-from drop_physics.trace.states import Batch
+from drop_physics.trace.events import Samples
+from drop_physics.trace.states import BODY, MOTION
+
+if TYPE_CHECKING:
+    from drop_physics.drop.case import Case
 
 _EMPTY: Row = dict.fromkeys(SCHEMA) | asdict(Scenario())
 """The row of a run before it starts: the scenario's defaults."""
@@ -148,22 +154,26 @@ class RunShard:
         if path is not None:
             fall = self._record(world, path, step)
             moment = _in_the_air(scenario, engine, fall, step)
-            return moment or self._analyzed_recording(path), world.height_m()
+            return moment or self._recorded(path), world.height_m()
         batches = world.samples(step + 1)
-        fall = next(batches)
+        fall = [next(batches)]
         moment = _in_the_air(scenario, engine, fall, step)
         if moment is None:
-            return self._analyzed(world, Batch.joined([fall, *batches])), world.height_m()
+            return self._analyzed(world, [*fall, *batches]), world.height_m()
         world.skip(scenario.steps - step)
         return moment, world.height_m()
 
-    def _record(self, world: LastingWorld | OtherWorld, path: Path, step: int) -> Batch:
+    def _record(self, world: LastingWorld | OtherWorld, path: Path, step: int) -> list[Samples]:
         """Record a fall as `drop simulate` does, and return its samples up to `step` at least."""
         from drop_physics.recording import writer
         from drop_physics.stages.recorded import BATCH, recorded
 
-        seen: list[Batch] = []
-        world.watch = lambda batch: seen.append(batch) if len(seen) * BATCH <= step else None
+        seen: list[Samples] = []
+
+        def watch(samples: Samples) -> None:
+            if len(seen) * BATCH <= step:
+                seen.append(samples)
+
         with contextlib.ExitStack() as stack:
             photographer = None
             if self.camera is not None:
@@ -173,7 +183,7 @@ class RunShard:
                 photographer = Photographer(world.scenario, self.camera, frames=1)
                 stack.enter_context(photographer)
             chunks: Iterable[writer.Chunk] = writer.named(
-                recorded(world, photographer, BATCH, lambda *_: None), path.stem
+                recorded(world, photographer, BATCH, lambda *_: None, watch), path.stem
             )
             if world.scenario.steps < BATCH:
                 # Rerun's writer takes chunks in its own thread. With ready ones it does not wait
@@ -182,31 +192,32 @@ class RunShard:
             # What a killed worker left there is replaced.
             recording_id = uuid.uuid4().hex
             writer.record(path, chunks, recording_id=recording_id, blueprint=None, force=True)
-        return Batch.joined(seen)
+        return seen
 
-    def _analyzed_recording(self, path: Path) -> Moment:
-        from drop_physics.drop.analysis import fall_of
-        from drop_physics.drop.case import case_seen
+    def _recorded(self, path: Path) -> Moment:
+        from drop_physics.drop.case import Case
         from drop_physics.recording.reader import read
 
         recording = read(path)
-        case = case_seen(recording.scenario, recording.engine, recording.seen)
-        return fall_of(*case, at_s=[self.at_s]).analysis.at[0]
+        return self._moment(Case(recording.scenario, recording.engine, recording.seen))
 
-    def _analyzed(self, world: LastingWorld | OtherWorld, fall: Batch) -> Moment:
-        from drop_physics.drop.analysis import fall_analysis_of
-        from drop_physics.stages.recorded import made_with
+    def _analyzed(self, world: LastingWorld | OtherWorld, fall: list[Samples]) -> Moment:
+        from drop_physics.stages.recorded import case_of
 
-        engine = made_with(world)
-        drop = world.scenario, engine, fall.states, fall.contacts
-        return fall_analysis_of(*drop, at_s=[self.at_s]).at[0]
+        return self._moment(case_of(world, fall))
+
+    def _moment(self, case: Case) -> Moment:
+        from drop_physics.drop.analysis import fall_of
+
+        return fall_of(case, at_s=[self.at_s]).at[0]
 
 
-def _in_the_air(scenario: Scenario, engine: EngineReport, fall: Batch, step: int) -> Moment | None:
-    base = fall.base[: step + 1]
+def _in_the_air(
+    scenario: Scenario, engine: EngineReport, fall: list[Samples], step: int
+) -> Moment | None:
+    base = np.concatenate([each.bases[BODY] for each in fall])[: step + 1]
     if len(base) <= step:
         return None
-    touched = bool((fall.contacts["step"] <= step).any())
-    return moment_in_the_air(
-        scenario, engine, base["position_m"], base["velocity_m_s"], touched=touched
-    )
+    touched = any((each.contacts["step"] <= step).any() for each in fall)
+    position_m, velocity_m_s = (base[:, MOTION[name]] for name in ("position_m", "velocity_m_s"))
+    return moment_in_the_air(scenario, engine, position_m, velocity_m_s, touched=touched)

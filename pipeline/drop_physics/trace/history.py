@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import field
 from functools import cached_property
 from pathlib import PurePath
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,11 @@ from drop_physics.trace.events import (
     Dynamics,
     EngineWarning,
     Equality,
+    Event,
     ImpulseCause,
     Impulses,
     Put,
+    Samples,
     Settings,
     SolverStop,
     Surface,
@@ -29,10 +31,21 @@ from drop_physics.trace.events import (
 from drop_physics.trace.log import Log
 from drop_physics.trace.poses import inertial_frames, links_of, rows_of, tree_of
 from drop_physics.trace.readings import Reading
-from drop_physics.trace.states import BASE, STATE, Joints, Rows, by_body, motion_of
+from drop_physics.trace.states import (
+    BASE,
+    BASE_STATE,
+    MOTION,
+    STATE,
+    Joints,
+    Rows,
+    between,
+    by_body,
+    motion_of,
+)
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
+T = TypeVar("T")
 
 PIECE = 1 << 13
 """Steps in a piece."""
@@ -77,6 +90,49 @@ class Sampled(Protocol):
 
     def piece(self, first: int, end: int) -> Piece:
         """Return what was sampled of the steps from `first` to before `end`."""
+
+
+@dataclass(frozen=True)
+class HeldSamples:
+    """Samples in memory, that no recording holds."""
+
+    bases: Rows
+    """Of dtype `BASE_STATE`, in step order."""
+    contacts: Rows
+    """Of dtype `CONTACT`, in step order."""
+    joints: Mapping[int, Joints] = field(default_factory=dict)
+    """By body number."""
+
+    @classmethod
+    def of(cls, parts: Sequence[Samples]) -> HeldSamples:
+        """Return consecutive samples of one simulation, in which the same bodies move."""
+        return cls(
+            np.concatenate([rows_of_bases(each) for each in parts]),
+            np.concatenate([each.contacts for each in parts]),
+            {
+                number: Joints.joined(each.joints[number] for each in parts)
+                for number in parts[0].joints
+            },
+        )
+
+    @property
+    def first(self) -> int:
+        """The first step."""
+        return int(self.bases["step"][0])
+
+    @property
+    def last(self) -> int:
+        """The last step."""
+        return int(self.bases["step"][-1])
+
+    def piece(self, first: int, end: int) -> Piece:
+        """Return what was sampled of the steps from `first` to before `end`."""
+        joints = {
+            number: each.at((each.steps >= first) & (each.steps < end))
+            for number, each in self.joints.items()
+        }
+        bases, contacts = (between(each, first, end) for each in (self.bases, self.contacts))
+        return Piece(first, end, bases, joints, {}, contacts, Log())
 
 
 Softness = tuple[tuple[float, ...], tuple[float, ...]]
@@ -204,6 +260,43 @@ class Seen:
         if joints is not None and len(joints.steps) != len(steps):
             joints = joints.at(np.isin(joints.steps, steps))
         return links_of(tree, motion, joints)
+
+
+def rows_of_bases(seen: Samples) -> Rows:
+    """Return the states of bases as rows of dtype `BASE_STATE`, by step and number."""
+    numbers = sorted(seen.bases)
+    rows = np.empty((len(seen.steps), len(numbers)), BASE_STATE)
+    rows["step"] = seen.steps[:, None]
+    rows["body"] = numbers
+    for column, number in enumerate(numbers):
+        for name, part in MOTION.items():
+            rows[name][:, column] = seen.bases[number][:, part]
+    return rows.reshape(-1)
+
+
+def seen_in(events: Iterable[Event]) -> Seen:
+    """Return what was observed of one simulation, from all of its events, which no file holds."""
+    told = [*events]
+
+    def those(kind: type[T]) -> list[T]:
+        return [each for each in told if isinstance(each, kind)]
+
+    appearances, sampled = those(Appearance), HeldSamples.of(those(Samples))
+    return Seen(
+        bodies={each.body.number: each.body for each in appearances},
+        appearances=appearances,
+        surfaces=[],
+        dynamics=those(Dynamics),
+        settings=those(Settings),
+        solvers=[],
+        readings=[],
+        puts=[],
+        samples={0: sampled.last + 1},
+        sampled=sampled,
+        real_time=False,
+        unseeded=(),
+        machine="",
+    )
 
 
 def joined(parts: Mapping[tuple[int, int], Rows]) -> Rows:

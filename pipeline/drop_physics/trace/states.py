@@ -6,7 +6,6 @@ Rows of named numbers. A *part* is a body's link; link -1 is its base. World axe
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,38 +118,6 @@ class Joints:
             *((j.steps, j.times_s, j.position, j.velocity, j.effort) for j in pieces), strict=True
         )
         return cls(*map(np.concatenate, columns))
-
-
-class Batch(NamedTuple):
-    """Consecutive samples of everything."""
-
-    states: Rows
-    """Of dtype `STATE`: as many rows per step as there are parts."""
-    contacts: Rows
-    """Of dtype `CONTACT`: as many rows per step as there are points."""
-    joints: Joints | None = None
-    """None of a body without joints."""
-
-    @property
-    def base(self) -> Rows:
-        """Return the states of the body's base, a row per sample."""
-        return base_of(self.states)
-
-    @classmethod
-    def joined(cls, batches: Iterable[Batch]) -> Batch:
-        """Return several batches as one."""
-        states, contacts, joints = zip(*batches, strict=True)
-        return cls(
-            np.concatenate(states),
-            np.concatenate(contacts),
-            None if joints[0] is None else Joints.joined(joints),
-        )
-
-
-def base_of(states: Rows) -> Rows:
-    """Return the states of the body's base, a row per sample."""
-    rows: Rows = states[(states["body"] == BODY) & (states["link"] == BASE)]
-    return rows
 
 
 def in_step_order(rows: Rows) -> Rows:

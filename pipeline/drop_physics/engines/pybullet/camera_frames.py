@@ -21,7 +21,7 @@ from drop_physics.engines.pybullet.visible_world import framed
 from drop_physics.engines.pybullet.world import World
 from drop_physics.messages import Message
 from drop_physics.scenario import Camera, Scenario
-from drop_physics.trace.states import poses_of
+from drop_physics.trace.states import BODY
 from drop_physics.workers import Worker, WorkerDiedError, cores
 
 Poses = NDArray[np.float64]
@@ -159,7 +159,7 @@ def draw_ahead(scenario: Scenario, camera: Camera) -> Iterator[bytes]:
     if camera.renderer == "tiny" and few:
         with World(scenario) as world:
             (fall,) = world.samples(scenario.steps + 1)
-        for pose in poses_of(fall.base[:: camera.capture_every]):
+        for pose in fall.bases[BODY][:: camera.capture_every, :7]:
             _ahead[pose.tobytes()] = _renderer(scenario, camera).png(pose)
     return iter(())
 

@@ -6,14 +6,12 @@ Reused only if no bit of the result depends on it, which `tests/test_sweep.py` c
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
 
 from drop_physics.engines.finite import non_finite
 from drop_physics.engines.pybullet.engine import p
 from drop_physics.engines.pybullet.touching import FAR_M
 from drop_physics.engines.pybullet.world import World
 from drop_physics.scenario import Scenario
-from drop_physics.trace.states import Batch
 
 BUILT_IN = ("body", "coordinates", "floor", "gravity_set")
 CHANGEABLE = (
@@ -31,8 +29,6 @@ CHANGEABLE = (
 
 class LastingWorld(World):
     """A world that can return to the release, of its scenario or another."""
-
-    watch: Callable[[Batch], object] = staticmethod(lambda _: None)
 
     def serves(self, scenario: Scenario) -> bool:
         """Return whether after `restart` this world gives the same bits as a new one.
@@ -57,19 +53,12 @@ class LastingWorld(World):
     def restart(self, scenario: Scenario) -> None:
         """Go back to the release, of a scenario that this world `serves`."""
         self.scenario = scenario
-        self.watch = lambda _: None
         # Far from the floor the engine forgets the contacts of the fall before, and their impulses.
         self.place((0.0, 0.0, FAR_M), (0.0, 0.0, 0.0, 1.0))
         p.performCollisionDetection(physicsClientId=self._client)
         self._set_dynamics(self._body)
         self._configure()
         self._release()
-
-    def samples(self, batch: int) -> Iterator[Batch]:
-        """Fall, as `World.samples` does, and pass each batch to `watch`."""
-        for chunk in super().samples(batch):
-            self.watch(chunk)
-            yield chunk
 
     def skip(self, steps: int) -> None:
         """Take steps without reading samples."""

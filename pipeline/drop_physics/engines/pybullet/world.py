@@ -9,7 +9,6 @@ from __future__ import annotations
 import functools
 import hashlib
 import math
-import struct
 from collections.abc import Iterator
 from dataclasses import replace
 from operator import itemgetter
@@ -20,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.engine_report import EngineReport
-from drop_physics.engines.finite import check_numbers
+from drop_physics.engines.finite import drop_samples
 from drop_physics.engines.pybullet.c_output import c_output_moved_aside
 from drop_physics.engines.pybullet.described import reported_of
 from drop_physics.engines.pybullet.engine import data_folder, p
@@ -28,15 +27,13 @@ from drop_physics.engines.pybullet.found import find_body
 from drop_physics.engines.pybullet.gathered import points_of
 from drop_physics.engines.pybullet.jointed import JointStates, joints_of
 from drop_physics.engines.pybullet.touching import ROUNDING_M, distances, touching_height
-from drop_physics.engines.pybullet.watch.worlds import POINT, pack_points
+from drop_physics.engines.pybullet.watch.worlds import POINT, POSE, pack_points
 from drop_physics.engines.session import PrimitiveShape
 from drop_physics.errors import ScenarioError
 from drop_physics.option_types import Quaternion
-from drop_physics.physics.tree import Tree
 from drop_physics.scenario import Coordinates, Scenario
-from drop_physics.trace.events import GIVEN, Joint
-from drop_physics.trace.poses import links_of, rows_of, tree_of
-from drop_physics.trace.states import BASE, BODY, FLOOR, STATE, Batch, motion_of
+from drop_physics.trace.events import GIVEN, Joint, Samples
+from drop_physics.trace.states import BASE, BODY, FLOOR
 
 Float64 = NDArray[np.float64]
 
@@ -347,7 +344,7 @@ class World:
         exact = abs(height_m - by_box_m) <= ROUNDING_M * max(1.0, abs(height_m))
         return (by_box_m if exact else round(height_m, 14)) + 0.0  # no -0.0
 
-    def samples(self, batch: int) -> Iterator[Batch]:
+    def samples(self, batch: int) -> Iterator[Samples]:
         """Fall: yield the state before each step and after the last, and the contact points.
 
         Parameters
@@ -361,24 +358,23 @@ class World:
             If a state or a contact becomes non-finite, or too large for a recording.
         """
         pose, velocity, step = p.getBasePositionAndOrientation, p.getBaseVelocity, p.stepSimulation
-        touching, body, client = p.getContactPoints, self._body, self._client
+        touching, body, client, pack = p.getContactPoints, self._body, self._client, POSE.pack_into
         stepped, joints = self.scenario.stepped, self._joint_states
-        samples = self.scenario.steps + 1
+        timestep_s, samples = self.scenario.timestep_s, self.scenario.steps + 1
         for start in range(0, samples, batch):
+            steps = np.arange(start, min(start + batch, samples))
             # New memory for each batch: the recorder keeps it.
-            states = np.empty(min(batch, samples - start), STATE)
+            base = np.empty((len(steps), 13))
             driven: list[list[float]] = []
             contacts, counts = bytearray(), list[int]()
-            memory, place = states.view(np.uint8).data, 0
-            for sample in range(start, min(start + batch, samples)):
+            memory, place = base.reshape(-1).view(np.uint8).data, 0
+            for sample in range(start, start + len(steps)):
                 if stepped and sample:
                     step(client)
-                position, orientation = pose(body, client)
-                linear, angular = velocity(body, client)
-                _put_state(
-                    memory, place, sample, body, BASE, *position, *orientation, *linear, *angular
-                )
-                place += _STATE_BYTES
+                (x, y, z), (a, b, c, d) = pose(body, client)
+                (vx, vy, vz), (wx, wy, wz) = velocity(body, client)
+                pack(memory, place, x, y, z, a, b, c, d, vx, vy, vz, wx, wy, wz)
+                place += POSE.size
                 if joints.moving:
                     driven.append(joints.now())
                 # Of all bodies: asked about two, the engine turns the normal towards the first,
@@ -388,18 +384,9 @@ class World:
                 counts.append(len(touched))
                 contacts += bytes(len(touched) * POINT.size)
                 pack_points(touched, contacts, len(contacts) - len(touched) * POINT.size)
-            points = points_of(contacts, np.repeat(states["step"], counts))
-            check_numbers(states)
-            check_numbers(points)
-            sampled = None
-            if joints.moving:
-                sampled = joints.table(states["step"], np.array(driven), self.scenario.timestep_s)
-            if self._links:
-                base = motion_of(states)
-                motions = links_of(self._tree, base, sampled)
-                states = rows_of(self._body, states["step"], motions)
-                check_numbers(states)
-            yield Batch(states, points, sampled)
+            points = points_of(contacts, np.repeat(steps, counts))
+            moved = joints.table(steps, timestep_s, np.array(driven)) if joints.moving else None
+            yield drop_samples(steps, timestep_s, base, points, moved)
 
     @functools.cached_property
     def joints(self) -> tuple[Joint, ...]:
@@ -411,20 +398,12 @@ class World:
         return JointStates(self._body, self._client, self.joints)
 
     @functools.cached_property
-    def _tree(self) -> Tree:
-        return tree_of(self.joints, self.inertial_frames)
-
-    @functools.cached_property
     def inertial_frames(self) -> Float64:
         """Where the inertia of base and links is in their frames: poses, shape (links + 1, 7)."""
         if self.scenario.coordinates == "maximal":  # of which the engine reports leftovers
             return np.array([[0.0] * 6 + [1.0]])
         dynamics = [self._dynamics(link=link) for link in (-1, *self._links)]
         return np.array([[*each[3], *each[4]] for each in dynamics])
-
-
-_put_state, _STATE_BYTES = struct.Struct("<3q13d").pack_into, STATE.itemsize
-"""Fills rows of an array three times faster than converting a list of numbers."""
 
 
 @functools.lru_cache(maxsize=1024)
