@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-from altered import rows_in
 from conftest import Drop, Recorder, judge
 from drop_physics.drop.results import DropAnalysis
 from drop_physics.drop.story import drop_analysis_of
 from drop_physics.recording.reader import Recording
-from drop_physics.trace.states import BODY, CONTACT, STATE
-from dropped import Sampled
+from drop_physics.trace.history import HeldSamples
+from drop_physics.trace.states import BODY
 from engine import ROUNDS_ONCE, shape, urdf_of
 
 TUMBLING: dict[str, Any] = {"restitution": 0.8, "duration_s": 3.0}
@@ -169,7 +168,7 @@ def test_a_release_that_is_not_the_scenarios_is_unexplained(recorded: Recorder) 
 def test_what_is_recorded_after_the_last_state_is_no_sample(recorded: Recorder) -> None:
     """As in a recording that was cut off between contacts and states."""
 
-    class Ahead(Sampled):
+    class Ahead(HeldSamples):
         """Samples that seem to go on."""
 
         @property
@@ -178,8 +177,7 @@ def test_what_is_recorded_after_the_last_state_is_no_sample(recorded: Recorder) 
             return 20_000
 
     recording = recorded()
-    states, contacts = rows_in(recording.states, STATE), rows_in(recording.contacts, CONTACT)
-    sampled = Ahead(states, contacts, None)
+    sampled = Ahead(recording.seen.bases, recording.seen.contacts)
     seen = replace(recording.seen, sampled=sampled)
     analysis = drop_analysis_of(recording.scenario, recording.engine, seen)
     assert analysis.table.equals(judge(recording).table)
