@@ -17,7 +17,7 @@ from drop_physics.explain.times import StepTimes
 from drop_physics.explain.touches import TouchTable
 from drop_physics.rules.answer import Finding, Scene
 from drop_physics.rules.every import ranked
-from drop_physics.rules.rule import TableRules
+from drop_physics.rules.rule import Rules
 from scenes import ORIGIN, record, site
 from test_joints import GRIP, KUKA, PANDA, run
 
@@ -295,7 +295,7 @@ def test_pieces_say_the_same(steps: int, tmp_path: Path) -> None:
             joints=JointTable(seen),
             touches=TouchTable(seen),
         )
-        answer = TableRules(answers)
+        answer = Rules(answers)
         for explained in Explanation(seen).pieces(number):
             answers.see(explained)
             answer.see()

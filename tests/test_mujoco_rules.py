@@ -17,7 +17,6 @@ from drop_physics.analysis.results import Analysis
 from drop_physics.explain.solids import overlap_m, solid_of
 from drop_physics.physics.servo import Servo
 from drop_physics.rules.answer import Finding
-from drop_physics.rules.input_rule import INPUT_RULES
 from drop_physics.rules.rule import RULES
 from drop_physics.stages.analyze import analyze
 from drop_physics.stages.record import record_script
@@ -403,8 +402,7 @@ def test_shapes_overlap_by_no_more_than_they_do() -> None:
 
 
 def test_rules_speak_of_the_engines_whose_words_they_have() -> None:
-    rules = [*RULES, *INPUT_RULES]
-    both = {rule.code for rule in rules if len(rule.engines) > 1}
+    both = {rule.code for rule in RULES if len(rule.engines) > 1}
     general = {"dragged-by-nothing", "unseeded", "tunnelled", "timestep-too-long"}
     general |= {"timestep-changed", "energy-gained", "wheel-slip"}
     assert general <= both <= general | {"script-failed", "not-finite"}

@@ -20,8 +20,8 @@ from drop_physics.explain.rows import MOST_ROWS, SHOWN_PER_S, SampleRows, joined
 from drop_physics.explain.times import StepTimes
 from drop_physics.explain.touches import TouchTable
 from drop_physics.physics.base import Law
-from drop_physics.rules.answer import Answer, Finding, Scene
-from drop_physics.rules.every import answers_to, ranked
+from drop_physics.rules.answer import Finding, Scene
+from drop_physics.rules.every import Rules, ranked
 from drop_physics.trace.cures import Cure
 from drop_physics.trace.history import PYBULLET, Piece, Seen
 
@@ -41,8 +41,8 @@ class Story:
         Times [s] whose steps are reported as sums.
     whole
         Whether the table has all rows of a long recording too, and columns for joints and terms.
-    answers
-        The questions to answer; None for all that the engine's recordings have an answer to.
+    asked
+        Whether rules are asked what they find.
     other
         The law of one body in flight, where another engine than PyBullet steps it.
     call_of
@@ -61,7 +61,7 @@ class Story:
         at_s: Sequence[float] = (),
         sums_at_s: Sequence[float] = (),
         whole: bool = False,
-        answers: Sequence[type[Answer]] | None = None,
+        asked: bool = True,
         other: Law | None = None,
         call_of: Callable[[Cure], str] = lambda cure: cure.call,
         reports: Callable[[Finding], bool] = lambda _: True,
@@ -81,9 +81,7 @@ class Story:
             call_of=call_of,
         )
         self.curves = CurveTable(seen, self.scene.times)
-        if answers is None:
-            answers = answers_to(seen)
-        self._answers = [question(self.scene) for question in answers]
+        self._rules = Rules(self.scene) if asked else None
         self._seen, self._origin = seen, origin
         self._whole, self._also, self._reports = whole, also, reports
         self._rows: list[SampleRows] = []
@@ -105,8 +103,8 @@ class Story:
         if self._also is not None:
             self._also(explained.piece)
         self.curves.add(explained, self.scene.joints, self.scene.touches)
-        for answer in self._answers:
-            answer.see()
+        if self._rules is not None:
+            self._rules.see()
         touched = runs_of(explained)
         for number, judged in explained.bodies.items():
             history = explained.histories[number]
@@ -137,7 +135,7 @@ class Story:
         )
 
     def findings(self, *, reported: bool = True) -> list[Finding]:
-        """Return what the answers found, or what of it is left out, the gravest first.
+        """Return what rules found, or what of it is left out, the gravest first.
 
         After the last piece.
         """
@@ -145,7 +143,7 @@ class Story:
 
     @cached_property
     def _found(self) -> list[Finding]:
-        return [each for answer in self._answers for each in answer.findings()]
+        return [] if self._rules is None else [*self._rules.findings()]
 
 
 def _together(parts: Sequence[Explained]) -> Explained:

@@ -68,7 +68,7 @@ def drop_analysis_of(
         {},
         at_s=at_s,
         sums_at_s=at_s,
-        answers=(),
+        asked=False,
         other=other,
         also=lambda piece: falling.add(samples_seen(seen, piece)),
     ).analysis()

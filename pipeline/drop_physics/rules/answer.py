@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import field
 from functools import cached_property
-from typing import Any, ClassVar, Literal, TypeVar, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +27,6 @@ from drop_physics.messages import Message, joined
 from drop_physics.physics.tree import States
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.body_properties import AskedOfBodies
-from drop_physics.rules.engines import BULLETS
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.placing import Placing
 from drop_physics.trace.acts import Act
@@ -293,66 +291,6 @@ class Scene:
         """Return file and line of a call that commanded joints, by the number of its site."""
         site = self.joints.site(number)
         return None if site is None else site_of(site)
-
-
-Key = TypeVar("Key", bound=Hashable)
-
-
-@dataclass
-class Noted:
-    """Steps in which something holds, and what was there in the worst of them."""
-
-    first: int
-    last: int = 0
-    count: int = 0
-    most: float = -np.inf
-    at: dict[str, Any] = field(default_factory=dict)
-
-    def go_on(self, steps: NDArray[np.int64]) -> None:
-        """Add some steps, in order and not none."""
-        self.last, self.count = int(steps[-1]), self.count + len(steps)
-
-    @property
-    def span(self) -> Span:
-        """These steps, as a finding says them."""
-        return Span(self.first, self.last, self.count)
-
-
-class Notes(dict[Key, Noted]):
-    """By what they are about."""
-
-    def add(
-        self,
-        key: Key,
-        steps: NDArray[np.int64],
-        sizes: NDArray[np.float64],
-        numbers: Mapping[str, NDArray[Any]] | None = None,
-        **about: object,
-    ) -> None:
-        """Add some steps, in order and not none; of the largest, keep what is told about it."""
-        noted = self.setdefault(key, Noted(int(steps[0])))
-        noted.go_on(steps)
-        worst = int(np.argmax(sizes))
-        if not sizes[worst] <= noted.most:  # nan too
-            told = {name: each[worst].tolist() for name, each in (numbers or {}).items()}
-            noted.most, noted.at = float(sizes[worst]), {**about, **told}
-
-
-class Answer(ABC):
-    """One question. It sees each piece of a recording once, in order, and then speaks."""
-
-    engines: ClassVar[tuple[str, ...]] = BULLETS
-    """The engines whose words it has: it is asked of their recordings."""
-
-    def __init__(self, scene: Scene) -> None:
-        self.scene = scene
-
-    def see(self) -> None:  # noqa: B027
-        """Take the scene's latest piece; by default nothing of it is needed."""
-
-    @abstractmethod
-    def findings(self) -> Iterator[Finding]:
-        """Yield what is sure, after the last piece."""
 
 
 def and_more(number: int) -> str:

@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.messages import Message, joined
-from drop_physics.rules.answer import Cure, Effect, Scene, Span
-from drop_physics.rules.arguments import given
-from drop_physics.rules.input_rule import InputSubject, input_rule
+from drop_physics.rules.answer import Cure, Effect, Scene, Span, so_many
+from drop_physics.rules.arguments import given, site_of
 from drop_physics.rules.inputs import Inputs, Use
 from drop_physics.rules.joint import distance, place
-from drop_physics.rules.rule import Match, Said, Worst, joint_rule
+from drop_physics.rules.rule import Match, Said, Worst, input_rule, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import (
@@ -120,118 +119,103 @@ def _(worst: Worst) -> Said:
 
 
 @input_rule("not-taken", "asked", "no-effect")
-def damping_of_base(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def damping_of_base(inputs: Inputs) -> Iterator[Said]:
     """Damping of joints is a link's, and PyBullet ignores what a call gives the base of it."""
     uses = [use for use in inputs.of(Act.SET_PROPERTY) if use.body and "jointDamping" in use.low]
     links = {use.body.number for use in uses if use.body and use.high["linkIndex"][0] >= 0}
     for use in uses:
         joints = sum(bool(each.widths[1]) for each in use.body.joints) if use.body else 0
-        if use.body is None or use.body.number in links or not joints:
-            continue
-        message = Message(
-            "jointDamping={damping:g} given to the base of {body} damps none of its {n} joints "
-            "that move: a joint's damping goes by its link",
-            damping=float(use.high["jointDamping"][0]),
-            body=use.body.label,
-            n=joints,
-        )
-        advice = Message("p.changeDynamics(body, joint, jointDamping=…) for each joint")
-        yield InputSubject(use.first, use.body), Said(message=message, advice=advice)
+        if use.body and joints and use.body.number not in links:
+            yield Said(
+                call=use.first,
+                subject=use.body,
+                message=Message(
+                    "jointDamping={damping:g} given to the base of {body} damps none of its {n} "
+                    "joints that move: a joint's damping goes by its link"
+                ),
+                values={"damping": float(use.high["jointDamping"][0]), "n": joints},
+                advice=Message("p.changeDynamics(body, joint, jointDamping=…) for each joint"),
+            )
 
 
 @input_rule("not-taken", "asked", "no-effect")
-def ik_lists(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def ik_lists(inputs: Inputs) -> Iterator[Said]:
     """Inverse kinematics ignores lists that do not have one number for each movable joint."""
     for use in inputs.of(Act.SOLVE_IK, Act.SOLVE_SEVERAL_IK):
-        if use.body is None:
-            continue
-        movable = sum(1 for joint in use.body.joints if joint.widths[1])
+        movable = sum(1 for joint in use.body.joints if joint.widths[1]) if use.body else 0
         widths = {name: len(use.low[name]) for name in IK_LISTS if name in use.low}
-        wrong = [(name, width) for name, width in widths.items() if width != movable]
-        if not wrong:
-            continue
-        name, width = wrong[0]
-        message = Message(
-            "inverse kinematics ignores {name}, and all four lists with it: it has a length of "
-            "{width}, and {body} has {movable} joints that move",
-            name=name,
-            width=width,
-            body=use.body.label,
-            movable=movable,
-        )
-        advice = Message("give lists with one number for each joint that moves: {n}", n=movable)
-        yield (
-            InputSubject(use.first, use.body),
-            Said(message=message, advice=advice),
-        )
+        wrong = {name: width for name, width in widths.items() if use.body and width != movable}
+        for name, width in [*wrong.items()][:1]:
+            yield Said(
+                call=use.first,
+                subject=use.body,
+                message=Message(
+                    "inverse kinematics ignores {name}, and all four lists with it: it has a "
+                    "length of {width}, and {body} has {movable} joints that move"
+                ),
+                values={"name": name, "width": width, "movable": movable, "n": movable},
+                advice=Message("give lists with one number for each joint that moves: {n}"),
+            )
 
 
 @input_rule("not-taken", "asked", "other-client")
-def other_client(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def other_client(inputs: Inputs) -> Iterator[Said]:
     """A setter without `physicsClientId` is client 0's, and the other simulation has none."""
     for act in (Act.SET_GRAVITY, Act.SET_TIMESTEP, Act.SET_ENGINE):
         mine, left = inputs.left_out(act)
-        count = sum(use.count for use in mine)
-        if not left:
-            continue
-        message = Message(
-            "p.{function} is called {count} times for client 0, and never for client {client}: "
-            "without physicsClientId a call is client 0's",
-            function=act.function,
-            count=count,
-            client=left[0],
-        )
-        given = {"function": act.function, "client": left[0]}
-        cure = Cure("right-client", str(left[0]), given=given)
-        yield InputSubject(mine[0].first), Said(message=message, cure=cure)
+        for client in left[:1]:
+            given = {"function": act.function, "client": client}
+            yield Said(
+                call=mine[0].first,
+                message=Message(
+                    "p.{function} is called {count} times for client 0, and never for client "
+                    "{client}: without physicsClientId a call is client 0's"
+                ),
+                values={**given, "count": sum(use.count for use in mine)},
+                cure=Cure("right-client", str(client), given=given),
+            )
 
 
 @input_rule("not-taken", "asked", "scale-keeps-mass")
-def scale_keeps_mass(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def scale_keeps_mass(inputs: Inputs) -> Iterator[Said]:
     """`globalScaling` scales what a body looks like, and leaves the mass of its file."""
+    scene = inputs.scene
+    moves = {number for number, body in scene.seen.bodies.items() if body.base_moves}
+    pushed = set[int]().union(*(pair for pair in inputs.touched if {*pair} <= moves))
     heavy = {each.body.number for each in inputs.requests if each.name == "mass" and each.body}
-    for number, body in inputs.scene.seen.bodies.items():
-        scale = body.asked.scale
-        touches = any(number in pair and _moving(inputs, pair) for pair in inputs.touched)
-        first = inputs.first_dynamics(body)
+    for number in sorted(pushed - heavy):
+        body = scene.body(number)
+        scale, first = body.asked.scale, inputs.first_dynamics(body)
         mass_kg = 0.0 if first is None else float(np.nansum(first.reported["mass_kg"]))
-        if 1 / SCALE <= scale <= SCALE or number in heavy or not touches or not mass_kg > 0:
-            continue
-        message = Message(
-            "{body} has the {mass:.3g} kg of its file at {scale:.3g} times the file's size: "
-            "globalScaling leaves masses as they are; of the same density it would have "
-            "{dense:.2g} kg",
-            body=body.label,
-            mass=mass_kg,
-            scale=scale,
-            dense=mass_kg * scale**3,
-        )
-        load = inputs.scene.asked.load(body)
-        cure = Cure("mass", body.label, float(f"{mass_kg * scale**3:.2g}"))
-        share = float(abs(np.log10(scale**3)))
-        said = Said(message=message, cure=cure, share=share)
-        yield InputSubject(load, body), said
-
-
-def _moving(inputs: Inputs, pair: tuple[int, int]) -> bool:
-    bodies = inputs.scene.seen.bodies
-    return all(number in bodies and bodies[number].base_moves for number in pair)
+        if mass_kg > 0 and not 1 / SCALE <= scale <= SCALE:
+            yield Said(
+                call=scene.asked.load(body),
+                subject=body,
+                message=Message(
+                    "{body} has the {mass:.3g} kg of its file at {scale:.3g} times the file's "
+                    "size: globalScaling leaves masses as they are; of the same density it would "
+                    "have {dense:.2g} kg"
+                ),
+                values={"mass": mass_kg, "scale": scale, "dense": mass_kg * scale**3},
+                cure=Cure("mass", body.label, float(f"{mass_kg * scale**3:.2g}")),
+                share=float(abs(np.log10(scale**3))),
+            )
 
 
 @input_rule("not-taken", "asked", "contact-despite-filter")
-def contact_despite_filter(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def contact_despite_filter(inputs: Inputs) -> Iterator[Said]:
     """Two bodies touch if either one's mask lets them, unless collisionFilterMode is 0."""
     masks: dict[int, Use] = {}
     for use in inputs.of(Act.FILTER_GROUP):
         if use.body is not None and "collisionFilterMask" in use.low:
             masks[use.body.number] = use
-    strict = [
-        use.last.values["collisionFilterMode"][0] == 0
+    modes = [
+        use.last.values["collisionFilterMode"][0]
         for use in inputs.of(Act.SET_ENGINE)
         if "collisionFilterMode" in use.low
     ]
     for pair, steps in inputs.touched.items():
-        if not all(number in masks for number in pair) or (strict and strict[-1]):
+        if not masks.keys() >= {*pair} or modes[-1:] == [0]:
             continue
         group, mask = (
             [int(masks[n].last.values[f"collisionFilter{which}"][0]) for n in pair]
@@ -240,107 +224,91 @@ def contact_despite_filter(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]
         lets = [bool(group[k] & mask[1 - k]) for k in (0, 1)]
         if lets[0] == lets[1]:
             continue
-        bodies = [masks[n].body for n in pair]
-        off, on = (bodies[1], bodies[0]) if not lets[0] else (bodies[0], bodies[1])
-        message = Message(
-            "{off} is not to touch {on} by its mask, and touches it in {steps:,} steps: either "
-            "one's mask is enough, as collisionFilterMode is OR by default",
-            off=off.label if off else "",
-            on=on.label if on else "",
-            steps=steps,
+        off, on = pair if lets[0] else pair[::-1]
+        other = inputs.scene.body(on).label
+        yield Said(
+            call=masks[off].last,
+            subject=inputs.scene.body(off),
+            message=Message(
+                "{off} is not to touch {on} by its mask, and touches it in {steps:,} steps: either "
+                "one's mask is enough, as collisionFilterMode is OR by default"
+            ),
+            values={"off": inputs.scene.body(off).label, "on": other, "steps": steps},
+            cure=Cure("collision-off", form="both-masks"),
+            other=other,
         )
-        subject = InputSubject(masks[off.number].last if off else None, off)
-        cure = Cure("collision-off", form="both-masks")
-        other = on.label if on else None
-        yield subject, Said(message=message, cure=cure, other=other)
 
 
 # -- taken-elsewhere ------------------------------------------------------------------------------
 
 
 @input_rule("taken-elsewhere", "asked", "call-elsewhere")
-def call_elsewhere(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def call_elsewhere(inputs: Inputs) -> Iterator[Said]:
     """A call of `changeDynamics` for a link lands on the base where a later setter carries it."""
     lost: dict[int, list[Request]] = {}
     for each in inputs.requests:
         if each.body is not None and each.reached != each.link and not each.taken:
             lost.setdefault(each.body.number, []).append(each)
-    for found in lost.values():
-        first = found[0]
-        its = [each for each in found if each.call.at.call == first.call.at.call]
-        body, call = first.body, first.call
-        if body is None:
-            continue
-        names = joined(", ", [each.name for each in its])
-        link = body.links[first.link + 1]
-        carrier = joined(", ", [n for n in _CARRIERS if n in call.values])
-        told = next((each for each in its if each.got is not None and each.elsewhere), None)
+    for number, found in lost.items():
+        body, call, link = inputs.scene.body(number), found[0].call, found[0].link
+        its = [each for each in found if each.call.at.call == call.at.call]
+        carriers = [name for name in CARRIERS if name in call.values]
+        values: dict[str, object] = {
+            "names": joined(", ", [each.name for each in its]),
+            "link": body.links[link + 1],
+            "carrier": joined(", ", carriers),
+        }
         message = Message(
             "{names} given to {link} of {body} went to its base: a call that also has {carrier} "
-            "does",
-            names=names,
-            link=link,
-            body=body.label,
-            carrier=carrier,
+            "does"
         )
-        if told is not None and told.got and told.elsewhere:
-            message = Message(
-                "{names} given to {link} of {body} went to its base, as in each call that also has "
-                "{carrier}: {name} of the link is {got:.3g}, of the base {base:.3g}",
-                names=names,
-                link=link,
-                body=body.label,
-                carrier=carrier,
-                name=told.name,
-                got=told.got[0],
-                base=told.elsewhere[0],
-            )
-        carriers = [name for name in _CARRIERS if name in call.values]
-        cure = Cure("right-link", link, given={"arguments": carriers})
-        yield InputSubject(call, body), Said(message=message, cure=cure, share=float(len(found)))
+        for each in its:
+            if each.got and each.elsewhere:
+                message = Message(
+                    "{names} given to {link} of {body} went to its base, as in each call that also "
+                    "has {carrier}: {name} of the link is {got:.3g}, of the base {base:.3g}"
+                )
+                values |= {"name": each.name, "got": each.got[0], "base": each.elsewhere[0]}
+                break
+        yield Said(
+            call=call,
+            subject=body,
+            message=message,
+            values=values,
+            cure=Cure("right-link", body.links[link + 1], given={"arguments": carriers}),
+            share=float(len(found)),
+        )
 
 
-_CARRIERS = (
-    "maxJointVelocity",
-    "collisionMargin",
-    "linearDamping",
-    "angularDamping",
+CARRIERS = (
+    *("maxJointVelocity", "collisionMargin", "linearDamping", "angularDamping"),
     "activationState",
 )
 
 
 @input_rule("taken-elsewhere", "asked", "wrong-body")
-def wrong_body(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def wrong_body(inputs: Inputs) -> Iterator[Said]:
     """A body that was made to stay is given mass, and falls."""
     for each in inputs.requests:
         body = each.body
         if body is None or each.name != "mass" or each.link != -1 or not each.asked[0] > 0:
             continue
         moved_m = inputs.motions[body.number].moved_m
-        if not _stood(inputs, each) or moved_m < LEFT_M:
-            continue
-        message = Message(
-            "{body} stood still without mass, is given {mass:.3g} kg, and moves {moved:.3g} m away",
-            body=body.label,
-            mass=each.asked[0],
-            moved=moved_m,
-        )
-        advice = Message("{call}: mass 0 keeps a body in place")
-        yield (
-            InputSubject(each.call, body),
-            Said(
-                message=message,
-                advice=advice,
-                cure=Cure(
-                    "without",
-                    body.label,
-                    form="of-body",
-                    given={"function": each.call.function},
+        if _stood(inputs, each) and moved_m >= LEFT_M:
+            function = {"function": each.call.function}
+            yield Said(
+                call=each.call,
+                subject=body,
+                message=Message(
+                    "{body} stood still without mass, is given {mass:.3g} kg, and moves "
+                    "{moved:.3g} m away"
                 ),
+                values={"mass": each.asked[0], "moved": moved_m},
+                advice=Message("{call}: mass 0 keeps a body in place"),
+                cure=Cure("without", body.label, form="of-body", given=function),
                 effect=Effect(moved_m, "m"),
                 share=moved_m,
-            ),
-        )
+            )
 
 
 def _stood(inputs: Inputs, request: Request) -> bool:
@@ -375,7 +343,7 @@ def _made_kg(inputs: Inputs, body: Body) -> float:
 
 
 @input_rule("taken-elsewhere", "asked", "ik-index")
-def ik_index(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def ik_index(inputs: Inputs) -> Iterator[Said]:
     """Answers of inverse kinematics are sent to joints by their index, fixed joints among them."""
     for use in inputs.of(Act.SOLVE_IK, Act.SOLVE_SEVERAL_IK):
         body = use.body
@@ -384,137 +352,161 @@ def ik_index(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
         commanded = inputs.commanded[body.number]
         movable = [joint.link for joint in body.joints if joint.widths[1]]
         fixed = [joint for joint in body.joints if not joint.widths[1] and joint.link in commanded]
-        left = [link for link in movable if link not in commanded]
-        if not fixed or not left or len(commanded) != len(movable):
-            continue
-        message = Message(
-            "commands go to {fixed}, a fixed joint, and none to {left}: inverse kinematics answers "
-            "for the {n} joints that move, in their order, and skips fixed ones",
-            fixed=fixed[0].name,
-            left=joined(", ", [body.joints[link].name for link in left[:3]]),
-            n=len(movable),
-        )
-        sent = dict(zip(sorted(commanded), movable, strict=True))
-        cure = Cure("right-link", body.label, form="joints", given={"links": sent})
-        subject = InputSubject(use.first, body, body.joints[left[0]].name)
-        yield subject, Said(message=message, cure=cure, share=float(len(left)))
+        left = [body.joints[link].name for link in movable if link not in commanded]
+        if fixed and left and len(commanded) == len(movable):
+            sent = dict(zip(sorted(commanded), movable, strict=True))
+            yield Said(
+                call=use.first,
+                subject=body,
+                joint=left[0],
+                message=Message(
+                    "commands go to {fixed}, a fixed joint, and none to {left}: inverse kinematics "
+                    "answers for the {n} joints that move, in their order, and skips fixed ones"
+                ),
+                values={
+                    "fixed": fixed[0].name,
+                    "left": joined(", ", left[:3]),
+                    "n": len(movable),
+                },
+                cure=Cure("right-link", body.label, form="joints", given={"links": sent}),
+                share=float(len(left)),
+            )
 
 
 @input_rule("taken-elsewhere", "asked", "reset-frame")
-def reset_frame(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def reset_frame(inputs: Inputs) -> Iterator[Said]:
     """A reset places the centre of mass, where a load places the frame of the file."""
     for use in inputs.of(Act.SET_POSE):
         body = use.body
         load = None if body is None else inputs.scene.asked.load(body)
-        if body is None or load is None or load.act is not Act.LOAD:
-            continue
-        first = inputs.first_dynamics(body)
-        if first is None:
+        first = None if body is None else inputs.first_dynamics(body)
+        if body is None or load is None or load.act is not Act.LOAD or first is None:
             continue
         frame_m = np.nan_to_num(first.reported["inertial_position_m"][0])
         apart_m = float(np.linalg.norm(frame_m))
         place = given(load, "basePosition") or (0.0, 0.0, 0.0)
-        same = np.array_equal(given(use.first, "posObj"), place)
-        if not same or apart_m < FRAME_APART_M:
-            continue
-        message = Message(
-            "{body} is reset to the place that it was loaded at, but a reset places its centre of "
-            "mass, which is {apart:.3g} m from the origin of its file ({z:+.3g} m in z)",
-            body=body.label,
-            apart=apart_m,
-            z=float(frame_m[2]),
-        )
-        cure = Cure("lifted", body.label, float(frame_m[2]), form="frame")
-        effect = Effect(apart_m, "m")
-        yield (
-            InputSubject(use.first, body),
-            Said(message=message, cure=cure, effect=effect, share=1.0),
-        )
+        if np.array_equal(given(use.first, "posObj"), place) and apart_m >= FRAME_APART_M:
+            yield Said(
+                call=use.first,
+                subject=body,
+                message=Message(
+                    "{body} is reset to the place that it was loaded at, but a reset places its "
+                    "centre of mass, which is {apart:.3g} m from the origin of its file ({z:+.3g} "
+                    "m in z)"
+                ),
+                values={"apart": apart_m, "z": float(frame_m[2])},
+                cure=Cure("lifted", body.label, float(frame_m[2]), form="frame"),
+                effect=Effect(apart_m, "m"),
+                share=1.0,
+            )
 
 
 # -- overwritten ----------------------------------------------------------------------------------
 
 
 @input_rule("overwritten", "asked", "velocity-set-each-step")
-def velocity_set_each_step(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def velocity_set_each_step(inputs: Inputs) -> Iterator[Said]:
     """A velocity that is set before each step takes away what gravity gave in the last one."""
     for use in inputs.of(Act.SET_VELOCITY):
         body, z = use.body, use.low.get("linearVelocity", np.zeros(0))
         if body is None or len(z) != 3:
             continue
-        motion, steps = inputs.motions[body.number], len(use.steps)
-        same = use.low["linearVelocity"][2] == use.high["linearVelocity"][2]
+        motion = inputs.motions[body.number]
+        same = z[2] == use.high["linearVelocity"][2]
         falls = sorted(step for step in motion.in_flight if step - 1 in use.steps)
-        dt, g = _falls(inputs, body.client)
-        if not same or steps < EACH_STEP * motion.samples or len(falls) < FALLS_STEPS or not g:
-            continue
-        message = Message(
-            "{body} falls {way:.2g} mm a step and no faster: p.resetBaseVelocity before each step "
-            "sets its vertical velocity to {vz:g} m/s again",
-            body=body.label,
-            way=abs(g) * dt * dt * 1e3,
-            vz=float(z[2]),
+        told = [each for each in inputs.scene.seen.settings if each.client == body.client]
+        dt, g = (
+            float(np.ravel(told[-1].values[name])[0])
+            for name in ("fixedTimeStep", "gravityAccelerationZ")
         )
-        subject = InputSubject(use.first, body, steps=Span(falls[0], falls[-1], len(falls)))
-        cure = Cure("without", body.label, form="vertical")
-        share = len(falls) / motion.samples
-        yield subject, Said(message=message, cure=cure, share=share)
+        each_step = len(use.steps) >= EACH_STEP * motion.samples
+        if same and each_step and len(falls) >= FALLS_STEPS and g:
+            yield Said(
+                call=use.first,
+                subject=body,
+                steps=Span(falls[0], falls[-1], len(falls)),
+                message=Message(
+                    "{body} falls {way:.2g} mm a step and no faster: p.resetBaseVelocity before "
+                    "each step sets its vertical velocity to {vz:g} m/s again"
+                ),
+                values={"way": abs(g) * dt * dt * 1e3, "vz": float(z[2])},
+                cure=Cure("without", body.label, form="vertical"),
+                share=len(falls) / motion.samples,
+            )
 
 
-def _falls(inputs: Inputs, client: int) -> tuple[float, float]:
-    """Return timestep [s] and vertical gravity [m/s²] of a simulation at last."""
-    settings = [each for each in inputs.scene.seen.settings if each.client == client][-1].values
-    return tuple(
-        float(np.ravel(settings[name])[0]) for name in ("fixedTimeStep", "gravityAccelerationZ")
-    )  # type: ignore[return-value]
+@input_rule("overwritten", "asked", "command-overwritten")
+def command_overwritten(inputs: Inputs) -> Iterator[Said]:
+    """A joint has one motor: of a position and a rate that it is told before a step, one counts."""
+    for (number, joint, _), (first, last, steps) in inputs.overridden.items():
+        body, made = inputs.scene.body(number), inputs.motions[number].samples
+        if len(steps) >= COASTS_STEPS and joint < len(body.joints):
+            yield Said(
+                subject=body,
+                joint=body.joints[joint].name,
+                site=site_of(last),
+                steps=Span(min(steps) + 1, max(steps) + 1, len(steps)),
+                message=Message(
+                    "{joint} is commanded twice before a step, by {first} and then by {last}, in "
+                    "{steps}: it has one motor, and only the last command counts"
+                ),
+                values={
+                    "first": site_of(first),
+                    "last": site_of(last),
+                    "steps": so_many(len(steps)),
+                },
+                advice=Message(
+                    "give one command: p.POSITION_CONTROL takes targetVelocity=… and "
+                    "maxVelocity=…, too"
+                ),
+                share=len(steps) / max(made, 1),
+            )
 
 
 @input_rule("overwritten", "asked", "pose-set-each-step")
-def pose_set_each_step(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def pose_set_each_step(inputs: Inputs) -> Iterator[Said]:
     """A pose that is set step after step has no force: it goes through what it meets."""
     for use in inputs.of(Act.SET_JOINT, Act.SET_POSE):
-        body = use.body
-        if body is None or len(use.steps) < HALF_THE_STEPS * _steps(inputs, use):
+        call, body = use.first, use.body
+        made = inputs.scene.seen.samples.get(call.client, 1) - 1 - call.at.step
+        if body is None or len(use.steps) < HALF_THE_STEPS * max(made, 1):
             continue
         depths = inputs.deepest[body.number]
         deep = {step: d for step, d in depths.items() if step - 1 in use.steps and d > DEEP_M}
         if len(deep) < OVERLAPS_STEPS:
             continue
         most = max(deep.values())
-        joint = None
-        if use.first.act is Act.SET_JOINT:
-            number = int(use.first.values.get("jointIndex", (0,))[0])
+        joint = advice = cure = None
+        if call.act is Act.SET_JOINT:
+            number = int(call.values.get("jointIndex", (0,))[0])
             joint = body.joints[number].name if number < len(body.joints) else None
-        message = Message(
-            "{what} is set by p.{function} in {count:,} steps, and gets {deep:.3g} mm into what it "
-            "meets: a pose that is set has no force",
-            what=joint or body.label,
-            function=use.first.function,
-            count=len(use.steps),
-            deep=most * 1e3,
-        )
-        advice = Message("move it by a force, a velocity, or a constraint")
-        subject = InputSubject(use.first, body, joint, Span(min(deep), max(deep), len(deep)))
-        yield (
-            subject,
-            Said(
-                message=message,
-                advice=None if joint else advice,
-                cure=Cure("without", joint or body.label, form="driven") if joint else None,
-                effect=Effect(most, "m"),
-                share=most / DEEP_M,
+            cure = Cure("without", joint or body.label, form="driven")
+        else:
+            advice = Message("move it by a force, a velocity, or a constraint")
+        yield Said(
+            call=call,
+            subject=body,
+            joint=joint,
+            steps=Span(min(deep), max(deep), len(deep)),
+            message=Message(
+                "{what} is set by p.{function} in {count:,} steps, and gets {deep:.3g} mm into "
+                "what it meets: a pose that is set has no force"
             ),
+            values={
+                "what": joint or body.label,
+                "function": call.function,
+                "count": len(use.steps),
+                "deep": most * 1e3,
+            },
+            advice=advice,
+            cure=cure,
+            effect=Effect(most, "m"),
+            share=most / DEEP_M,
         )
-
-
-def _steps(inputs: Inputs, use: Use) -> int:
-    """Return how many steps the simulation of a use made from its first call on."""
-    made = inputs.scene.seen.samples.get(use.first.client, 1) - 1
-    return max(made - use.first.at.step, 1)
 
 
 @input_rule("overwritten", "asked", "drive-lags")
-def drive_lags(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def drive_lags(inputs: Inputs) -> Iterator[Said]:
     """A constraint closes a share of the gap in a step; a target set from the body stays ahead."""
     for drive in inputs.drives.values():
         if len(drive.targets_m) < FALLS_STEPS * 2:
@@ -524,19 +516,17 @@ def drive_lags(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
         mean_m = ahead_m.mean(axis=0)
         gap_m = float(np.linalg.norm(mean_m))
         made_m = float(np.linalg.norm(np.diff(places_m, axis=0), axis=1)[1:].mean())
-        spread_m = float(np.abs(ahead_m - mean_m).max())
-        if spread_m > SAME_GAP * gap_m or not 0 < made_m < (1 - SAME_GAP) * gap_m:
-            continue
-        message = Message(
-            "{body} goes {made:.2g} mm a step where p.changeConstraint asks for {gap:.2g} mm: the "
-            "target is set from where {body} is, and a step makes {share:.2g} of the way there",
-            body=drive.body.label,
-            made=made_m * 1e3,
-            gap=gap_m * 1e3,
-            share=made_m / gap_m,
-        )
-        advice = Message("set each target from the last target, not from the body")
-        yield (
-            InputSubject(drive.call, drive.body),
-            Said(message=message, advice=advice, share=1 - made_m / gap_m),
-        )
+        steady = np.abs(ahead_m - mean_m).max() <= SAME_GAP * gap_m
+        if steady and 0 < made_m < (1 - SAME_GAP) * gap_m:
+            yield Said(
+                call=drive.call,
+                subject=drive.body,
+                message=Message(
+                    "{body} goes {made:.2g} mm a step where p.changeConstraint asks for {gap:.2g} "
+                    "mm: the target is set from where {body} is, and a step makes {share:.2g} of "
+                    "the way there"
+                ),
+                values={"made": made_m * 1e3, "gap": gap_m * 1e3, "share": made_m / gap_m},
+                advice=Message("set each target from the last target, not from the body"),
+                share=1 - made_m / gap_m,
+            )

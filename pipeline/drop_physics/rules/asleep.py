@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Effect
 from drop_physics.rules.rule import Match, Said, Worst, body_rule
@@ -36,6 +37,7 @@ def _(worst: Worst) -> Said:
             "{body} sleeps from step {first:,} on: it does not move in {steps} in which "
             "the sum of what acts on it is not zero, most of all {term}"
         ),
+        values={"term": cause_in_words(worst.term)},
         advice=Message(
             "wake it and keep it awake: p.changeDynamics(body, -1, "
             "activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING)"
@@ -48,12 +50,11 @@ def _(worst: Worst) -> Said:
 def _off_target(bodies: BodyColumns) -> NDArray[np.bool_]:
     """Return in which steps motors have something to do, and force to do it."""
     off = np.zeros(len(bodies.step), np.bool_)
-    for driven in bodies.scene.driven():
-        if driven.steps.whole is bodies.of:
-            joints = JointColumns(bodies.scene, driven)
-            far = np.abs(joints.after - joints.target) > joints.at_target
-            free = ~joints.at_limit & (joints.limit > 0) & (joints.kp > 0)
-            off[joints.steps.rows] |= (far & free).any(axis=1)
+    for driven in bodies.driven:
+        joints = JointColumns(bodies.scene, driven)
+        far = np.abs(joints.after - joints.target) > joints.at_target
+        free = ~joints.at_limit & (joints.limit > 0) & (joints.kp > 0)
+        off[joints.steps.rows] |= (far & free).any(axis=1)
     return off
 
 

@@ -50,19 +50,21 @@ def _(worst: Worst) -> Said | None:
     asked, speed, product = scene.asked.of["restitution"], worst.approach, worst.product
     springy, none = pair if asked.values.get(pair[0].number, 0.0) > 0 else pair[::-1]
     wanted, other = (asked.values.get(each.number, 0.0) for each in (springy, none))
-    slow = product > 0 and speed < BOUNCES_M_S
+    uses = [use for use in scene.inputs.of(Act.SET_ENGINE) if OF_THRESHOLD in use.high]
+    slowest = max([float(use.high[OF_THRESHOLD][0]) for use in uses], default=BOUNCES_M_S)
+    soft = scene.asked.of["contactStiffness"].values.keys() & {each.number for each in pair}
+    slow = product > 0 and speed < slowest
     early = not slow and worst.lost > (1 - SWALLOWED) * product * speed > 0
-    if not (slow or early) and (product > 0 or other > 0 or speed < BOUNCES_M_S):
+    gives_way = bool(soft) and product > 0 and not slow and not early
+    if speed < BOUNCES_M_S and uses and not slow:
+        return None  # one that is so slow may have bounced before
+    if not (slow or early or gives_way) and (product > 0 or other > 0 or soft or speed < slowest):
         return None  # it bounces as the engine has it: a link has none, or it came later
-    chosen_threshold = any(OF_THRESHOLD in each.low for each in scene.inputs.of(Act.SET_ENGINE))
-    if speed < BOUNCES_M_S and chosen_threshold:
-        return None  # then it is not Bullet's own threshold that counts
-    share = product if slow or early else wanted
+    share = product if product > 0 else wanted
     # It may have had another when they met; or a call asked for just that.
     meant = springy.number in asked.changed or asked.since[springy.number] >= worst.step
     meant |= none.number in asked.values and other == 0
-    soft = scene.asked.of["contactStiffness"].values.keys() & {each.number for each in pair}
-    if meant or soft or worst.rebound > SWALLOWED * share * speed:
+    if meant or worst.rebound > SWALLOWED * share * speed:
         return None
     chosen = {
         number
@@ -73,7 +75,11 @@ def _(worst: Worst) -> Said | None:
     if not (springy.moving or none.number in chosen or not (none.joints or chosen)):
         return None
     if slow:
-        why = Message("PyBullet lets nothing bounce that comes slower than 0.2 m/s")
+        why = Message(
+            "PyBullet lets nothing bounce that comes slower than {slowest:g} m/s, its "
+            "restitutionVelocityThreshold",
+            slowest=slowest,
+        )
         advice = None
         cure = Cure("solver", value=0.0, given={"restitutionVelocityThreshold": 0})
     elif early:
@@ -85,6 +91,13 @@ def _(worst: Worst) -> Said | None:
         advice = Message("{call} on both lets contacts act only where they touch")
         both = worst.body, worst.other
         cure = Cure("restitution", given={"contactProcessingThreshold": 0}, bodies=both)
+    elif gives_way:
+        why = Message(
+            "with contactStiffness and contactDamping it lands on a spring with a damper, which "
+            "takes the rebound"
+        )
+        advice = Message("leave both out of p.changeDynamics, or give a smaller contactDamping")
+        cure = None
     else:
         why = Message("restitution is the product of both bodies', {asked:.3g} × 0", asked=wanted)
         advice = Message("give {springless} restitution, too: {call}")

@@ -28,6 +28,9 @@ CODES: dict[str, str] = {
     "collides-as-hull": (
         "A hollow mesh collides as its convex hull, and was touched off its surface."
     ),
+    "command-overwritten": (
+        "A joint is commanded for a position and for a rate before one step; the last one counts."
+    ),
     "constraint-apart": (
         "A constraint joins two frames that do not meet, and pulls or turns them together."
     ),
@@ -59,6 +62,7 @@ CODES: dict[str, str] = {
         "A force acted beside a body that it was meant for: the point is in another frame."
     ),
     "forcerange": "An actuator is at the limit of its force.",
+    "free-base": "An arm tips over, because its base is not fixed.",
     "friction-pyramid": (
         "Friction is a pyramid along two axes, and turned or braked a body that slides "
         "between them."
@@ -132,6 +136,7 @@ CODES: dict[str, str] = {
     "rest-below-expected": "A body rests lower than its shape says.",
     "restitution-inflated": "A bounce is higher than the restitution asked for.",
     "restore-differs": "What began in the same state, with the same calls, ran otherwise.",
+    "rolling-friction": "Rolling friction took the energy of what rolls.",
     "scale-keeps-mass": "globalScaling scales sizes and leaves masses as they are.",
     "script-failed": "The script ended with an error.",
     "self-collision": "A body's own links overlap and are pushed apart.",

@@ -14,6 +14,8 @@ from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import HALF_THE_STEPS, HOLDS, MOVES, NO_TERM, ROLLS
 
+CAUSES = ("gravity", "contacts", "applied", "constraints")
+"""Terms that ask a joint to move."""
 TORQUE = np.array([[[False, True]]])
 """The plane of the table for joints that torques drive."""
 
@@ -37,7 +39,7 @@ def default_motor(joints: JointColumns) -> Match | None:
     motor, acting = joints.term("motors"), np.abs(acting)
     sums = {
         "acting": acting * np.abs(sign),
-        **{name: joints.term(name) * sign for name in ("gravity", "contacts", "applied")},
+        **{name: joints.term(name) * sign for name in CAUSES},
         "taken": np.minimum(-motor * sign, acting).clip(0),
         "time": steps.reported.timestep_s[:, None] * np.abs(sign),
     }
@@ -89,6 +91,7 @@ def _(runs: Runs, _: Scene) -> NDArray[np.float64]:
         np.where(runs.stands > 0, 0.0, runs.gravity),
         np.where((runs.stands > 0) & ~wheel, 0.0, runs.contacts),
         runs.applied,
+        runs.constraints,
     ]
     cause = np.max(causes, axis=0) > HOLDS * runs.acting
     holds &= runs.torque | (cause & ~runs.sent)
@@ -99,6 +102,7 @@ def _(runs: Runs, _: Scene) -> NDArray[np.float64]:
 
 @default_motor.says
 def _(worst: Worst) -> Said:
+    geared = worst.constraints > HOLDS * worst.acting
     if worst.torque and worst.own:
         template = Message(
             "{joint} does not follow the torques that it is given: {motor} takes up "
@@ -112,6 +116,11 @@ def _(worst: Worst) -> Said:
     elif worst.gravity > HOLDS * worst.acting:
         template = Message(
             "{joint} is held by {motor}: it takes {share:.0%} of its weight, {weight} on average"
+        )
+    elif geared:
+        template = Message(
+            "{joint} is held by {motor}: it takes {share:.0%} of what a constraint pulls it with, "
+            "up to {most} of the {limit} that it may"
         )
     elif worst.applied > HOLDS * worst.acting:
         template = Message(
@@ -131,7 +140,7 @@ def _(worst: Worst) -> Said:
     scene, share = worst.scene, min(worst.taken / worst.acting, 1.0)
     commanded = scene.inputs.commanded.get(worst.subject.number)
     return Said(
-        level="note" if commanded and not worst.torque else None,
+        level="note" if commanded and not (worst.torque or geared) else None,
         message=template,
         values={
             "motor": motor,

@@ -1,4 +1,4 @@
-"""All answers, and in which order a reader sees what they found."""
+"""All rules, and in which order a reader sees what they found."""
 
 from __future__ import annotations
 
@@ -21,6 +21,8 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
     keyframe,
     memory,
     motors,
+    no_contact,
+    not_finite,
     of_files,
     off_target,
     penetration,
@@ -29,6 +31,7 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
     replays,
     reset_leaves,
     restore_differs,
+    script_failed,
     servo_off,
     set_up,
     slides,
@@ -40,32 +43,8 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
     warned,
     wheel_slip,
 )
-from drop_physics.rules.answer import Answer, Finding
-from drop_physics.rules.engines import engine_of
-from drop_physics.rules.input_rule import InputRules
-from drop_physics.rules.no_contact import NoContact
-from drop_physics.rules.not_finite import NotFinite
-from drop_physics.rules.rule import TableRules
-from drop_physics.rules.script_failed import ScriptFailed
-from drop_physics.trace.history import Seen
-
-ANSWERS: tuple[type[Answer], ...] = (
-    # joints
-    TableRules,
-    # contacts
-    NoContact,
-    # calls and files
-    InputRules,
-    ScriptFailed,
-    # the whole
-    NotFinite,
-)
-
-
-def answers_to(seen: Seen) -> list[type[Answer]]:
-    """Return the answers that have words for a recording's engine."""
-    return [each for each in ANSWERS if engine_of(seen) in each.engines]
-
+from drop_physics.rules.answer import Finding
+from drop_physics.rules.rule import Rules as Rules  # with all of them
 
 SHAKES = frozenset(("unstable", "motor-gain"))
 """What keeps a joint off its target, whatever its motor's limit is."""

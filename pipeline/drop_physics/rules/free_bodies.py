@@ -15,9 +15,10 @@ from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.rule import Match, Said, Worst, body_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import BodyColumns
-from drop_physics.rules.thresholds import DAMPED, DRIFTS, FREE_STEPS, OF_ALL_MOVED
+from drop_physics.rules.thresholds import DAMPED, DRIFTS, FREE_STEPS, OF_ALL_MOVED, STOPS
 
 Float64 = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 OUTSIDE = "contacts", "constraints", "rolling", "clamp"
 
@@ -134,16 +135,12 @@ def _turning(tree: Tree, states: States) -> tuple[Float64, Float64]:
 # -- default-damping ------------------------------------------------------------------------------
 
 
-@body_rule("default-damping", "model", subject=1)
-def default_damping(bodies: BodyColumns) -> Match | None:
-    """Damping that no call set takes a share of the energy of what nothing touches."""
-    its = [each.changes.energy_j.get("damping") for each in bodies.batch.bodies]
-    if any(each is None for each in its) or bodies.config.damping != (None, None):
+def _taken(bodies: BodyColumns, term: str, where: Flags) -> Match | None:
+    """Return what a term takes of the energy of bodies in some steps, from one put to the next."""
+    its = [each.changes.energy_j.get(term) for each in bodies.batch.bodies]
+    if any(each is None for each in its):
         return None
-    # In the air is also a robot whose motors hold its joints, and what hangs on a constraint.
-    near = np.full(len(bodies.step), bodies.law.tree.fixed)
-    near[bodies.reported.contacts.step] = True
-    rows = np.flatnonzero((bodies.segment == FLIGHT) | ~near)
+    rows = np.flatnonzero(where)
     taken_j = -np.concatenate([each for each in its if each is not None])[rows]
     none = np.zeros((len(rows), 3))
     states = bodies.before.at(rows), bodies.after.at(rows)
@@ -153,20 +150,82 @@ def default_damping(bodies: BodyColumns) -> Match | None:
     return Match(rows, energy_j, sums={"taken": taken_j}, keys=keys)
 
 
-@default_damping.counts
-def _(runs: Runs, _: Scene) -> NDArray[np.float64]:
-    return np.where(runs.taken > DAMPED * runs.size, runs.taken, 0.0)
+@body_rule("default-damping", "model", subject=1)
+def default_damping(bodies: BodyColumns) -> Match | None:
+    """Damping that no call set takes a share of the energy of what nothing touches."""
+    if bodies.config.damping != (None, None):
+        return None
+    # In the air is also a robot whose motors hold its joints, and what hangs on a constraint.
+    near = np.full(len(bodies.step), bodies.law.tree.fixed)
+    near[bodies.reported.contacts.step] = True
+    return _taken(bodies, "damping", (bodies.segment == FLIGHT) | ~near)
 
 
 @default_damping.says
 def _(worst: Worst) -> Said:
+    message = Message(
+        "{body} loses {taken:.3g} J in the air, of at most {largest:.3g} J of kinetic energy: "
+        "PyBullet damps every body, by 0.04 unless a call sets it"
+    )
+    return _lost(worst, message, Cure("damping", worst.body, 0.0))
+
+
+@body_rule("joint-damping", "model", subject=1)
+def swing_damped(bodies: BodyColumns) -> Match | None:
+    """The damping in a file takes the energy of joints that no motor and no torque drives."""
+    joints = bodies.batch.bodies[0].body.joints
+    told = [joint.damping for joint in joints for _ in range(joint.widths[1])]
+    # One that a call set is meant.
+    if not any(told) or not np.array_equal(told, bodies.law.joint_damping):
+        return None
+    drives = [bodies.terms[name].any(axis=1) for name in ("motors", "applied") if bodies.terms]
+    return _taken(bodies, "joint damping", ~np.any(drives, axis=0)) if drives else None
+
+
+@swing_damped.says
+def _(worst: Worst) -> Said:
+    message = Message(
+        "{body} swings freely and loses {taken:.3g} J to the joint damping in its file, of at "
+        "most {largest:.3g} J of kinetic energy"
+    )
+    return _lost(worst, message, Cure("joint-damping", worst.body, 0.0))
+
+
+@body_rule("rolling-friction", "model", subject=1)
+def rolling_friction(bodies: BodyColumns) -> Match | None:
+    """Rolling friction takes a share of the energy of what rolls."""
+    return _taken(bodies, "rolling", bodies.verdict.why < 0)
+
+
+@rolling_friction.says
+def _(worst: Worst) -> Said:
+    message = Message(
+        "{body} loses {taken:.3g} J to rolling friction, of at most {largest:.3g} J of kinetic "
+        "energy: rollingFriction or spinningFriction is set for it, or for what it rolls on"
+    )
+    advice = Message("p.changeDynamics(body, -1, rollingFriction=0, spinningFriction=0) of both")
+    return _lost(worst, message, advice=advice)
+
+
+@default_damping.counts
+@swing_damped.counts
+def _(runs: Runs, _: Scene) -> Float64:
+    return np.where(runs.taken > DAMPED * runs.size, runs.taken, 0.0)
+
+
+@rolling_friction.counts
+def _(runs: Runs, _: Scene) -> Float64:
+    return np.where(runs.taken > STOPS * runs.size, runs.taken, 0.0)
+
+
+def _lost(
+    worst: Worst, message: Message, cure: Cure | None = None, advice: Message | None = None
+) -> Said:
     return Said(
-        message=Message(
-            "{body} loses {taken:.3g} J in the air, of at most {largest:.3g} J of kinetic energy: "
-            "PyBullet damps every body, by 0.04 unless a call sets it"
-        ),
+        message=message,
         values={"largest": worst.size},
-        cure=Cure("damping", worst.body, 0.0),
+        advice=advice,
+        cure=cure,
         effect=Effect(worst.taken, "J"),
         share=min(worst.taken / worst.size, 1.0),
     )

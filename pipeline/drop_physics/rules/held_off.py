@@ -7,14 +7,14 @@ import math
 import numpy as np
 
 from drop_physics.data import dataclass
-from drop_physics.explain.joints import Driven, target_of
+from drop_physics.explain.joints import Driven
 from drop_physics.explain.needs import Holding
 from drop_physics.explain.targets import Stood
 from drop_physics.messages import Message
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.rules.answer import Cure, Level, Scene
-from drop_physics.rules.joint import effort, units_of
+from drop_physics.rules.joint import aimed, effort, units_of
 from drop_physics.trace.motors import POSITION
 
 FREE = ("gravity", "bias", "damping", "joint damping", "applied", "clamp")
@@ -85,13 +85,7 @@ def holds_off(scene: Scene, held: Holding, joint_rate: int, away: float) -> bool
 def _too_weak(driven: Driven, held: Holding, stood: Stood, here: float) -> Cause:
     row, k = int(stood.row[0]), stood.k
     unit = units_of(driven, k)[1]
-    positions = driven.steps.after.joints[row].copy()
-    aims, tree = target_of(driven)[row], driven.steps.law.tree
-    for link, at in enumerate(tree.coordinates):
-        rate = tree.rates[link].start - tree.first_rate
-        if at.stop - at.start == 1 and np.isfinite(aims[rate]):
-            positions[at] = aims[rate]
-    there = abs(float(held.at(positions)[k]))
+    there = abs(float(held.at(aimed(driven, row))[k]))
     need = np.fmax(here, there)
     weak = _weak(driven, stood)
     why = Message("{weak}; holding it here takes {here}", weak=weak, here=effort(here, unit))

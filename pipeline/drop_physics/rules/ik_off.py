@@ -16,7 +16,7 @@ from drop_physics.physics.tree import States, Tree
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.arguments import number, site_of
 from drop_physics.rules.ik_answers import SentAnswer
-from drop_physics.rules.joint import distance
+from drop_physics.rules.joint import aimed, distance
 from drop_physics.rules.rule import Match, Said, Worst, body_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import BodyColumns
@@ -29,11 +29,11 @@ Float64 = NDArray[np.float64]
 def ik_off(bodies: BodyColumns) -> Match | None:
     """`calculateInverseKinematics` ends after 20 iterations, wherever it has got to."""
     keys, found = [], []
-    for driven in bodies.scene.driven():
+    for driven in bodies.driven:
         sent = bodies.scene.inputs.ik.latest.get(driven.body.number, [])
         ends = [*(each.call.at.step for each in sent[1:]), int(driven.steps.steps[-1])]
         for each, end in zip(sent, ends, strict=False):
-            if driven.steps.whole is bodies.of and (off := _off(driven, each, end)) is not None:
+            if (off := _off(driven, each, end)) is not None:
                 keys.append((driven.body.number, each.place))
                 found.append(off)
     if not found:
@@ -49,18 +49,15 @@ def _off(driven: Driven, sent: SentAnswer, end: int) -> dict[str, object] | None
     row = int(np.searchsorted(steps.steps, end, side="right")) - 1
     if row < 0 or steps.steps[row] <= sent.call.at.step or not 0 <= sent.link < tree.links:
         return None
-    at = tree.rates
-    links = [link for link in tree.branch(sent.link) if at[link].stop > at[link].start]
-    rates = [at[link].start - tree.first_rate for link in links]
+    at = [tree.rates[link] for link in tree.branch(sent.link)]
+    rates = [each.start - tree.first_rate for each in at if each.stop > each.start]
     target = target_of(driven)[row]
     rests = sent.times >= IK_AGAIN or driven.resting[row, rates].all()
     later = (driven.asked.began[row, rates] > sent.call.at.step).any()
     if not rates or not rests or later or np.isnan(target[rates]).any():
         return None
     reached = steps.after.at(slice(row, row + 1))
-    wanted = reached.joints.copy()
-    for link, rate in zip(links, rates, strict=True):
-        wanted[0, tree.coordinates[link]] = target[rate]
+    wanted = aimed(driven, row)[None]
     local = -tree.centres_m[sent.link]
     there, answer = (
         kinematics(tree, states).point_m(sent.link, local)[0]

@@ -7,7 +7,7 @@ def other_client(inputs: Inputs) -> Iterator[tuple[Subject, Said]]: ...
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -19,15 +19,17 @@ from drop_physics.data import dataclass
 from drop_physics.explain.step_status import FLIGHT
 from drop_physics.explain.steps import BodySteps
 from drop_physics.physics.kinematics import kinematics, motion
+from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.physics.tree import States, Tree
 from drop_physics.rules.arguments import number as number_of
 from drop_physics.rules.episodes import Episodes
 from drop_physics.rules.ik_answers import SentAnswers
 from drop_physics.rules.lasting import Lasting
 from drop_physics.trace.acts import FILTERS, PUSHES, Act
-from drop_physics.trace.calls import Call
-from drop_physics.trace.events import At, Body, Dynamics
-from drop_physics.trace.motors import TORQUE
+from drop_physics.trace.calls import BODY_NAMES, Call
+from drop_physics.trace.events import At, Body, Dynamics, Site
+from drop_physics.trace.log import Log
+from drop_physics.trace.motors import POSITION, TORQUE, VELOCITY
 from drop_physics.trace.requests import Request, requests
 from drop_physics.trace.states import Rows, between, by_body
 
@@ -35,6 +37,14 @@ if TYPE_CHECKING:
     from drop_physics.rules.answer import Scene
 
 Float64 = NDArray[np.float64]
+Place = tuple[int, int]
+"""Number of a body, and its link."""
+_NAMES: dict[Act, tuple[Sequence[str], Sequence[str]]] = {
+    Act.CONSTRAIN: (("parentBodyUniqueId", "childBodyUniqueId"), ("parent", "child")),
+    Act.FILTER_PAIR: (("bodyUniqueIdA", "bodyUniqueIdB"), ("linkIndexA", "linkIndexB")),
+    Act.FILTER_GROUP: (BODY_NAMES, ("linkIndexA",)),
+}
+"""Arguments that name bodies and their links."""
 FOLLOWED = (
     *(Act.SET_POSE, Act.SET_VELOCITY, Act.SET_JOINT, Act.LOAD, Act.SOLVE_IK, Act.SOLVE_SEVERAL_IK),
     *(Act.CHANGE_CONSTRAINT, Act.CONSTRAIN, Act.SET_GRAVITY, Act.SET_TIMESTEP, Act.SET_ENGINE),
@@ -126,9 +136,14 @@ class BodyLife:
     """Whether there was gravity."""
     held: bool = False
     """Whether a constraint acted on it."""
+    tilt_rad: float = 0.0
+    """How far its base has tipped over at last."""
 
     def add(self, steps: BodySteps) -> None:
         """Add some steps, not none."""
+        up = rotate_inverse(self.before.orientation, np.array([[0.0, 0.0, 1.0]]))
+        upright = rotate(steps.after.orientation[-1:], up)[0, 2]
+        self.tilt_rad = float(np.arccos(np.clip(upright, -1, 1)))
         self.last, self.count = int(steps.steps[-1]), self.count + len(steps)
         self.fastest = max(self.fastest, float(np.abs(steps.after.velocity).max(initial=0.0)))
         self.falls = self.falls or bool(steps.whole.reported.gravity_m_s2[steps.rows].any())
@@ -179,13 +194,23 @@ class Inputs:
     """Bodies and joints that TORQUE_CONTROL drives, and whose motors gave nothing."""
     touched: dict[tuple[int, int], int] = field(default_factory=dict)
     """Pairs of bodies that pressed on each other, the lower number first: in how many steps."""
-    switched_off: dict[tuple[int, frozenset[int]], Call] = field(default_factory=dict)
-    """Pairs of bodies that a call lets pass each other, by client and the engine's ids."""
+    passes: dict[frozenset[Place], Call] = field(default_factory=dict)
+    """Pairs of links that a call lets pass each other."""
+    groups: dict[Place, Call] = field(default_factory=dict)
+    """The latest call that gave a link its collision group and mask."""
+    joined: set[frozenset[int]] = field(default_factory=set)
+    """Bodies that a constraint joined."""
     filtered: set[int] = field(default_factory=set)
-    """Clients in which calls let other bodies pass each other."""
+    """Clients in which calls give groups, or take back that bodies pass each other."""
     deepest: defaultdict[int, dict[int, float]] = field(default_factory=lambda: defaultdict(dict))
     """Samples of a body that calls place, and its deepest overlap then [m], by its number."""
     lasting: Lasting = field(default_factory=Lasting)
+    overridden: dict[tuple[int, int, int], tuple[Site, Site, set[int]]] = field(
+        default_factory=dict
+    )
+    """By body, joint and the later site: sites that set one motor both before a step, and which."""
+    raised: tuple[Call | None, Log] = (None, Log())
+    """The last call that raised something, and those around it."""
     ik: SentAnswers = field(default_factory=SentAnswers)
     episodes: Episodes = field(default_factory=Episodes)
 
@@ -196,16 +221,19 @@ class Inputs:
         for call in calls.of(*FOLLOWED):
             self._use(call)
             self._drive(call, bases)
-            self._switch(call)
+            self._pair(call)
         waits = {client for client, samples in self.scene.seen.samples.items() if samples == 1}
         torque = any((each.values["controlMode"] == TORQUE).any() for each in calls.commands())
         for call in calls.of(Act.COMMAND) if waits or torque else ():
             if call.client in waits or number_of(call, "controlMode") == TORQUE:
                 self._use(call)
+        for call in calls.failed()[-1:]:
+            self.raised = call, calls
         self.lasting.see(calls.of(*WRITTEN))
         self.ik.see(calls)
         self.episodes.see(self.scene)
         self.requests += requests(calls, self.scene.seen.dynamics, self.scene.seen.settings)
+        self._override(calls)
         for command in calls.commands():
             ids = np.unique(command.bodies).tolist()
             for number in ids:
@@ -246,6 +274,31 @@ class Inputs:
     def _bodies_of(self, *acts: Act) -> set[int]:
         """Return the numbers of the bodies that calls of some acts have named so far."""
         return {use.body.number for use in self.of(*acts) if use.body is not None}
+
+    def _override(self, calls: Log) -> None:
+        """Note the motors that are set for a position and for a rate before the same step."""
+        told = [
+            np.column_stack(
+                [
+                    np.full(len(each.calls), each.client),
+                    *(each.bodies, each.joints, each.steps, each.calls),
+                    *(each.given("controlMode")[:, 0], each.given("force")[:, 0]),
+                    np.full(len(each.calls), each.site.number),
+                ]
+            )
+            for each in calls.commands()
+        ]
+        rows = np.concatenate([*told, np.empty((0, 8))])
+        rows = rows[np.isin(rows[:, 5], (POSITION, VELOCITY))]
+        rows = rows[np.lexsort(rows.T[4::-1])]
+        again = (np.diff(rows[:, :4], axis=0) == 0).all(axis=1) & (np.diff(rows[:, 5]) != 0)
+        again &= rows[:-1, 6] != 0  # that turns a motor off
+        for one, two in zip(rows[:-1][again], rows[1:][again], strict=True):
+            client, engine_id, joint, step, call = two[:5].astype(int).tolist()
+            came, (which,) = calls.bodies_at(client, engine_id, np.array([call]))
+            sites = calls.sites[int(one[7])], calls.sites[int(two[7])]
+            key = came[which].body.number, joint, int(two[7])
+            self.overridden.setdefault(key, (*sites, set()))[2].add(step)
 
     def _links(self) -> None:
         """Note how far links whose poses are read go in a step."""
@@ -303,14 +356,24 @@ class Inputs:
             drive.targets_m.append(target)
             drive.places_m.append(here[0].copy())
 
-    def _switch(self, call: Call) -> None:
-        """Note which bodies a call lets pass each other."""
-        off = number_of(call, "enableCollision", 1.0) == 0
-        if call.act is Act.FILTER_PAIR and off:
-            ids = frozenset(int(number_of(call, f"bodyUniqueId{each}", -1.0)) for each in "AB")
-            self.switched_off[call.client, ids] = call
+    def _pair(self, call: Call) -> None:
+        """Note which links a call joins or lets pass each other, or the group that it gives one."""
+        bodies, links = _NAMES.get(call.act, ((), ()))
+        came = [
+            self.scene.piece.calls.body_at(call, int(number_of(call, each, -1.0)))
+            for each in bodies
+            if each in call.site.places
+        ]
+        links = [int(number_of(call, each, -1.0)) for each in links]
+        pair = [(each.body.number, link) for each, link in zip(came, links, strict=False) if each]
+        if call.act is Act.CONSTRAIN:
+            self.joined.add(frozenset(number for number, _ in pair))
+        elif call.act is Act.FILTER_PAIR and number_of(call, "enableCollision", 1.0) == 0:
+            self.passes[frozenset(pair)] = call
         elif call.act in FILTERS:
             self.filtered.add(call.client)
+            self.passes.pop(frozenset(pair), None)
+            self.groups |= dict.fromkeys(pair[: call.act is Act.FILTER_GROUP], call)
 
     def _use(self, call: Call) -> None:
         came = self.scene.body_of(call)

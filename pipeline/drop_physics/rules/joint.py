@@ -2,21 +2,35 @@
 
 from __future__ import annotations
 
-from drop_physics.explain.joints import Driven
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.explain.joints import Driven, target_of
 from drop_physics.trace.events import Body, Joint
 
 OFF = {"rad": 1e-2, "m": 1e-3}
 """Closer than that a joint is at its target."""
 
 
-def name_of(driven: Driven, k: int) -> str:
-    """Return the name of the joint of a rate."""
-    return driven.body.joints[link_of(driven.body, k)].name
-
-
 def link_of(body: Body, k: int) -> int:
     """Return the joint of a rate, as PyBullet counts joints."""
     return next(link for link, at in enumerate(body.rates) if at.start <= k < at.stop)
+
+
+def aimed(driven: Driven, row: int) -> NDArray[np.float64]:
+    """Return the coordinates after a step with each joint at its target, (joint_coordinates,)."""
+    positions, aims = driven.steps.after.joints[row].copy(), target_of(driven)[row]
+    tree = driven.steps.law.tree
+    for at, rates in zip(tree.coordinates, tree.rates, strict=True):
+        aim = aims[rates.start - tree.first_rate] if at.stop - at.start == 1 else np.nan
+        if np.isfinite(aim):
+            positions[at] = aim
+    return positions
+
+
+def name_of(driven: Driven, k: int) -> str:
+    """Return the name of the joint of a rate."""
+    return driven.body.joints[link_of(driven.body, k)].name
 
 
 def units_of(driven: Driven, k: int) -> tuple[str, str]:

@@ -9,11 +9,10 @@ import numpy as np
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Span, so_many
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.input_rule import InputSubject, input_rule
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.joint import effort
 from drop_physics.rules.lasting import LastingForce, ModelEdit
-from drop_physics.rules.rule import Said
+from drop_physics.rules.rule import Said, input_rule
 from drop_physics.rules.thresholds import EACH_STEP, MASS_EDIT, PUSHES_STEPS
 from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body
@@ -75,7 +74,7 @@ def _clear(force: LastingForce, body: Body) -> Cure:
 
 
 @input_rule("push-stays", "model", engines=MUJOCOS)
-def body_force_stays(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def body_force_stays(inputs: Inputs) -> Iterator[Said]:
     """A force on a body acts in each step until it is written again."""
     for force, acts in _lasting(inputs, Act.SET_BODY_FORCE):
         body = body_at(inputs, force.client, force.place)
@@ -93,7 +92,7 @@ def body_force_stays(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
 
 
 @input_rule("push-stays", "model", engines=MUJOCOS)
-def joint_force_stays(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def joint_force_stays(inputs: Inputs) -> Iterator[Said]:
     """A force on a joint acts in each step until it is written again."""
     for force, acts in _lasting(inputs, Act.SET_JOINT_FORCE):
         found = rate_at(inputs, force.client, force.place)
@@ -110,12 +109,13 @@ def joint_force_stays(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
         yield _said(force, acts, body, joint, message)
 
 
-def _said(
-    force: LastingForce, acts: int, body: Body, joint: str | None, message: Message
-) -> tuple[InputSubject, Said]:
+def _said(force: LastingForce, acts: int, body: Body, joint: str | None, message: Message) -> Said:
     first = force.call.at.step + 1
-    subject = InputSubject(force.call, body, joint, Span(first, first + acts - 1, acts))
-    return subject, Said(
+    return Said(
+        call=force.call,
+        subject=body,
+        joint=joint,
+        steps=Span(first, first + acts - 1, acts),
         message=message,
         cure=_clear(force, body),
         effect=Effect(float(acts), "steps"),
@@ -124,7 +124,7 @@ def _said(
 
 
 @input_rule("model-edited", "model", engines=MUJOCOS)
-def model_edited(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def model_edited(inputs: Inputs) -> Iterator[Said]:
     """What a model derives from its masses is computed when it is compiled, and not again."""
     lasting = inputs.lasting
     anew = {(each.call.client, each.call.at.step) for each in lasting.edits[Act.SET_DERIVED]}
@@ -156,25 +156,24 @@ def model_edited(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
             step=edit.call.at.step + 1,
             index=index,
         )
-        yield (
-            InputSubject(edit.call, body),
-            Said(
-                message=message,
-                cure=Cure(
-                    "set-const",
-                    None,
-                    None,
-                    Message("mujoco.mj_setConst(model, mujoco.MjData(model)) after the edit"),
-                ),
-                effect=Effect(abs(new - old), "kg"),
-                share=ratio,
-                level="model" if ratio >= MASS_EDIT else "note",
+        yield Said(
+            call=edit.call,
+            subject=body,
+            message=message,
+            cure=Cure(
+                "set-const",
+                None,
+                None,
+                Message("mujoco.mj_setConst(model, mujoco.MjData(model)) after the edit"),
             ),
+            effect=Effect(abs(new - old), "kg"),
+            share=ratio,
+            level="model" if ratio >= MASS_EDIT else "note",
         )
 
 
 @input_rule("reading", "note", "reading-stale", engines=MUJOCOS)
-def stale_after_write(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def stale_after_write(inputs: Inputs) -> Iterator[Said]:
     """What is computed from positions is that of the state before, until it is computed again."""
     for client, writes in inputs.lasting.positions.items():
         if len(writes.steps) < EACH_STEP * _ends(inputs, client) or writes.is_computed:
@@ -186,7 +185,10 @@ def stale_after_write(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
         )
         call = Message("mujoco.mj_forward(model, data) after qpos is written, before it is read")
         steps = sorted(writes.steps)
-        yield (
-            InputSubject(writes.first, steps=Span(steps[0] + 1, steps[-1] + 1, len(steps))),
-            Said(message=message, cure=Cure("forward", None, None, call), share=1.0),
+        yield Said(
+            call=writes.first,
+            steps=Span(steps[0] + 1, steps[-1] + 1, len(steps)),
+            message=message,
+            cure=Cure("forward", None, None, call),
+            share=1.0,
         )

@@ -17,10 +17,9 @@ from drop_physics.physics.rotations import matrix
 from drop_physics.physics.tree import BASE, RATES, Tree
 from drop_physics.rules.answer import Cure, Effect, Scene, and_more
 from drop_physics.rules.arguments import site_of
-from drop_physics.rules.input_rule import InputSubject, input_rule
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.joint import link_of
-from drop_physics.rules.rule import Match, Said, Worst, body_rule
+from drop_physics.rules.rule import Match, Said, Worst, body_rule, input_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import (
@@ -63,74 +62,74 @@ def _came(inputs: Inputs) -> Iterator[tuple[Body, Tree]]:
 
 
 @input_rule("no-inertial", "asked")
-def no_inertial(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def no_inertial(inputs: Inputs) -> Iterator[Said]:
     """PyBullet gives a link without `<inertial>` 1 kg; what cannot move weighs nothing."""
     for body, tree in _came(inputs):
+        masses_kg = {link: float(tree.masses_kg[link + 1]) for link in moving_links(tree)}
         links = [
             link
             for link, each in told_links(body, tree).items()
-            if np.isnan(each.mass_kg) and tree.masses_kg[link + 1] == WITHOUT_INERTIAL_KG
+            if np.isnan(each.mass_kg) and masses_kg[link] == WITHOUT_INERTIAL_KG
         ]
-        if not links:
-            continue
-        total_kg = float(sum(tree.masses_kg[link + 1] for link in moving_links(tree)))
-        message = Message(
-            "{link}{more} has no <inertial> in the file, so PyBullet gives it 1 kg: {mass:g} of "
-            "the {total:.3g} kg that move",
-            link=body.links[links[0] + 1],
-            more=and_more(len(links)),
-            mass=float(len(links)),
-            total=total_kg,
-        )
-        yield (
-            InputSubject(None, body, site=inputs.scene.asked.loaded(body)),
-            Said(
-                message=message,
+        if links:
+            total_kg = sum(masses_kg.values())
+            yield Said(
+                subject=body,
+                call=inputs.scene.asked.load(body),
+                message=Message(
+                    "{link}{more} has no <inertial> in the file, so PyBullet gives it 1 kg: "
+                    "{mass:g} of the {total:.3g} kg that move"
+                ),
+                values={
+                    "link": body.links[links[0] + 1],
+                    "more": and_more(len(links)),
+                    "mass": float(len(links)),
+                    "total": total_kg,
+                },
                 cure=Cure("inertial", body.label, given={"links": links}),
                 effect=Effect(float(len(links)), "kg"),
                 share=len(links) / total_kg,
-            ),
-        )
+            )
 
 
 @input_rule("impossible-inertia", "model")
-def impossible_inertia(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def impossible_inertia(inputs: Inputs) -> Iterator[Said]:
     """The two smaller moments of a link do not add up to the largest."""
     for body, tree in _came(inputs):
         told = told_links(body, tree)
         for link in moving_links(tree):
             moments = sorted(tree.inertias_kg_m2[link + 1].tolist())
             mass_kg = float(tree.masses_kg[link + 1])
-            template = Message(
+            message = Message(
                 "{link} of {body} has moments of inertia of {low:.3g}, {middle:.3g} and {high:.3g} "
                 "kg m² with {mass:.3g} kg"
             )
             if moments[2] == 0 and link in told and body.flags & FROM_FILE:
                 written = _written(body, told[link])
                 moments = moments if written is None else np.linalg.eigvalsh(written).tolist()
-                template = Message(
+                message = Message(
                     "the file gives {link} of {body} moments of inertia of {low:.3g}, {middle:.3g} "
                     "and {high:.3g} kg m² with {mass:.3g} kg, and PyBullet sets them to 0"
                 )
-            low, middle, high = moments
-            if not mass_kg > 0 or low + middle >= high * (1 - 1e-6):
+            if not mass_kg > 0 or _is_possible(moments):
                 continue
-            message = Message(
-                template.template,
-                link=body.links[link + 1],
-                body=body.label,
-                low=low,
-                middle=middle,
-                high=high,
-                mass=mass_kg,
+            numbers = dict(zip(("low", "middle", "high"), moments, strict=True))
+            yield Said(
+                subject=body,
+                call=inputs.scene.asked.load(body),
+                message=message,
+                values={"link": body.links[link + 1], "mass": mass_kg, **numbers},
+                advice=Message(
+                    "no body has it: the two smaller moments add up to the largest or more; "
+                    "correct <inertia>, or give p.changeDynamics another localInertiaDiagonal"
+                ),
             )
-            advice = Message(
-                "no body has it: the two smaller moments add up to the largest or more; correct "
-                "<inertia>, or give p.changeDynamics another localInertiaDiagonal"
-            )
-            subject = InputSubject(None, body, site=inputs.scene.asked.loaded(body))
-            yield subject, Said(message=message, advice=advice)
             break
+
+
+def _is_possible(moments: Sequence[float]) -> bool:
+    """Return whether a body can have three moments of inertia, the largest last."""
+    return moments[0] + moments[1] >= moments[2] * (1 - 1e-6)
 
 
 # -- inertia-from-shape ---------------------------------------------------------------------------
@@ -292,10 +291,8 @@ def _axes(kin: Kinematics) -> Iterator[tuple[int, Float64, set[int]]]:
 def _of_file(body: Body, told: FileLink) -> Float64 | None:
     """Return the file's inertia, shape (3, 3), if a body can have it."""
     moments = _written(body, told)
-    if moments is None:
-        return None
-    low, middle, high = np.linalg.eigvalsh(moments)
-    return moments if low > 0 and low + middle >= high * (1 - 1e-6) else None
+    own = [0.0, 0.0, 0.0] if moments is None else np.linalg.eigvalsh(moments).tolist()
+    return moments if own[0] > 0 and _is_possible(own) else None
 
 
 def _written(body: Body, told: FileLink) -> Float64 | None:

@@ -204,7 +204,10 @@ def _(worst: Worst) -> Said:
     if worst.away:
         why = Message("it moves away at {rate}", rate=rate)
     if worst.at_limit <= HALF_THE_STEPS * worst.steps_stood:
-        return _missed(worst, Cause(why))
+        # What would be there in as much time again may just have been given too little.
+        time_s = worst.time_s(worst.stood[1]) - worst.time_s(worst.stood[0] - 1)
+        soon = not worst.away and abs(worst.rate) * time_s > worst.off
+        return _missed(worst, Cause(why, level="note" if soon else "asked"))
     weak = at_limit(effort(worst.limit, worst.effort), worst.at_limit, worst.steps_stood)
     number, k = worst.noted.keys[0, :2].tolist()
     takes = worst.scene.joints.on_the_way(number, k)

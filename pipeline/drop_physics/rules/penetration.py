@@ -89,70 +89,49 @@ def _cause(worst: Worst, took: int) -> tuple[Message | None, Message | None, Cur
     lasts = took >= GROWS_STEPS
     grows = lasts and worst.size > 2 * worst.began
     both = worst.subject, worst.partner
-    soft = [
+    soft_n_m = [
         float(np.nan_to_num(each.reported["contact_stiffness"]).max())
         for each in worst.scene.seen.dynamics
-        if each.body.number in [body.number for body in both]
+        if each.body.number in (worst.subject.number, worst.partner.number)
     ]
-    stiffness_n_m = max([0.0, *soft])
-    if worst.carried > (worst.last - worst.first) / 2:
-        return (
-            Message("a call moves one of them in each step, and it has no velocity"),
-            None,
-            Cure("support-velocity", bodies=(worst.body, worst.other)),
-        )
-    if grows and worst.constraints:
-        return (
-            Message(
-                "a constraint presses them together, and the solver ends before it can "
-                "tell which of both has to give"
-            ),
-            Message("give it less force"),
-            Cure("constraint-force", form="less"),
-        )
     slops_m = [
         float(use.high["contactSlop"][0])
         for use in worst.scene.inputs.of(Act.SET_ENGINE)
         if "contactSlop" in use.high
     ]
-    if lasts and 2 * max(slops_m, default=0.0) > worst.size:
-        return (
-            Message("contactSlop={slop:g} lets bodies overlap by so much", slop=max(slops_m)),
-            None,
-            Cure("solver", value=0.0, given={"contactSlop": 0}),
-        )
-    if stiffness_n_m and lasts:
-        return (
-            Message("contact there is as soft as {stiffness:.3g} N/m", stiffness=stiffness_n_m),
-            Message("raise p.changeDynamics(…, contactStiffness=…), or do without"),
-            None,
-        )
-    if took < IMPACT_STEPS and not stiffness_n_m and worst.size <= 1.05 * worst.until_came:
-        return (
-            Message("they approach by {way:.3g} mm in one step", way=worst.fastest * 1e3),
-            Message("use a shorter timestep: {call}"),
-            Cure("timestep", value=4.0),
-        )
-    if grows and worst.motors:
-        return (
-            Message(
-                "motors press them together, and the solver ends before it can tell which "
-                "of both has to give"
-            ),
-            Message("give the motors less force, or more iterations: {call}"),
-            Cure("solver", value=500.0),
-        )
+    stiffness_n_m, slop_m = max([0.0, *soft_n_m]), max([0.0, *slops_m])
     ratio = strained_by(worst.scene.seen, both)
-    if RATIO <= ratio <= MOST_RATIO and lasts:
-        return (
-            Message(
-                "one is {ratio:.4g} times as heavy as the other, and the solver uses up "
-                "its iterations",
-                ratio=ratio,
-            ),
-            None,
-            Cure("solver", value=500.0),
+    more = Cure("solver", value=500.0)
+    if worst.carried > (worst.last - worst.first) / 2:
+        why = Message("a call moves one of them in each step, and it has no velocity")
+        return why, None, Cure("support-velocity", bodies=(worst.body, worst.other))
+    if grows and worst.constraints:
+        why = Message(
+            "a constraint presses them together, and the solver ends before it can "
+            "tell which of both has to give"
         )
+        return why, Message("give it less force"), Cure("constraint-force", form="less")
+    if lasts and 2 * slop_m > worst.size:
+        why = Message("contactSlop={slop:g} lets bodies overlap by so much", slop=slop_m)
+        return why, None, Cure("solver", value=0.0, given={"contactSlop": 0})
+    if stiffness_n_m and lasts:
+        why = Message("contact there is as soft as {stiffness:.3g} N/m", stiffness=stiffness_n_m)
+        return why, Message("raise p.changeDynamics(…, contactStiffness=…), or do without"), None
+    if took < IMPACT_STEPS and not stiffness_n_m and worst.size <= 1.05 * worst.until_came:
+        why = Message("they approach by {way:.3g} mm in one step", way=worst.fastest * 1e3)
+        return why, Message("use a shorter timestep: {call}"), Cure("timestep", value=4.0)
+    if grows and worst.motors:
+        why = Message(
+            "motors press them together, and the solver ends before it can tell which "
+            "of both has to give"
+        )
+        return why, Message("give the motors less force, or more iterations: {call}"), more
+    if RATIO <= ratio <= MOST_RATIO and lasts:
+        why = Message(
+            "one is {ratio:.4g} times as heavy as the other, and the solver uses up its iterations",
+            ratio=ratio,
+        )
+        return why, None, more
     return None, None, None
 
 

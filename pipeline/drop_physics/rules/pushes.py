@@ -14,9 +14,8 @@ from drop_physics.physics.tree import BASE
 from drop_physics.physics.vectors import cross, groups, lengths, summed
 from drop_physics.rules.answer import Cure, Effect, Scene, Span
 from drop_physics.rules.arguments import site_of
-from drop_physics.rules.input_rule import InputSubject, input_rule
 from drop_physics.rules.inputs import Inputs, Use
-from drop_physics.rules.rule import Match, Said, Worst, body_rule
+from drop_physics.rules.rule import Match, Said, Worst, body_rule, input_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import NEGLIGIBLE, SAME_POINT_M, SOON_STEPS
@@ -33,7 +32,7 @@ PLACES = "linkIndex", "jointIndex", "jointIndices"
 
 
 @input_rule("push-lasted-a-step", "note")
-def push_lasted_a_step(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def push_lasted_a_step(inputs: Inputs) -> Iterator[Said]:
     """A force or torque from a call acts in the next step, and then is gone."""
     alike: defaultdict[tuple[int, Act], list[Use]] = defaultdict(list)
     for use in inputs.of(*PUSHES, Act.COMMAND):
@@ -51,35 +50,36 @@ def push_lasted_a_step(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
         if len(steps) > 2 and apart == {every} and every > 1:
             message = Message(
                 "{body} is pushed by p.{function} every {n} steps, which acts in 1 of {n}: a "
-                "force lasts one step",
-                body=body.label,
-                function=call.function,
-                n=every,
+                "force lasts one step"
             )
             asked, lost = every <= SOON_STEPS, 1 - 1 / every
         elif len(steps) == 1 and steps[0] + 1 < inputs.scene.seen.samples.get(body.client, 0):
-            places = call.values.get("jointIndex") or call.values.get("jointIndices") or ()
-            slides = {body.joints[int(each)].kind for each in places} == {"prismatic"}
             message = Message(
                 "{body} is pushed with {size:.3g} {unit} in one step, step {step:,}: a force "
-                "lasts one step",
-                body=body.label,
-                size=_size(uses[0]),
-                unit="N" if slides or act is Act.PUSH else "N m",
-                step=steps[0] + 1,
+                "lasts one step"
             )
             asked = act is Act.PUSH and _came_to_nothing(inputs, number)
         else:
             continue
-        yield (
-            InputSubject(call, body, steps=Span(steps[0] + 1, steps[-1] + 1, len(steps))),
-            Said(
-                level="asked" if asked else None,
-                message=message,
-                cure=Cure("push-repeated", given={"function": call.function}),
-                effect=Effect(lost, "1") if lost else None,
-                share=lost,
-            ),
+        places = call.values.get("jointIndex") or call.values.get("jointIndices") or ()
+        slides = {body.joints[int(each)].kind for each in places} == {"prismatic"}
+        function = {"function": call.function}
+        yield Said(
+            call=call,
+            subject=body,
+            steps=Span(steps[0] + 1, steps[-1] + 1, len(steps)),
+            level="asked" if asked else None,
+            message=message,
+            values={
+                **function,
+                "n": every,
+                "size": _size(uses[0]),
+                "unit": "N" if slides or act is Act.PUSH else "N m",
+                "step": steps[0] + 1,
+            },
+            cure=Cure("push-repeated", given=function),
+            effect=Effect(lost, "1") if lost else None,
+            share=lost,
         )
 
 

@@ -7,9 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from drop_physics.messages import Message
-from drop_physics.rules.input_rule import InputSubject, input_rule
 from drop_physics.rules.inputs import Inputs
-from drop_physics.rules.rule import Said
+from drop_physics.rules.rule import Said, input_rule
 from drop_physics.rules.thresholds import STALE_M
 from drop_physics.trace.acts import Act
 from drop_physics.trace.readings import Reading
@@ -20,7 +19,7 @@ def _site(reading: Reading) -> str:
 
 
 @input_rule("reading", "note", "reading-stale")
-def stale(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def stale(inputs: Inputs) -> Iterator[Said]:
     """The pose of a link is that of one step earlier, unless it is computed again."""
     for each in inputs.scene.seen.readings:
         if each.act is not Act.READ_LINK:
@@ -47,14 +46,13 @@ def stale(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
             "p.{function}(…, computeForwardKinematics=True) gives that of now",
             function=each.function,
         )
-        yield (
-            InputSubject(None, body, site=_site(each)),
-            Said(message=message, advice=advice, share=way_m / STALE_M),
+        yield Said(
+            subject=body, site=_site(each), message=message, advice=advice, share=way_m / STALE_M
         )
 
 
 @input_rule("reading", "note", "reading-static")
-def static(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def static(inputs: Inputs) -> Iterator[Said]:
     """The velocity of a base that only calls move is what a call gave it, and 0 without one."""
     posed = {u.body.number: u for u in inputs.of(Act.SET_POSE) if u.body is not None}
     given = {u.body.number for u in inputs.of(Act.SET_VELOCITY) if u.body is not None}
@@ -74,14 +72,11 @@ def static(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
                 body=body.label,
             )
             advice = Message("p.resetBaseVelocity(body, …) beside the pose gives it one")
-            yield (
-                InputSubject(None, body, site=_site(each)),
-                Said(message=message, advice=advice, share=1.0),
-            )
+            yield Said(subject=body, site=_site(each), message=message, advice=advice, share=1.0)
 
 
 @input_rule("reading", "note", "reading-torque")
-def torque(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def torque(inputs: Inputs) -> Iterator[Said]:
     """`getJointState` gives the torque of the motor, and not that of TORQUE_CONTROL."""
     for each in inputs.scene.seen.readings:
         if each.act is not Act.READ_JOINT:
@@ -99,15 +94,19 @@ def torque(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
             )
             advice = Message("the torque is the one that the script gives")
             name = body.joints[subject.link].name
-            yield (
-                InputSubject(None, body, name, site=_site(each)),
-                Said(message=message, advice=advice, share=1.0),
+            yield Said(
+                subject=body,
+                joint=name,
+                site=_site(each),
+                message=message,
+                advice=advice,
+                share=1.0,
             )
             break
 
 
 @input_rule("reading", "note", "reading-depth")
-def depth(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def depth(inputs: Inputs) -> Iterator[Said]:
     """The depth buffer of a camera with perspective is not linear in the distance."""
     for each in inputs.scene.seen.readings:
         lens = each.camera
@@ -123,5 +122,5 @@ def depth(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
             far=far,
         )
         advice = Message("far * near / (far - (far - near) * depth) is the distance in m")
-        yield InputSubject(None, site=_site(each)), Said(message=message, advice=advice)
+        yield Said(site=_site(each), message=message, advice=advice)
         return

@@ -159,40 +159,39 @@ def sentences() -> Iterator[str]:
 def _rules_in(
     module: ast.Module,
 ) -> Iterator[tuple[list[ast.stmt], str, str | None, str | None]]:
-    """Yield each rule of a module: its functions or class, its code, reason and level."""
+    """Yield each rule of a module: its functions, its code, reason and level.
+
+    Where there is only one, all that the module says is its; keys of a table there are its reasons.
+    """
     functions = [node for node in ast.walk(module) if isinstance(node, ast.FunctionDef)]
     beside = defaultdict[str, list[ast.stmt]](list)
+    rules: list[tuple[ast.FunctionDef, ast.Call]] = []
     for node in functions:
         for decorator in node.decorator_list:
             if isinstance(decorator, ast.Attribute) and isinstance(decorator.value, ast.Name):
                 beside[decorator.value.id].append(node)
+            elif isinstance(decorator, ast.Call) and _name(decorator.func).endswith("_rule"):
+                rules.append((node, decorator))
+    alone = [each for each in functions if len(rules) == 1]
+    for node, decorator in rules:
+        given = [_text(each) for each in decorator.args]
+        reason = given[2] if len(given) > 2 else _keyword(decorator, "reason")
+        yield [node, *(alone or beside[node.name])], given[0] or "", reason, given[1]
+        for table in ast.walk(module) if alone else ():
+            pairs = (
+                zip(table.keys, table.values, strict=True) if isinstance(table, ast.Dict) else ()
+            )
+            for key, value in pairs:
+                if key is not None and (name := _text(key)) in CODES:
+                    its = [each for each in functions if each.name == _name(value)]
+                    yield [*its], given[0] or "", name, given[1]
+    levels = _levels(module)
     for node in functions:
-        for decorator in node.decorator_list:
-            if isinstance(decorator, ast.Call) and _name(decorator.func).endswith("_rule"):
-                given = [_text(each) for each in decorator.args]
-                reason = given[2] if len(given) > 2 else _keyword(decorator, "reason")
-                parts: list[ast.stmt] = [node, *beside[node.name]]
-                yield parts, given[0] or "", reason, given[1]
-    found = [
-        (node, call, code)
-        for node in functions
-        for call in ast.walk(node)
-        if isinstance(call, ast.Call)
-        and _name(call.func) in ("Finding", "_found", "finding_of")
-        and (code := _keyword(call, "code") or (_text(call.args[0]) if call.args else None))
-    ]
-    codes, levels = {code for _, _, code in found}, _levels(module)
-    whole = [node for node in module.body if isinstance(node, ast.FunctionDef | ast.ClassDef)]
-    if len(codes) == 1:  # all that the module says is about it
-        (code,) = codes
-        whole.sort(key=lambda node: not _is_answer(node))
-        yield [*whole], code, None, next((_keyword(call, "level") for _, call, _ in found), None)
-        for call in ast.walk(module):
-            if isinstance(call, ast.Call) and (reason := _keyword(call, "reason")) in CODES:
-                yield [], code, reason, None
-    else:
-        for node, call, code in found:
-            yield [node], code, None, levels.get(code) or _keyword(call, "level")
+        for call in ast.walk(node):
+            if isinstance(call, ast.Call) and _name(call.func) in ("Finding", "_found"):
+                of = _keyword(call, "code") or (_text(call.args[0]) if call.args else None)
+                if of is not None:
+                    yield [node], of, None, levels.get(of) or _keyword(call, "level")
 
 
 def _levels(module: ast.Module) -> dict[str, str]:
@@ -203,11 +202,6 @@ def _levels(module: ast.Module) -> dict[str, str]:
                 levels: dict[str, str] = ast.literal_eval(table)
                 return levels
     return {}
-
-
-def _is_answer(node: ast.stmt) -> bool:
-    bases = node.bases if isinstance(node, ast.ClassDef) else []
-    return any(_name(base).endswith("Answer") for base in bases)
 
 
 def _limits_in(module: ast.Module) -> set[str]:

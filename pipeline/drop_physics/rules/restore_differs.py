@@ -13,10 +13,9 @@ from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene, Span
 from drop_physics.rules.arguments import given
 from drop_physics.rules.episodes import Episode, Key
-from drop_physics.rules.input_rule import InputSubject, input_rule
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.joint import distance, units
-from drop_physics.rules.rule import Said
+from drop_physics.rules.rule import Said, input_rule
 from drop_physics.rules.thresholds import EPISODE_STEPS, EPISODES_MOST
 from drop_physics.trace.acts import MAKES, SETS_TIMESTEP, Act
 from drop_physics.trace.calls import Call
@@ -27,7 +26,7 @@ Float64 = NDArray[np.float64]
 
 
 @input_rule("restore-differs", "asked")
-def restore_differs(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def restore_differs(inputs: Inputs) -> Iterator[Said]:
     """Episodes that begin in the same state, with the same calls, are not equal to the bit."""
     kinds: defaultdict[tuple[object, ...], list[Episode]] = defaultdict(list)
     for each in inputs.episodes.all():
@@ -41,7 +40,7 @@ def restore_differs(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
                 break
 
 
-def _compared(inputs: Inputs, first: Episode, second: Episode) -> tuple[InputSubject, Said] | None:
+def _compared(inputs: Inputs, first: Episode, second: Episode) -> Said | None:
     scene = inputs.scene
     same = first.starts.keys() == second.starts.keys() and all(
         np.array_equal(start, second.starts[key], equal_nan=True)
@@ -90,7 +89,10 @@ def _compared(inputs: Inputs, first: Episode, second: Episode) -> tuple[InputSub
     numbers = scene.seen.bodies.values()
     body = next(each for each in numbers if (each.engine_id, each.label) == key)
     steps = Span(begins[1] + since, begins[1] + last, last - since + 1)
-    return InputSubject(call or second.begin, body, steps=steps), Said(
+    return Said(
+        call=call or second.begin,
+        subject=body,
+        steps=steps,
         message=message,
         advice=advice if ordered else None,
         cure=cure,

@@ -8,8 +8,11 @@
 
 Chunks, runs of consecutive steps, the worst row, how often, in which steps, which joints of which
 body and which line of the script belong to the mechanism here. Tables are of joints, of actuators,
-of constraints, of pairs of bodies that touch, or may not, and of bodies (`tables`); rules of what
-calls set are `input_rule`.
+of constraints, of pairs of bodies that touch, or may not, and of bodies (`tables`). A rule of what
+calls set yields what it says, once, at the end:
+
+    @input_rule("not-taken", "asked", "other-client")
+    def other_client(inputs: Inputs) -> Iterator[Said]: ...
 """
 
 from __future__ import annotations
@@ -26,7 +29,6 @@ from numpy.typing import NDArray
 from drop_physics.data import dataclass
 from drop_physics.messages import Message
 from drop_physics.rules.answer import (
-    Answer,
     Cure,
     Effect,
     Finding,
@@ -36,13 +38,15 @@ from drop_physics.rules.answer import (
     and_more,
     so_many,
 )
+from drop_physics.rules.arguments import site_of
 from drop_physics.rules.body_properties import size_m
-from drop_physics.rules.engines import ANY, BULLETS, engine_of
+from drop_physics.rules.engines import BULLETS, engine_of
 from drop_physics.rules.joint import link_of, units
 from drop_physics.rules.runs import Kind, Runs
 from drop_physics.rules.tables import TABLES, RuleTable, TableName, tables
 from drop_physics.rules.target_columns import left_standing
 from drop_physics.rules.thresholds import MINOR
+from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body
 
 Float64 = NDArray[np.float64]
@@ -148,9 +152,18 @@ class Said:
     steps: Span | None = None
     """The steps that it covers, where these are others than those in which it holds."""
     site: str | None = None
-    """File and line, where the rule names no argument whose call is the cause."""
+    """File and line, where the rule names no argument or call that is the cause."""
+    call: Call | None = None
+    """The call that is the cause."""
+    subject: Body | None = None
+    """The body, where the rule is of inputs."""
     joint: str | None = None
     """The joint, where the table is not of joints."""
+
+    @property
+    def body(self) -> str | None:
+        """What the body is called."""
+        return None if self.subject is None else self.subject.label
 
 
 class Worst:
@@ -227,7 +240,10 @@ class Rule:
     code: str
     level: Level
     table: TableName
-    matches: Callable[[Any], Match | None]
+    matches: Callable[[Any], Any]
+    """A `Match` in a table, or None; of inputs what is said."""
+    reason: str | None = None
+    """The one of the code's causes that it is."""
     least_count: float = 1
     """Least number of steps in which it holds."""
     consecutive: bool = False
@@ -235,8 +251,6 @@ class Rule:
     subject: int | None = None
     """How many of a key's columns tell subjects apart, of each of which the worst is said; all, if
     it is None. With 0 one thing is said of the run, and of no body."""
-    reason: str | None = None
-    """The one of the code's causes that it is."""
     argument: str | None = None
     """The argument of `changeDynamics` whose call is the cause."""
     engines: tuple[str, ...] = BULLETS
@@ -272,34 +286,34 @@ class Rule:
             other=said.other or vars(worst).get("other"),
             site=said.site or site,
             reason=said.reason or self.reason,
+            subject=None if self.subject == 0 else worst.subject,
         )
-        body = None if self.subject == 0 else worst.body
-        return finding_of(self.code, self.level, said, worst.scene, body, worst)
+        return finding_of(self.code, self.level, said, worst.scene, worst)
 
 
 def finding_of(
-    code: str, level: Level, said: Said, scene: Scene, body: str | None, worst: object = None
+    code: str, level: Level, said: Said, scene: Scene, worst: Worst | None = None
 ) -> Finding:
     """Return what a rule says as a finding: texts filled, the call of its cure written."""
-    cure, values = said.cure, said.values
+    cure, values, about = said.cure, said.values, worst or said
     if cure is not None:
-        cure = replace(cure, call=filled(cure.call, values, worst) or scene.call_of(cure))
+        cure = replace(cure, call=filled(cure.call, values, about) or scene.call_of(cure))
         values = {**values, "call": cure.call}
     advice = said.advice or (cure and cure.call)
     return Finding(
         code=said.code or code,
         level=said.level or level,
         reason=said.reason,
-        message=filled(said.message, values, worst),
-        advice=filled(advice, values, worst) if advice else None,
+        message=filled(said.message, values, about),
+        advice=filled(advice, values, about) if advice else None,
         cure=cure,
-        body=body,
+        body=said.body,
         joint=said.joint,
         other=said.other,
         effect=said.effect,
         share=said.share or 0.0,
         steps=said.steps,
-        site=said.site,
+        site=said.site if said.call is None else site_of(said.call),
     )
 
 
@@ -309,17 +323,25 @@ RULES: list[Rule] = []
 """All rules of tables, in the order in which their modules are read."""
 
 
-RuleMaker = Callable[[Callable[[Any], Match | None]], Rule]
+RuleMaker = Callable[[Callable[[Any], Any]], Rule]
 
 
-def _maker(table: TableName, code: str, level: Level, **options: Any) -> RuleMaker:  # noqa: ANN401
-    def made(matches: Callable[[Any], Match | None]) -> Rule:
-        RULES.append(Rule(code, level, table, matches, **options))
+def _maker(
+    table: TableName,
+    code: str,
+    level: Level,
+    reason: str | None = None,
+    **options: Any,  # noqa: ANN401
+) -> RuleMaker:
+    def made(matches: Callable[[Any], Any]) -> Rule:
+        RULES.append(Rule(code, level, table, matches, reason, **options))
         return RULES[-1]
 
     return made
 
 
+input_rule = partial(_maker, "inputs")
+"""Makes a function of all inputs a rule: it yields what is said of them."""
 joint_rule = partial(_maker, "joints")
 """Makes a function from joints to a match a rule: of each robot its worst joint is told."""
 actuator_rule = partial(_maker, "actuators")
@@ -330,6 +352,8 @@ constraint_rule = partial(_maker, "constraints")
 """The same of constraints."""
 filtered_rule = partial(_maker, "filtered")
 """The same of pairs of shapes that the model keeps contacts away from."""
+unpaired_rule = partial(_maker, "unpaired")
+"""The same of links that the engine makes no contacts of, in the steps in which they overlap."""
 pair_rule = partial(_maker, "pairs")
 """The same of pairs of bodies that touch: what is told is about the one with the higher number."""
 side_rule = partial(_maker, "sides")
@@ -338,13 +362,14 @@ body_rule = partial(_maker, "bodies")
 """The same of bodies: a table has the steps of all equal bodies, one body after the other."""
 
 
-class TableRules(Answer):
-    """Looks for all rules of tables, each in its own."""
+class Rules:
+    """Looks for all rules that have words for a recording's engine, each in its table.
 
-    engines = ANY
+    They see each piece once, in order, and then speak.
+    """
 
     def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
+        self.scene = scene
         self._rules = [rule for rule in RULES if engine_of(scene.seen) in rule.engines]
         self._open: list[Runs | None] = [None] * len(self._rules)
         """What may go on of each rule, and the worst of what has ended of each key."""
@@ -353,7 +378,7 @@ class TableRules(Answer):
     def see(self) -> None:
         """Take a piece."""
         read = {rule.table for rule in self._rules}
-        names = [each for each in TABLES if each in read]
+        names = [each for each in TABLES[1:] if each in read]
         self._look((name, table) for name in names for table in tables(name, self.scene))
 
     @np.errstate(all="ignore")  # what is not asked for is nan
@@ -407,6 +432,10 @@ class TableRules(Answer):
                 finding = self._finding(rule, worst, among, joints)
                 if finding is not None:
                     yield finding
+        for rule in [each for each in self._rules if each.table == "inputs"]:
+            for said in rule.matches(self.scene.inputs):
+                said = replace(said, reason=said.reason or rule.reason)
+                yield finding_of(rule.code, rule.level, said, self.scene)
 
     @np.errstate(all="ignore")
     def _finding(self, rule: Rule, worst: Runs, among: int, joints: int) -> Finding | None:
@@ -423,7 +452,7 @@ class TableRules(Answer):
             actuator = body.actuators[keys[1]]
             joint = actuator.target if actuator.acts_on == "joint" else None
             about = {"actuator": actuator, "joint": joint}
-        elif len(subject) > 1 and rule.table not in ("constraints", "filtered"):
+        elif len(subject) > 1 and rule.table not in ("constraints", "filtered", "unpaired"):
             partner = self.scene.body(keys[1])
             about = {"partner": partner, "other": partner.label}
         if rule.argument is not None:

@@ -6,9 +6,11 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Answer, Finding, Scene, so_many
+from drop_physics.rules.answer import so_many
 from drop_physics.rules.arguments import given, site_of
 from drop_physics.rules.engines import ANY
+from drop_physics.rules.inputs import Inputs
+from drop_physics.rules.rule import Said, input_rule
 from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import BODY_NAMES, Call
 from drop_physics.trace.events import Body
@@ -21,32 +23,17 @@ INDICES = ("jointIndex", "jointIndices", "linkIndex", "linkIndices")
 NOT_CONNECTED = "Not connected to physics server."
 
 
-class ScriptFailed(Answer):
-    """Says with what a script failed, and which call raised that."""
-
-    engines = ANY
-
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self._raised: Call | None = None
-        self._calls = Log()
-        """Those of its piece."""
-
-    def see(self) -> None:
-        """Keep the last call that raised."""
-        for call in self.scene.piece.calls.failed():
-            self._raised, self._calls = call, self.scene.piece.calls
-
-    def findings(self) -> Iterator[Finding]:
-        """Yield the script's error."""
-        if found := failure(self.scene.origin, self._raised, self._calls):
-            yield found
+@input_rule("script-failed", "broken", engines=ANY)
+def script_failed(inputs: Inputs) -> Iterator[Said]:
+    """The script ended with an error, which a call of it may have raised."""
+    if found := failure(inputs.scene.origin, *inputs.raised):
+        yield found
 
 
 def failure(
     origin: Mapping[str, Any], raised: Call | None, calls: Log, *, printed: str = ""
-) -> Finding | None:
-    """Return what a script failed with; None if it did not.
+) -> Said | None:
+    """Return what is said of the error that a script failed with; None if it did not.
 
     Parameters
     ----------
@@ -83,7 +70,7 @@ def failure(
         rest = Message("{error} {why}", error=rest, why=why) if rest else why
     if rest:
         message = Message("{what}: {error}", what=message, error=rest)
-    return Finding(code="script-failed", level="broken", message=message, site=site)
+    return Said(message=message, site=site)
 
 
 def _why(call: Call, calls: Log) -> str:

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
 from drop_physics.fields import fraction
 from drop_physics.messages import Message
 from drop_physics.physics.laws.lookup import RIGID
+from drop_physics.physics.tree import RATES
 from drop_physics.rules.answer import Cure, Effect, Span
-from drop_physics.rules.arguments import site_of
 from drop_physics.rules.engines import ANY, MUJOCO, MUJOCOS, engine_of
-from drop_physics.rules.input_rule import InputSubject, input_rule
 from drop_physics.rules.inputs import Inputs
-from drop_physics.rules.rule import Said
+from drop_physics.rules.rule import Said, input_rule
+from drop_physics.rules.thresholds import TIPS_RAD
 from drop_physics.trace.acts import PUSHES, SETS_TIMESTEP, Act
 
 WAITS = Act.COMMAND, Act.CONSTRAIN, *PUSHES
@@ -25,7 +24,7 @@ HOLDS = Act.SET_GRAVITY, Act.CONSTRAIN, *PUSHES
 
 
 @input_rule("not-stepped", "asked")
-def not_stepped(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def not_stepped(inputs: Inputs) -> Iterator[Said]:
     """Something waits for a step in a simulation that has none: time passes only in steps."""
     seen, ended = inputs.scene.seen, inputs.scene.origin.get("ended")
     # Beside a simulation that is stepped, poses may only be looked at in one with gravity.
@@ -35,31 +34,34 @@ def not_stepped(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
         call = next((use.first for use in uses if use.first.client == client), None)
         there = any(body.moving for body in seen.bodies.values() if body.client == client)
         if samples == 1 and call is not None and there and ended != "failed":
-            message = Message(
-                "simulation {client} is never stepped, so nothing in it moves by itself: time "
-                "passes only in p.stepSimulation()",
-                client=client,
+            yield Said(
+                call=call,
+                message=Message(
+                    "simulation {client} is never stepped, so nothing in it moves by itself: time "
+                    "passes only in p.stepSimulation()"
+                ),
+                values={"client": client},
+                advice=Message("call p.stepSimulation() in a loop"),
             )
-            advice = Message("call p.stepSimulation() in a loop")
-            yield InputSubject(call), Said(message=message, advice=advice)
 
 
 @input_rule("not-stepped", "asked", engines=MUJOCOS)
-def only_computed(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def only_computed(inputs: Inputs) -> Iterator[Said]:
     """Data are made current again and again, and no step is made."""
     scene = inputs.scene
-    if scene.seen.samples or scene.origin.get("ended") == "failed":
-        return
-    message = Message(
-        "nothing is ever stepped, so nothing moves by itself: mj_forward only computes what "
-        "depends on the state, and time passes in mj_step"
-    )
-    advice = Message("call mujoco.mj_step(model, data) in a loop")
-    yield InputSubject(None), Said(message=message, advice=advice, share=1.0)
+    if not scene.seen.samples and scene.origin.get("ended") != "failed":
+        yield Said(
+            message=Message(
+                "nothing is ever stepped, so nothing moves by itself: mj_forward only computes "
+                "what depends on the state, and time passes in mj_step"
+            ),
+            advice=Message("call mujoco.mj_step(model, data) in a loop"),
+            share=1.0,
+        )
 
 
 @input_rule("no-gravity", "asked")
-def no_gravity(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def no_gravity(inputs: Inputs) -> Iterator[Said]:
     """Bodies that nothing holds do not fall: gravity is never set, or a reset sets it to 0."""
     scene, said = inputs.scene, set[tuple[int, bool]]()
     # Where the call is there, and for another client, that is said.
@@ -80,45 +82,67 @@ def no_gravity(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
             if last < each[0].call and each[0].step < life.first
         )
         reset, use = min(resets, key=lambda each: each[0].call, default=(None, None))
-        since = -1 if reset is None else reset.call
-        held = (at for at, _ in inputs.made(client, *HOLDS) if since < at.call)
         gravity_m_s2 = 0.0
         if reset is not None:
             _, before = scene.times[client].of_steps(np.array([reset.step]))
             gravity_m_s2 = float(np.linalg.norm(before))
-        key = client, gravity_m_s2 > 0
-        if key in said or client in left_out or any(at.step <= life.last for at in held):
+        since, lost = -1 if reset is None else reset.call, gravity_m_s2 > 0
+        held = (at for at, _ in inputs.made(client, *HOLDS) if since < at.call)
+        if (client, lost) in said or client in left_out or any(at.step <= life.last for at in held):
             continue
-        said.add(key)
-        message = Message(
-            "gravity is 0, so {body} does not fall: PyBullet starts without it", body=body.label
-        )
+        said.add((client, lost))
+        message = Message("gravity is 0, so {body} does not fall: PyBullet starts without it")
         advice = None
-        if gravity_m_s2 > 0:
+        if lost:
             message = Message(
                 "gravity is 0 from step {step:,} on, so {body} does not fall: p.resetSimulation() "
-                "sets it from {gravity:.3g} m/s² back to 0",
-                step=life.first - 1,
-                body=body.label,
-                gravity=gravity_m_s2,
+                "sets it from {gravity:.3g} m/s² back to 0"
             )
             advice = Message("{call} after each p.resetSimulation()")
         # What moves without gravity may be meant to.
         moves = any(other.fastest > 0 for each, other in free if each.client == client)
-        call = use.first if use and gravity_m_s2 > 0 else None
-        yield (
-            InputSubject(call, body, steps=Span(life.first, life.last, life.count)),
-            Said(
-                level="note" if moves and not gravity_m_s2 > 0 else None,
-                message=message,
-                advice=advice,
-                cure=Cure("gravity", value=-9.81),
-            ),
+        yield Said(
+            call=use.first if use and lost else None,
+            subject=body,
+            steps=Span(life.first, life.last, life.count),
+            level="note" if moves and not lost else None,
+            message=message,
+            values={"step": life.first - 1, "gravity": gravity_m_s2},
+            advice=advice,
+            cure=Cure("gravity", value=-9.81),
         )
 
 
+@input_rule("free-base", "model")
+def free_base(inputs: Inputs) -> Iterator[Said]:
+    """An arm that is loaded without `useFixedBase` stands on its base, and tips over."""
+    for number, life in inputs.first_lives.items():
+        body, tree = inputs.scene.body(number), life.tree
+        load, commanded = inputs.scene.asked.load(body), inputs.commanded.get(number)
+        movable = {link for link, joint in enumerate(tree.joints) if RATES[joint]}
+        # What moves first, from the base on: an arm has one such joint, wheels and legs several.
+        roots = [link for link in movable if {*tree.branch(link)} & movable == {link}]
+        arm = len(roots) == 1 and len(movable) > 1 and not tree.fixed and not life.held
+        stands = any(number in pair for pair in inputs.touched)
+        loaded = load is not None and load.act is Act.LOAD
+        if loaded and commanded and arm and stands and life.tilt_rad > TIPS_RAD:
+            yield Said(
+                call=load,
+                subject=body,
+                steps=Span(life.first, life.last, life.count),
+                message=Message(
+                    "{body} tips over by {tilt:.2g} rad: it stands on its base, which is free "
+                    "to move"
+                ),
+                values={"tilt": life.tilt_rad},
+                advice=Message("load it with p.loadURDF(…, useFixedBase=True)"),
+                effect=Effect(life.tilt_rad, "rad"),
+                share=life.tilt_rad,
+            )
+
+
 @input_rule("timestep-changed", "model", engines=ANY)
-def timestep_changed(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def timestep_changed(inputs: Inputs) -> Iterator[Said]:
     """The timestep changes in the life of what goes by it."""
     is_mujoco = engine_of(inputs.scene.seen) == MUJOCO
     for client, times in inputs.scene.times.items():
@@ -146,78 +170,77 @@ def timestep_changed(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
             continue
         (step, *around_s), count = changes[0], len(changes)
         uses = [use for at, use in inputs.made(client, *SETS_TIMESTEP) if at.step == step]
-        values = {
-            "before": fraction(around_s[0]),
-            "after": fraction(around_s[1]),
-            "step": step,
-            "more": Message(" (the first of {n:,} changes)", n=count) if count > 1 else "",
-        }
         message = Message(
             "the timestep changes from {before} s to {after} s at step {step:,}{more}: motors "
             "and constraints keep force × timestep of their call, and a position motor closes "
-            "a share of its gap per step",
-            **values,
+            "a share of its gap per step"
         )
-        advice = None
-        cure = Cure("timestep-first")
+        advice, cure = None, Cure("timestep-first")
         if is_mujoco:
             message = Message(
                 "the timestep changes from {before} s to {after} s at step {step:,}{more}: MuJoCo "
                 "makes no contact stiffer than a time constant of 2 steps, {least:g} s with the "
-                "longer, and solref gives one {constant:g} s",
-                least=2 * max(around_s),
-                constant=min(each for each in constants_s if each > 0),
-                **values,
+                "longer, and solref gives one {constant:g} s"
             )
             advice = Message("one timestep for the whole run, at most half of that time constant")
             cure = Cure("without", given={"function": Act.SET_TIMESTEP.value[-1]})
         ratio = max(around_s) / max(min(around_s), 1e-300)
-        site = site_of(uses[-1].first) if uses else None
-        yield (
-            InputSubject(None, steps=Span(step, changes[-1][0], count), site=site),
-            Said(
-                message=message,
-                advice=advice,
-                cure=cure,
-                effect=Effect(ratio, "1"),
-                share=ratio,
-            ),
+        yield Said(
+            call=uses[-1].first if uses else None,
+            steps=Span(step, changes[-1][0], count),
+            message=message,
+            values={
+                "before": fraction(around_s[0]),
+                "after": fraction(around_s[1]),
+                "step": step,
+                "more": Message(" (the first of {n:,} changes)", n=count) if count > 1 else "",
+                "least": 2 * max(around_s),
+                "constant": min((each for each in constants_s if each > 0), default=0.0),
+            },
+            advice=advice,
+            cure=cure,
+            effect=Effect(ratio, "1"),
+            share=ratio,
         )
 
 
 @input_rule("real-time", "repeat")
-def real_time(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def real_time(inputs: Inputs) -> Iterator[Said]:
     """The number of steps depends on how fast the machine is."""
     for use in inputs.of(Act.SET_REAL_TIME) if inputs.scene.seen.real_time else ():
         told = use.high.get("enableRealTimeSimulation", ("True" in use.first.arguments,))
         if told[0]:
-            message = Message(
-                "the script asks for real-time simulation, in which the number of steps depends on "
-                "how fast the machine is; here its own clock decides it"
+            yield Said(
+                call=use.first,
+                message=Message(
+                    "the script asks for real-time simulation, in which the number of steps "
+                    "depends on how fast the machine is; here its own clock decides it"
+                ),
+                advice=Message("call p.stepSimulation() instead, as often as there are steps"),
             )
-            advice = Message("call p.stepSimulation() instead, as often as there are steps")
-            yield InputSubject(use.first), Said(message=message, advice=advice)
             return
 
 
 @input_rule("unseeded", "repeat", engines=ANY)
-def unseeded(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def unseeded(inputs: Inputs) -> Iterator[Said]:
     """Another run draws other random numbers."""
     places = inputs.scene.seen.unseeded
-    if places:
-        where: str = places[0]
+    for place in places[:1]:
+        where: str = place
         if len(places) > 1:
             where = Message(
-                "{place} (the first of {places} places)", place=places[0], places=len(places)
+                "{place} (the first of {places} places)", place=place, places=len(places)
             )
-        message = Message("unseeded random numbers are drawn by {where}", where=where)
-        advice = Message("seed them in the script, or record it with --seed 0")
-        site = places[0].rpartition(" at ")[2] or None
-        yield InputSubject(None, site=site), Said(message=message, advice=advice)
+        yield Said(
+            site=place.rpartition(" at ")[2] or None,
+            message=Message("unseeded random numbers are drawn by {where}"),
+            values={"where": where},
+            advice=Message("seed them in the script, or record it with --seed 0"),
+        )
 
 
 @input_rule("massless", "asked")
-def massless(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def massless(inputs: Inputs) -> Iterator[Said]:
     """A body that was given no mass is pushed in vain, or hangs in the air."""
     scene, pushed = inputs.scene, {use.body.number for use in inputs.of(*PUSHES) if use.body}
     for number, body in scene.seen.bodies.items():
@@ -227,16 +250,21 @@ def massless(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
         hangs = scene.times[body.client].falls and not scene.touches.rows(number)
         if call.act is not Act.MAKE or "baseMass" in call.values or not (hangs or number in pushed):
             continue
-        message = Message("{body} has no mass, so it does not fall", body=body.label)
+        message = Message("{body} has no mass, so it does not fall")
         if number in pushed:
-            message = Message("{body} has no mass, so no force moves it", body=body.label)
-        advice = Message("{call}: without it a body is static")
-        said = Said(message=message, advice=advice, cure=Cure("mass", body.label, 1.0, form="made"))
-        yield InputSubject(call, body), said if number in pushed else replace(said, level="note")
+            message = Message("{body} has no mass, so no force moves it")
+        yield Said(
+            call=call,
+            subject=body,
+            level=None if number in pushed else "note",
+            message=message,
+            advice=Message("{call}: without it a body is static"),
+            cure=Cure("mass", body.label, 1.0, form="made"),
+        )
 
 
 @input_rule("inertia-without-mass", "model")
-def inertia_without_mass(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def inertia_without_mass(inputs: Inputs) -> Iterator[Said]:
     """A call for the inertia of a btRigidBody sets its mass, too, to whatever is in memory."""
     dynamics = inputs.scene.seen.dynamics
     rigid = {each.body.number for each in dynamics if int(each.reported["kind"][0]) == RIGID}
@@ -247,10 +275,12 @@ def inertia_without_mass(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
     }
     for number in sorted(rigid & alone.keys()):
         call, body = alone[number]
-        message = Message(
-            "{body} is a btRigidBody and gets an inertia without a mass: PyBullet then "
-            "takes as its mass what an earlier command left in memory",
-            body=body.label,
+        yield Said(
+            call=call,
+            subject=body,
+            message=Message(
+                "{body} is a btRigidBody and gets an inertia without a mass: PyBullet then "
+                "takes as its mass what an earlier command left in memory"
+            ),
+            advice=Message("give p.changeDynamics its mass as well"),
         )
-        advice = Message("give p.changeDynamics its mass as well")
-        yield InputSubject(call, body), Said(message=message, advice=advice)

@@ -21,6 +21,7 @@ from drop_physics.rules.filtered_columns import filtered_columns
 from drop_physics.rules.joint import units_of
 from drop_physics.rules.target_columns import target_columns
 from drop_physics.rules.thresholds import AT_TARGET_M, AT_TARGET_RAD
+from drop_physics.rules.unpaired_columns import unpaired_columns
 from drop_physics.trace.events import Joint
 from drop_physics.trace.motors import POSITION
 
@@ -30,9 +31,11 @@ Int64 = NDArray[np.int64]
 Rows = NDArray[np.intp]
 
 TableName = Literal[
-    "joints", "targets", "actuators", "constraints", "filtered", "pairs", "sides", "bodies"
+    *("inputs", "joints", "targets", "actuators", "constraints"),
+    *("filtered", "unpaired", "pairs", "sides", "bodies"),
 ]
 TABLES: tuple[TableName, ...] = get_args(TableName)
+"""The first is of what calls set over the whole run, and has no rows."""
 
 
 class RuleTable(Protocol):
@@ -66,6 +69,8 @@ def tables(name: TableName, scene: Scene) -> Iterator[RuleTable]:
         yield from constraint_columns(scene)
     elif name == "filtered":
         yield from filtered_columns(scene)
+    elif name == "unpaired":
+        yield from unpaired_columns(scene)
     elif name == "bodies":
         yield from (BodyColumns(scene, *each) for each in scene.batches if len(each[0].whole))
     elif name == "sides" and touching:
@@ -237,6 +242,11 @@ class BodyColumns:
                 found[each.rows] = mine
                 self.scene.carried[name, each.body.number] = mine[-1]
         return found
+
+    @property
+    def driven(self) -> Iterator[Driven]:
+        """Yield the joints of its bodies that calls command; `steps.rows` are theirs."""
+        return (each for each in self.scene.driven() if each.steps.whole is self.of)
 
     def came(self, name: str) -> Float64:
         """Return states of the body after the step before each; nan where it made none."""

@@ -92,6 +92,13 @@ FRAME_APART_M = _of(
 LEFT_M = _of(
     "LEFT_M", 1e-2, "m", "Least distance of a body that has left its place.", "mass_for_all"
 )
+TIPS_RAD = _of(
+    "TIPS_RAD",
+    0.5,
+    "rad",
+    "Least angle by which an arm's base tips over.",
+    "no_fixed_base, 1.5 rad",
+)
 EACH_STEP = _of(
     "EACH_STEP",
     0.9,
@@ -492,6 +499,9 @@ DAMPED = _of(
     "share",
     "Least share of the energy of what nothing touches that damping takes.",
     "spring_constraint; in right scripts it is 1 to 8 %",
+)
+STOPS = _of(
+    "STOPS", 0.5, "share", "Least share of the energy of what rolls that stops it.", "ball_stops"
 )
 UNBALANCED = _of(
     "UNBALANCED",

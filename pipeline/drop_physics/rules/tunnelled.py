@@ -149,8 +149,7 @@ def _why(scene: Scene, body: Body, other: Body) -> Call | str | None:
     """Return the call that switched a pair off, or that a body has no shape; else None."""
     if not body.collisions:
         return "shapeless"
-    ids = frozenset((body.engine_id, other.engine_id))
-    return scene.inputs.switched_off.get((body.client, ids))
+    return scene.inputs.passes.get(frozenset(((body.number, BASE), (other.number, BASE))))
 
 
 def _crossing(

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.explain.targets import flips
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene, and_more
@@ -56,10 +57,8 @@ CURES = {"joint damping": "joint-damping", "damping": "damping"}
 def _own(bodies: BodyColumns) -> Flags:
     """Return in which steps no motor's gains turn a joint around: that is `motor-gain`."""
     own = np.ones(len(bodies.step), np.bool_)
-    for driven in bodies.scene.driven():
-        if driven.steps.whole is bodies.of:
-            turned = (flips(driven) & (driven.asked.impulse > 0)).any(axis=1)
-            own[driven.steps.rows] &= ~turned
+    for driven in bodies.driven:
+        own[driven.steps.rows] &= ~(flips(driven) & (driven.asked.impulse > 0)).any(axis=1)
     return np.asarray(own[:, None])
 
 
@@ -125,7 +124,7 @@ def _(worst: Worst) -> Said:
             "more": and_more(worst.among),
             "rate": worst.size,
             "unit": unit,
-            "term": term,
+            "term": cause_in_words(term),
         },
         advice=ADVICE[term],
         cure=Cure(CURES[term], worst.body, 0.0) if term in CURES else None,
@@ -148,10 +147,9 @@ def velocity_clamped(bodies: BodyColumns) -> Match | None:
     numbers = {"limit": limit, "first_rate": bodies.law.tree.first_rate}
     numbers = {name: np.full(taken.shape, each) for name, each in numbers.items()}
     numbers["placed"] = np.zeros(taken.shape, np.bool_)
-    for driven in bodies.scene.driven():
-        if driven.steps.whole is bodies.of:
-            placed = (driven.asked.mode == POSITION) & (driven.asked.impulse > 0)
-            numbers["placed"][driven.steps.rows, bodies.law.tree.first_rate :] = placed
+    for driven in bodies.driven:
+        placed = (driven.asked.mode == POSITION) & (driven.asked.impulse > 0)
+        numbers["placed"][driven.steps.rows, bodies.law.tree.first_rate :] = placed
     return Match(held, taken, numbers, sums={"taken": taken})
 
 

@@ -7,10 +7,9 @@ from collections.abc import Iterator
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Span, so_many
 from drop_physics.rules.engines import MUJOCOS, NO_AUTO_RESET, is_off
-from drop_physics.rules.input_rule import InputSubject, input_rule
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.memory import rate_at
-from drop_physics.rules.rule import Said
+from drop_physics.rules.rule import Said, input_rule
 from drop_physics.trace.events import EngineWarning
 
 POSITION = "bad position"
@@ -19,7 +18,7 @@ RESETS = POSITION, "bad velocity", "bad acceleration"
 
 
 @input_rule("auto-reset", "broken", engines=MUJOCOS)
-def auto_reset(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def auto_reset(inputs: Inputs) -> Iterator[Said]:
     """The engine sets the state back by itself where a number in it is huge or none."""
     by_client: dict[int, list[EngineWarning]] = {}
     for warning in inputs.scene.seen.warnings:
@@ -47,14 +46,18 @@ def auto_reset(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
             number=number,
         )
         span = Span(first.at.step, max(each.last_step for each in warnings), steps)
-        yield (
-            InputSubject(None, body, joint, span),
-            Said(message=message, effect=Effect(float(steps), "steps"), share=steps / all_steps),
+        yield Said(
+            subject=body,
+            joint=joint,
+            steps=span,
+            message=message,
+            effect=Effect(float(steps), "steps"),
+            share=steps / all_steps,
         )
 
 
 @input_rule("buffer-full", "broken", engines=MUJOCOS)
-def buffer_full(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
+def buffer_full(inputs: Inputs) -> Iterator[Said]:
     """Contacts or constraints that found no place in memory do not act."""
     for warning in inputs.scene.seen.warnings:
         if warning.kind not in ("contacts full", "constraints full"):
@@ -74,12 +77,10 @@ def buffer_full(inputs: Inputs) -> Iterator[tuple[InputSubject, Said]]:
             )
         call = Message('<size memory="…"/> of several times as much in the model')
         span = Span(warning.at.step, warning.last_step, warning.steps)
-        yield (
-            InputSubject(None, steps=span),
-            Said(
-                message=message,
-                cure=Cure("memory", None, None, call),
-                effect=Effect(float(warning.steps), "steps"),
-                share=float(warning.steps),
-            ),
+        yield Said(
+            steps=span,
+            message=message,
+            cure=Cure("memory", None, None, call),
+            effect=Effect(float(warning.steps), "steps"),
+            share=float(warning.steps),
         )
