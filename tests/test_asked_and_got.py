@@ -26,10 +26,22 @@ REASONS = {
     "mass_for_all": "wrong-body",
     "panda_fingers_ik": "ik-index",
     "tiny_and_heavy": "scale-keeps-mass",
+    "commanded_twice": "command-overwritten",
     "link_stale": "reading-stale",
     "kinematic_velocity": "reading-static",
 }
 """Scripts of the corpus that have a cure, and why they did not get what they asked for."""
+
+CAUSES = {
+    "no_fixed_base": "free-base",
+    "gear_held": "default-motor",
+    "soft_floor_bounce": "no-restitution",
+    "bounce_threshold": "no-restitution",
+    "ball_stops": "rolling-friction",
+    "swing_damped": "joint-damping",
+    "mask_of_zero": "no-contact",
+}
+"""Likewise, and the code of their cause."""
 
 
 def found(name: str, path: Path, *arguments: str) -> list[Finding]:
@@ -44,6 +56,12 @@ def test_a_reason_is_found_and_goes_with_its_cure(name: str, reason: str, tmp_pa
     assert first.advice is not None
     assert first.site is not None
     assert reason not in {each.reason for each in found(name, tmp_path, "fix")}
+
+
+@pytest.mark.parametrize(("name", "code"), some(CAUSES.items(), 2))
+def test_a_cause_is_found_and_goes_with_its_cure(name: str, code: str, tmp_path: Path) -> None:
+    assert code in {each.code for each in found(name, tmp_path)[:2]}
+    assert code not in {each.code for each in found(name, tmp_path, "fix")}
 
 
 def test_what_is_true_of_nearly_every_run_stands_beside_nothing_graver(tmp_path: Path) -> None:
