@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.data import dataclass
@@ -29,6 +28,7 @@ from drop_physics.trace.states import BODY
 from drop_physics.workers import Worker, WorkerDiedError
 
 if TYPE_CHECKING:
+    import polars as pl
     from PIL import Image
 
 Float64 = NDArray[np.float64]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
 from drop_physics import colours
@@ -15,6 +15,9 @@ from drop_physics.figures.overlay import Mark, Point
 from drop_physics.recording.scene import Part
 from drop_physics.scenario import Camera
 from drop_physics.trace.events import Model
+
+if TYPE_CHECKING:
+    import polars as pl
 
 Float64 = NDArray[np.float64]
 

@@ -9,7 +9,6 @@ from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drop_physics.analysis import story as told
 from drop_physics.analysis.results import Analysis
 from drop_physics.data import dataclass
 from drop_physics.drop.analysis import fall_of
@@ -28,11 +27,8 @@ from drop_physics.printable import Printable
 from drop_physics.recording.contents import is_script
 from drop_physics.recording.damage import damaged
 from drop_physics.recording.reader import Recording, read
-from drop_physics.rules.answer import Finding
-from drop_physics.rules.choice import EVERY, Choice
 from drop_physics.scenario import View
 from drop_physics.stages.film import Film, beside_film, frames_film, poses_film
-from drop_physics.stages.panels import plot_of
 from drop_physics.stages.sources import Sources
 from drop_physics.workers import Worker, cores
 
@@ -41,6 +37,7 @@ if TYPE_CHECKING:
     from PIL import Image
 
     from drop_physics.recording.falling import Progress  # its module loads Rerun
+    from drop_physics.rules.choice import Choice
 
 
 SHORT, SHORT_FPS = 32, 10.0
@@ -73,11 +70,12 @@ def render(
     dark: bool = False,
     view: View | None = None,
     body: str | None = None,
-    choice: Choice = EVERY,
+    choice: Choice | None = None,
     script: Path | None = None,
     force: bool = False,
     progress: Progress = lambda *_: None,
     assistant: Worker | None = None,
+    meanwhile: Callable[[], None] = lambda: None,
 ) -> Rendering:
     """Make a gif of a recording's frames, and a plot.
 
@@ -102,7 +100,7 @@ def render(
     body
         The body of a script that it looks at; None for the one that moves farthest.
     choice
-        Which findings the plot of a script is about.
+        Which findings the plot of a script is about; None for all.
     script
         Where the recorded script is, if known: its comments leave findings out.
     force
@@ -112,6 +110,8 @@ def render(
         Called while it runs.
     assistant
         A worker to draw the plot while the gif is written.
+    meanwhile
+        Called once other processes draw what there is to draw.
 
     Returns
     -------
@@ -138,17 +138,14 @@ def render(
         )
     gif, plotted = _targets(path, out, plot, animation, force=force)
     held = read(path)
-    sources = Sources.of(held, script)
-    analysis = _analysis_of(
-        held,
-        whole=animation.caption or animation.with_plot,
-        reports=lambda finding: choice.reports(finding, sources.ignored_at(finding.site)),
-    )
-    shown = plot_of(analysis)
+    if of_drop:
+        analysis, shown = _of_drop(held, whole=animation.caption or animation.with_plot)
+    else:
+        analysis, shown = _of_script(held, choice, Sources.of(held, script))
     with ExitStack() as running:
         made = _film(
             held,
-            analysis.table,
+            analysis.table if of_drop else None,
             animation,
             MAX_FPS[gif.suffix],
             view,
@@ -164,6 +161,7 @@ def render(
             )
         if assistant is not None:  # it has time for that while the gif is written
             assistant.ask(DRAW_PLOT, shown, plotted.suffix[1:], dark)
+        meanwhile()
         pictured = 0
         if made is not None:
             check_animation(gif, made.played.fps)
@@ -205,14 +203,31 @@ def _targets(
     return gif, plotted
 
 
-def _analysis_of(
-    held: Recording, *, whole: bool, reports: Callable[[Finding], bool]
-) -> Analysis | FallAnalysis:
-    """Return the analysis; `whole`: whether the table has all samples of a long drop too."""
-    if held.drop is not None:
-        case = Case(held.scenario, held.engine, held.seen)
-        return fall_of(case, whole=whole or case.samples <= MOST_ROWS)
-    return told.Story(held.seen, held.origin_and_end, reports=reports).analysis()
+def _of_drop(held: Recording, *, whole: bool) -> tuple[Analysis | FallAnalysis, Plot]:
+    """Return the fall of a drop, and its plot; `whole`: whether its table has all samples."""
+    from drop_physics.stages.drop_plot import plot_of_drop
+
+    case = Case(held.scenario, held.engine, held.seen)
+    fall = fall_of(case, whole=whole or case.samples <= MOST_ROWS)
+    return fall, plot_of_drop(fall)
+
+
+def _of_script(
+    held: Recording, choice: Choice | None, sources: Sources
+) -> tuple[Analysis | FallAnalysis, Plot]:
+    """Return the analysis of a script's recording, and its plot."""
+    # With all rules, which a drop can do without until its film is being drawn.
+    from drop_physics.analysis.story import Story
+    from drop_physics.rules.choice import EVERY
+    from drop_physics.stages.panels import plot_of
+
+    given = choice or EVERY
+    analysis = Story(
+        held.seen,
+        held.origin_and_end,
+        reports=lambda finding: given.reports(finding, sources.ignored_at(finding.site)),
+    ).analysis()
+    return analysis, plot_of(analysis)
 
 
 def _hiring(running: ExitStack, assistant: Worker | None) -> Callable[[int], list[Worker]]:
@@ -229,7 +244,7 @@ def _hiring(running: ExitStack, assistant: Worker | None) -> Callable[[int], lis
 
 def _film(
     held: Recording,
-    table: pl.DataFrame,
+    table: pl.DataFrame | None,
     animation: Animation,
     most_fps: float,
     view: View | None,

@@ -14,6 +14,7 @@ from drop_physics.scenario import STANDARD_CAMERA, Camera, Scenario
 from drop_physics.workers import Worker
 
 if TYPE_CHECKING:
+    from drop_physics.analysis.results import Analysis
     from drop_physics.drop.results import DropAnalysis
     from drop_physics.recording.falling import Progress
     from drop_physics.stages.render import Rendering
@@ -61,21 +62,27 @@ def run(
     """
     make_folder(Path(out_dir))
     free = reserved(Path(out_dir), "run", also=_DERIVED)
+    analysis: Analysis | None = None
+
+    def analyze_it() -> None:
+        nonlocal analysis
+        from drop_physics.stages.analyze import analyze  # with all rules
+
+        analysis = analyze(path, at_s=at_s, progress=progress)
+
     with free as path, Worker() as assistant:
         if camera is not None:
             assistant.ask(
                 "drop_physics.engines.pybullet.camera_frames:draw_ahead", scenario, camera
             )
-        assistant.load("drop_physics.figures.panel_plot", "polars")
+        assistant.load("drop_physics.figures.panel_plot")
         from drop_physics.drop.results import DropAnalysis
-        from drop_physics.stages.analyze import analyze
         from drop_physics.stages.render import render
         from drop_physics.stages.simulate import simulate
 
         simulation = simulate(
             scenario, path, camera=camera, note=note, progress=progress, assistant=assistant
         )
-        analysis = analyze(path, at_s=at_s, progress=progress)
         # In the standard camera's frames, which golden recordings have, the body is a dot.
         near = camera is not None and camera.view == "standard"
         rendering = render(
@@ -85,6 +92,7 @@ def run(
             view="standard" if near else None,
             progress=progress,
             assistant=assistant,
+            meanwhile=analyze_it,
         )
     assert isinstance(analysis, DropAnalysis)  # of a drop
     return Run(simulation, analysis, rendering)

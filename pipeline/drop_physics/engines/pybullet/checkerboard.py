@@ -76,7 +76,8 @@ def checkerboard(
     kind = np.where(sees_m > side_m / 3, 2, (across + along) & 1)
     faded = np.clip(np.rint(-z * (FADES / FADED)), 0, FADES).astype(np.int32)
     dark = _shadowed(client, camera, (*axes.T[:2], np.array(place[0])), (across_m, along_m))
-    return _palette(colours)[dark, faded, kind], nearness
+    which = (dark * np.int32(FADES + 1) + faded) * 3 + kind
+    return _palette(colours).reshape(-1, 3).take(which, axis=0), nearness
 
 
 def _palette(colours: UInt8) -> UInt8:

@@ -152,20 +152,33 @@ def _picture(
     floors: Sequence[tuple[NDArray[np.uint8], Float32]],
     page: NDArray[np.uint8],
 ) -> NDArray[np.uint8]:
-    pixels, depth, numbers = picture_of(client, camera, "tiny", lit=True)
-    pixels &= 256 - SHADES
-    near_m, far_m = camera.near_m, camera.far_m
-    nearness = (1 / near_m - (1 / near_m - 1 / far_m) * depth) * (numbers >= 0)
-    np.copyto(pixels, page, where=(numbers < 0)[..., None])
+    seen = picture_of(client, camera, "tiny", lit=True)
+    whole, nearest = np.tile(page, (*seen.depth.shape, 1)), np.zeros_like(seen.depth)
     for colours, its in floors:
-        before = its > nearness
-        np.copyto(pixels, colours, where=before[..., None])
-        numbers[before], nearness = -1, np.maximum(nearness, its)
+        np.copyto(whole, colours, where=(its > nearest)[..., None])
+        nearest = np.maximum(nearest, its)
+    # Bodies are in a small part of most pictures.
+    part = _around(seen.bodies >= 0)
+    pixels, numbers, floor = seen.pixels[part], seen.bodies[part], nearest[part]
+    near_m, far_m = camera.near_m, camera.far_m
+    nearness = (1 / near_m - (1 / near_m - 1 / far_m) * seen.depth[part]) * (numbers >= 0)
+    hidden = (floor > nearness) | (numbers < 0)
+    numbers, nearness = np.where(hidden, -1, numbers), np.maximum(nearness, floor)
+    pixels = np.where(hidden[..., None], whole[part], pixels & (256 - SHADES))
     edges = _edges(numbers, nearness) & (numbers >= 0)
     pixels[edges] = np.maximum(pixels[edges] * EDGE, (page + OUTLINE) * (page < 128)).astype(
         np.uint8
     )
-    return pixels
+    whole[part] = pixels
+    return whole
+
+
+def _around(there: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """Return the rows and columns where something is, and two more on each side."""
+    rows, columns = (np.flatnonzero(there.any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        return slice(0), slice(0)
+    return tuple(slice(max(0, each[0] - 2), each[-1] + 3) for each in (rows, columns))  # type: ignore[return-value]
 
 
 def _edges(numbers: NDArray[np.int64], nearness: Float32) -> NDArray[np.bool_]:
