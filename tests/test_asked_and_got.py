@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from asked import COMPLETE
 from conftest import some
+from drop_physics.analysis.story import Story
 from drop_physics.rules.answer import Finding
-from scenes import analyze, record_file
+from scenes import analyze, record, record_file
 
 CORPUS = Path(__file__).parent / "corpus/scripts"
 REASONS = {
@@ -62,6 +64,19 @@ def test_a_reason_is_found_and_goes_with_its_cure(name: str, reason: str, tmp_pa
 def test_a_cause_is_found_and_goes_with_its_cure(name: str, code: str, tmp_path: Path) -> None:
     assert code in {each.code for each in found(name, tmp_path)[:2]}
     assert code not in {each.code for each in found(name, tmp_path, "fix")}
+
+
+MOVED = """
+b = p.createMultiBody(0, p.createCollisionShape(p.GEOM_SPHERE, radius=0.1))
+for i in range(20):
+    p.resetBasePositionAndOrientation(b, [0.01 * i, 0, 0], [0, 0, 0, 1])
+    p.stepSimulation()
+"""
+
+
+def test_what_calls_alone_move_is_not_said_to_stand_still(tmp_path: Path) -> None:
+    told = str(Story(record(MOVED, tmp_path / "a.rrd").seen, COMPLETE).analysis())
+    assert "20 steps, nothing moved by itself" in told
 
 
 def test_what_is_true_of_nearly_every_run_stands_beside_nothing_graver(tmp_path: Path) -> None:

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from asked import findings
 from conftest import some
-from drop_physics.rules.answer import Finding
+from drop_physics.rules.answer import Cure, Finding
+from drop_physics.rules.every import ranked
 
 DOWN = "p.setGravity(0, 0, -9.81)\n"
 FLOOR = DOWN + 'p.loadURDF("plane.urdf")\n'
@@ -115,6 +116,18 @@ steps(240)
     assert "motor-gain" in found
     assert "unstable" not in found
     assert "velocity-clamped" not in found
+
+
+def test_higher_gains_are_no_advice_for_a_joint_beyond_its_speed() -> None:
+    gains = Cure("gains", call="positionGain=1")
+    lags = Finding(
+        code="off-target", level="note", message="follows", advice="1", cure=gains, body="0_arm"
+    )
+    fast = Finding(code="beyond-urdf", level="model", message="too fast", body="0_arm")
+    (alone,) = ranked([lags])
+    assert alone.advice
+    (beside,) = (each for each in ranked([lags, fast]) if each.code == "off-target")
+    assert beside.advice is beside.cure is None
 
 
 # -- gains of velocity ----------------------------------------------------------------------------

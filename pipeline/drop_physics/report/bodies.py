@@ -92,8 +92,10 @@ def _headline(analysis: Analysis, *, verbose: bool) -> Words:
 
 def _explained(analysis: Analysis, *, verbose: bool) -> Message:
     explained = analysis.explained
+    if not explained.of and any(body.soft for body in analysis.bodies):
+        return Message("no motion to explain")
     if not explained.of:
-        return Message("nothing moved")
+        return Message("nothing moved by itself")
     if explained.samples == explained.of and not explained.remainder:
         return Message("all explained to the bit")
     if explained.samples == explained.of and verbose:
