@@ -6,6 +6,7 @@ import math
 
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Site, located
+from drop_physics.trace.readings import Reading
 
 
 def given(call: Call, name: str) -> tuple[float, ...]:
@@ -20,6 +21,6 @@ def number(call: Call, name: str, default: float = math.nan) -> float:
     return numbers[0] if numbers else default
 
 
-def site_of(where: Call | Site) -> str:
-    """Return file and line of a call, as findings cite it."""
+def site_of(where: Call | Reading | Site) -> str:
+    """Return file and line of a call or reading, as findings cite it."""
     return located(where.file, where.line)

@@ -18,8 +18,8 @@ from drop_physics.rules.thresholds import (
     APART_RAD,
     CLOSES,
     CLOSES_STEPS,
-    MASS_RATIO,
     PULLED_BACK,
+    RATIO,
     STILL_M_S,
 )
 
@@ -29,16 +29,11 @@ FULL = 1 - 1e-6
 NO_GAP_M = 1e-6
 
 
-def _names(worst: Worst) -> dict[str, object]:
-    """Return the other body of a constraint, and what it is called."""
-    others = [worst.scene.body(each) for each in worst.held.bodies[:1] if each >= 0]
-    labels = [each.label for each in others if each.number != worst.subject.number]
-    return {"other": labels[0] if labels else Message("the world")}
-
-
 def _other(worst: Worst) -> str | None:
-    other = _names(worst)["other"]
-    return None if isinstance(other, Message) else str(other)
+    """Return the other body of a constraint; None if it is the world."""
+    parent = worst.held.bodies[0]
+    is_world = parent < 0 or parent == worst.subject.number
+    return None if is_world else worst.scene.body(parent).label
 
 
 @constraint_rule("constraint-apart", "asked")
@@ -78,7 +73,7 @@ def _(worst: Worst) -> Said:
         )
     return Said(
         message=message,
-        values=_names(worst),
+        values={"other": _other(worst) or Message("the world")},
         other=_other(worst),
         cure=Cure("constraint-frames") if pulled else Cure("constraint-frames", form="turned"),
         effect=gap if pulled else angle,
@@ -179,7 +174,7 @@ def _(worst: Worst) -> Said | None:
                 advice = Message("give it more: {call}")
             if held.limited is not None and number(held.limited, "maxForce") > weight_n:
                 advice, cure = None, Cure("timestep-first")
-    elif ratio >= MASS_RATIO and worst.gap > APART * worst.part:
+    elif ratio >= RATIO and worst.gap > APART * worst.part:
         why = Message(
             "of what constraints join, one is {ratio:.4g} times as heavy as another, and the "
             "solver uses up its iterations",
@@ -192,7 +187,7 @@ def _(worst: Worst) -> Said | None:
     message = Message("{body} is {gap:.3g} m from where its constraint to {other} wants it: {why}")
     return Said(
         message=message,
-        values={**_names(worst), "why": why},
+        values={"other": _other(worst) or Message("the world"), "why": why},
         other=_other(worst),
         advice=advice,
         cure=cure,

@@ -7,47 +7,47 @@ from collections.abc import Iterator
 import numpy as np
 
 from drop_physics.messages import Message
+from drop_physics.rules.arguments import site_of
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.rule import Said, input_rule
 from drop_physics.rules.thresholds import STALE_M
 from drop_physics.trace.acts import Act
+from drop_physics.trace.events import Body
 from drop_physics.trace.readings import Reading
 
 
-def _site(reading: Reading) -> str:
-    return f"{reading.file}:{reading.line}"
+def _read(inputs: Inputs, act: Act) -> Iterator[tuple[Reading, Body, int]]:
+    """Yield the readings that do this, each with a body and its link; -1 for none."""
+    for each in inputs.scene.seen.readings:
+        for subject in each.targets if each.act is act else ():
+            if body := inputs.scene.seen.bodies.get(subject.body):
+                yield each, body, -1 if subject.link is None else subject.link
 
 
 @input_rule("reading", "note", "reading-stale")
 def stale(inputs: Inputs) -> Iterator[Said]:
     """The pose of a link is that of one step earlier, unless it is computed again."""
-    for each in inputs.scene.seen.readings:
-        if each.act is not Act.READ_LINK:
-            continue
-        if each.flags.get("computeForwardKinematics", 0) != 0 or each.last_step < 1:
-            continue
-        ways = [
-            (inputs.link_way_m.get((each.number, s.body, s.link), 0.0), s)
-            for s in each.targets
-            if s.link is not None
-        ]
-        way_m, subject = max(ways, default=(0.0, None), key=lambda one: one[0])
-        if subject is None or way_m < STALE_M or subject.link is None:
-            continue
-        body = inputs.scene.seen.bodies[subject.body]
-        message = Message(
-            "the pose of {link} that p.{function} gives is one step old: {way:.2g} mm where it is "
-            "fastest",
-            link=body.links[subject.link + 1],
-            function=each.function,
-            way=way_m * 1e3,
-        )
-        advice = Message(
-            "p.{function}(…, computeForwardKinematics=True) gives that of now",
-            function=each.function,
-        )
+    ways: dict[int, tuple[float, Reading, Body, int]] = {}
+    for each, body, link in _read(inputs, Act.READ_LINK):
+        way_m = inputs.link_way_m.get((each.number, body.number, link), 0.0)
+        late = each.flags.get("computeForwardKinematics", 0) == 0 and each.last_step > 0
+        if late and way_m >= ways.get(each.number, (STALE_M,))[0]:
+            ways[each.number] = way_m, each, body, link
+    for way_m, each, body, link in ways.values():
         yield Said(
-            subject=body, site=_site(each), message=message, advice=advice, share=way_m / STALE_M
+            subject=body,
+            site=site_of(each),
+            message=Message(
+                "the pose of {link} that p.{function} gives is one step old: {way:.2g} mm where it "
+                "is fastest"
+            ),
+            values={
+                "link": body.links[link + 1],
+                "function": each.function,
+                "way": way_m * 1e3,
+            },
+            advice=Message("p.{function}(…, computeForwardKinematics=True) gives that of now"),
+            share=way_m / STALE_M,
         )
 
 
@@ -56,53 +56,42 @@ def static(inputs: Inputs) -> Iterator[Said]:
     """The velocity of a base that only calls move is what a call gave it, and 0 without one."""
     posed = {u.body.number: u for u in inputs.of(Act.SET_POSE) if u.body is not None}
     given = {u.body.number for u in inputs.of(Act.SET_VELOCITY) if u.body is not None}
-    for each in inputs.scene.seen.readings:
-        if each.act is not Act.READ_VELOCITY:
+    for each, body, _ in _read(inputs, Act.READ_VELOCITY):
+        use = posed.get(body.number)
+        if use is None or body.base_moves or body.number in given:
             continue
-        for number in {s.body for s in each.targets}:
-            body = inputs.scene.seen.bodies.get(number)
-            use = posed.get(number)
-            if body is None or use is None or body.base_moves or number in given:
-                continue
-            if len(use.steps) < 2 or use.constant("posObj"):
-                continue
-            message = Message(
-                "the velocity of {body} that p.getBaseVelocity gives is 0: it has no mass, and "
-                "calls move it by its pose alone",
-                body=body.label,
+        if len(use.steps) > 1 and not use.constant("posObj"):
+            yield Said(
+                subject=body,
+                site=site_of(each),
+                message=Message(
+                    "the velocity of {body} that p.getBaseVelocity gives is 0: it has no mass, and "
+                    "calls move it by its pose alone"
+                ),
+                advice=Message("p.resetBaseVelocity(body, …) beside the pose gives it one"),
+                share=1.0,
             )
-            advice = Message("p.resetBaseVelocity(body, …) beside the pose gives it one")
-            yield Said(subject=body, site=_site(each), message=message, advice=advice, share=1.0)
 
 
 @input_rule("reading", "note", "reading-torque")
 def torque(inputs: Inputs) -> Iterator[Said]:
     """`getJointState` gives the torque of the motor, and not that of TORQUE_CONTROL."""
-    for each in inputs.scene.seen.readings:
-        if each.act is not Act.READ_JOINT:
-            continue
-        for subject in each.targets:
-            joint = (subject.body, subject.link)
-            if subject.link is None or joint not in inputs.torque_alone:
-                continue
-            body = inputs.scene.seen.bodies[subject.body]
-            message = Message(
-                "the torque of {joint} that p.{function} gives is its motor's, which is off: 0, "
-                "whatever p.TORQUE_CONTROL applies",
-                joint=body.joints[subject.link].name,
-                function=each.function,
-            )
-            advice = Message("the torque is the one that the script gives")
-            name = body.joints[subject.link].name
+    said = set[int]()
+    for each, body, link in _read(inputs, Act.READ_JOINT):
+        if (body.number, link) in inputs.torque_alone and each.number not in said:
+            said.add(each.number)
             yield Said(
                 subject=body,
-                joint=name,
-                site=_site(each),
-                message=message,
-                advice=advice,
+                joint=body.joints[link].name,
+                site=site_of(each),
+                message=Message(
+                    "the torque of {joint} that p.{function} gives is its motor's, which is off: "
+                    "0, whatever p.TORQUE_CONTROL applies"
+                ),
+                values={"function": each.function},
+                advice=Message("the torque is the one that the script gives"),
                 share=1.0,
             )
-            break
 
 
 @input_rule("reading", "note", "reading-depth")
@@ -113,14 +102,14 @@ def depth(inputs: Inputs) -> Iterator[Said]:
         if lens is None or lens.near_far_m is None or lens.projection[11] == 0:
             continue
         near, far = lens.near_far_m
-        if not 0 < near < far < np.inf:
-            continue
-        message = Message(
-            "the depth that p.getCameraImage gives is no distance: from 0 at near={near:.3g} m to "
-            "1 at far={far:.3g} m, and not linear",
-            near=near,
-            far=far,
-        )
-        advice = Message("far * near / (far - (far - near) * depth) is the distance in m")
-        yield Said(site=_site(each), message=message, advice=advice)
-        return
+        if 0 < near < far < np.inf:
+            yield Said(
+                site=site_of(each),
+                message=Message(
+                    "the depth that p.getCameraImage gives is no distance: from 0 at "
+                    "near={near:.3g} m to 1 at far={far:.3g} m, and not linear"
+                ),
+                values={"near": near, "far": far},
+                advice=Message("far * near / (far - (far - near) * depth) is the distance in m"),
+            )
+            return

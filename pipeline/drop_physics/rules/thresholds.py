@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 
 class Threshold(NamedTuple):
@@ -17,11 +17,12 @@ class Threshold(NamedTuple):
     """The corpus case or measurement that needs it."""
 
 
+Number = TypeVar("Number", int, float)
 TABLE: dict[str, Threshold] = {}
 """All thresholds by the names of their constants."""
 
 
-def _of(name: str, value: float, unit: str, meaning: str, evidence: str) -> float:
+def _of(name: str, value: Number, unit: str, meaning: str, evidence: str) -> Number:
     TABLE[name] = Threshold(value, unit, meaning, evidence)
     return value
 
@@ -196,14 +197,12 @@ SLOW = _of(
     "Share of a velocity motor's target, below which its joint is too slow.",
     "a wheel that starts",
 )
-RINGS_STEPS = int(
-    _of(
-        "RINGS_STEPS",
-        8,
-        "1",
-        "Least number of steps in a row in which a rate changes its sign.",
-        "chatter: kuka's joint damping",
-    )
+RINGS_STEPS = _of(
+    "RINGS_STEPS",
+    8,
+    "1",
+    "Least number of steps in a row in which a rate changes its sign.",
+    "chatter: kuka's joint damping",
 )
 RINGS_LEAST = _of(
     "RINGS_LEAST",
@@ -260,23 +259,19 @@ IK_AGAIN = _of(
 IK_ENOUGH = _of(
     "IK_ENOUGH", 1000, "1", "Number of iterations beyond which more hardly help.", "kuka, panda"
 )
-EPISODE_STEPS = int(
-    _of(
-        "EPISODE_STEPS",
-        10,
-        "1",
-        "Least number of steps of an episode: in a shorter one something is moved by resets.",
-        "right scripts that animate",
-    )
+EPISODE_STEPS = _of(
+    "EPISODE_STEPS",
+    10,
+    "1",
+    "Least number of steps of an episode: in a shorter one something is moved by resets.",
+    "right scripts that animate",
 )
-EPISODES_MOST = int(
-    _of(
-        "EPISODES_MOST",
-        20,
-        "1",
-        "Number of episodes of one kind that are compared: what differs does so in the first.",
-        "reading a recording again takes its time",
-    )
+EPISODES_MOST = _of(
+    "EPISODES_MOST",
+    20,
+    "1",
+    "Number of episodes of one kind that are compared: what differs does so in the first.",
+    "reading a recording again takes its time",
 )
 BACK = _of(
     "BACK",
@@ -285,14 +280,12 @@ BACK = _of(
     "Distance from where it was within which a call puts a joint back.",
     "reset; one that is put there with noise is not",
 )
-WATCHED = int(
-    _of(
-        "WATCHED",
-        240,
-        "1",
-        "Number of steps for which a joint is watched after a keyframe put it somewhere.",
-        "mujoco: keyframe_ctrl",
-    )
+WATCHED = _of(
+    "WATCHED",
+    240,
+    "1",
+    "Number of steps for which a joint is watched after a keyframe put it somewhere.",
+    "mujoco: keyframe_ctrl",
 )
 APART = _of(
     "APART",
@@ -315,14 +308,12 @@ CLOSES = _of(
     "Largest share of that gap that is left within ten steps: a spring leaves more.",
     "spring_constraint",
 )
-CLOSES_STEPS = int(
-    _of(
-        "CLOSES_STEPS",
-        10,
-        "1",
-        "Number of steps in which a constraint closes its gap, or over which the gap stays.",
-        "spring_constraint, weak",
-    )
+CLOSES_STEPS = _of(
+    "CLOSES_STEPS",
+    10,
+    "1",
+    "Number of steps in which a constraint closes its gap, or over which the gap stays.",
+    "spring_constraint, weak",
 )
 STILL_M_S = _of(
     "STILL_M_S", 1e-3, "m/s", "Speed below which a side of a constraint stays where it is.", "weak"
@@ -333,13 +324,6 @@ PULLED_BACK = _of(
     "share",
     "Least share of a gap that is left, ten steps on, where nothing closes it.",
     "pendulums that hang there swing",
-)
-MASS_RATIO = _of(
-    "MASS_RATIO",
-    10,
-    "1",
-    "Ratio of masses beyond which the solver takes many iterations.",
-    "rope_stiff",
 )
 SLIPS_M_S = _of("SLIPS_M_S", 1e-3, "m/s", "Least speed of a slip; a slower one is creep.", "slope")
 FROM_REST = _of(
@@ -464,7 +448,7 @@ RATIO = _of(
     10.0,
     "1",
     "Ratio of masses beyond which the solver takes many iterations.",
-    "deep_slop",
+    "deep_slop, rope_stiff",
 )
 MOST_RATIO = _of(
     "MOST_RATIO", 2e3, "1", "Ratio of masses beyond which it takes more than 500.", "tiny_and_heavy"
@@ -720,14 +704,12 @@ CARRIES = _of(
     "Least load of a contact over the weight of the lighter body for that to be why it is deep.",
     "mujoco: crushed_box, 4,000; with 50 kg in place of 0.5 it is 5, and 0.4 mm",
 )
-SINKS_STEPS = int(
-    _of(
-        "SINKS_STEPS",
-        100,
-        "1",
-        "Number of steps over which a depth or a lag is steady.",
-        "mujoco: soft_table, mocap_lags",
-    )
+SINKS_STEPS = _of(
+    "SINKS_STEPS",
+    100,
+    "1",
+    "Number of steps over which a depth or a lag is steady.",
+    "mujoco: soft_table, mocap_lags",
 )
 STEADY_SHARE = _of(
     "STEADY_SHARE",
@@ -777,14 +759,12 @@ TELEPORTED_M_S = _of(
     "Least speed of a body that is put elsewhere while it moves.",
     "a reset",
 )
-SOON_STEPS = int(
-    _of(
-        "SOON_STEPS",
-        10,
-        "1",
-        "Most steps between two pushes that were meant as one.",
-        "oneforce: an action that is repeated for 4 steps",
-    )
+SOON_STEPS = _of(
+    "SOON_STEPS",
+    10,
+    "1",
+    "Most steps between two pushes that were meant as one.",
+    "oneforce: an action that is repeated for 4 steps",
 )
 NEGLIGIBLE = _of(
     "NEGLIGIBLE",
@@ -803,6 +783,6 @@ SAME_POINT_M = _of(
 HULL_OFF_M = _of(
     "HULL_OFF_M", 3e-3, "m", "Least distance of a touch from a surface.", "margins of shapes"
 )
-HULL_EVERY = int(
-    _of("HULL_EVERY", 8, "1", "One of so many steps is examined, as a touch lasts.", "hollow")
+HULL_EVERY = _of(
+    "HULL_EVERY", 8, "1", "One of so many steps is examined, as a touch lasts.", "hollow"
 )
