@@ -1,7 +1,7 @@
-"""Write the codes of findings: their table in `why.md`, and the examples of `drop explain`.
+"""Write the codes of findings: their table in `why.md`, and what `drop explain` says of each.
 
-Both are read from what cannot go stale: the table from the rules, the examples from the answers
-that the pages show, which the tests compare with what `drop` prints.
+Both are read from what cannot go stale: the rules, and for examples the answers that the pages
+show, which the tests compare with what `drop` prints.
 """
 
 from __future__ import annotations
@@ -11,8 +11,9 @@ import json
 import re
 
 from drop_physics.rules.codes import CODES
-from drop_physics.rules.reference import EXAMPLES, references
+from drop_physics.rules.reference import FILE, CodeReference, reference_from
 
+from generators.rule_texts import gathered
 from generators.typed import ROOT
 
 DOCS = ROOT / "docs"
@@ -25,23 +26,29 @@ FINDING = re.compile(r"(?:^(\S+):(\d+)\n)?^\d  (.*?)(?=^…|\Z)", re.MULTILINE |
 
 
 def made() -> dict[str, str]:
-    """Return the page with its table, and the file of examples, by their names."""
+    """Return the page with its table, and the file of what is said of codes, by their names."""
     page = (DOCS / "why.md").read_text(encoding="utf-8")
     head, rest = page.split(BEGIN)
+    texts = gathered()
+    codes = {name: reference_from(name, each) for name, each in texts.items()}
     rows = [
         f"| `{each.code}` | {each.level or ''} | {each.meaning} |"
-        for each in references().values()
+        for each in codes.values()
         if each.reason_of is None
     ]
     table = "\n".join(
         ["", "| code | level | what it means |", "| --- | --- | --- |", *rows, "", ""]
     )
-    examples = json.dumps(_examples(page), indent=1, ensure_ascii=False)
-    file = f"../pipeline/drop_physics/rules/{EXAMPLES}"
-    return {"why.md": f"{head}{BEGIN}{table}{END}{rest.split(END)[1]}", file: f"{examples}\n"}
+    examples = _examples(page, codes)
+    held = {name: {**each, "example": examples.get(name)} for name, each in texts.items()}
+    file = f"../pipeline/drop_physics/rules/{FILE}"
+    return {
+        "why.md": f"{head}{BEGIN}{table}{END}{rest.split(END)[1]}",
+        file: f"{json.dumps(held, indent=1, ensure_ascii=False)}\n",
+    }
 
 
-def _examples(page: str) -> dict[str, dict[str, str | None]]:
+def _examples(page: str, codes: dict[str, CodeReference]) -> dict[str, dict[str, str | None]]:
     """Return by code what is asked, which line of which script shows it, and what `drop` says."""
     found: dict[str, dict[str, str | None]] = {}
     for asked, text in SECTION.findall(page):
@@ -55,7 +62,7 @@ def _examples(page: str) -> dict[str, dict[str, str | None]]:
                     texts[-1] += " …"
                 says, advises = texts[0], " ".join(texts[1:]).strip() or None
                 if advises is None:
-                    says, advises = _parted(says.strip(), code)
+                    says, advises = _parted(says.strip(), codes[code])
                 lines = (ROOT / script).read_text(encoding="utf-8").split("\n") if script else []
                 found.setdefault(
                     code,
@@ -81,9 +88,9 @@ def _texts(lines: list[str]) -> list[str]:
     return texts
 
 
-def _parted(text: str, code: str) -> tuple[str, str | None]:
+def _parted(text: str, code: CodeReference) -> tuple[str, str | None]:
     """Return message and advice where the lines do not show it: it is one of those of its code."""
-    advises = [each for each in references()[code].advises if not each.startswith("…")]
+    advises = [each for each in code.advises if not each.startswith("…")]
     forms = (".+".join(map(re.escape, each.split("…"))) for each in advises)
     for form in (*forms, r"p\.\w+\(…, .*"):
         if found := re.search(f" ({form})$", text):
