@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,6 +11,9 @@ from .constraints import FRICTION, KINDS, PUSH, Groups
 from .forces import Force
 
 OF_GROUPS = (*KINDS, PUSH, FRICTION)
+UNSEEN = 1e-16
+"""A term that is this share of a step's largest impulse at most is left out: it is less than half
+of that one's last bit."""
 ROUNDED = 1e-4
 """Share of a momentum that counts as an impulse: its last bits, 1e-16 of it, are 1e-12 of this."""
 
@@ -110,7 +114,7 @@ def summed(
     n, nv = change.shape
     total = np.zeros((n, nv))
     largest = np.zeros(n)
-    blocks: list[_Block] = []
+    found: list[tuple[Force, Any, Any]] = []
     forces = [each._replace(values=each.values * h[:, None]) for each in dense]
     for each in (*forces, *added):
         dofs = np.arange(nv) if each.dofs is None else each.dofs
@@ -118,29 +122,42 @@ def summed(
         total[:, dofs] += values
         size = np.abs(values)
         largest = np.maximum(largest, size.max(axis=1, initial=0.0))
-        acting = size.any(axis=0)
-        if not acting.any():
-            continue
-        known = terms.of(each.kind, each.first, each.second, dofs[acting])
-        steps = np.flatnonzero(size.any(axis=1))
-        if len(known.dofs) != len(dofs) or (known.dofs != dofs).any():
-            full = np.zeros((n, nv))
-            full[:, dofs] = values
-            values = full[:, known.dofs]
-        blocks.append(_Block(known.number, steps, values[steps]))
-    flat = None
-    if groups is not None and len(groups.rows):
-        flat = _flat(terms, groups, h)
+        found.append((each, dofs, size))
+    row = impulses = np.empty(0, np.int64)
+    if groups is not None:
         row = np.repeat(groups.rows, np.diff(groups.starts))
         impulses = groups.values * h[row]
         total += np.bincount(row * nv + groups.dofs, impulses, minlength=n * nv).reshape(n, nv)
         np.maximum.at(largest, row, np.abs(impulses))
+    least = UNSEEN * largest
+    blocks = [
+        block
+        for each, dofs, size in found
+        for block in _block(terms, each, dofs, size > least[:, None], nv)
+    ]
+    flat = None
+    if groups is not None:
+        flat = _flat(terms, groups, impulses, np.abs(impulses) > least[row])
     left = np.abs(change - total).max(axis=1, initial=0.0)
     scale = np.maximum(largest, ROUNDED * np.abs(after).max(axis=1, initial=0.0))
     remainder = np.divide(left, scale, out=np.zeros(n), where=scale > 0.0)
     remainder[(scale == 0.0) & (left > 0.0)] = np.inf
     remainder[~np.isfinite(left)] = np.inf
     return _laid_out(terms, n, blocks, flat, remainder, largest)
+
+
+def _block(terms: TermTable, force: Force, dofs: Any, acting: Any, nv: int) -> Iterator[_Block]:
+    """Yield a force, whose values are impulses, in the steps in which it acts, if it does."""
+    where = acting.any(axis=0)
+    if not where.any():
+        return
+    known = terms.of(force.kind, force.first, force.second, dofs[where])
+    values, steps = force.values, np.flatnonzero(acting.any(axis=1))
+    if len(known.dofs) != len(dofs) or (known.dofs != dofs).any():
+        full = np.zeros((len(values), nv))
+        full[:, dofs] = values
+        values = full[:, known.dofs]
+    yield _Block(known.number, steps, values[steps])
 
 
 class _Flat(NamedTuple):
@@ -156,13 +173,20 @@ class _Flat(NamedTuple):
     values: Any
 
 
-def _flat(terms: TermTable, groups: Groups, h: Any) -> _Flat:
-    """Return groups with the numbers of their terms, and impulses with their places in these."""
-    cause = np.stack([groups.kinds, groups.first, groups.second], axis=1)
+def _flat(terms: TermTable, groups: Groups, impulses: Any, acting: Any) -> _Flat | None:
+    """Return groups with the numbers of their terms, and the impulses that act with their places.
+
+    None if none acts.
+    """
+    width = np.diff(groups.starts)
+    group = np.repeat(np.arange(len(groups.rows)), width)[acting]
+    kept, group = np.unique(group, return_inverse=True)
+    if not len(kept):
+        return None
+    dofs = groups.dofs[acting]
+    cause = np.stack([groups.kinds, groups.first, groups.second], axis=1)[kept]
     causes, which = np.unique(cause, axis=0, return_inverse=True)
     which = which.ravel()
-    width = np.diff(groups.starts)
-    group = np.repeat(np.arange(len(groups.rows)), width)
     of_value = which[group]
     order = np.argsort(of_value, kind="stable")
     ends = np.searchsorted(of_value[order], np.arange(len(causes) + 1))
@@ -170,12 +194,11 @@ def _flat(terms: TermTable, groups: Groups, h: Any) -> _Flat:
     places = np.empty(len(of_value), np.int64)
     for each, (kind, first, second) in enumerate(causes.tolist()):
         mine = order[ends[each] : ends[each + 1]]
-        its = groups.dofs[mine]
+        its = dofs[mine]
         known = terms.of(OF_GROUPS[kind], first, second, np.unique(its))
         numbers[each] = known.number
         places[mine] = np.searchsorted(known.dofs, its)
-    values = groups.values * h[groups.rows[group]]
-    return _Flat(numbers[which], groups.rows, group, places, values)
+    return _Flat(numbers[which], groups.rows[kept], group, places, impulses[acting])
 
 
 def _laid_out(
