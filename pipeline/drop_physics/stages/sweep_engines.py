@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from drop_physics.data import dataclass
 from drop_physics.drop.analysis import fall_of
-from drop_physics.drop.convergence import ROUNDED
+from drop_physics.drop.convergence import ROUNDED, observed_orders
 from drop_physics.drop.results import FallAnalysis, Rest
 from drop_physics.engines.worlds import Worlds
 from drop_physics.messages import Message
@@ -106,9 +106,10 @@ def _order(plan: Plan, fall: EngineTrajectory, falls: list[EngineTrajectory]) ->
     before = min(longer, key=lambda each: each.run.timestep_s)
     drifts = [each.run.angular_momentum_drift or 0.0 for each in (before, fall)]
     # Neither rounding nor what damping takes has an order.
-    if max(fall.lost, before.lost) > ROUNDED * min(drifts) or not all(drifts):
+    if max(fall.lost, before.lost) > ROUNDED * min(drifts):
         return None
-    return math.log(drifts[0] / drifts[1]) / math.log(before.run.timestep_s / timestep_s)
+    (order,) = observed_orders([before.run.timestep_s, timestep_s], drifts)
+    return order
 
 
 def _dropped(worlds: Worlds, run: int, scenario: Scenario) -> EngineTrajectory:

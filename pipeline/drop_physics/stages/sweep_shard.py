@@ -25,6 +25,7 @@ from drop_physics.engines.pybullet.lasting_world import LastingWorld
 from drop_physics.engines.pybullet.probe import Verdicts, believe
 from drop_physics.engines.worlds import Worlds
 from drop_physics.errors import DropError, OutputError, check_signals
+from drop_physics.explain.decomposition import TERMS
 from drop_physics.files.outputs import make_folder
 from drop_physics.files.whole import onto_disk
 from drop_physics.scenario import Camera, Scenario
@@ -129,10 +130,7 @@ class RunShard:
             "simulated_m": moment.simulated_m,
             "free_fall_m": moment.free_fall_m,
             "error_m": moment.error_m,
-            "timestep_m": terms and terms.timestep,
-            "damping_m": terms and terms.damping,
-            "interaction_m": terms and terms.interaction,
-            "rounding_m": terms and terms.rounding,
+            **{f"{name}_m": terms and getattr(terms, name) for name in TERMS},
             "end_m": end_m,
             "recording": path and str(path.relative_to(self.folder)),
         }

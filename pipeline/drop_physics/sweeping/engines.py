@@ -12,7 +12,7 @@ import logging
 import os
 import socket
 import tempfile
-from collections import Counter, deque
+import threading
 from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from pathlib import Path
@@ -62,15 +62,17 @@ def in_threads(
     stop
         Called when nobody wants the results that are left, to end what is at work.
     """
+    todo, under_way = iter(shards), dict[Future[T], int]()
     with ThreadPoolExecutor(jobs) as threads:
-        under_way = {threads.submit(work, shard): shard for shard in shards}
         try:
-            while under_way:
+            while True:
+                while len(under_way) < jobs and (shard := next(todo, None)) is not None:
+                    under_way[threads.submit(work, shard)] = shard
+                if not under_way:
+                    return
                 for future in wait(under_way, HEARTBEAT_S, FIRST_COMPLETED).done:
                     yield under_way.pop(future), future.result()
         finally:
-            for future in under_way:
-                future.cancel()
             if under_way:
                 stop()
 
@@ -97,43 +99,40 @@ def in_processes(
     DropError
         If workers cannot be started, or die repeatedly on one shard.
     """
-    todo, again, deaths = iter(shards), deque[int](), Counter[int]()
-    under_way: dict[Future[T], tuple[int, Worker]] = {}
+    stopped = threading.Event()
+
+    def run(shard: int) -> T:
+        """Return what a worker answers, another where one dies."""
+        for _ in range(MOST_DEATHS):
+            worker = free.pop()
+            try:
+                answer = _answer(worker, work, shard)
+            except WorkerDiedError:
+                if not stopped.is_set():
+                    free.append(workers.enter_context(_started()))
+                if stopped.is_set():  # perhaps since then
+                    raise
+                worker.close()
+            else:
+                free.append(worker)
+                return answer
+        raise DropError(
+            "workers died {deaths} times on shard {shard}; is there enough memory? "
+            "Try fewer --jobs, or --jobs 1 to see what happens",
+            deaths=MOST_DEATHS,
+            shard=shard,
+        )
+
+    def stop() -> None:
+        stopped.set()
+        workers.close()
+
     # A thread for each worker waits for its answer; it ends when the worker has ended.
-    with ThreadPoolExecutor(jobs) as threads, contextlib.ExitStack() as workers:
-
-        def start() -> Worker:
-            return workers.enter_context(_waiting.pop() if _waiting else _started())
-
-        free = [start() for _ in range(jobs)]
-        while True:
-            while free:
-                shard = again.popleft() if again else next(todo, None)
-                if shard is None:
-                    break
-                worker = free.pop()
-                under_way[threads.submit(_answer, worker, work, shard)] = shard, worker
-            if not under_way:
-                return
-            for future in wait(under_way, HEARTBEAT_S, FIRST_COMPLETED).done:
-                shard, worker = under_way.pop(future)
-                try:
-                    result = future.result()
-                except WorkerDiedError:
-                    worker.close()
-                    deaths[shard] += 1
-                    if deaths[shard] >= MOST_DEATHS:
-                        raise DropError(
-                            "workers died {deaths} times on shard {shard}; is there enough memory? "
-                            "Try fewer --jobs, or --jobs 1 to see what happens",
-                            deaths=MOST_DEATHS,
-                            shard=shard,
-                        ) from None
-                    again.append(shard)
-                    free.append(start())
-                else:
-                    free.append(worker)
-                    yield shard, result
+    with contextlib.ExitStack() as workers:
+        free = [
+            workers.enter_context(_waiting.pop() if _waiting else _started()) for _ in range(jobs)
+        ]
+        yield from in_threads(run, shards, jobs=jobs, stop=stop)
 
 
 def _answer(worker: Worker, work: Callable[[int], T], shard: int) -> T:

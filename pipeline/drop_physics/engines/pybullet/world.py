@@ -382,8 +382,10 @@ class World:
                 # any body, -2 any link.
                 touched = touching(-1, -1, -2, -2, client)
                 counts.append(len(touched))
-                contacts += bytes(len(touched) * POINT.size)
-                pack_points(touched, contacts, len(contacts) - len(touched) * POINT.size)
+                if touched:
+                    end = len(contacts)
+                    contacts += bytes(len(touched) * POINT.size)
+                    pack_points(touched, contacts, end)
             points = points_of(contacts, np.repeat(steps, counts))
             moved = joints.table(steps, timestep_s, np.array(driven)) if joints.moving else None
             yield drop_samples(steps, timestep_s, base, points, moved)
