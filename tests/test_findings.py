@@ -66,6 +66,21 @@ def test_a_finding_is_not_reported_without_its_cause(recorded: Recorder, code: s
     assert code not in [finding.code for finding in judge(recorded(**innocent)).findings]
 
 
+def test_a_cure_is_the_scenarios_option(recorded: Recorder) -> None:
+    """As of a script's finding: an intervention, its value, and what its user would write."""
+    standard, weightless = judge(recorded()), judge(recorded(gravity_set=False))
+    cures = {
+        each.code: (each.cure.name, each.cure.value, each.cure.call)
+        for each in (*standard.findings, *weightless.findings)
+        if each.cure is not None
+    }
+    assert cures == {
+        "deep-penetration": ("timestep", 4.0, "--timestep 1/960"),
+        "default-damping": ("damping", 0.0, "--linear-damping 0"),
+        "no-gravity": ("gravity", -9.81, "omit --no-gravity"),
+    }
+
+
 def test_intended_weightlessness_is_not_a_mistake(recorded: Recorder) -> None:
     codes = {finding.code for finding in judge(recorded(gravity_m_s2=0.0)).findings}
     assert not codes & {"no-gravity", "not-stepped", "still-airborne"}

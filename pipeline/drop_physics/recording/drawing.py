@@ -97,7 +97,7 @@ class Drawing:
 
     def scene(self) -> Iterator[Chunk]:
         """Yield what never changes."""
-        yield from pictures.scene()
+        yield pictures.scene()
 
     def flush(self) -> Iterator[Chunk]:
         """Yield everything that is held."""

@@ -36,10 +36,11 @@ TRAIL_RADIUS, TRAIL_COLOUR = -1.5, 0x56B4E9FF
 CONTACT_COLOUR = 0xE69F00FF
 
 
-def scene() -> Iterator[Chunk]:
-    """Yield what never changes: the up axis."""
+@functools.cache
+def scene() -> Chunk:
+    """Return what never changes: the up axis."""
     z_up = rr.ViewCoordinates.RIGHT_HAND_Z_UP
-    yield Chunk.from_columns(schema.WORLD, [], rr.ViewCoordinates.columns(xyz=[z_up.coordinates]))
+    return Chunk.from_columns(schema.WORLD, [], rr.ViewCoordinates.columns(xyz=[z_up.coordinates]))
 
 
 def poses(entity: str, at: Times, parts: Sequence[Float64]) -> Chunk:
@@ -59,6 +60,7 @@ def trail(entity: str, at: Times, places: Sequence[Float64]) -> Chunk:
     )
 
 
+@functools.cache
 def trail_style(entity: str, colour: int = TRAIL_COLOUR) -> Chunk:
     """Return how the points of a way look."""
     look = rr.Points3D.columns(radii=[TRAIL_RADIUS], colors=np.array([colour], np.uint32))
