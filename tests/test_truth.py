@@ -20,6 +20,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
 from decimal import Decimal
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -1419,6 +1420,23 @@ def _finding_steps(said: Said) -> None:
 def _finding_message(said: Said) -> None:
     """Hold that it says anything; what it says is held with its code."""
     hold(said.value.strip() and "nan" not in said.value.split(), "an empty message")
+
+
+@checks(*(f"findings[].cure.{name}" for name in ("name", "target", "value", "call")))
+def _finding_cure(said: Said) -> None:
+    """Hold that it is an option of the scenario, with the value that the cure has."""
+    cure = said.beside
+    if cure["name"] == "timestep":
+        option, given = cure["call"].split()
+        hold((option, cure["target"]) == ("--timestep", None), "another option")
+        true = said.drop.timestep_s / cure["value"]
+        near(float(Fraction(given)), true, 1e-8 * true, "a timestep so many times shorter")
+        return
+    true = {
+        "damping": ("box", 0.0, "--linear-damping 0"),
+        "gravity": (None, said.scenario.gravity_m_s2, "omit --no-gravity"),
+    }[cure["name"]]
+    hold((cure["target"], cure["value"], cure["call"]) == true, "another option")
 
 
 # segments: what the step was that led to each sample; flights: each as a drop of its own

@@ -174,7 +174,8 @@ def _rows(case: Case, part: DropSamples, energies: Mechanics, parts: Decompositi
     free_fall_m = case.free_fall_m(time_s)
 
     def explained(values: Float64) -> pl.Series:
-        return pl.Series(values, dtype=pl.Float64).extend_constant(None, len(part) - len(values))
+        padded = np.pad(values, (0, len(part) - len(values)), constant_values=np.nan)
+        return pl.Series(padded, nan_to_null=True)
 
     return pl.DataFrame(
         {
