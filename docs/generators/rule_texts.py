@@ -7,15 +7,17 @@ are only gathered. A code that several rules share has those of all.
 from __future__ import annotations
 
 import ast
+import itertools
 from collections import defaultdict
 from collections.abc import Iterator
 from importlib import resources
+from pathlib import Path
 from typing import Any
 
+from drop_physics.rules import thresholds
 from drop_physics.rules.answer import LEVELS
 from drop_physics.rules.codes import CODES
 from drop_physics.rules.reference import blanked
-from drop_physics.rules.thresholds import TABLE
 
 ROOMS = "rules", "drop"
 """Folders whose modules find something."""
@@ -27,6 +29,20 @@ LEAST = 25
 """Characters of a message that is a sentence, and no part of one."""
 Texts = dict[str, Any]
 """What is told of a code: `reason_of`, `level`, and lists of all else."""
+
+
+def _thresholds() -> dict[str, Texts]:
+    """Return the thresholds by their names, from the sentences below each."""
+    body = ast.parse(Path(thresholds.__file__).read_text(encoding="utf-8")).body
+    found: dict[str, Texts] = {}
+    for node, below in itertools.pairwise(body):
+        if isinstance(node, ast.Assign) and isinstance(below, ast.Expr):
+            name, text = ast.unparse(node.targets[0]), " ".join((_text(below.value) or "").split())
+            meaning, _, rest = text.partition(" Unit: ")
+            unit, _, _ = rest.partition(". Needed by: ")
+            value = float(getattr(thresholds, name))
+            found[name] = {"name": name, "value": value, "unit": unit, "meaning": meaning}
+    return found
 
 
 def gathered() -> dict[str, Texts]:
@@ -124,7 +140,7 @@ def _add(known: Texts, parts: list[ast.stmt], limits: set[str], level: str | Non
     names = {node.id for each in parts for node in ast.walk(each) if isinstance(node, ast.Name)}
     told: dict[str, list[Any]] = {
         "measured": [each for each in first if not each.startswith(("Return", "Yield"))],
-        "thresholds": [name for name in TABLE if name in names & limits],
+        "thresholds": [each for name, each in THRESHOLDS.items() if name in names & limits],
         "says": [text for text in said if len(blanked(text)) > LEAST],
         "advises": advised,
         "cures": cures,
@@ -174,3 +190,7 @@ def _keyword(call: ast.Call, name: str) -> str | None:
 
 def _name(node: ast.expr) -> str:
     return getattr(node, "id", None) or getattr(node, "attr", None) or ""
+
+
+THRESHOLDS = _thresholds()
+"""All thresholds of the rules."""

@@ -21,7 +21,6 @@ from drop_physics.errors import ScenarioError
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Level
 from drop_physics.rules.codes import CODES
-from drop_physics.rules.thresholds import TABLE
 from drop_physics.trace.cures import Cure
 
 FILE = "reference.json"
@@ -125,7 +124,7 @@ def reference_from(name: str, texts: Mapping[str, Any]) -> CodeReference:
     example = dict(texts.get("example") or {})
     for key in {"says", "advises"} & example.keys():
         example[key] = example[key] and Message(example[key])
-    limits = {limit: TABLE[limit] for limit in texts.get("thresholds", ())}
+    limits = texts.get("thresholds", ())
     cures = texts.get("cures", ())
     return CodeReference(
         code=name,
@@ -133,10 +132,7 @@ def reference_from(name: str, texts: Mapping[str, Any]) -> CodeReference:
         level=texts.get("level"),
         meaning=Message(CODES[name]),
         measured=[Message(each) for each in texts.get("measured", ())],
-        thresholds=[
-            Limit(limit, each.value, each.unit, Message(each.meaning))
-            for limit, each in limits.items()
-        ],
+        thresholds=[Limit(**{**each, "meaning": Message(each["meaning"])}) for each in limits],
         says=[blanked(each) for each in texts.get("says", ())],
         advises=[blanked(each) for each in texts.get("advises", ())],
         example=CodeExample(**example) if example else None,
