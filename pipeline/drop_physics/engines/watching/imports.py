@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from types import ModuleType
 from typing import Any
 
-from .hidden import hide
+from .hidden import hiding
 
 Then = Callable[[ModuleType], None]
 """What is done with a module."""
@@ -40,16 +40,12 @@ def on_extension(name: str, then: Then) -> Callable[[], None]:
     original = _imp.create_dynamic
 
     def create(spec: Any, *rest: Any) -> ModuleType:
-        try:
-            module: ModuleType = original(spec, *rest)
-        except BaseException as error:
-            hide(error)
-            raise
+        module: ModuleType = original(spec, *rest)
         if spec.name.rpartition(".")[2] == name:
             then(module)
         return module
 
-    _imp.create_dynamic = create
+    _imp.create_dynamic = hiding(create)
     for known, module in list(sys.modules.items()):
         loader = getattr(module, "__loader__", None)
         is_extension = isinstance(loader, importlib.machinery.ExtensionFileLoader)
@@ -95,15 +91,11 @@ class _OnImport:
             execute = spec.loader.exec_module
 
             def exec_module(module: ModuleType) -> None:
-                try:
-                    execute(module)
-                except BaseException as error:
-                    hide(error)
-                    raise
+                execute(module)
                 if not self._over:
                     self._over = self._once
                     self._then(module)
 
             loader: Any = spec.loader
-            loader.exec_module = exec_module
+            loader.exec_module = hiding(exec_module)
         return spec

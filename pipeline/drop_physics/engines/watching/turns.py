@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from .hidden import hide
+from .hidden import hiding
 
 
 class Turn:
@@ -59,32 +59,22 @@ class Turn:
                 self._signal(number, handler)
             self._handlers = {}
 
+    @hiding
     def _set(self, signalnum: Any, handler: Any) -> Any:
         def keep(number: int, frame: Any) -> None:
-            try:
-                if self._is_owned():
-                    self.kept.append(lambda: handler(number, frame))
-                else:
-                    handler(number, frame)
-            except BaseException as error:
-                hide(error)
-                raise
+            if self._is_owned():
+                self.kept.append(lambda: handler(number, frame))
+            else:
+                handler(number, frame)
 
-        try:
-            is_ours = callable(handler) and not isinstance(handler, signal.Handlers)
-            before = self._signal(signalnum, keep if is_ours else handler)
-        except BaseException as error:
-            hide(error)
-            raise
+        is_ours = callable(handler) and not isinstance(handler, signal.Handlers)
+        before = self._signal(signalnum, hiding(keep) if is_ours else handler)
         before = self._handlers.pop(int(signalnum), before)
         if is_ours:
             self._handlers[int(signalnum)] = handler
         return before
 
+    @hiding
     def _get(self, signalnum: Any) -> Any:
-        try:
-            current = self._getsignal(signalnum)
-        except BaseException as error:
-            hide(error)
-            raise
+        current = self._getsignal(signalnum)
         return self._handlers.get(int(signalnum), current)

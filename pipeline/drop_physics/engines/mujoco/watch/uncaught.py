@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import functools
-from sys import _getframe
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from ...watching.hidden import hide
+from ...watching.hidden import hiding
+from ...watching.sites import caller
 
 if TYPE_CHECKING:
     from .hooks import MujocoWatch
@@ -40,18 +40,15 @@ def _naming(watch: MujocoWatch, name: str, original: Any) -> Any:
     named = False
 
     @functools.wraps(original)
+    @hiding
     def call(*args: Any, **kwargs: Any) -> Any:
         nonlocal named
-        place = _getframe(1)
+        place = caller()
         ours = str(place.f_globals.get("__name__")).startswith("mujoco.")
         if watch.host.on and not named and not ours:
             named = True
             watch.tell_uncaught(name, place)
-        try:
-            return original(*args, **kwargs)
-        except BaseException as error:
-            hide(error)
-            raise
+        return original(*args, **kwargs)
 
     call.drop_watch = watch  # type: ignore[attr-defined]
     return call

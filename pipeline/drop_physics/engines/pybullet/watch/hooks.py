@@ -12,7 +12,7 @@ from types import BuiltinFunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
 from ...watching.clock import CALL_S
-from ...watching.hidden import hide
+from ...watching.hidden import hide, hiding
 from ...watching.host import EngineWatch, ScriptWatch
 from ...watching.sites import shown_file
 from .bodies import WatchedBody
@@ -64,19 +64,13 @@ class Hook:
             hide(error)
             raise
 
+    @hiding
     def __setattr__(self, name: str, value: object) -> None:
-        try:
-            setattr(self.drop_plain, name, value)  # which raises Python's own error
-        except Exception as error:
-            hide(error)
-            raise
+        setattr(self.drop_plain, name, value)  # which raises Python's own error
 
+    @hiding
     def __delattr__(self, name: str) -> None:
-        try:
-            delattr(self.drop_plain, name)
-        except Exception as error:
-            hide(error)
-            raise
+        delattr(self.drop_plain, name)
 
     def __reduce__(self) -> str:
         return str(self.__name__)
