@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import os
 from typing import Any
-from xml.parsers import expat
 
-from .links import MOST_BYTES
+from .links import MOST_BYTES, walk
 
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
@@ -28,46 +27,35 @@ def asked_of(path: str) -> dict[str, Any] | None:
             return None
         known = _read.get(path)
         if known is None or known[0] != state:
-            with open(path, "rb") as file:
-                known = _read[path] = state, _parsed(file.read())
+            known = _read[path] = state, _parsed(path)
     except OSError:
         return None
     return known[1]
 
 
-def _parsed(text: bytes) -> dict[str, Any] | None:
+def _parsed(path: str) -> dict[str, Any] | None:
     links: list[list[Any]] = []
     mimics: list[list[Any]] = []
-    within: list[str] = []
     joint = [""]
     found: dict[str, Any] = {"links": links, "mimics": mimics, "concave": False}
 
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        within.append(tag)
-        path = tuple(within)
-        if path == ("robot", "link"):
+    def start(within: tuple[str, ...], attributes: dict[str, str]) -> None:
+        if within == ("robot", "link"):
             links.append([attributes["name"], None, [], [0.0] * 3, [0.0] * 3])
-        elif path == ("robot", "link", "inertial", "origin"):
+        elif within == ("robot", "link", "inertial", "origin"):
             for at, key in ((3, "xyz"), (4, "rpy")):
                 if key in attributes:
                     links[-1][at] = [float(each) for each in attributes[key].split()]
-        elif path == ("robot", "link", "inertial", "mass"):
+        elif within == ("robot", "link", "inertial", "mass"):
             links[-1][1] = float(attributes["value"])
-        elif path == ("robot", "link", "inertial", "inertia"):
+        elif within == ("robot", "link", "inertial", "inertia"):
             links[-1][2] = [float(attributes.get(key, 0)) for key in INERTIA]
-        elif path == ("robot", "joint"):
+        elif within == ("robot", "joint"):
             joint[0] = attributes["name"]
-        elif path == ("robot", "joint", "mimic"):
+        elif within == ("robot", "joint", "mimic"):
             factor, offset = attributes.get("multiplier", 1), attributes.get("offset", 0)
             mimics.append([joint[0], attributes["joint"], float(factor), float(offset)])
-        elif path == ("robot", "link", "collision"):
+        elif within == ("robot", "link", "collision"):
             found["concave"] |= "concave" in attributes
 
-    parser = expat.ParserCreate()
-    parser.StartElementHandler = start
-    parser.EndElementHandler = lambda _: within.pop()
-    try:
-        parser.Parse(text, True)
-    except (expat.ExpatError, LookupError, ValueError):
-        return None
-    return found
+    return found if walk(path, start) else None

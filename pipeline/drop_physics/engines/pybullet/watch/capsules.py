@@ -8,9 +8,8 @@ from __future__ import annotations
 import contextlib
 import math
 from typing import Any
-from xml.parsers import expat
 
-from .links import MOST_BYTES
+from .links import walk
 
 CAPSULES = (4, 7)
 """Kinds of shape in `getVisualShapeData`: cylinder and capsule."""
@@ -56,32 +55,26 @@ def lay(shapes: list[Any], names: list[str], path: str | None) -> None:
 def ends_in(path: str) -> dict[str, list[Ends]]:
     """Return the ends of what is given from point to point, by body; a name used twice is none."""
     ends: dict[str, list[Ends]] = {}
-    within: list[str | None] = []
+    names: dict[int, str | None] = {}
+    """The names of the bodies that an element is in, by their depth."""
     twice: set[str] = set()
-    parser = expat.ParserCreate()
 
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        if tag == "body":
-            name = attributes.get("name")
-            within.append(name)
+    def start(within: tuple[str, ...], attributes: dict[str, str]) -> None:
+        depth = max((at for at, tag in enumerate(within) if tag == "body"), default=-1)
+        if within[-1] == "body":
+            name = names[depth] = attributes.get("name")
             if name is not None and name in ends:
                 twice.add(name)
             elif name is not None:
                 ends[name] = []
-        elif tag == "geom" and within and within[-1] is not None and "fromto" in attributes:
+            return
+        name = names.get(depth)
+        if within[-1] == "geom" and name is not None and "fromto" in attributes:
             numbers = [float(number) for number in attributes["fromto"].split()]
             if len(numbers) == 6 and numbers[:3] != numbers[3:]:
-                ends[within[-1]].append((numbers[:3], numbers[3:]))
+                ends[name].append((numbers[:3], numbers[3:]))
 
-    def end(tag: str) -> None:
-        if tag == "body":
-            within.pop()
-
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    with open(path, "rb") as file:
-        text = file.read(MOST_BYTES)
-    with contextlib.suppress(expat.ExpatError, LookupError, ValueError):
-        parser.Parse(text, True)
+    walk(path, start)
     return {name: its for name, its in ends.items() if name not in twice}
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
-from typing import Any
+from collections.abc import Callable
 from xml.parsers import expat
 
 FOLDERS = (
@@ -46,28 +45,43 @@ def links_in(path: str, call: str, *, merged: bool) -> list[int]:
     merged
         Whether it merges links that a fixed joint holds, which only `loadURDF` does.
     """
-    models, within = MODELS[call], list[str]()
+    models = MODELS[call]
     links: list[int] = []
-    parser = expat.ParserCreate()
 
-    def start(tag: str, attributes: dict[str, Any]) -> None:
-        within.append(tag)
-        if tuple(within) in models:
+    def start(within: tuple[str, ...], attributes: dict[str, str]) -> None:
+        tag = within[-1]
+        if within in models:
             links.append(int(call == "loadMJCF" or merged))
-        elif tuple(within[:-1]) in models and call != "loadMJCF":
+        elif within[:-1] in models and call != "loadMJCF":
             moves = tag == "joint" and attributes.get("type") != "fixed"
             links[-1] += moves if merged else tag == "link"
-        elif call == "loadMJCF" and any(tuple(within[: len(model)]) == model for model in models):
+        elif call == "loadMJCF" and any(within[: len(model)] == model for model in models):
             # Each of its joints connects a link, but one that leaves it free.
             moves = tag == "joint" and attributes.get("type") != "free"
             links[-1] += tag == "body" or moves
 
-    def end(_: str) -> None:
-        within.pop()
+    walk(path, start)
+    return links
 
-    parser.StartElementHandler, parser.EndElementHandler = start, end
+
+def walk(path: str, start: Callable[[tuple[str, ...], dict[str, str]], None]) -> bool:
+    """Call a function with tags, outermost first, and attributes of each element of an XML file.
+
+    Return whether it could take the whole file.
+    """
+    within: list[str] = []
+
+    def enter(tag: str, attributes: dict[str, str]) -> None:
+        within.append(tag)
+        start(tuple(within), attributes)
+
+    parser = expat.ParserCreate()
+    parser.StartElementHandler = enter
+    parser.EndElementHandler = lambda _: within.pop()
     with open(path, "rb") as file:
         text = file.read(MOST_BYTES)
-    with contextlib.suppress(expat.ExpatError, LookupError, ValueError):  # also of its encoding
+    try:
         parser.Parse(text, True)
-    return links
+    except (expat.ExpatError, LookupError, ValueError):  # also of its encoding
+        return False
+    return True
