@@ -42,6 +42,7 @@ CAUSES = {
     "ball_stops": "rolling-friction",
     "swing_damped": "joint-damping",
     "mask_of_zero": "no-contact",
+    "wheels_apart": "wheel-slip",
 }
 """Likewise, and the code of their cause."""
 

@@ -35,6 +35,8 @@ SUMS = ("rolled", "slipped", "limited", "across", "available", "normal", "second
 """What a wheel rolls, what of it slips, the same where friction is at its limit, what it slips
 across [m]; friction available, normal impulse [N s]; time [s]."""
 
+DRAGGED = "robots with dragged wheels"
+"""Key of the robots of which some wheels slip the other way: the more friction, the more so."""
 ADVICE = Message("{call} of the wheels or the ground, or change the wheels' speed more slowly")
 OF_BOTH = {PYBULLET: Message("the product of both"), MUJOCO: Message("the larger of both")}
 """Which coefficient of a pair counts, by engine."""
@@ -90,7 +92,7 @@ def wheel_slip(joints: JointColumns) -> Match | None:
 
 
 @wheel_slip.counts
-def _(runs: Runs, _: Scene) -> Float64:
+def _(runs: Runs, scene: Scene) -> Float64:
     turns = runs.high + runs.low > WHEEL_TURN_RAD
     # One that touches only where it starts and brakes slips little of its way.
     in_all = runs.rolled * runs.turned_in_all / runs.turned
@@ -104,6 +106,8 @@ def _(runs: Runs, _: Scene) -> Float64:
             runs.held,
         )
     )
+    dragged = (runs.slipped * slipped < 0) & (abs(runs.slipped) > WHEEL_SLIPS * in_all)
+    scene.kept[DRAGGED] = {*runs.keys[dragged, 0].tolist()}
     loses = turns & (held < free) & (_share(rolled, slipped, limited) > WHEEL_SLIPS)
     return np.where(loses, _share(runs.rolled, runs.slipped, runs.limited), 0.0)
 
@@ -123,6 +127,10 @@ def _(worst: Worst) -> Said:
             "the robot's turn drags it sideways, too, with friction at its limit (coefficient "
             "{friction:.3g}, {of})"
         )
+    advice: Message | None = ADVICE
+    cure: Cure | None = Cure("friction", worst.body)
+    if worst.subject.number in scene.kept[DRAGGED]:
+        advice, cure = Message("give its wheels speeds that go together: others are dragged"), None
     return Said(
         message=message,
         values={
@@ -132,8 +140,8 @@ def _(worst: Worst) -> Said:
             "friction": worst.available / worst.normal,
             "of": OF_BOTH[worst.engine],
         },
-        advice=None if turns else ADVICE,
-        cure=None if turns else Cure("friction", worst.body),
+        advice=None if turns else advice,
+        cure=None if turns else cure,
         other=ground.label,
         effect=Effect(slipped, "m"),
         share=slipped / abs(worst.rolled),
