@@ -62,7 +62,8 @@ class RunChanged:
         given = [{"engine": "mujoco", **each} for each in operations]
         self.changes = ModelChanges(watch, given, variation, self._tell)
         calls: dict[str, Callable[..., Any]] = {"mj_step": self._step}
-        calls |= {name: getattr(mujoco, name) for name in ("mj_step1", "mj_step2", "mj_forward")}
+        others = "mj_step1", "mj_step2", "mj_forward", "mj_resetData"
+        calls |= {name: getattr(mujoco, name) for name in others}
         self.call = {name: self.changes.around(name, each) for name, each in calls.items()}
         self.m = mujoco.MjModel.from_xml_string(SCENE.format(pair=pair))
         self.d = mujoco.MjData(self.m)
@@ -183,6 +184,15 @@ def test_joints_that_are_placed_are_held_there() -> None:
     assert run.fired == [0]
 
 
+def test_what_a_reset_clears_is_given_again() -> None:
+    run = RunChanged({"do": "give"})
+    run.d.ctrl[0] = 1.0
+    run.steps(2)
+    run.call["mj_resetData"](run.m, run.d)
+    assert run.d.ctrl[0] == 1.0
+    assert run.fired == [0]
+
+
 def test_a_run_that_becomes_a_trial_differs_from_its_first_call_on() -> None:
     run, parted = RunChanged(), [True]
 
@@ -297,6 +307,16 @@ def _arm() -> Body:
             Cure("friction", "0_arm", 0.4, form="above"),
             'friction="0.8"',
             [("geom_friction", 0, "least", 0.8)],
+        ),
+        (
+            Cure("friction", "0_arm", 6.0, form="condim"),
+            'condim="6"',
+            [("geom_condim", None, "value", 6)],
+        ),
+        (
+            Cure("friction", "elbow", 0.0, form="loss"),
+            'frictionloss="0"',
+            [("dof_frictionloss", None, "value", 0.0)],
         ),
         (
             Cure("impratio", None, 10.0),

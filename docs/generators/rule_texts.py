@@ -17,14 +17,16 @@ from typing import Any
 from drop_physics.rules import thresholds
 from drop_physics.rules.answer import LEVELS
 from drop_physics.rules.codes import CODES
+from drop_physics.rules.engines import MUJOCO
 from drop_physics.rules.reference import blanked
+from drop_physics.trace.history import PYBULLET
 
 ROOMS = "rules", "drop"
 """Folders whose modules find something."""
 ADVISES = {"advice", "cure"}
 """Arguments that hold what is advised."""
-FULL = 4
-"""Arguments of a cure whose rule writes the call itself."""
+VALUE = 2
+"""Place of a cure's value among its arguments."""
 LEAST = 25
 """Characters of a message that is a sentence, and no part of one."""
 Texts = dict[str, Any]
@@ -127,6 +129,8 @@ def _add(known: Texts, parts: list[ast.stmt], limits: set[str], level: str | Non
     documented = [each for each in parts if isinstance(each, ast.FunctionDef)]
     first = [_first(ast.get_docstring(each)) for each in documented[:1]]
     advised: list[str] = []
+    names = {node.id for each in parts for node in ast.walk(each) if isinstance(node, ast.Name)}
+    engine = MUJOCO if "MUJOCOS" in names else PYBULLET
     cures: list[Texts] = []
     for node in [inner for each in parts for inner in ast.walk(each)]:
         match node:
@@ -134,10 +138,9 @@ def _add(known: Texts, parts: list[ast.stmt], limits: set[str], level: str | Non
                 advised += _messages(value)
             case ast.Assign(targets=[ast.Name(id=name)], value=value) if name in ADVISES:
                 advised += _messages(value)
-        if isinstance(node, ast.Call) and _name(node.func) == "Cure" and len(node.args) < FULL:
-            cures.append(_cure(node))
+        if isinstance(node, ast.Call) and _name(node.func) == "Cure":
+            cures.append({"engine": engine, **_cure(node)})
     said = [text for each in parts for text in _messages(each) if text not in advised]
-    names = {node.id for each in parts for node in ast.walk(each) if isinstance(node, ast.Name)}
     told: dict[str, list[Any]] = {
         "measured": [each for each in first if not each.startswith(("Return", "Yield"))],
         "thresholds": [each for name, each in THRESHOLDS.items() if name in names & limits],
@@ -157,7 +160,7 @@ def _cure(call: ast.Call) -> Texts:
     names = (
         [_text(each) or "" for each in given.keys if each] if isinstance(given, ast.Dict) else []
     )
-    has_value = len(call.args) == FULL - 1 or any(each.arg == "value" for each in call.keywords)
+    has_value = len(call.args) > VALUE or any(each.arg == "value" for each in call.keywords)
     return {
         "name": _text(call.args[0]) or "",
         "has_value": has_value,

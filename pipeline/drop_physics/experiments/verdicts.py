@@ -49,6 +49,8 @@ CAUSES = frozenset(
         "inertia-from-shape",
         "inertia-without-mass",
         "joint-damping",
+        "friction-loss",
+        "armature",
         "massless",
         "mimic-ignored",
         "model-edited",

@@ -268,7 +268,10 @@ def _seen(told: Told, sampled: RecordedSamples, closing: Properties) -> Seen:
     sampled.numbers = {
         body.label: number for number, body in bodies.items() if any(map(_moves, body.joints))
     }
-    pairs = json_rows.events(told, PairFriction)
+    pairs = {
+        (each.body_a, each.link_a, each.body_b, each.link_b): each
+        for each in json_rows.events(told, PairFriction)
+    }
     return Seen(
         bodies=bodies,
         appearances=appearances,
@@ -284,14 +287,9 @@ def _seen(told: Told, sampled: RecordedSamples, closing: Properties) -> Seen:
         unseeded=tuple(listed(closing.get("made_with_unseeded"))),
         machine=str(closing.get("made_with_machine", "")),
         causes={each.number: each for each in json_rows.events(told, ImpulseCause)},
-        frictions={
-            (each.body_a, each.link_a, each.body_b, each.link_b): each.friction for each in pairs
-        },
-        softness={
-            (each.body_a, each.link_a, each.body_b, each.link_b): (each.solref, each.solimp)
-            for each in pairs
-            if each.solref
-        },
+        frictions={key: each.friction for key, each in pairs.items()},
+        softness={key: (each.solref, each.solimp) for key, each in pairs.items() if each.solref},
+        condims={key: (each.condim, each.rolling) for key, each in pairs.items()},
         warnings=json_rows.events(told, EngineWarning),
         equalities=json_rows.events(told, Equality),
     )

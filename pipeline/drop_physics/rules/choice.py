@@ -115,5 +115,6 @@ def minor(findings: Sequence[Finding]) -> list[Finding]:
     return [
         each
         for each in findings
-        if each not in mistakes and (each.share < MINOR * most or each.code in MEANT)
+        if each not in mistakes
+        and (each.share < MINOR * most or (each.code in MEANT and each.reason is None))
     ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 CODES: dict[str, str] = {
     "actuatorfrcrange": "The joint lets through only a part of what its actuator gives.",
+    "armature": "A joint is slow because its armature is far more than the inertia that it moves.",
     "asleep": "A body does not react: the engine put it to sleep, and nothing woke it.",
     "auto-reset": (
         "MuJoCo put the state back by itself after a warning, and the run went on from there."
@@ -37,6 +38,7 @@ CODES: dict[str, str] = {
     "constraint-lags": (
         "What is held to a body that only calls move follows behind: that body has no velocity."
     ),
+    "condim": "Contacts of these bodies have no friction, whatever coefficient they are given.",
     "contact-despite-filter": (
         "Two bodies touch although a mask forbids it: by default one mask that lets them is enough."
     ),
@@ -45,6 +47,7 @@ CODES: dict[str, str] = {
         "velocity."
     ),
     "deep-penetration": "A body sank further into another than a contact should allow.",
+    "damper": "A velocity actuator is a damper: against a load it does not get to its target.",
     "default-damping": "PyBullet's damping, 0.04 unless a call sets it, took energy.",
     "default-motor": (
         "The motor that PyBullet gives every joint holds one that something was to move."
@@ -58,11 +61,13 @@ CODES: dict[str, str] = {
     ),
     "energy-gained": "Contacts gave bodies energy, which they cannot.",
     "filter": "A call or the model switched a pair off that overlaps later.",
+    "flag": "A flag of the model switches off what was to act.",
     "force-off-centre": (
         "A force acted beside a body that it was meant for: the point is in another frame."
     ),
     "forcerange": "An actuator is at the limit of its force.",
     "free-base": "An arm tips over, because its base is not fixed.",
+    "friction-loss": "A joint's dry friction takes what drives it, or holds it off its target.",
     "friction-pyramid": (
         "Friction is a pyramid along two axes, and turned or braked a body that slides "
         "between them."
@@ -72,6 +77,7 @@ CODES: dict[str, str] = {
         "A hand is off its point although its joints are on their targets: inverse kinematics "
         "gave an answer that is off."
     ),
+    "gear": "A position actuator divides what it is given by its gear.",
     "impossible-inertia": "No body can have the inertia that a file gives.",
     "inertia-from-shape": (
         "PyBullet computes the inertia from the collision shape, not from the file."
@@ -129,6 +135,7 @@ CODES: dict[str, str] = {
     "reading-static": "The velocity of a base that only calls move is 0.",
     "reading-torque": "The torque that is read is the motor's, and that is off.",
     "real-time": "The engine steps by its own clock, so each run is another.",
+    "reset-clears": "A reset sets what actuators are given to zero, and nothing gives it again.",
     "reset-frame": "A reset places the centre of mass where a load places the file's origin.",
     "reset-leaves": (
         "A reset leaves motors their targets, or joints their rates, and they drive on."

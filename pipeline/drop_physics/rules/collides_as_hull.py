@@ -11,10 +11,12 @@ from drop_physics.physics.rotations import rotate_inverse
 from drop_physics.physics.tree import BASE
 from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Cure, Effect, Scene
+from drop_physics.rules.engines import ANY
 from drop_physics.rules.rule import Match, Said, Worst, side_rule
 from drop_physics.rules.tables import PairColumns
 from drop_physics.rules.thresholds import HULL_EVERY, HULL_OFF_M
 from drop_physics.trace.events import Surface
+from drop_physics.trace.history import PYBULLET
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -23,7 +25,7 @@ SAME_M = 1e-3
 """Points of a link this close are looked at once."""
 
 
-@side_rule("collides-as-hull", "asked", subject=1)
+@side_rule("collides-as-hull", "asked", subject=1, engines=ANY)
 def collides_as_hull(pair: PairColumns) -> Match:
     """The engine says where bodies touch; how far that is off the file's surface is geometry."""
     points, side, scene = pair.pairs.points, pair.side, pair.scene
@@ -57,17 +59,22 @@ def collides_as_hull(pair: PairColumns) -> Match:
 @collides_as_hull.says
 def _(worst: Worst) -> Said:
     other = worst.scene.body(int(worst.noted.keys[0, 1])).label
+    advice = Message("split it into convex parts, a <geom> for each")
+    cure: Cure | None = None
+    if worst.engine == PYBULLET:
+        advice = Message(
+            'if it never moves, {call}, in a URDF <collision concave="yes">; '
+            "else split it into convex parts, as p.vhacd(…) does"
+        )
+        cure = Cure("concave")
     return Said(
         message=Message(
-            "{other} touches {body} {off:.3g} mm off the surface of its mesh: PyBullet "
+            "{other} touches {body} {off:.3g} mm off the surface of its mesh: {engine} "
             "collides the convex hull of a mesh, which closes its hollows"
         ),
         values={"other": other, "off": worst.size * 1e3},
-        advice=Message(
-            'if it never moves, {call}, in a URDF <collision concave="yes">; '
-            "else split it into convex parts, as p.vhacd(…) does"
-        ),
-        cure=Cure("concave"),
+        advice=advice,
+        cure=cure,
         effect=Effect(worst.size, "m"),
         share=worst.size / worst.body_size_m,
         other=other,

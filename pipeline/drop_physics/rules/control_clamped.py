@@ -1,4 +1,4 @@
-"""`target-clamped`, `not-taken` of an actuator: it takes another control than it is given, or none.
+"""`target-clamped`, `not-taken`, `reset-leaves`: an actuator takes another control, or none.
 
 What it is sent to lies outside of its range of control, or the model has actuation switched off.
 """
@@ -6,18 +6,27 @@ What it is sent to lies outside of its range of control, or the model has actuat
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Cure, Effect
+from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.engines import MUJOCOS, NO_ACTUATION, is_off
 from drop_physics.rules.joint import units
 from drop_physics.rules.rule import Match, Said, Worst, actuator_rule
+from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import ActuatorColumns
-from drop_physics.rules.thresholds import BEYOND_RANGE, COASTS_STEPS
+from drop_physics.rules.thresholds import (
+    AT_TARGET_RAD,
+    BEYOND_RANGE,
+    COASTS_STEPS,
+    EACH_STEP,
+    WATCHED,
+)
 from drop_physics.trace.acts import Act
 
+Float64 = NDArray[np.float64]
 SENT = "position", "velocity"
-"""The kinds of actuators that are sent somewhere; of others a range is how strong they are."""
+"""The kinds of actuators that are sent somewhere."""
 
 
 @actuator_rule("target-clamped", "asked", least_count=COASTS_STEPS, engines=MUJOCOS)
@@ -25,33 +34,74 @@ def control_clamped(actuators: ActuatorColumns) -> Match:
     """An actuator that is sent beyond its ctrlrange is sent to the end of it."""
     low, high, given = actuators.lower, actuators.upper, actuators.given
     share = np.maximum(low - given, given - high) / (high - low)
-    sent = np.array([each.kind in SENT for each in actuators.actuators])
-    return Match(sent & (share > BEYOND_RANGE), share, {"given": given, "low": low, "high": high})
+    beyond, sent = share > BEYOND_RANGE, np.zeros(share.shape, np.bool_)
+    sent[:] = [each.kind in SENT for each in actuators.actuators]
+    numbers = {"given": given, "low": low, "high": high}
+    return Match(beyond, share, numbers, lasts={"sent": sent})
+
+
+@control_clamped.counts
+def _(runs: Runs, scene: Scene) -> Float64:
+    steps = np.array([scene.ends[number] for number in runs.keys[:, 0].tolist()])
+    # Of what pushes, a range says how strong it is.
+    always = runs.count >= EACH_STEP * steps
+    return np.where(runs.sent | always, runs.size, 0.0)
 
 
 @control_clamped.says
 def _(worst: Worst) -> Said:
     actuator, joint = worst.actuator, worst.joint
+    if not worst.sent:
+        return Said(
+            message=Message(
+                "{actuator} is given up to {given:.4g}, beyond its ctrlrange of {low:.4g} to "
+                "{high:.4g} in {steps}: it gives no more than the end of that"
+            ),
+            values={"actuator": actuator.name},
+            cure=Cure("ctrlrange", actuator.name),
+            level="model",
+            site=worst.scene.only_site(Act.SET_CONTROL),
+        )
     unit = next((units(each)[0] for each in worst.subject.joints if each.name == joint), "")
     return Said(
         message=Message(
             "{actuator} is sent to {given:.4g} in {steps}, and its ctrlrange is {low:.4g} "
             "to {high:.4g}: it takes the end of that"
         ),
-        values={"actuator": actuator.name, "kind": actuator.kind},
-        cure=Cure(
-            "ctrlrange",
-            actuator.name,
-            None,
-            Message(
-                'send it within that, or ctrlrange="…" of the <{kind}> around {given:.4g}; '
-                "ctrl is in radians and metres, whatever the angles of the file"
-            ),
+        values={"actuator": actuator.name},
+        advice=Message(
+            "send it within that, or {call}; ctrl is in radians and metres, whatever the angles "
+            "of the file"
         ),
+        cure=Cure("ctrlrange", actuator.name),
         effect=Effect(worst.size * (worst.high - worst.low), unit)
         if unit and actuator.kind == "position"
         else None,
         site=worst.scene.only_site(Act.SET_CONTROL),
+    )
+
+
+@actuator_rule("off-target", "note", reason="gear", least_count=COASTS_STEPS, engines=MUJOCOS)
+def divided_by_gear(actuators: ActuatorColumns) -> Match:
+    """A position actuator sends its joint to what it is given, over its gear."""
+    gears = [
+        each.gear if (each.kind, each.acts_on) == ("position", "joint") and each.gear else 1.0
+        for each in actuators.actuators
+    ]
+    off = np.abs(actuators.given * (1 - 1 / np.array(gears)))
+    return Match(off > AT_TARGET_RAD, off, {"given": actuators.given})
+
+
+@divided_by_gear.says
+def _(worst: Worst) -> Said:
+    gear = worst.actuator.gear
+    values = {"name": worst.actuator.name, "gear": gear, "to": worst.given / gear}
+    return Said(
+        message=Message(
+            "{name} is given {given:.4g} and sends {joint} to {to:.4g}, as its gear is {gear:g}"
+        ),
+        values=values,
+        advice=Message("give it the target times its gear"),
     )
 
 
@@ -74,4 +124,38 @@ def _(worst: Worst) -> Said:
         advice=Message('without <flag actuation="disable"/> of <option>'),
         share=1.0,
         site=worst.scene.only_site(Act.SET_CONTROL),
+    )
+
+
+@actuator_rule(
+    "reset-leaves",
+    "model",
+    reason="reset-clears",
+    least_count=WATCHED,
+    consecutive=True,
+    engines=MUJOCOS,
+)
+def reset_clears(actuators: ActuatorColumns) -> Match:
+    """A reset of the state sets what actuators are given to zero, and nothing gives it again."""
+    scene, given, key = actuators.scene, actuators.given, ("given", actuators.number)
+    before = np.vstack([scene.carried.get(key, given[:1]), given[:-1]])
+    scene.carried[key] = given[-1]
+    resets = [each.at.step for each in scene.piece.calls.of(Act.RESET_STATE)]
+    cleared = np.isin(actuators.step - 1, resets)[:, None] & (before != 0) & (given == 0)
+    return Match(given == 0, np.ones(given.shape), firsts={"was": before * cleared}, begins=cleared)
+
+
+@reset_clears.counts
+def _(runs: Runs, _: Scene) -> Float64:
+    return np.where(runs.was != 0, runs.size, 0.0)
+
+
+@reset_clears.says
+def _(worst: Worst) -> Said:
+    return Said(
+        message=Message(
+            "{name} is given 0 in {steps} after a reset, which clears ctrl: before it was {was:.4g}"
+        ),
+        values={"name": worst.actuator.name},
+        cure=Cure("targets-held", worst.body, form="reset"),
     )

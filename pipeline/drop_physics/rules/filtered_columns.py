@@ -14,7 +14,7 @@ from drop_physics.physics.kinematics import Kinematics, kinematics
 from drop_physics.physics.tree import BASE
 from drop_physics.rules.answer import Scene
 from drop_physics.rules.engines import NO_CONTACT, is_off
-from drop_physics.trace.events import Body
+from drop_physics.trace.events import Body, Collision
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -107,7 +107,7 @@ def _filtered(scene: Scene) -> Iterator[FilteredPair]:
     shapes = [
         (body, collision, solid)
         for body in scene.seen.bodies.values()
-        for collision in body.collisions
+        for collision in body.collisions or _only_seen(body)
         if collision.bits is not None and (solid := solid_of(collision)) is not None
     ]
     apart = {
@@ -121,6 +121,10 @@ def _filtered(scene: Scene) -> Iterator[FilteredPair]:
         for body_b, b, solid_b in shapes[place + 1 :]:
             if body_a.client != body_b.client or not (body_a.moving or body_b.moving):
                 continue
+            # What is only seen is a marker or a design, unless it is to take what lies free.
+            unseen = [body for body in (body_a, body_b) if not body.collisions]
+            if unseen and not (body_a.base_moves ^ body_b.base_moves and body_a is not body_b):
+                continue
             assert a.bits is not None
             assert b.bits is not None
             bodies, solids = (body_a.number, body_b.number), (solid_a, solid_b)
@@ -130,8 +134,17 @@ def _filtered(scene: Scene) -> Iterator[FilteredPair]:
                 yield FilteredPair(bodies, solids, is_off=True)
             elif body_a is not body_b and (excluded or not meets):
                 yield FilteredPair(bodies, solids, is_excluded=excluded)
+            elif body_a.client in off:
+                continue
             elif body_a is body_b and meets and not excluded and _is_child(body_a, a.link, b.link):
                 yield FilteredPair(bodies, solids, is_family=True)
+
+
+def _only_seen(body: Body) -> Iterator[Collision]:
+    """Yield the shapes of a body with joints none of whose shapes may be touched."""
+    for each in body.shapes if body.joints and not body.base_moves else ():
+        place = each.position_m, each.orientation
+        yield Collision(each.link, each.kind, each.size_m, "", *place, bits=(0, 0))
 
 
 def _is_child(body: Body, one: int, other: int) -> bool:

@@ -28,19 +28,15 @@ def _(worst: Worst) -> Said | None:
     links = [body.links[shape.link + 1] for body, shape in both]
     a, b = links if itself else [_named(body, shape.link) for body, shape in both]
     values: dict[str, object] = {"a": a, "b": b, "depth": worst.size * 1e3}
-    form = ""
     if pair.is_off:
         why = Message("a flag of the model switches all contacts off")
-        cure, form = "contype", "flag"
-        call = Message('without <flag contact="disable"/> of <option>')
+        cure = Cure("contype", form="flag")
     elif pair.is_excluded:
         why = Message("an <exclude> of the model names both")
-        cure, form = "exclude", "out"
-        call = Message("take that <exclude> out of <contact>")
+        cure = Cure("exclude", form="out", given={"links": links})
     elif pair.is_family:
         why = Message("{a} is the parent of {b}, and parent and child do not collide", **values)
-        cure = "filterparent"
-        call = Message('<option><flag filterparent="disable"/></option>, or a range of the joint')
+        cure = Cure("filterparent")
     else:
         (type_a, with_a), (type_b, with_b) = (shape.bits or (0, 0) for shape in shapes)
         bits = {"type_a": type_a, "with_a": with_a, "type_b": type_b, "with_b": with_b}
@@ -50,15 +46,14 @@ def _(worst: Worst) -> Said | None:
             **bits,
             **values,
         )
-        cure = "contype"
-        call = Message('contype="1" conaffinity="1" of both <geom>s, or bits that meet')
+        cure = Cure("contype", given={"links": links})
     return Said(
         message=Message(
             "{a} and {b} go at least {depth:.3g} mm into each other and never touch: {why}",
             why=why,
             **values,
         ),
-        cure=Cure(cure, call=call, form=form, given={"links": links}),
+        cure=cure,
         reason="parent-and-child" if pair.is_family else "filter",
         other=None if itself else bodies[1].label,
         effect=Effect(worst.size, "m"),

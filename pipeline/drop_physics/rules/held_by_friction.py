@@ -30,6 +30,7 @@ from drop_physics.rules.thresholds import (
     SLIDES_USED,
     SLIPS_M,
     SLIPS_SHARE,
+    STEEP,
     STRAIGHT,
 )
 
@@ -48,6 +49,7 @@ def _(runs: Runs, scene: Scene) -> Float64:
     went_m, moved_m, gets_away = _ways(runs)
     sizes_m = np.array([size_m(scene.body(number)) for number in runs.keys[:, 0].tolist()])
     holds = gets_away & _beyond(runs) & (went_m >= SLIDES_SHARE * moved_m)
+    holds &= (runs.weight == 0) | (runs.needed < STEEP * runs.weight)
     holds &= (went_m > SLIPS_SHARE * sizes_m) & (runs.used >= SLIDES_USED * runs.available)
     return np.where(holds, went_m, 0.0)
 
@@ -72,7 +74,8 @@ def _(worst: Worst) -> Said:
             "needed": worst.needed / worst.time,
             "wanted": wanted,
         },
-        cure=Cure("friction", worst.body, wanted, advice, "above"),
+        advice=advice,
+        cure=Cure("friction", worst.body, wanted, form="above"),
         effect=Effect(went_m, "m"),
         share=went_m / worst.body_size_m,
         other=worst.scene.body(worst.on).label,
@@ -98,10 +101,7 @@ def _(runs: Runs, _: Scene) -> Float64:
 @gives_way.says
 def _(worst: Worst) -> Said:
     went_m, settings = _went(worst), worst.scene.seen.settings[-1].values
-    advice = Message(
-        '<option cone="elliptic" impratio="10"/> slows it some ten times, '
-        'noslip_iterations="5" stops it'
-    )
+    advice = Message('{call} slows it some ten times, noslip_iterations="5" stops it')
     return Said(
         message=Message(
             "{body} creeps {moved:.3g} mm on {on} in {time:.3g} s, {speed:.3g} mm/s, with "
@@ -116,7 +116,8 @@ def _(worst: Worst) -> Said:
             "impratio": settings.get("impratio", 1.0),
             "cone": Message("elliptic") if settings.get("cone") else Message("pyramidal"),
         },
-        cure=Cure("impratio", None, 10.0, advice),
+        advice=advice,
+        cure=Cure("impratio", value=10.0),
         effect=Effect(went_m, "m"),
         share=went_m / worst.body_size_m,
         other=worst.scene.body(worst.on).label,

@@ -51,14 +51,6 @@ def _(worst: Worst) -> Said:
             "is {now}, and that of the keyframe is {given}"
         ),
         values={"off": distance(worst.size, worst.unit)},
-        cure=Cure(
-            "keyframe-ctrl",
-            worst.body,
-            None,
-            Message(
-                "mujoco.mj_resetDataKeyframe(model, data, …) sets both, or write data.ctrl from "
-                "model.key_ctrl"
-            ),
-        ),
+        cure=Cure("keyframe-ctrl", worst.body),
         effect=Effect(worst.size, worst.unit),
     )

@@ -11,7 +11,7 @@ from drop_physics.rules.answer import Cure, Effect, Span, so_many
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.joint import effort
-from drop_physics.rules.lasting import LastingForce, ModelEdit
+from drop_physics.rules.lasting import ModelEdit
 from drop_physics.rules.rule import Said, input_rule
 from drop_physics.rules.thresholds import EACH_STEP, MASS_EDIT, PUSHES_STEPS
 from drop_physics.trace.acts import Act
@@ -47,80 +47,57 @@ def _ends(inputs: Inputs, client: int) -> int:
     return inputs.scene.seen.samples.get(client, 1) - 1
 
 
-def _lasting(inputs: Inputs, act: Act) -> Iterator[tuple[LastingForce, int]]:
-    """Yield forces that act on where a script wrote them after a step, and in how many steps."""
-    for (_, of, _), force in inputs.lasting.forces.items():
-        acts = force.until(_ends(inputs, force.client))
-        seldom = acts >= PUSHES_STEPS * force.writes
-        if of is act and seldom and not (force.was_cleared or force.from_start):
-            yield force, acts
-
-
-def _stays(force: LastingForce, acts: int) -> dict[str, object]:
-    return {
-        "field": f"{force.call.function}[{force.place}]",
-        "acts": so_many(acts),
-        "step": force.call.at.step + 1,
-        "writes": Message("once") if force.writes == 1 else Message("{n} times", n=force.writes),
-    }
-
-
-def _clear(force: LastingForce, body: Body) -> Cure:
-    call = Message(
-        "data.{field}[:] = 0 after the step, or write it anew before each",
-        field=force.call.function,
-    )
-    return Cure("push-repeated", body.label, 0.0, call)
-
-
 @input_rule("push-stays", "model", engines=MUJOCOS)
-def body_force_stays(inputs: Inputs) -> Iterator[Said]:
-    """A force on a body acts in each step until it is written again."""
-    for force, acts in _lasting(inputs, Act.SET_BODY_FORCE):
-        body = body_at(inputs, force.client, force.place)
+def force_stays(inputs: Inputs) -> Iterator[Said]:
+    """A force on a body or a joint acts in each step until it is written again."""
+    for (client, act, place), force in inputs.lasting.forces.items():
+        acts, unit = force.until(_ends(inputs, client)), "N"
+        if acts < PUSHES_STEPS * force.writes or force.was_cleared or force.from_start:
+            continue
+        body, joint, push = body_at(inputs, client, place), None, np.linalg.norm(force.most[:3])
+        if act is Act.SET_JOINT_FORCE:
+            body, joint, kind = rate_at(inputs, client, place) or (None, None, "")
+            unit = "N" if kind == "prismatic" else "N m"
         if body is None or not body.moving:
             continue
-        push, turn = (float(np.linalg.norm(part)) for part in (force.most[:3], force.most[3:]))
         message = Message(
             "{body} is pushed by {push} in {acts}, from step {step:,} on: {field} was written "
             "{writes}, and stays until it is written again",
-            body=body.label,
-            push=effort(push or turn, "N" if push else "N m"),
-            **_stays(force, acts),
+            body=joint or body.label,
+            push=effort(push or np.linalg.norm(force.most), unit if push else "N m"),
+            field=f"{force.call.function}[{place}]",
+            acts=so_many(acts),
+            step=force.call.at.step + 1,
+            writes=Message("once") if force.writes == 1 else Message("{n} times", n=force.writes),
         )
-        yield _said(force, acts, body, None, message)
+        first = force.call.at.step + 1
+        yield Said(
+            call=force.call,
+            subject=body,
+            joint=joint,
+            steps=Span(first, first + acts - 1, acts),
+            message=message,
+            cure=Cure("push-repeated", body.label, given={"function": force.call.function}),
+            effect=Effect(float(acts), "steps"),
+            share=acts / PUSHES_STEPS,
+        )
 
 
-@input_rule("push-stays", "model", engines=MUJOCOS)
-def joint_force_stays(inputs: Inputs) -> Iterator[Said]:
-    """A force on a joint acts in each step until it is written again."""
-    for force, acts in _lasting(inputs, Act.SET_JOINT_FORCE):
-        found = rate_at(inputs, force.client, force.place)
-        if found is None:
+@input_rule("not-taken", "asked", "no-effect", engines=MUJOCOS)
+def without_joint(inputs: Inputs) -> Iterator[Said]:
+    """A body without a joint is part of the world: no force moves it."""
+    for (client, act, place), force in inputs.lasting.forces.items():
+        body = body_at(inputs, client, place) if act is Act.SET_BODY_FORCE else None
+        if body is None or body.moving:
             continue
-        body, joint, kind = found
         message = Message(
-            "{what} is driven by {push} in {acts}, from step {step:,} on: {field} was written "
-            "{writes}, and stays until it is written again",
-            what=joint or body.label,
-            push=effort(abs(float(force.most[0])), "N" if kind == "prismatic" else "N m"),
-            **_stays(force, acts),
+            "{body} is given {field}, and has no joint: what has none is part of the world, which "
+            "no force moves",
+            body=body.label,
+            field=f"{force.call.function}[{place}]",
         )
-        yield _said(force, acts, body, joint, message)
-
-
-def _said(force: LastingForce, acts: int, body: Body, joint: str | None, message: Message) -> Said:
-    first = force.call.at.step + 1
-    return Said(
-        call=force.call,
-        subject=body,
-        joint=joint,
-        steps=Span(first, first + acts - 1, acts),
-        message=message,
-        cure=_clear(force, body),
-        effect=Effect(float(acts), "steps"),
-        share=acts / PUSHES_STEPS,
-    )
+        advice = Message("<freejoint/> in its <body>")
+        yield Said(call=force.call, subject=body, message=message, advice=advice, share=1.0)
 
 
 @input_rule("model-edited", "model", engines=MUJOCOS)
@@ -160,12 +137,7 @@ def model_edited(inputs: Inputs) -> Iterator[Said]:
             call=edit.call,
             subject=body,
             message=message,
-            cure=Cure(
-                "set-const",
-                None,
-                None,
-                Message("mujoco.mj_setConst(model, mujoco.MjData(model)) after the edit"),
-            ),
+            cure=Cure("set-const"),
             effect=Effect(abs(new - old), "kg"),
             share=ratio,
             level="model" if ratio >= MASS_EDIT else "note",
@@ -183,12 +155,11 @@ def stale_after_write(inputs: Inputs) -> Iterator[Said]:
             "contacts, sensors and all else that is computed are then those of the state before",
             steps=so_many(len(writes.steps)),
         )
-        call = Message("mujoco.mj_forward(model, data) after qpos is written, before it is read")
         steps = sorted(writes.steps)
         yield Said(
             call=writes.first,
             steps=Span(steps[0] + 1, steps[-1] + 1, len(steps)),
             message=message,
-            cure=Cure("forward", None, None, call),
+            cure=Cure("forward", form="read"),
             share=1.0,
         )

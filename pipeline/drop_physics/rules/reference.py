@@ -91,8 +91,8 @@ class CodeReference:
     """What changes it."""
     example: CodeExample | None = None
     """A script that shows it; null where the documentation has none."""
-    cures: tuple[Cure, ...] = field(default=(), metadata={"json": False})
-    """Those of its rules whose calls the engine writes; nan where it depends."""
+    cures: tuple[tuple[str, Cure], ...] = field(default=(), metadata={"json": False})
+    """Those of its rules, and the engine that writes the call of each; nan where it depends."""
 
 
 def reference_of(name: str) -> CodeReference:
@@ -137,11 +137,14 @@ def reference_from(name: str, texts: Mapping[str, Any]) -> CodeReference:
         advises=[blanked(each) for each in texts.get("advises", ())],
         example=CodeExample(**example) if example else None,
         cures=tuple(
-            Cure(
-                each["name"],
-                value=math.nan if each["has_value"] else None,
-                form=each["form"],
-                given=dict.fromkeys(each["given"], math.nan),
+            (
+                each["engine"],
+                Cure(
+                    each["name"],
+                    value=math.nan if each["has_value"] else None,
+                    form=each["form"],
+                    given=dict.fromkeys(each["given"], math.nan),
+                ),
             )
             for each in cures
         ),

@@ -47,9 +47,6 @@ def _(worst: Worst) -> Said:
         )
     return Said(
         message=message,
-        advice=Message(
-            "mujoco.mj_step1(model, data) after qpos is written and before mj_step2, or mj_step"
-        ),
         cure=Cure("forward"),
         effect=Effect(float(worst.count), "steps"),
         share=float(worst.count),
@@ -94,12 +91,13 @@ def floats_without_gravity(bodies: BodyColumns) -> Match | None:
 def _(worst: Worst) -> Said | None:
     if worst.count < worst.scene.ends[worst.subject.number]:
         return None  # it moves at some time
-    advice = Message('<option gravity="0 0 -9.81"/>, or model.opt.gravity[2] = -9.81')
-    message = Message("the model's gravity is 0, so {body} does not fall")
     if is_off(worst.scene.seen, worst.subject.client, NO_GRAVITY):
-        message = Message("a flag of the model switches gravity off, so {body} does not fall")
-        advice = Message('without <flag gravity="disable"/> of <option>')
+        return Said(
+            message=Message("a flag of the model switches gravity off, so {body} does not fall"),
+            cure=Cure("gravity", form="flag"),
+            reason="flag",
+        )
     return Said(
-        message=message,
-        cure=Cure("gravity", None, -9.81, advice),
+        message=Message("the model's gravity is 0, so {body} does not fall"),
+        cure=Cure("gravity", value=-9.81),
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,12 +18,16 @@ from drop_physics.rules.thresholds import BACK, EACH_STEP, KEPT, TELEPORTED_M_S,
 from drop_physics.trace.acts import Act
 
 
-def left_targets(joints: JointColumns) -> Match:
-    """Return where joints that a call put somewhere are under a target of before."""
+def left_targets(joints: JointColumns, anew: Collection[int] = ()) -> Match:
+    """Return where joints that a call put somewhere are under a target of before.
+
+    `anew`: the steps before which targets were set back, too.
+    """
     steps, before, told = joints.steps, joints.before, joints.told
     step = np.broadcast_to(joints.step[:, None], before.shape).astype(np.float64)
     came = joints.previous("reset-leaves after", joints.after)
-    puts = steps.put[:, None] & (np.abs(before - came) > joints.at_target)
+    puts = (steps.put & ~np.isin(joints.step - 1, [*anew]))[:, None]
+    puts = puts & (np.abs(before - came) > joints.at_target)
     episodes = puts | np.isnan(came)
     put = joints.latest("reset-leaves put", episodes, step)
     position = joints.latest("reset-leaves position", episodes, before)
@@ -86,7 +92,7 @@ def state_leaves_control(joints: JointColumns) -> Match | None:
     # Written in each step, it is no reset.
     if writes is not None and len(writes.steps) >= EACH_STEP * scene.ends[body.number]:
         return None
-    return left_targets(joints)
+    return left_targets(joints, scene.inputs.lasting.episodes[body.client])
 
 
 @state_leaves_control.says
@@ -95,9 +101,8 @@ def _(worst: Worst) -> Said:
         "{joint} is put to {position} and driven off by {off}: ctrl keeps the {target} that it had "
         "before qpos was written (joints of this robot: {count})"
     )
-    advice = Message("write data.ctrl with data.qpos, or reset both by mujoco.mj_resetData")
     # Sent there again on purpose it looks the same.
-    return _said(worst, message, Cure("targets-held", worst.body, None, advice))
+    return _said(worst, message, Cure("targets-held", worst.body))
 
 
 for _rule in (reset_leaves, state_leaves_control):

@@ -297,7 +297,7 @@ def finding_of(
     """Return what a rule says as a finding: texts filled, the call of its cure written."""
     cure, values, about = said.cure, said.values, worst or said
     if cure is not None:
-        cure = replace(cure, call=filled(cure.call, values, about) or scene.call_of(cure))
+        cure = replace(cure, call=cure.call or scene.call_of(cure))
         values = {**values, "call": cure.call}
     advice = said.advice or (cure and cure.call)
     return Finding(

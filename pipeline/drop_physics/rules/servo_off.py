@@ -55,8 +55,12 @@ class ServoGap:
     """Where its range ends."""
     back: float
     """The force of its own spring."""
+    rubs: float
+    """The force of its dry friction."""
     kp: float
     gear: float
+    fixed: bool
+    """Whether the base of its body is."""
 
 
 @joint_rule("off-target", "asked", consecutive=True, engines=MUJOCOS)
@@ -91,7 +95,9 @@ def _(runs: Runs, scene: Scene) -> Float64:
 @off_its_servo.says
 def _(worst: Worst) -> Said:
     held: ServoGap = worst.held
-    why, cure = WHY[held.reason](worst, held)
+    why, cure, advice = WHY[held.reason](worst, held)
+    if worst.joints > 1:
+        cure = replace(cure, target=worst.body)
     message = Message("{joint}{more} ends {off} off its target of {target}: {why}")
     if held.rests:
         message = Message("{joint}{more} rests {off} off its target of {target}: {why}")
@@ -102,6 +108,7 @@ def _(worst: Worst) -> Said:
             "target": place(held.goal, worst.unit),
             "why": why,
         },
+        advice=advice,
         cure=cure,
         reason=held.reason,
         effect=Effect(abs(held.gap), worst.unit),
@@ -109,17 +116,19 @@ def _(worst: Worst) -> Said:
     )
 
 
-def _range(worst: Worst, held: ServoGap) -> tuple[Message, Cure]:
+Why = tuple[Message, Cure, Message | None]
+
+
+def _range(worst: Worst, held: ServoGap) -> Why:
     why = Message(
         "its range ends at {limit}, and the limit pushes it back with {force}",
         limit=place(held.bound, worst.unit),
         force=effort(held.stop, worst.effort),
     )
-    advice = Message("range=… of the <joint>, or a target in it")
-    return why, Cure("limits", worst.joint, None, advice)
+    return why, Cure("limits", worst.joint), None
 
 
-def _of_joint(worst: Worst, held: ServoGap) -> tuple[Message, Cure]:
+def _of_joint(worst: Worst, held: ServoGap) -> Why:
     why = Message(
         "the joint's actuatorfrcrange lets {limit} of the {own} through that its actuator would "
         "give{takes}",
@@ -127,44 +136,43 @@ def _of_joint(worst: Worst, held: ServoGap) -> tuple[Message, Cure]:
         own=effort(held.own, worst.effort),
         takes=_takes(worst, held),
     )
-    more = _more(held)
-    advice = Message('a larger actuatorfrcrange="…" of the <joint>')
-    if more is not None:
-        advice = Message('actuatorfrcrange="-{n:.2g} {n:.2g}" of the <joint>, or more', n=more)
-    return why, Cure("forcerange", worst.joint, more, advice, "joint")
+    return why, Cure("forcerange", worst.joint, _more(held), form="joint"), None
 
 
-def _of_actuator(worst: Worst, held: ServoGap) -> tuple[Message, Cure]:
+def _of_actuator(worst: Worst, held: ServoGap) -> Why:
     why = Message(
         "its actuator is at its forcerange of {limit}{takes}",
         limit=effort(held.own, worst.effort),
         takes=_takes(worst, held),
     )
-    more = _more(held)
-    advice = Message('a larger forcerange="…" of the <position>')
-    if more is not None:
-        advice = Message(
-            'forcerange="-{n:.2g} {n:.2g}" of the <position>, or more', n=more / abs(held.gear)
-        )
-    return why, Cure("forcerange", worst.joint, more, advice)
+    return why, Cure("forcerange", worst.joint, _more(held), given={"gear": held.gear}), None
 
 
-def _spring(worst: Worst, held: ServoGap) -> tuple[Message, Cure]:
-    near, needs = OFF[worst.unit], held.needs if np.isfinite(held.needs) else held.own
-    enough = abs(needs or held.own) / (near * held.gear**2)
-    kp = f"{float(f'{enough:.2g}'):g}"
+def _friction_loss(worst: Worst, held: ServoGap) -> Why:
+    why = Message(
+        "its actuator gives {own} there, and the frictionloss of the joint holds {rubs} of it",
+        own=effort(held.own, worst.effort),
+        rubs=effort(held.rubs, worst.effort),
+    )
+    return why, Cure("friction", worst.joint, 0.0, form="loss"), None
+
+
+def _spring(worst: Worst, held: ServoGap) -> Why:
+    near, known = OFF[worst.unit], held.fixed and np.isfinite(held.needs)
+    needs = (known and held.needs) or held.own
+    enough = float(f"{abs(needs) / (near * held.gear**2):.2g}")
     why = Message(
         "a position actuator is a spring, and kp = {kp:.4g} gives the {force} that this pose takes "
         "only when it is so far off",
         kp=held.kp,
         force=effort(held.own, worst.effort),
     )
-    advice = Message(
-        'kp="{kp}" of the <position> leaves {off}, or gravcomp="1" of its bodies takes gravity '
-        "off it",
-        kp=kp,
-        off=distance(near, worst.unit),
-    )
+    left, cure = distance(near, worst.unit), Cure("gains", worst.joint, enough)
+    advice = Message('kp="{kp:g}" of the <position> leaves {left}', kp=enough, left=left)
+    if held.fixed:
+        advice = Message(
+            '{leaves}, or gravcomp="1" of its bodies takes gravity off it', leaves=advice
+        )
     if held.back * held.own < 0 and abs(held.back) > abs(held.own) / 2:
         why = Message(
             "a position actuator is a spring of kp = {kp:.4g}, and that of the joint itself pulls "
@@ -174,16 +182,17 @@ def _spring(worst: Worst, held: ServoGap) -> tuple[Message, Cure]:
         )
         advice = Message(
             'stiffness="0" of the <joint>, its springref at the target, or a kp well above '
-            "{kp} of the <position>",
-            kp=kp,
+            "{kp:g} of the <position>",
+            kp=enough,
         )
-    return why, Cure("gains", worst.joint, enough, advice)
+    return why, cure, advice
 
 
 WHY = {
     "range": _range,
     "actuatorfrcrange": _of_joint,
     "forcerange": _of_actuator,
+    "friction-loss": _friction_loss,
     "spring": _spring,
 }
 """Why, and what changes it, by reason."""
@@ -240,29 +249,31 @@ def _cause(joints: JointColumns, row: int, k: int, *, rests: bool) -> ServoGap |
         stop=forces["stops"],
         bound=float(bounds[row, k]),
         back=forces.get("spring", 0.0),
+        rubs=forces.get("friction loss", 0.0),
         kp=actuator.kp,
         gear=actuator.gear,
+        fixed=steps.law.tree.fixed,
     )
     least, weak = OWN_SHARE * abs(found.own), replace(found, reason="forcerange")
     short = driven.at_limit[row, k] and not abs(found.needs) <= limit
     if not rests:
         stood = (joints.step >= found.since) & (joints.step <= joints.step[row])
         often = driven.at_limit[stood, k].mean() >= EACH_STEP
-        return weak if short and often and abs(found.needs) > limit else None
+        if driven.at_limit[row, k]:
+            return weak if short and often and abs(found.needs) > limit else None
     if found.stop * gap > 0 and abs(found.stop) > least:
         return replace(found, reason="range")
     if abs(found.clamp) > least:
         return replace(found, reason="actuatorfrcrange")
     if driven.at_limit[row, k]:
         return weak if short else None  # else something holds it
-    # What rubs in the joint, or touches it, may hold it as well; else it may still be on its way.
-    blocked = abs(forces["contacts"] + forces["constraints"]) > least
-    others = (
-        forces.get("friction loss", 0.0),
-        forces.get("joint damping", 0.0),
-        sum(forces.values()),
-    )
-    blocked |= max(map(abs, others)) > HOLDS * abs(found.own)
+    # What touches it may hold it as well, but the ground that it stands on; else it may still be on
+    # its way.
+    others = forces.get("joint damping", 0.0), sum(forces.values())
+    blocked = abs(forces["constraints"] + forces["contacts"] * found.fixed) > least
+    blocked |= max(map(abs, others)) > (HOLDS if rests else SPRING_SHARE) * abs(found.own)
+    if -found.rubs * np.sign(found.own) > HOLDS * abs(found.own) and not blocked:
+        return replace(found, reason="friction-loss")
     is_spring = abs(found.own + found.kp * found.gear**2 * gap) <= SPRING_SHARE * abs(found.own)
     return found if is_spring and not blocked else None
 

@@ -54,9 +54,8 @@ def sinks_in(pair: PairColumns) -> Match:
         pair.step[last] - pair.step[first] == SINKS_STEPS - 1
     )
     rows = rows[lasts & _steady(pair.depth_m[rows])]
-    order = np.lexsort((pair.points.distance_m, pair.row))  # in each pair the deepest is first
     numbers = {
-        "links": pair.points.link[order[pair.starts[rows]]],
+        "links": pair.links[rows],
         "bodies": pair.pairs.body[rows],
         "force": pair.normal_n[rows],
         "timestep": pair.timestep_s[rows],
@@ -77,7 +76,6 @@ def _(worst: Worst) -> Said | None:
         name, usual = "solimp", "0.9 0.95 0.001"
     elif not solref[0] > USUAL_S:
         return _carries(worst, solref)
-    advice = Message('{name}="{usual}" of both <geom>s')
     return Said(
         message=Message(
             "{body} stays {depth:.3g} mm inside {other} under {force}: their contact has "
@@ -90,7 +88,7 @@ def _(worst: Worst) -> Said | None:
             "text": text,
             "usual": usual,
         },
-        cure=Cure("solref", worst.body, None, advice),
+        cure=Cure("solref", worst.body),
         effect=Effect(worst.size, "m"),
         share=worst.size / worst.body_size_m,
     )
@@ -116,12 +114,13 @@ def _carries(worst: Worst, solref: tuple[float, ...]) -> Said | None:
         return None
     least_s = 2 * worst.timestep
     advice = Message(
-        'solref="{least:g} 1" of both <geom>s, the least for this timestep, leaves {left:.2g} mm; '
-        "or give {light} more mass"
+        "{call} of both <geom>s, the least for this timestep, leaves {left:.2g} mm; or give "
+        "{light} more mass"
     )
-    cure = Cure("solref", worst.body, least_s, advice, "contact")
+    cure = Cure("solref", worst.body, least_s, form="contact")
     if not 0 < least_s < solref[0]:
-        cure = Cure("mass", worst.scene.body(light).label, None, Message("give {light} more mass"))
+        advice = Message("give {light} more mass")
+        cure = Cure("mass", worst.scene.body(light).label)
     return Said(
         message=Message(
             "{body} stays {depth:.3g} mm inside {other} under {force}, {ratio:.3g} times what "
@@ -134,9 +133,9 @@ def _carries(worst: Worst, solref: tuple[float, ...]) -> Said | None:
             "ratio": ratio,
             "light": worst.scene.body(light).label,
             "mass": masses_kg[light],
-            "least": least_s,
             "left": worst.size * 1e3 * (least_s / solref[0]) ** 2,
         },
+        advice=advice,
         cure=cure,
         effect=Effect(worst.size, "m"),
         share=worst.size / worst.body_size_m,
@@ -204,18 +203,10 @@ def _(worst: Worst) -> Said | None:
             "lead": worst.other,
             "lag": lag_m * 1e3,
             "lasts": lasts_s,
-            "least": least_s,
             "left": 2 * least_s * worst.speed * 1e3,
         },
-        cure=Cure(
-            "solref",
-            worst.body,
-            least_s,
-            Message(
-                'solref="{least:g} 1" of the <{kind}>, the least for this timestep, leaves '
-                "{left:.2g} mm"
-            ),
-        ),
+        advice=Message("{call} of the <{kind}>, the least for this timestep, leaves {left:.2g} mm"),
+        cure=Cure("solref", worst.body, least_s),
         effect=Effect(lag_m, "m"),
         share=lag_m / LEFT_M,
     )

@@ -47,7 +47,6 @@ def _(runs: Runs, _: Scene) -> Float64:
 
 @starts_inside.says
 def _(worst: Worst) -> Said:
-    advice = Message("place it at least {depth:.3g} mm farther away from {other}")
     return Said(
         message=Message(
             "{body} begins {depth:.3g} mm inside {other} at {time:.4g} s: contacts push "
@@ -58,7 +57,7 @@ def _(worst: Worst) -> Said:
             "time": worst.time_s(worst.first - 1),
             "speed": worst.size,
         },
-        cure=Cure("lifted", worst.body, worst.depth_m, advice),
+        cure=Cure("lifted", worst.body, worst.depth_m),
         effect=Effect(worst.depth_m, "m"),
         share=worst.size**2 / (2 * STANDARD_M_S2) / THROWN_M,
     )
@@ -91,7 +90,6 @@ def _(runs: Runs, scene: Scene) -> Float64:
 @static_parent.says
 def _(worst: Worst) -> Said:
     parent, inner = (worst.subject.links[link + 1] for link in worst.links)
-    advice = Message('<contact><exclude body1="{parent}" body2="{body}"/></contact>')
     return Said(
         message=Message(
             "{body} is {depth:.3g} mm inside {parent} from the first step on, and they "
@@ -104,7 +102,7 @@ def _(worst: Worst) -> Said:
             "depth": worst.size * 1e3,
             "force": effort(worst.force, "N"),
         },
-        cure=Cure("exclude", inner, None, advice),
+        cure=Cure("exclude", inner, given={"parent": parent, "child": inner}),
         effect=Effect(worst.size, "m"),
         share=worst.size / DEEP_M,
     )

@@ -164,7 +164,7 @@ class ActuatorColumns:
     """The actuators of a body in n of its steps: columns of shape (n, actuators)."""
 
     def __init__(self, scene: Scene, steps: BodySteps) -> None:
-        self.scene, self.client = scene, steps.body.client
+        self.scene, self.client, self.number = scene, steps.body.client, steps.body.number
         self.actuators, self.step = steps.body.actuators, steps.steps
         self.noted: dict[str, Float64] = {}
         self.keys = np.full((len(steps), 1), steps.body.number)
@@ -199,6 +199,12 @@ class PairColumns:
     def others(self, name: str) -> Any:  # noqa: ANN401 - a column of `Pairs`
         """Return a column that both sides have, of the other body."""
         return getattr(self.pairs, name)[:, 1 - self.side]
+
+    @cached_property
+    def links(self) -> Int64:
+        """Links of the deepest point of each, on both sides, shape (m, 2)."""
+        order = np.lexsort((self.points.distance_m, self.row))
+        return np.asarray(self.points.link[order[self.starts]])
 
     def before(self, rows: Rows) -> Rows:
         """Return which of some rows is the same pair's one step before each; -1 if none is."""

@@ -269,6 +269,29 @@ Unit: share. Needed by: wheels."""
 WHEEL_SIDEWAYS = 0.2
 """Least share of the slip that goes across a wheel that the robot's turn drags. Unit: share. Needed
 by: skid_turn."""
+ROLLING = 1e-4
+"""Rolling friction that MuJoCo gives each geometry by itself. Unit: m. Needed by: mujoco:
+rolls_on."""
+ROLLS_SLIP = 0.1
+"""Largest slip over the speed of what rolls. Unit: share. Needed by: mujoco: rolls_on."""
+GATHERS = 2
+"""Least factor by which a velocity is more than the way that a body is set along. Unit: 1. Needed
+by: mujoco: held_by_qpos."""
+STEEP = 2
+"""Slope beyond which a body leans on another, or falls along it, and does not lie on it. Unit: 1.
+Needed by: mujoco: right_dominoes."""
+TAKES_DRIVE = 0.8
+"""Least share of what drives a joint that damping, dry friction or armature takes. Unit: share.
+Needed by: mujoco: door_damped, stiction_in_the_joint, sluggish_rotor."""
+SLOW_RAD_S = 1
+"""Rate that a joint never reaches which stays slow. Unit: rad/s. Needed by: mujoco: a wheel against
+its own damping is driven faster."""
+SLOW_M_S = 0.02
+"""Speed that a sliding joint never reaches which stays slow. Unit: m/s. Needed by: mujoco:
+grip_too_weak, whose fingers close at 0.03 m/s."""
+SLOWED = 10
+"""Least factor by which it would be faster without what takes its drive. Unit: 1. Needed by:
+mujoco: a finger whose rotor has as much inertia as itself."""
 MINOR = 0.1
 """Share of the gravest finding below which one that is no mistake is folded away. Unit: share.
 Needed by: of 51 findings beside the true cause 26 moved the outcome by less."""

@@ -192,14 +192,15 @@ def _(worst: Worst) -> Said:
             "and above {most:.3g} it grows",
             **values,
         )
-        call = Message(
+        advice = Message(
             "kp below {kp:.2g}, timestep below {shorter:.2g} ms, or armature above {armature} "
             "hold it, each alone",
             **values,
         )
         return Said(
             message=message,
-            cure=Cure("gains", worst.joint, worst.kp, call, "kp-below"),
+            advice=advice,
+            cure=Cure("gains", worst.joint, worst.kp, form="kp-below"),
             effect=effect,
         )
     if worst.turner.startswith("actuator "):
@@ -209,14 +210,15 @@ def _(worst: Worst) -> Said:
             "above {most:.3g} it grows",
             **values,
         )
-        call = Message(
+        advice = Message(
             "kv below {kv:.2g}, timestep below {shorter:.2g} ms, armature above {armature}, or "
             'integrator="implicitfast" hold it, each alone',
             **values,
         )
         return Said(
             message=message,
-            cure=Cure("gains", worst.joint, worst.kv, call, "kv-below"),
+            advice=advice,
+            cure=Cure("gains", worst.joint, worst.kv, form="kv-below"),
             effect=effect,
         )
     message = Message(
@@ -225,11 +227,10 @@ def _(worst: Worst) -> Said:
         "above 2.79 steps of Runge and Kutta grow, which take it at their beginning",
         **values,
     )
-    call = Message(
+    advice = Message(
         'integrator="Euler" or "implicitfast" takes it at the end; else damping below {kv:.2g}, '
         "timestep below {shorter:.2g} ms or armature above {armature}",
         **values,
     )
-    return Said(
-        message=message, cure=Cure("damping", worst.joint, worst.kv, call, "below"), effect=effect
-    )
+    cure = Cure("damping", worst.joint, worst.kv, form="below")
+    return Said(message=message, advice=advice, cure=cure, effect=effect)

@@ -13,6 +13,7 @@ from drop_physics.rules.rule import Said, input_rule
 from drop_physics.trace.events import EngineWarning
 
 POSITION = "bad position"
+CONTACTS = "contacts full"
 RESETS = POSITION, "bad velocity", "bad acceleration"
 """The warnings with which the engine resets the state."""
 
@@ -60,27 +61,20 @@ def auto_reset(inputs: Inputs) -> Iterator[Said]:
 def buffer_full(inputs: Inputs) -> Iterator[Said]:
     """Contacts or constraints that found no place in memory do not act."""
     for warning in inputs.scene.seen.warnings:
-        if warning.kind not in ("contacts full", "constraints full"):
+        if warning.kind not in (CONTACTS, "constraints full"):
             continue
         message = Message(
-            "constraints are left out in {steps} from step {first:,} on, because the memory of the "
+            "{what} are left out in {steps} from step {first:,} on, because the memory of the "
             "model is full: what they would hold falls or passes through",
+            what=Message("contacts") if warning.kind == CONTACTS else Message("constraints"),
             steps=so_many(warning.steps),
             first=warning.at.step,
         )
-        if warning.kind == "contacts full":
-            message = Message(
-                "contacts are left out in {steps} from step {first:,} on, because the memory of "
-                "the model is full: what they would hold falls or passes through",
-                steps=so_many(warning.steps),
-                first=warning.at.step,
-            )
-        call = Message('<size memory="…"/> of several times as much in the model')
         span = Span(warning.at.step, warning.last_step, warning.steps)
         yield Said(
             steps=span,
             message=message,
-            cure=Cure("memory", None, None, call),
+            cure=Cure("memory"),
             effect=Effect(float(warning.steps), "steps"),
             share=float(warning.steps),
         )

@@ -10,7 +10,6 @@ from drop_physics.errors import ScenarioError
 from drop_physics.messages import Message
 from drop_physics.printable import Printable
 from drop_physics.rules.reference import Blank, CodeReference, reference_of, references
-from drop_physics.trace.history import PYBULLET
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,7 @@ def explain(code: str | None = None, *, every: bool = False) -> CodeManual:
 
 def _with_calls(code: CodeReference) -> CodeReference:
     """Return what a code means with the calls that its cures come to."""
-    calls = [call_of(PYBULLET)(each) for each in code.cures]
+    calls = [call_of(engine)(cure) for engine, cure in code.cures]
     return replace(code, advises=[*dict.fromkeys([*code.advises, *map(_blanked, calls)])])
 
 

@@ -492,6 +492,10 @@ class PairFriction:
     """How soft they touch: time constant [s] and damping ratio, or stiffness and damping."""
     solimp: tuple[float, ...] = ()
     """Share of the force that holds them apart: at first, at last, over which depth [m] …"""
+    condim: int = 3
+    """Dimensions of their force: 1 without friction, 3 with sliding, 4 spinning, 6 rolling."""
+    rolling: float = 0.0
+    """The coefficient of rolling friction that the model gives them [m]."""
 
 
 @dataclass(frozen=True, eq=False)

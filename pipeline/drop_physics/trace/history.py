@@ -170,6 +170,8 @@ class Seen:
     """Coefficients of friction by two bodies and links, where the engine has one for each pair."""
     softness: Mapping[tuple[int, int, int, int], Softness] = field(default_factory=dict)
     """Likewise, `solref` and `solimp` of a `PairFriction`."""
+    condims: Mapping[tuple[int, int, int, int], tuple[int, float]] = field(default_factory=dict)
+    """Likewise, `condim` and `rolling`."""
     warnings: Sequence[EngineWarning] = ()
     equalities: Sequence[Equality] = ()
 
@@ -182,6 +184,11 @@ class Seen:
         """Return how soft two links touch, if the engine says so."""
         (a, b), (i, k) = bodies, links
         return self.softness.get((a, i, b, k), self.softness.get((b, k, a, i)))
+
+    def condim(self, bodies: Sequence[int], links: Sequence[int]) -> tuple[int, float]:
+        """Return `condim` and `rolling` of two links that touch."""
+        (a, b), (i, k) = bodies, links
+        return self.condims.get((a, i, b, k), self.condims.get((b, k, a, i), (3, 0.0)))
 
     def pieces(self, steps: int = PIECE) -> Iterator[Piece]:
         """Yield what was sampled, so many steps at a time."""

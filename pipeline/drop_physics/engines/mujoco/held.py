@@ -74,5 +74,16 @@ def softness_of(arrays: Arrays, first: int, second: int) -> tuple[Numbers, Numbe
     return _numbers(ref), _numbers(share * imps[0] + (1 - share) * imps[1])
 
 
+def friction_of(arrays: Arrays, first: int, second: int) -> tuple[int, float]:
+    """Return `condim` and the coefficient of rolling friction of two geoms (`mj_contactParam`).
+
+    Those of the geom of higher priority, else the larger of both.
+    """
+    rank = [int(arrays["geom_priority"][geom]) for geom in (first, second)]
+    geoms = [geom for geom in (first, second) if arrays["geom_priority"][geom] == max(rank)]
+    condim, friction = (arrays[f"geom_{name}"][geoms] for name in ("condim", "friction"))
+    return int(condim.max()), float(friction[:, 2].max())
+
+
 def _numbers(values: NDArray[Any]) -> Numbers:
     return tuple(np.asarray(values, np.float64).round(12).tolist())

@@ -21,7 +21,7 @@ from drop_physics.data import dataclass
 from drop_physics.engines.mujoco.described import DescribedBody, DescribedModel
 from drop_physics.engines.mujoco.explain.reasons import EXPLAINED, OTHER, REASONS
 from drop_physics.engines.mujoco.explained import ImpulseTerm, ReplayedPiece
-from drop_physics.engines.mujoco.held import softness_of
+from drop_physics.engines.mujoco.held import friction_of, softness_of
 from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.trace.events import (
     REPLAYS,
@@ -246,16 +246,17 @@ class ExplainedSteps:
         friction = piece.touches["friction"][:, 0]
         for number, key in enumerate(keys.tolist()):
             its = friction[which.ravel() == number]
+            geoms = piece.touches[["first", "second"]][which.ravel() == number][0].tolist()
+            condim, rolling = friction_of(self.described.arrays, *geoms)
             value = float(its[0]) if (its == its[0]).all() else np.nan
+            value = 0.0 if condim == 1 else value
             known = self._frictions.get(key)
             if known is None or (known != value and not np.isnan(known)):
                 self._frictions[key] = value = value if known is None else np.nan
                 step = int(contacts["step"][which.ravel() == number][0])
-                body_a, link_a, body_b, link_b = key
                 at = At(step, 0.0, 0)
-                geoms = piece.touches[["first", "second"]][which.ravel() == number][0]
-                soft = softness_of(self.described.arrays, *geoms.tolist())
-                yield PairFriction(at, self.client, body_a, link_a, body_b, link_b, value, *soft)
+                soft = softness_of(self.described.arrays, *geoms)
+                yield PairFriction(at, self.client, *key, value, *soft, condim, rolling)
 
 
 def _centre(described: DescribedModel, made: DescribedBody) -> Float64:

@@ -12,6 +12,7 @@ from typing import Any
 
 from drop_physics.engines.mujoco.frames import PARTS
 from drop_physics.engines.mujoco.watch.intervene import ENGINE
+from drop_physics.messages import Message
 from drop_physics.trace.cures import ChangedRun, Cure, Scope, below, whole_number
 from drop_physics.trace.events import Actuator, Body
 
@@ -80,10 +81,10 @@ CALLS = {
     "gains": 'kp="{value:.4g}"',
     "gains:kp-below": 'kp="{value:.4g}"',
     "gains:kv-below": 'kv="{value:.4g}"',
-    "forcerange": 'forcerange="-{value:.4g} {value:.4g}"',
-    "forcerange:joint": 'actuatorfrcrange="-{value:.4g} {value:.4g}"',
-    "ctrlrange": "without ctrlrange",
-    "limits": "without range",
+    "forcerange": 'forcerange="-{force:.3g} {force:.3g}"',
+    "forcerange:joint": 'actuatorfrcrange="-{force:.3g} {force:.3g}"',
+    "ctrlrange": Message("without ctrlrange"),
+    "limits": Message("without range"),
     "friction": 'friction="{value:.4g}"',
     "impratio": 'cone="elliptic" impratio="{value:g}"',
     "cone": 'cone="elliptic"',
@@ -95,25 +96,33 @@ CALLS = {
     "mass": 'mass="{value:g}"',
     "collision-off": "<exclude>",
     "gravity": 'gravity="0 0 {value:g}"',
+    "gravity:flag": Message('without <flag gravity="disable"/>'),
     "gravcomp": 'gravcomp="{value:g}"',
     "armature": 'armature="{value:g}"',
     "damping": 'damping="{value:.4g}"',
     "joint-damping": 'damping="{value:.4g}"',
-    "exclude": "<exclude>",
-    "exclude:out": "without <exclude>",
-    "contype": "contype and conaffinity that meet",
-    "contype:flag": 'without <flag contact="disable"/>',
-    "filterparent": 'filterparent="disable"',
-    "keyframe-ctrl": "data.ctrl of the keyframe",
-    "targets-held": "data.ctrl with data.qpos",
-    "push-repeated": "cleared after each step",
-    "lifted": "{mm:.3g} mm higher",
-    "set-const": "mujoco.mj_setConst(…) after the edit",
-    "memory": '<size memory="…"/> of {larger} times as much',
-    "forward": "mujoco.mj_step1(…) before mj_step2",
-    "without": "without {function}",
+    "exclude": '<exclude body1="{parent}" body2="{child}"/>',
+    "exclude:out": Message("without that <exclude>"),
+    "contype": Message("contype and conaffinity that meet"),
+    "contype:flag": Message('without <flag contact="disable"/>'),
+    "filterparent": '<flag filterparent="disable"/>',
+    "keyframe-ctrl": "mujoco.mj_resetDataKeyframe(…)",
+    "targets-held": Message("data.ctrl with data.qpos"),
+    "targets-held:reset": Message("data.ctrl[:] = … after each reset"),
+    "gains:kv": 'kv="{value:.4g}"',
+    "friction:loss": 'frictionloss="{value:g}"',
+    "friction:condim": 'condim="{value:g}"',
+    "push-repeated": Message("data.{function}[:] = 0 after each step"),
+    "lifted": Message("{mm:.3g} mm higher"),
+    "set-const": Message("mujoco.mj_setConst(…) after the edit"),
+    "memory": Message('<size memory="…"/> of {larger} times as much'),
+    "forward": Message("mujoco.mj_step1(…) before mj_step2"),
+    "forward:read": Message("mujoco.mj_forward(…) after qpos is written"),
+    "without": Message("without {left_out}"),
 }
 """By name and form."""
+UNSAID = {"function": "xfrc_applied", "parent": "…", "child": "…"}
+"""What a call names where a cure that is tried by its name alone does not say it."""
 FACTORS = {"gains": "kp", "forcerange": "forcerange", "friction": "friction", "mass": "mass"}
 """What is multiplied where a cure gives no number."""
 
@@ -127,9 +136,9 @@ def call_of(cure: Cure) -> str:
     text = CALLS.get(f"{cure.name}:{form}", CALLS.get(cure.name, cure.name))
     value = 0.0 if number is None else number
     bounce = dict(zip(("stiffness", "damping"), _bouncing(value), strict=True))
-    return text.format(
-        value=value, mm=1e3 * value, larger=LARGER, function=_written(cure), **bounce
-    )
+    force = value / abs(cure.given.get("gear", 1.0))
+    numbers = {"value": value, "force": force, "mm": 1e3 * value, "larger": LARGER, **bounce}
+    return Message(text, **{**UNSAID, "left_out": _written(cure), **cure.given, **numbers})
 
 
 def _written(cure: Cure) -> str:
@@ -253,6 +262,12 @@ def _control_range(scope: Scope, _: Cure) -> Iterator[Operation]:
 def _friction(scope: Scope, cure: Cure) -> Iterator[Operation]:
     """Give geometries a friction; to hold, no less than they have: of a pair the larger counts."""
     number = _number(cure)
+    if cure.form == "loss":
+        yield _write("dof_frictionloss", value=number, **_of(scope))
+        return
+    if cure.form == "condim":
+        yield _write("geom_condim", value=int(number or 3), **_with_other(scope))
+        return
     how = {"factor": MORE} if number is None else {LEAST[cure.form]: number}
     yield _write("geom_friction", column=0, of="body", names=_all_links(scope), **how)
 
@@ -383,7 +398,7 @@ TABLE: dict[str, Applies] = {
     "contype": _meet,
     "filterparent": _done("flag", name="mjDSBL_FILTERPARENT"),
     "keyframe-ctrl": _done("key"),
-    "targets-held": _done("hold"),
+    "targets-held": lambda _, cure: iter([{"do": "give" if cure.form == "reset" else "hold"}]),
     "push-repeated": _clear,
     "lifted": _lift,
     "set-const": _done("derive"),

@@ -35,6 +35,7 @@ from drop_physics.engines.mujoco.explained import explained
 from drop_physics.engines.mujoco.held import equalities_of
 from drop_physics.engines.mujoco.impulses import ExplainedSteps
 from drop_physics.engines.mujoco.received import Edited, Received, ScriptLine, StepPiece, Written
+from drop_physics.engines.surfaces import surfaces_of
 from drop_physics.fields import all_of, counted
 from drop_physics.messages import Message
 from drop_physics.trace.events import (
@@ -419,6 +420,7 @@ class MujocoDecoder:
         for made in its.described.bodies:
             yield Appearance(at, made.body, there=True, came=True)
             yield Dynamics(at, made.body, reported_of(its.arrays, made))
+            yield from surfaces_of(at, made.body, self._folder)
             if made.body.number in puts:
                 yield puts[made.body.number]
 

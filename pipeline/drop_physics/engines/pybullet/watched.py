@@ -18,7 +18,7 @@ from drop_physics.engines.frames import StreamError
 from drop_physics.engines.pybullet.described import Numbering, moving_links, reported_of, shapes_of
 from drop_physics.engines.pybullet.gathered import GatheredWorld, Known
 from drop_physics.engines.pybullet.reads import Reads
-from drop_physics.engines.pybullet.surfaces import surfaces_of
+from drop_physics.engines.surfaces import surfaces_of
 from drop_physics.engines.watching import pipe
 from drop_physics.messages import Message
 from drop_physics.trace.events import (

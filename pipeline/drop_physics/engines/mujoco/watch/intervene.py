@@ -384,6 +384,7 @@ class ChangedData:
             fresh = watch.mujoco.MjData(m)
             self._held = {e["part"]: getattr(fresh, e["part"]).copy() for _, e in self._leaves}
         self._holds = [number for number, _ in changes.of("hold")]
+        self._gives = [number for number, _ in changes.of("give")]
         self._last: tuple[Any, Any] | None = None
         """Positions and controls as they were then, if joints are held."""
         self._cleared: dict[str, bool] = {}
@@ -415,7 +416,7 @@ class ChangedData:
             self._changes.displace(m, d)
         if self._time_s is None or d.time < self._time_s:
             self._begin(m, d)
-        elif self._last is not None:
+        elif self._last is not None and self._holds:
             self._hold(m, d, *self._last)
         self._time_s = d.time
 
@@ -463,10 +464,14 @@ class ChangedData:
                 part = getattr(d, each["part"])
                 self._cleared[each["part"]] = bool(part.any())
                 part[...] = 0.0
+        if name in RESETS and self._last is not None and not d.ctrl.any() and self._last[1].any():
+            for number in self._gives:
+                d.ctrl[:] = self._last[1]
+                self._changes.fire(number)
         if name in STEPS or name in RESETS:
             for part in self._held:
                 self._held[part] = getattr(d, part).copy()
-            if self._holds:
+            if self._holds or self._gives:
                 self._last = d.qpos.copy(), d.ctrl.copy()
 
 

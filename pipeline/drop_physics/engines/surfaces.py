@@ -1,10 +1,11 @@
-"""Surfaces of mesh files that the engine holds as their convex hulls, where they are hollow."""
+"""Surfaces of meshes that the engine holds as their convex hulls, where they are hollow."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,38 +30,64 @@ FEW = 64
 STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
-def surfaces_of(at: At, body: Body) -> Iterator[Surface]:
-    """Yield the surfaces of a body's hollow meshes, in the axes of their links."""
+def surfaces_of(at: At, body: Body, folder: Path | None = None) -> Iterator[Surface]:
+    """Yield the surfaces of a body's hollow meshes, in the axes of their links.
+
+    `folder`: of the files, where each mesh is one hull, in the axes of its shape.
+    """
     for number, shape in enumerate(body.collisions):
-        if shape.kind != "mesh" or not shape.hull_m or (found := _mesh(shape.file)) is None:
+        if shape.kind != "mesh" or not shape.hull_m:
+            continue
+        file = shape.file if folder is None else str(folder / shape.file)
+        if (found := _mesh(file)) is None:
             continue
         corners_m, triangles = _placed(found[0], shape), found[1]
+        if folder is not None:
+            if _is_hollow_file(file, shape.hull_m):
+                yield Surface(at, body.number, number, corners_m, triangles)
+            continue
         hull_m = np.reshape(shape.hull_m, (-1, 3))
         # SciPy's tree of points takes longer to load than all of them take so.
         squares = np.einsum("ij,ij->i", corners_m, corners_m)
         nearest = [(squares - 2 * corners_m @ corner).min() + corner @ corner for corner in hull_m]
         known = max(nearest) < (ALIKE * np.ptp(hull_m, axis=0).max()) ** 2
-        if known and _is_hollow(corners_m, triangles, hull_m):
+        if known and _is_one(hull_m) and _is_hollow(corners_m, triangles, hull_m):
             yield Surface(at, body.number, number, corners_m, triangles)
 
 
 def _placed(corners_m: Float64, shape: Collision) -> Float64:
-    """Return a file's corners where a shape has them on its link."""
+    """Return a mesh's corners where a shape has them on its link."""
     *axis, w = shape.orientation
     scaled = corners_m * shape.size_m
     turn = 2 * np.cross(axis, scaled)
     return np.asarray(scaled + w * turn + np.cross(axis, turn) + shape.position_m)
 
 
-def _is_hollow(corners_m: Float64, triangles: Int64, hull_m: Float64) -> bool:
-    """Return whether a surface lies below its hull or is open; not where it has several hulls."""
+@functools.lru_cache(maxsize=1024)
+def _is_hollow_file(file: str, hull_m: tuple[float, ...]) -> bool:
+    found = _mesh(file)
+    return found is not None and _is_hollow(*found, np.reshape(hull_m, (-1, 3)))
+
+
+def _is_one(hull_m: Float64) -> bool:
+    """Return whether corners are those of one hull, and not of several."""
+    hull = _hull(hull_m)
+    return hull is not None and len(hull.vertices) == len(hull_m)
+
+
+def _hull(hull_m: Float64) -> Any:  # noqa: ANN401 - scipy's
     from scipy.spatial import ConvexHull, QhullError
 
     try:
-        hull = ConvexHull(hull_m)
+        return ConvexHull(hull_m)
     except (QhullError, ValueError):
-        return False
-    if len(hull.vertices) < len(hull_m):
+        return None
+
+
+def _is_hollow(corners_m: Float64, triangles: Int64, hull_m: Float64) -> bool:
+    """Return whether a surface lies below its hull or is open."""
+    hull = _hull(hull_m)
+    if hull is None:
         return False
     a, b, c = np.moveaxis(corners_m[triangles], 1, 0)
     if np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2 < OPEN * hull.area:

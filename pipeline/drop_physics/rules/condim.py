@@ -1,0 +1,99 @@
+"""`slides`, `not-taken`: contacts whose `condim` leaves friction out that their geometries have."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.messages import Message
+from drop_physics.physics.vectors import lengths
+from drop_physics.rules.answer import Cure, Effect, Scene
+from drop_physics.rules.engines import MUJOCOS
+from drop_physics.rules.rule import Match, Said, Worst, pair_rule
+from drop_physics.rules.runs import Runs
+from drop_physics.rules.tables import PairColumns
+from drop_physics.rules.thresholds import (
+    COASTS_STEPS,
+    FROM_REST,
+    LEFT_M,
+    ROLLING,
+    ROLLS_SLIP,
+    SLIPS_STEPS,
+)
+
+Float64 = NDArray[np.float64]
+
+ROLLS_WITH = 6
+"""The least `condim` with which rolling friction acts."""
+
+
+@pair_rule(
+    "slides", "model", reason="condim", consecutive=True, least_count=SLIPS_STEPS, engines=MUJOCOS
+)
+def without_friction(pair: PairColumns) -> Match:
+    """Contacts of condim 1 have no friction, and what lies on them slides."""
+    where = (pair.normal_n > 0) & (pair.summed(pair.points.friction) == 0)
+    where &= pair.body != pair.other
+    numbers = {"bodies": pair.pairs.body, "links": pair.links}
+    way = pair.slip_m_s * pair.timestep_s
+    return Match(where, pair.slip_m_s, numbers, {"slid": way}, firsts={"began": pair.slip_m_s})
+
+
+@without_friction.counts
+def _(runs: Runs, _: Scene) -> Float64:
+    # A puck that was thrown may be to glide on.
+    rested = runs.began <= FROM_REST * runs.size
+    return np.where(rested & (runs.slid > LEFT_M), runs.slid, 0.0)
+
+
+@without_friction.says
+def _(worst: Worst) -> Said | None:
+    if worst.scene.seen.condim(worst.bodies, worst.links)[0] > 1:
+        return None
+    return Said(
+        message=Message(
+            "{body} slides {slid:.3g} m on {other} without friction: their contacts have condim 1, "
+            "whatever friction= gives"
+        ),
+        cure=Cure("friction", worst.body, 3.0, form="condim"),
+        effect=Effect(worst.slid, "m"),
+        share=worst.slid / worst.body_size_m,
+    )
+
+
+@pair_rule("not-taken", "asked", reason="no-effect", least_count=COASTS_STEPS, engines=MUJOCOS)
+def rolls_on(pair: PairColumns) -> Match | None:
+    """Rolling friction is given, and acts with condim 6 alone: what rolls is not braked."""
+    given = pair.scene.seen.condims.values()
+    if not any(1 < condim < ROLLS_WITH and rolling > ROLLING for condim, rolling in given):
+        return None
+    rows, way = np.flatnonzero(pair.normal_n > 0), np.zeros(len(pair.step))
+    for steps, which, at in pair.of_bodies(rows):
+        if not steps.law.tree.fixed:
+            way[rows[which]] = lengths(steps.after.velocity[at, 3:6])
+    way *= pair.timestep_s
+    # What slips little does not slide.
+    rolls = pair.slip_m_s * pair.timestep_s < ROLLS_SLIP * way
+    return Match(rolls, way, {"bodies": pair.pairs.body, "links": pair.links}, {"way": way})
+
+
+@rolls_on.counts
+def _(runs: Runs, _: Scene) -> Float64:
+    return np.where(runs.way > LEFT_M, runs.way, 0.0)
+
+
+@rolls_on.says
+def _(worst: Worst) -> Said | None:
+    condim, rolling = worst.scene.seen.condim(worst.bodies, worst.links)
+    if not (1 < condim < ROLLS_WITH and rolling > ROLLING):
+        return None
+    return Said(
+        message=Message(
+            "{body} rolls {way:.3g} m on {other} unbraked: their rolling friction of {rolling:g} "
+            "acts with condim 6, and theirs is {condim}"
+        ),
+        values={"condim": condim, "rolling": rolling},
+        cure=Cure("friction", worst.body, float(ROLLS_WITH), form="condim"),
+        effect=Effect(worst.way, "m"),
+        share=worst.way / worst.body_size_m,
+    )

@@ -1,0 +1,89 @@
+"""`overwritten`: a MuJoCo script writes `qpos` step after step, which has no force."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.messages import Message
+from drop_physics.physics.vectors import lengths
+from drop_physics.rules.answer import Effect, Scene
+from drop_physics.rules.engines import MUJOCOS
+from drop_physics.rules.rule import Match, Said, Worst, body_rule, pair_rule
+from drop_physics.rules.runs import Runs
+from drop_physics.rules.tables import BodyColumns, PairColumns
+from drop_physics.rules.thresholds import (
+    DEEP_M,
+    EACH_STEP,
+    GATHERS,
+    HALF_THE_STEPS,
+    OVERLAPS_STEPS,
+    TELEPORTED_M_S,
+)
+from drop_physics.trace.acts import Act
+
+Float64 = NDArray[np.float64]
+
+
+@pair_rule("overwritten", "asked", reason="pose-set-each-step", engines=MUJOCOS)
+def pose_set_in_contact(pair: PairColumns) -> Match:
+    """A pose that is set step after step has no force: it goes through what it meets."""
+    moved = pair.scene.placing.moved(pair.body, pair.step)
+    deep = moved & (pair.normal_n > 0) & (pair.depth_m > DEEP_M)
+    return Match(moved, np.where(deep, pair.depth_m, 0.0), sums={"deep": deep * 1})
+
+
+@pose_set_in_contact.counts
+def _(runs: Runs, _: Scene) -> Float64:
+    often = runs.count >= HALF_THE_STEPS * (runs.last - runs.first + 1)
+    return np.where(often & (runs.deep >= OVERLAPS_STEPS), runs.size, 0.0)
+
+
+@pose_set_in_contact.says
+def _(worst: Worst) -> Said:
+    return Said(
+        message=Message(
+            "{body} is set by qpos in {steps} in which it touches {other}, and gets {deep:.3g} mm "
+            "into it: a pose that is set has no force"
+        ),
+        values={"deep": worst.size * 1e3},
+        advice=Message("move it by an actuator, or by a mocap body that it is welded to"),
+        effect=Effect(worst.size, "m"),
+        share=worst.size / DEEP_M,
+        site=worst.scene.only_site(Act.SET_STATE),
+    )
+
+
+@body_rule("overwritten", "model", reason="pose-set-each-step", engines=MUJOCOS)
+def rate_gathers(bodies: BodyColumns) -> Match | None:
+    """A pose is set step after step and its velocity is not, which gathers what acts on it."""
+    if bodies.law.tree.fixed:
+        return None
+    came, at = bodies.came("position_m"), bodies.before.position_m
+    moved = bodies.scene.placing.moved(bodies.body, bodies.step)
+    speed = lengths(bodies.before.velocity[:, 3:6])
+    way = lengths(np.diff(at, axis=0, append=at[-1:])) / bodies.reported.timestep_s
+    # Where it is set back in each step, its velocity is of no way that it goes.
+    where = moved & (at != came).any(axis=1) & (speed > TELEPORTED_M_S + GATHERS * way)
+    return Match(where, speed, {"way": way})
+
+
+@rate_gathers.counts
+def _(runs: Runs, scene: Scene) -> Float64:
+    steps = np.array([scene.ends[number] for number in runs.keys[:, 0].tolist()])
+    return np.where(runs.count >= EACH_STEP / 2 * steps, runs.size, 0.0)
+
+
+@rate_gathers.says
+def _(worst: Worst) -> Said:
+    return Said(
+        message=Message(
+            "{body} has {speed:.3g} m/s at step {last:,} and goes {way:.3g} m/s: qpos is set in "
+            "{steps} and qvel is not, which gathers what acts on it"
+        ),
+        values={"speed": worst.size},
+        advice=Message("write data.qvel with data.qpos"),
+        effect=Effect(worst.size, "m/s"),
+        share=worst.size,
+        site=worst.scene.only_site(Act.SET_STATE),
+    )
