@@ -359,7 +359,8 @@ class World:
         """
         pose, velocity, step = p.getBasePositionAndOrientation, p.getBaseVelocity, p.stepSimulation
         touching, body, client, pack = p.getContactPoints, self._body, self._client, POSE.pack_into
-        stepped, joints = self.scenario.stepped, self._joint_states
+        stepped, joints, size = self.scenario.stepped, self._joint_states, POSE.size
+        moving = bool(joints.moving)
         timestep_s, samples = self.scenario.timestep_s, self.scenario.steps + 1
         for start in range(0, samples, batch):
             steps = np.arange(start, min(start + batch, samples))
@@ -374,8 +375,8 @@ class World:
                 (x, y, z), (a, b, c, d) = pose(body, client)
                 (vx, vy, vz), (wx, wy, wz) = velocity(body, client)
                 pack(memory, place, x, y, z, a, b, c, d, vx, vy, vz, wx, wy, wz)
-                place += POSE.size
-                if joints.moving:
+                place += size
+                if moving:
                     driven.append(joints.now())
                 # Of all bodies: asked about two, the engine turns the normal towards the first,
                 # but not the directions of friction. By position, which is 0.2 µs faster; -1 is
@@ -387,7 +388,7 @@ class World:
                     contacts += bytes(len(touched) * POINT.size)
                     pack_points(touched, contacts, end)
             points = points_of(contacts, np.repeat(steps, counts))
-            moved = joints.table(steps, timestep_s, np.array(driven)) if joints.moving else None
+            moved = joints.table(steps, timestep_s, np.array(driven)) if moving else None
             yield drop_samples(steps, timestep_s, base, points, moved)
 
     @functools.cached_property
