@@ -1,15 +1,21 @@
-"""Cost of `drop trust`: seven runs and their comparison, two at a time, against seven bare runs.
+"""Cost of `drop trust` and `drop why`: runs and their comparison, two at a time.
 
-Of these seven `timestep/2` and `timestep/4` make two and four times as many steps of the engine.
+The seven of `drop trust` are held against seven bare runs; of them `timestep/2` and `timestep/4`
+make two and four times as many steps of the engine. Those of `drop why` are held against as many
+commands that record the script.
 """
 
 from __future__ import annotations
 
+import json
+import shutil
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 from benchmarks.harness import DROP, Measured, Ran, paired, process
+from benchmarks.look import ARM
 
 SCENE = """
 import sys
@@ -35,7 +41,7 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
         lambda: process(
             *DROP, "trust", "--jobs", 2, "--force", "--out", "out", "scene.py", steps, folder=folder
         ),
-        lambda: _seven_times(folder, steps),
+        lambda: _times(RUNS, sys.executable, "scene.py", steps, folder=folder),
         pairs=3,
         warm=not quick,
     )
@@ -46,10 +52,30 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
         1.3,
         detail=detail,
     )
+    shutil.copy(ARM, folder)
+    why = (*DROP, "why", "--jobs", "2", "--force", "--out", "why")
+    found = subprocess.run(
+        [*why, "--json", "arm.py"], cwd=folder, capture_output=True, text=True, check=True
+    )
+    runs = json.loads(found.stdout)["runs"]
+    record = (*DROP, "record", "--force", "--out", "arm.rrd", "arm.py")
+    ratios, detail = paired(
+        lambda: process(*why, "arm.py", folder=folder),
+        lambda: _times(runs, *record, folder=folder),
+        pairs=1 if quick else 3,
+        warm=False,
+    )
+    yield Measured(
+        f"`drop why`, an arm of 720 steps, {runs} runs, 2 jobs",
+        "as many `drop record`",
+        ratios,
+        1.2,
+        detail=detail,
+    )
 
 
-def _seven_times(folder: Path, steps: int) -> Ran:
-    runs = [process(sys.executable, "scene.py", steps, folder=folder) for _ in range(RUNS)]
+def _times(count: int, *command: object, folder: Path) -> Ran:
+    runs = [process(*command, folder=folder) for _ in range(count)]
     return Ran(
         sum(each.wall_s for each in runs),
         sum(each.cpu_s for each in runs),

@@ -8,6 +8,7 @@ type checker to see.
 from __future__ import annotations
 
 import dataclasses
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -29,24 +30,27 @@ else:
             dataclasses.dataclass(cls, eq=False, repr=False, kw_only=kw_only)
             compared = [each for each in dataclasses.fields(cls) if each.compare]
             cls._compared = tuple(each.name for each in compared)
-            cls._hashed = tuple(each.name for each in compared if each.hash is not False)
+            hashed = [each.name for each in compared if each.hash is not False]
+            # Of a single name the getter returns no tuple.
+            one = staticmethod(lambda self: tuple(getattr(self, name) for name in hashed))
+            cls._hashed = attrgetter(*hashed) if hashed[1:] else one
             return cls
 
         return made if cls is None else made(cls)
 
 
-def _all_of(self: Any, names: tuple[str, ...]) -> tuple[Any, ...]:  # noqa: ANN401 - any data class
-    return tuple([getattr(self, name) for name in names])
-
-
-def _equal(self: Any, other: Any) -> Any:  # noqa: ANN401
+def _equal(self: Any, other: Any) -> Any:  # noqa: ANN401 - any data class
     if other.__class__ is not self.__class__:
         return NotImplemented
-    return _all_of(self, self._compared) == _all_of(other, self._compared)
+    for name in self._compared:
+        mine, its = getattr(self, name), getattr(other, name)
+        if not (mine is its or mine == its):
+            return False
+    return True
 
 
 def _hash(self: Any) -> int:  # noqa: ANN401
-    return hash(_all_of(self, self._hashed))
+    return hash(self._hashed(self))
 
 
 def _text(self: Any) -> str:  # noqa: ANN401

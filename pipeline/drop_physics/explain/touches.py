@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import field
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,11 +131,12 @@ class TouchTable:
 
     def rows(self, body: int) -> Sequence[Touch]:
         """Return the pairs of a body, by its number."""
-        return [
-            self._touch(other, total)
-            for (number, other), total in sorted(self._totals.items())
+        its = (
+            (other, total)
+            for (number, other), total in self._totals.items()
             if number == body and total.steps
-        ]
+        )
+        return [self._touch(other, total) for other, total in sorted(its, key=itemgetter(0))]
 
     def _touch(self, other: int, total: _Total) -> Touch:
         low, high = total.coefficients

@@ -252,7 +252,8 @@ def _bodies(
         bodies = counted(more, "body", "bodies")
         yield Words(Message("and {bodies} more: see --json, or --body", bodies=bodies))
     soft = [body.label for body in analysis.bodies if body.soft]
-    still = [body.label for body in analysis.bodies if body not in moving and not body.soft]
+    moves = {body.id for body in moving}
+    still = [body.label for body in analysis.bodies if body.id not in moves and not body.soft]
     rows = [Fact(Message("still"), _first_of(still), "dim")] if still else []
     if soft:
         words = Message("{bodies}: its motion is not recorded", bodies=_first_of(soft))
