@@ -9,10 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.joined import FIXED, POINT, Held
-from drop_physics.physics.kinematics import kinematics
-from drop_physics.physics.laws.bullet.reports import frame_axes
 from drop_physics.physics.rotations import matrix
-from drop_physics.physics.tree import BASE
 from drop_physics.rules.answer import Scene
 from drop_physics.rules.body_properties import size_m
 from drop_physics.trace.events import Body
@@ -107,22 +104,10 @@ class ConstraintColumns:
         axes = np.full((len(samples), 2, 3, 3), np.nan)
         for side, (number, link) in enumerate(zip(held.bodies, held.links, strict=True)):
             point_m, turn = held.pivots_m[side], matrix(held.orientations[side])
-            if number < 0:
-                points_m[:, side], axes[:, side] = point_m, turn
-                continue
-            puts = [each for each in self.scene.seen.puts if each.body.number == number]
-            for each in [each.base for each in puts if each.at.step < samples[-1]][-1:]:
-                if link == BASE and number not in self.scene.judged:  # it stands where calls put it
-                    stands = matrix(each[3:7].tolist())
-                    points_m[:, side] = each[:3] + stands @ point_m
-                    axes[:, side] = stands @ turn
-            for _, steps in self.scene.stretches(number):
-                _, rows, its = np.intersect1d(steps.steps, samples, return_indices=True)
-                if len(rows) and link < steps.law.tree.links:
-                    states = steps.after if after else steps.before
-                    kin = kinematics(steps.law.tree, states.at(rows))
-                    points_m[its, side] = kin.point_m(link, point_m)
-                    axes[its, side] = frame_axes(kin, link, held.orientations[side])
+            place_m, turned = np.zeros(3), np.eye(3)
+            if number >= 0:
+                place_m, turned = self.scene.placed(number, link, samples, after=after)
+            points_m[:, side], axes[:, side] = place_m + turned @ point_m, turned @ turn
         return points_m, axes
 
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from drop_physics.data import dataclass
 from drop_physics.explain.overlap import PlacedShape, is_convex, overlaps
-from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.rotations import products, quaternions, rotate
 from drop_physics.physics.tree import BASE
 from drop_physics.rules.answer import Scene
@@ -184,22 +183,10 @@ def _pressed(scene: Scene, pair: Pair) -> Int64:
 
 def _placed(scene: Scene, shapes: Shapes, place: Place, samples: Int64) -> list[PlacedShape]:
     """Return the shapes of a link at samples; a point in place of none."""
-    body, link = place
-    if body not in scene.judged:
-        if link != BASE:
-            return []
-        base = scene.records[body].told(samples)
-        centre_m, turned = base[:, :3], base[:, 3:7]
-    else:
-        found = []
-        for _, steps in scene.stretches(body):
-            rows = np.flatnonzero(np.isin(steps.steps, samples))
-            if len(rows) and link < steps.law.tree.links:
-                kin = kinematics(steps.law.tree, steps.after.at(rows))
-                found.append((kin.position_m(link), quaternions(kin.rotations[link + 1])))
-        if sum(len(each) for each, _ in found) != len(samples) or not found:
-            return []
-        centre_m, turned = (np.concatenate(each) for each in zip(*found, strict=True))
+    centre_m, axes = scene.placed(*place, samples)
+    if np.isnan(centre_m).any():
+        return []
+    turned = quaternions(np.moveaxis(axes, 0, -1))
     return [
         PlacedShape(
             shape,
