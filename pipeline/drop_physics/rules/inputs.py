@@ -358,13 +358,13 @@ class Inputs:
 
     def _pair(self, call: Call) -> None:
         """Note which links a call joins or lets pass each other, or the group that it gives one."""
-        bodies, links = _NAMES.get(call.act, ((), ()))
+        bodies, sides = _NAMES.get(call.act, ((), ()))
         came = [
             self.scene.piece.calls.body_at(call, int(number_of(call, each, -1.0)))
             for each in bodies
             if each in call.site.places
         ]
-        links = [int(number_of(call, each, -1.0)) for each in links]
+        links = [int(number_of(call, each, -1.0)) for each in sides]
         pair = [(each.body.number, link) for each, link in zip(came, links, strict=False) if each]
         if call.act is Act.CONSTRAIN:
             self.joined.add(frozenset(number for number, _ in pair))

@@ -25,7 +25,7 @@ def aimed(driven: Driven, row: int) -> NDArray[np.float64]:
         aim = aims[rates.start - tree.first_rate] if at.stop - at.start == 1 else np.nan
         if np.isfinite(aim):
             positions[at] = aim
-    return positions
+    return np.asarray(positions)
 
 
 def name_of(driven: Driven, k: int) -> str:

@@ -61,7 +61,7 @@ def _wrong(numbers: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 def _without_number(calls: Log, body: Body, step: int) -> Call | None:
     """Return the last call for a body, or for all, that was given a number that is none."""
-    for each in reversed([*calls]):
+    for each in reversed(list[Call](calls)):
         numbers = (each.values[name][0] for name in BODY_NAMES if name in each.values)
         mine = next(numbers, body.engine_id) == body.engine_id
         wrong = each.at.step < step and not np.isfinite(each.numbers).all()

@@ -82,7 +82,7 @@ def off_its_servo(joints: JointColumns) -> Match | None:
             if held[row, k] is not None:
                 break
     sizes = [1.0 if off == OFF["rad"] else size_m(joints.body) for off in joints.at_target.tolist()]
-    return Match(np.not_equal(held, None), np.abs(gap) / sizes, {"held": held})
+    return Match(held != np.array(None, object), np.abs(gap) / sizes, {"held": held})
 
 
 @off_its_servo.counts

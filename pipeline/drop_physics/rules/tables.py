@@ -31,8 +31,16 @@ Int64 = NDArray[np.int64]
 Rows = NDArray[np.intp]
 
 TableName = Literal[
-    *("inputs", "joints", "targets", "actuators", "constraints"),
-    *("filtered", "unpaired", "pairs", "sides", "bodies"),
+    "inputs",
+    "joints",
+    "targets",
+    "actuators",
+    "constraints",
+    "filtered",
+    "unpaired",
+    "pairs",
+    "sides",
+    "bodies",
 ]
 TABLES: tuple[TableName, ...] = get_args(TableName)
 """The first is of what calls set over the whole run, and has no rows."""
