@@ -5,3 +5,7 @@ neighbours, the folders `watch` of the engines, so it can record in an environme
 drop: it is started by its path (`__main__`), and sends what it sees through a pipe (`pipe`) to the
 other half.
 """
+
+ENGINES = ("pybullet", "mujoco")
+"""The folders of engines; `begin` of their `watch` takes the watch of the script, and what differs.
+"""

@@ -7,10 +7,12 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Any
 
+from . import ENGINES
+
 _ENGINES = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 WRAPPERS = (
     os.path.join(_ENGINES, "watching", ""),
-    *(os.path.join(_ENGINES, name, "watch", "") for name in ("pybullet", "mujoco")),
+    *(os.path.join(_ENGINES, name, "watch", "") for name in ENGINES),
 )
 """The folders whose functions stand before others."""
 

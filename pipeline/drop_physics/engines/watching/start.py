@@ -9,15 +9,12 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import Any
 
+from . import ENGINES
 from .clock import Clock
 from .draws import Draws
 from .host import ScriptWatch
 from .pipe import Pipe
 from .sites import HOME
-
-ENGINES = ("pybullet", "mujoco")
-"""The folders of engines; `begin` of their `watch` takes the watch of the script, and what differs.
-"""
 
 
 def watch(
