@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import gc
 import importlib
 import os
+import pickle
 import shutil
 import subprocess
 import sys
@@ -98,8 +100,21 @@ def _parts(value: Any) -> tuple[Any, ...]:
 
 @pytest.fixture(scope="session")
 def standard(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """Return the experiment itself, simulated, analyzed and rendered once for all tests."""
-    return run(Scenario(), tmp_path_factory.mktemp("standard"))
+    """Return the experiment itself, simulated, analyzed and rendered once for all tests.
+
+    The first of pytest's processes that needs it makes it, and the others wait for that.
+    """
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    kept = folder / "standard.pickle"
+    with (folder / "standard.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not kept.exists():
+            (folder / "standard").mkdir()
+            kept.write_bytes(pickle.dumps(run(Scenario(), folder / "standard")))
+    made: Run = pickle.loads(kept.read_bytes())
+    return made
 
 
 @dataclass(frozen=True)

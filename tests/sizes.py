@@ -24,6 +24,7 @@ import tomllib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -59,10 +60,16 @@ class Size:
         return self.statements <= limit.statements and self.tokens <= limit.tokens
 
 
+@cache
+def nodes_of(code: str) -> list[ast.AST]:
+    """Return all nodes of a module."""
+    return [*ast.walk(ast.parse(code))]
+
+
 def size_of(code: str) -> Size:
     """Return the size of a module's code."""
     statements, docstrings = 0, set()
-    for node in ast.walk(ast.parse(code)):
+    for node in nodes_of(code):
         match node:
             case ast.Expr(value=ast.Constant(value=str()) as text):
                 docstrings.add((text.lineno, text.col_offset))
@@ -172,7 +179,7 @@ def classes_twice(package: Path = PACKAGE) -> set[str]:
     names = Counter(
         node.name
         for path in package.rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for node in nodes_of(path.read_text(encoding="utf-8"))
         if isinstance(node, ast.ClassDef)
     )
     return {name for name, times in names.items() if times > 1}
@@ -191,7 +198,7 @@ def fragments_in(code: str) -> list[str]:
     So does a function's that says "Whether …" where it should say "Return whether …".
     """
     found = []
-    for node in ast.walk(ast.parse(code)):
+    for node in nodes_of(code):
         body = getattr(node, "body", None)
         for number, statement in enumerate(body if isinstance(body, list) else []):
             match statement:

@@ -60,6 +60,17 @@ def block(body: str, name: str = "'box'") -> str:
     return f"    with golden_recording({name}):\n        {body}\n"
 
 
+@pytest.fixture
+def writer(monkeypatch: pytest.MonkeyPatch) -> Iterator[BlockWriter]:
+    """Return the process that records, one for all runs of pytest in a test: a second each."""
+    kept = BlockWriter()
+    monkeypatch.setattr(kept, "close", lambda: None)
+    monkeypatch.setattr(record_block, "BlockWriter", lambda: kept)
+    yield kept
+    BlockWriter.close(kept)
+
+
+@pytest.mark.usefixtures("writer")
 def test_a_golden_is_made_and_then_holds(
     project: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -39,7 +39,7 @@ from drop_physics.trace.states import by_body
 Int64 = NDArray[np.int64]
 Rows = NDArray[np.intp]
 
-MOST_STEPS, LEAST_STEPS, NUMBERS = 1 << 12, 1 << 8, 1 << 17
+MOST_STEPS, LEAST_STEPS, NUMBERS = 1 << 12, 1 << 5, 1 << 17
 """Steps in a piece, and degrees of freedom of all bodies over its steps: some 200 MB."""
 FORCES = ("normal_force_n", "friction_1_n", "friction_2_n")
 """The forces of a contact point."""
