@@ -110,7 +110,7 @@ def main() -> None:
     running = watching._module(sys.argv[1])
     witness = _Witness(os.environ["WITNESS"])
     bullet = f"{watching._PACKAGE}.pybullet.watch"
-    modules = (sys.modules[f"{bullet}.{name}"] for name in ("handlers", "worlds"))
+    modules = (importlib.import_module(f"{bullet}.{name}") for name in ("handlers", "worlds"))
     _install(*modules, witness, blind=os.environ.get("WITNESS_BLIND") == "1")
     running.main(*sys.argv[2:])
 

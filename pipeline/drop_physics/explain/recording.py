@@ -40,7 +40,7 @@ Int64 = NDArray[np.int64]
 Rows = NDArray[np.intp]
 
 MOST_STEPS, LEAST_STEPS, NUMBERS = 1 << 12, 1 << 5, 1 << 17
-"""Steps in a piece, and degrees of freedom of all bodies over its steps: some 200 MB."""
+"""Steps in a piece, and degrees of freedom of all bodies over its steps: some 100 MB."""
 FORCES = ("normal_force_n", "friction_1_n", "friction_2_n")
 """The forces of a contact point."""
 NOBODY = -1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -107,6 +108,7 @@ def analyze(
     trials = Trials(path, read_back.recording_id)
     analysis = replace(analysis, findings=[*map(trials.with_verdict, analysis.findings)])
     progress(ANALYZING, 2, _PARTS)
+    _give_memory_back()
     write_layer(
         layer,
         read_back,
@@ -133,6 +135,13 @@ def analyze(
         partial=read_back.partial,
         lacks=read_back.lacks,
     )
+
+
+def _give_memory_back() -> None:
+    """Let the system have what was freed: what is written next comes from other allocators."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc's
+    if trim is not None:
+        trim(0)
 
 
 def _hulls(analysis: Analysis) -> frozenset[str]:
