@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import field
-from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,7 +103,7 @@ class TouchTable:
 
     def __init__(self, seen: Seen) -> None:
         self._seen = seen
-        self._totals: dict[tuple[int, int], _Total] = {}
+        self._totals: dict[int, dict[int, _Total]] = {}
         """Totals by the numbers of a body and of the other."""
         self.pairs: Pairs
         """The contact points of the latest piece, until that is forgotten."""
@@ -124,19 +123,16 @@ class TouchTable:
         needs = [_Needs.of(explained, pairs, side) for side in (0, 1)]
         for row, (one, other) in enumerate(zip(first, second, strict=True)):
             for side, number in enumerate(dict.fromkeys((one, other))):
-                total = self._totals.setdefault((number, other if side == 0 else one), _Total())
+                its = self._totals.setdefault(number, {})
+                total = its.setdefault(other if side == 0 else one, _Total())
                 total.add(numbers, row, side, itself=one == other)
                 if number in explained.bodies and one != other:
                     total.need(needs[side], row)
 
     def rows(self, body: int) -> Sequence[Touch]:
         """Return the pairs of a body, by its number."""
-        its = (
-            (other, total)
-            for (number, other), total in self._totals.items()
-            if number == body and total.steps
-        )
-        return [self._touch(other, total) for other, total in sorted(its, key=itemgetter(0))]
+        its = self._totals.get(body, {})
+        return [self._touch(other, its[other]) for other in sorted(its) if its[other].steps]
 
     def _touch(self, other: int, total: _Total) -> Touch:
         low, high = total.coefficients
