@@ -20,7 +20,7 @@ from drop_physics.explain.causes import CAUSES, Totals
 from drop_physics.explain.recording import Explanation
 from drop_physics.explain.step_status import SEGMENTS, Judged
 from drop_physics.physics.impulses import Forces
-from drop_physics.physics.laws.bullet.tree import BulletTree, Reported
+from drop_physics.physics.step_law import DampedTree, Reported
 from drop_physics.trace.history import Piece, Seen
 from drop_physics.trace.log import Log
 from drop_physics.trace.tables import table_of
@@ -525,7 +525,7 @@ def test_what_calls_set_matters(
 
     def altered(self: BodyConfigs, *key: int) -> Any:
         epoch = make(self, *key)
-        law: BulletTree = epoch.law
+        law: DampedTree = epoch.law
         nothing = law.lower * 0
         given = (
             {what: other[what]}

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import drop_physics
 import pybullet
+from drop_physics.trace.acts import ACTS
 
 PACKAGE = Path(drop_physics.__file__).parent
 ARCHITECTURE = (Path(__file__).parents[1] / "docs/architecture.md").read_text(encoding="utf-8")
@@ -30,6 +31,9 @@ ONLY_IN = {
     "typer": {"cli.py", "cli_options.py", "options.py", "console/running.py", "console/help.py"},
 }
 CAMEL = re.compile(r"[a-z]+[A-Z]\w*")
+OF_MUJOCO = re.compile(r"mj[a-z]?_\w+")
+ENGINE = re.compile("(py)?bullet|mujoco|mj|dart|drake|physx", re.IGNORECASE)
+LAWS = "drop_physics.physics.laws."
 # The judge never imports what it judges.
 JUDGE = ("physics/", "explain/", "rules/", "analysis/", "compare/", "drop/")
 
@@ -128,6 +132,32 @@ def test_the_judge_knows_neither_engine_nor_recorder() -> None:
         assert not any(module.startswith(unknown) for module in imports_of(FILES[name])), name
 
 
+def names_in(path: Path) -> set[str]:
+    """Return all names that a file gives or uses, its own and those of its folders."""
+    found = {*path.relative_to(PACKAGE).with_suffix("").parts}
+    for node in ast.walk(parsed(path)):
+        for name in ("id", "attr", "arg", "name", "asname"):
+            found.add(getattr(node, name, None) or "")
+    return found
+
+
+def test_nothing_of_the_judge_is_named_after_an_engine() -> None:
+    """Nor imports the law of one: `physics/laws` alone has these, and `lookup` chooses."""
+    neutral = [
+        name
+        for name in FILES
+        if name.startswith(("trace/", "physics/", "explain/", "analysis/"))
+        and not name.startswith("physics/laws/")
+    ]
+    for name in neutral:
+        words = {each for each in names_in(FILES[name]) if ENGINE.search(each)}
+        assert not words, f"{name}: {words}"
+        laws = {each for each in imports_of(FILES[name]) if each.startswith(LAWS)}
+        assert laws <= {f"{LAWS}lookup", f"{LAWS}lookup.RIGID", f"{LAWS}lookup.step_law"}, name
+    own = {name.removeprefix("physics/laws/") for name in FILES if name.startswith("physics/laws/")}
+    assert all(ENGINE.match(each) for each in own - {"__init__.py", "lookup.py"})
+
+
 def test_help_loads_no_heavy_library() -> None:
     code = (
         "import sys; sys.argv = ['drop', '--help']\n"
@@ -170,15 +200,18 @@ def test_an_analysis_loads_no_library_that_few_need() -> None:
 
 
 def test_only_the_trace_and_engines_know_the_name_of_a_call() -> None:
+    """Of PyBullet's functions, of MuJoCo's, and of the memory whose writing stands for a call."""
     functions = [name for name in dir(pybullet) if callable(getattr(pybullet, name))]
+
+    def is_call(word: str) -> bool:
+        named = CAMEL.fullmatch(word) and any(each.startswith(word) for each in functions)
+        return bool(named or OF_MUJOCO.fullmatch(word) or word in ACTS)
+
     found = {
         f"{name}:{node.lineno}: {node.value}"
         for name, path in FILES.items()
-        if room_of(*Path(name).parts) not in ("trace", "engines")
+        if not name.startswith(("trace/", "engines/", "physics/laws/mujoco/"))
         for node in ast.walk(parsed(path))
-        if isinstance(node, ast.Constant)
-        and isinstance(node.value, str)
-        and CAMEL.fullmatch(node.value)
-        and any(function.startswith(node.value) for function in functions)
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and is_call(node.value)
     }
     assert found == set()

@@ -18,7 +18,7 @@ from drop_physics.analysis.story import Story
 from drop_physics.explain.step_status import SEGMENTS
 from drop_physics.physics.laws.bullet import substeps as bullet_substeps
 from drop_physics.physics.laws.bullet.substeps import HELD, SubstepSum, sum_of_substeps
-from drop_physics.physics.laws.bullet.tree import Reported
+from drop_physics.physics.step_law import Reported
 from drop_physics.physics.tree import States
 from scenes import body_of, explanation, found, record
 from test_tree_law import MORE, ROBOTS

@@ -19,20 +19,17 @@ import numpy as np
 import pybullet as p
 import pytest
 from conftest import some
+from drop_physics.physics import on_links
 from drop_physics.physics.base import Motion
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.impulses import Forces, Sum, impulses_of
 from drop_physics.physics.kinematics import kinematics, motion, spin_jacobian
 from drop_physics.physics.laws.bullet import reports as bullet_reports
 from drop_physics.physics.laws.bullet import tree as bullet_tree
+from drop_physics.physics.laws.bullet.air import MAX_COORDINATE_VELOCITY_M_S
 from drop_physics.physics.laws.bullet.law import BulletLaw
-from drop_physics.physics.laws.bullet.tree import (
-    BulletTree,
-    Reported,
-    StepConditions,
-    not_covered,
-    sum_of,
-)
+from drop_physics.physics.laws.bullet.tree import not_covered, sum_of
+from drop_physics.physics.step_law import DampedTree, Reported, StepConditions
 from drop_physics.physics.tree import States, Tree
 from trees import DATA, Watched, described, engine, is_fixed, joints_of, load, motors_off, run
 
@@ -224,15 +221,16 @@ PENDULUM = Tree(
 """A point mass on a massless rod, which turns about y; at 0 it hangs."""
 
 
-def undamped(tree: Tree) -> BulletTree:
+def undamped(tree: Tree) -> DampedTree:
     nothing = np.zeros(tree.joint_rates)
-    return BulletTree(
+    return DampedTree(
         tree=tree,
         joint_damping=nothing,
         lower=nothing,
         upper=nothing - 1,
         linear_damping=0.0,
         angular_damping=0.0,
+        velocity_limit=MAX_COORDINATE_VELOCITY_M_S,
     )
 
 
@@ -456,7 +454,7 @@ def held(kind: int, arm: Watched, link: int, steps: int) -> list[tuple[Watched, 
             p.setJointMotorControl2(arm.body, joint, p.POSITION_CONTROL, 0.3, force=87)
         run(bodies, 1)
         said.append(p.getConstraintState(constraint))
-    axes = bullet_reports.frame_axes(arm.kinematics(), link, turned)[:-1]
+    axes = on_links.frame_axes(arm.kinematics(), link, turned)[:-1]
     return [
         (
             one,
@@ -667,7 +665,7 @@ def test_any_robot_that_holds_a_cube_closes(file: str, kind: int) -> None:
 
 # -- each term is worth its test ----------------------------------------------------------------
 
-Altered = tuple[BulletTree, dict[str, Any]]
+Altered = tuple[DampedTree, dict[str, Any]]
 LEFT_OUT: dict[str, Callable[[Watched], Altered]] = {
     "gravity": lambda w: (w.law, {"gravity_m_s2": np.zeros((len(w.timesteps), 3))}),
     "linear damping": lambda w: (replace(w.law, linear_damping=0.0), {}),

@@ -11,12 +11,14 @@ import numpy as np
 import pybullet as p
 import pybullet_data
 from clients import release_clients
+from drop_physics.physics import on_links
 from drop_physics.physics.columns import rotation
 from drop_physics.physics.impulses import Forces, Sum
 from drop_physics.physics.kinematics import Kinematics, kinematics
-from drop_physics.physics.laws.bullet import reports as bullet_reports
 from drop_physics.physics.laws.bullet import tree as bullet_tree
-from drop_physics.physics.laws.bullet.tree import BulletTree, Reported
+from drop_physics.physics.laws.bullet.air import MAX_COORDINATE_VELOCITY_M_S
+from drop_physics.physics.servo import pd_effort
+from drop_physics.physics.step_law import DampedTree, Reported
 from drop_physics.physics.tree import BASE, Joint, States, Tree
 
 DATA = pybullet_data.getDataPath()
@@ -59,7 +61,7 @@ def is_fixed(body: int) -> bool:
     return bool(p.getDynamicsInfo(body, -1)[0] == 0)
 
 
-def described(body: int, **damping: float) -> BulletTree:
+def described(body: int, **damping: float) -> DampedTree:
     """Return a body as PyBullet describes it."""
     joints = [p.getJointInfo(body, joint) for joint in range(p.getNumJoints(body))]
     dynamics = [p.getDynamicsInfo(body, link) for link in range(-1, len(joints))]
@@ -68,7 +70,7 @@ def described(body: int, **damping: float) -> BulletTree:
 
 def tree_of(
     joints: Sequence[Sequence[Any]], dynamics: Sequence[Sequence[Any]], *, fixed: bool
-) -> BulletTree:
+) -> DampedTree:
     """Return a body from `getJointInfo` of each joint and `getDynamicsInfo` of base and links.
 
     With the joint damping and limits that `getJointInfo` reports, which `changeDynamics` does not
@@ -99,7 +101,15 @@ def tree_of(
     damped, lower, upper = (
         np.repeat(np.array([info[k] for info in joints], np.float64), counts) for k in (6, 8, 9)
     )
-    return BulletTree(tree=tree, joint_damping=damped, lower=lower, upper=upper)
+    return DampedTree(
+        tree=tree,
+        joint_damping=damped,
+        lower=lower,
+        upper=upper,
+        linear_damping=bullet_tree.DAMPING,
+        angular_damping=bullet_tree.DAMPING,
+        velocity_limit=MAX_COORDINATE_VELOCITY_M_S,
+    )
 
 
 def joints_of(body: int, *kinds: int) -> list[int]:
@@ -129,7 +139,7 @@ class Watched:
     """A body whose states, contacts and calls are kept, step by step."""
 
     body: int
-    law: BulletTree
+    law: DampedTree
     rows: list[tuple[Any, ...]] = field(default_factory=list)
     motors: list[list[float]] = field(default_factory=list)
     commanded: list[tuple[int, int, float]] = field(default_factory=list)
@@ -267,7 +277,7 @@ class Watched:
             "commanded": self._efforts(*commanded.T),
             "pd": self._efforts(
                 *pd.T[:2],
-                bullet_reports.pd_effort(
+                pd_effort(
                     gains=pd.T[2:4],
                     target=pd.T[4],
                     target_velocity=pd.T[5],
@@ -294,14 +304,12 @@ class Watched:
         step, link, is_a, at, normal, force, friction, directions, rolls = map(
             np.array, zip(*self.contacts, strict=True)
         )
-        return bullet_reports.contact_forces(
+        return on_links.contact_forces(
             step=step,
             link=link,
             is_a=is_a,
             point_m=at,
-            force_n=bullet_reports.points_force_n(
-                normal, force, friction, directions.swapaxes(0, 1)
-            ),
+            force_n=on_links.points_force_n(normal, force, friction, directions.swapaxes(0, 1)),
             rolling=rolls,
         )
 
@@ -315,7 +323,7 @@ class Watched:
         kin = self.kinematics()
         for one in np.flatnonzero(torque & ~local):  # at the centre, so that it has no moment
             at[one] = kin.position_m(int(link[one]))[pose[one]]
-        return bullet_reports.pushes(
+        return on_links.pushes(
             kin,
             step=step,
             link=link,

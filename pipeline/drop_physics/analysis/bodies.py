@@ -22,10 +22,10 @@ from drop_physics.explain.causes import Totals
 from drop_physics.explain.rows import SampleRows, rows_of
 from drop_physics.explain.step_status import SEGMENTS, Judged
 from drop_physics.explain.steps import Steps
+from drop_physics.physics.laws.lookup import step_law
 from drop_physics.physics.vectors import triple
 from drop_physics.rules.answer import Scene
 from drop_physics.trace.events import Body, order
-from drop_physics.trace.history import PYBULLET
 
 Float64 = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ class BodyStory:
     ) -> None:
         self._scene, self._body = scene, body
         self._times = scene.times[body.client]
-        self._is_replayed = scene.seen.engine != PYBULLET
+        self._is_replayed = step_law(scene.seen.engine) is None
         self._flights = Flights(self._times, self._nearest(at_s))
         self._phases = BodyContacts(self._times, scene.seen.bodies)
         self._sums_at = self._nearest(sums_at_s)

@@ -20,10 +20,11 @@ from drop_physics.explain.rows import MOST_ROWS, SHOWN_PER_S, SampleRows, joined
 from drop_physics.explain.times import StepTimes
 from drop_physics.explain.touches import TouchTable
 from drop_physics.physics.base import Law
+from drop_physics.physics.laws.lookup import step_law
 from drop_physics.rules.answer import Finding, Scene
 from drop_physics.rules.every import Rules, ranked
 from drop_physics.trace.cures import Cure
-from drop_physics.trace.history import PYBULLET, Piece, Seen
+from drop_physics.trace.history import Piece, Seen
 
 
 class Story:
@@ -44,7 +45,7 @@ class Story:
     asked
         Whether rules are asked what they find.
     other
-        The law of one body in flight, where another engine than PyBullet steps it.
+        The law of one body in flight, where it is that of another engine.
     call_of
         Returns a cure as its user would write it, in the words of the engine.
     reports
@@ -68,9 +69,8 @@ class Story:
         also: Callable[[Piece], None] | None = None,
     ) -> None:
         clients = {each.client for each in seen.settings}
-        of_bullet = seen.engine == PYBULLET
         self.explanation: Explanation | Replayed = (
-            Explanation(seen, other) if of_bullet else Replayed(seen)
+            Replayed(seen) if step_law(seen.engine) is None else Explanation(seen, other)
         )
         self.scene = Scene(
             seen=seen,

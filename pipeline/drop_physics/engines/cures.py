@@ -7,7 +7,7 @@ from collections.abc import Callable
 from drop_physics.engines.mujoco import interventions as mujoco
 from drop_physics.engines.pybullet import interventions as pybullet
 from drop_physics.trace.cures import Cure, EngineCures
-from drop_physics.trace.history import PYBULLET
+from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 
 ROOMS: dict[str, EngineCures] = {PYBULLET: pybullet, "MuJoCo": mujoco}
 """What knows the cures of each engine, by its name."""

@@ -20,7 +20,7 @@ from drop_physics.errors import DropError
 from drop_physics.fields import counted
 from drop_physics.messages import Message
 from drop_physics.trace.events import Event, located
-from drop_physics.trace.history import PYBULLET
+from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 
 MUJOCO = "MuJoCo"
 

@@ -25,7 +25,8 @@ from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.rotations import same_way
 from drop_physics.physics.tree import States, Tree
 from drop_physics.trace.events import Body
-from drop_physics.trace.history import PYBULLET, Seen
+from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
+from drop_physics.trace.history import Seen
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]

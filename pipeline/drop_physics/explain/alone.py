@@ -18,12 +18,9 @@ from drop_physics.explain.bodies import BodyConfig
 from drop_physics.explain.touching import Touches
 from drop_physics.physics.base import Law, Motion
 from drop_physics.physics.impulses import Forces
-from drop_physics.physics.laws.bullet.air import EPSILON, effective_damping
-from drop_physics.physics.laws.bullet.law import BulletLaw
-from drop_physics.physics.laws.bullet.tree import Reason, Reported
+from drop_physics.physics.step_law import Reason, Reported
 from drop_physics.physics.tree import States
 from drop_physics.physics.vectors import lengths, summed
-from drop_physics.scenario import Coordinates
 
 Float64 = NDArray[np.float64]
 Int8 = NDArray[np.int8]
@@ -48,24 +45,15 @@ def law_of(config: BodyConfig, timestep_s: float, gravity_m_s2: Float64) -> Law 
     tree, mass_kg = config.law.tree, float(config.law.tree.masses_kg[0])
     if tree.fixed or tree.links or not (mass_kg > 0 and np.isfinite(1 / mass_kg)):
         return None
-    if config.other is not None:
+    if config.other is not None or config.step_law is None:
         return config.other
-    if not EPSILON <= timestep_s < np.inf:  # the engine takes no other
-        return None
-    kind: Coordinates = "maximal" if "maximal" in config.reasons else "reduced"
-    linear, angular = (effective_damping(each, kind) for each in config.damping)
-    x, y, z = gravity_m_s2.tolist()
-    ix, iy, iz = tree.inertias_kg_m2[0].tolist()
-    return BulletLaw(
-        timestep_s=timestep_s,
+    return config.step_law.flight(
+        config.law,
+        maximal="maximal" in config.reasons,
         substeps=config.substeps,
-        gravity_m_s2=(x, y, z),
-        mass_kg=mass_kg,
-        inertia_kg_m2=(ix, iy, iz),
-        linear_damping=linear,
-        angular_damping=angular,
-        coordinates=kind,
-        velocity_limit=config.law.velocity_limit,
+        damping=config.damping,
+        timestep_s=timestep_s,
+        gravity_m_s2=gravity_m_s2,
     )
 
 

@@ -13,15 +13,8 @@ from numpy.typing import NDArray
 
 from drop_physics.data import dataclass
 from drop_physics.physics.base import Law
-from drop_physics.physics.laws.bullet.air import MAX_COORDINATE_VELOCITY_M_S
-from drop_physics.physics.laws.bullet.tree import (
-    DAMPING,
-    BulletTree,
-    Reason,
-    StepConditions,
-    not_covered,
-)
 from drop_physics.physics.laws.lookup import RIGID
+from drop_physics.physics.step_law import DampedTree, Reason, StepConditions, StepLaw
 from drop_physics.physics.tree import BASE, Tree
 from drop_physics.physics.vectors import distinct
 from drop_physics.trace import events
@@ -57,7 +50,7 @@ class BodyConfig:
 
     life: int
     """Its place among the bodies with its number, from 0: a script may load it again."""
-    law: BulletTree
+    law: DampedTree
     reasons: tuple[Reason, ...]
     """Why its steps need not be a sum; what only the contacts tell is not among them."""
     cone_friction: bool
@@ -67,7 +60,9 @@ class BodyConfig:
     damping: tuple[float | None, float | None]
     """Linear and angular, as calls set it; None where none did."""
     other: Law | None
-    """The law of one body in flight in another engine; None in PyBullet."""
+    """The law of one body in flight in another engine; None where the engine's own is known."""
+    step_law: StepLaw | None
+    """How the engine steps it; None where it says itself what acted."""
 
 
 @dataclass(eq=False)
@@ -213,9 +208,11 @@ class BodyConfigs:
         record: Record,
         settings: Sequence[events.Settings],
         other: Law | None,
-        laws: dict[Hashable, BulletTree],
+        step_law: StepLaw | None,
+        laws: dict[Hashable, DampedTree],
     ) -> None:
         self._record, self._other, self._laws = record, other, laws
+        self._step_law = step_law
         self._told = np.array([each.at.step for each in settings], np.int64)
         self._dynamics = np.array([each.at.step for each in record.dynamics], np.int64)
         kinds = [_kind(each.values) for each in settings]
@@ -264,7 +261,7 @@ class BodyConfigs:
             name: float(reported[key][0]) for key, name in GIVEN.items() if key in reported
         }:
             calls.insert(0, Given(latest.at, record.body, BASE, known_from_start))
-        law = law_of(record.body, reported, calls)
+        law = law_of(record.body, reported, calls, self._step_law)
         law = self._laws.setdefault(_content(law), law)
         settings = StepConditions(
             other_engine=self._other is not None,
@@ -274,8 +271,12 @@ class BodyConfigs:
             planar=any(joint.kind == "planar" for joint in record.body.joints),
         )
         known = not (settings.planar or settings.maximal or settings.other_engine)
-        reasons = not_covered(settings, law.tree if known else None)
-        return BodyConfig(life, law, reasons, cone, substeps, _damping(calls), self._other)
+        engine = self._step_law
+        reasons = (
+            () if engine is None else engine.not_covered(settings, law.tree if known else None)
+        )
+        damping = _damping(calls)
+        return BodyConfig(life, law, reasons, cone, substeps, damping, self._other, engine)
 
 
 def _content(value: Any) -> Hashable:  # noqa: ANN401 - arrays, dataclasses, and what they hold
@@ -310,7 +311,12 @@ def substeps_of(engine: Mapping[str, float | Sequence[float]]) -> int:
     return max(int(_number(engine["numSubSteps"])), 1)
 
 
-def law_of(body: Body, reported: Mapping[str, Float64], calls: Sequence[Given]) -> BulletTree:
+def law_of(
+    body: Body,
+    reported: Mapping[str, Float64],
+    calls: Sequence[Given],
+    step_law: StepLaw | None,
+) -> DampedTree:
     """Return a body as its tree, with what calls have set of it.
 
     PyBullet ignores a negative damping or limit of velocities, and a lower limit above the upper
@@ -329,11 +335,10 @@ def law_of(body: Body, reported: Mapping[str, Float64], calls: Sequence[Given]) 
     )
     damping = [joint.damping for joint in body.joints]
     limits = [joint.limits for joint in body.joints]
-    whole = {
-        "linearDamping": DAMPING,
-        "angularDamping": DAMPING,
-        "maxJointVelocity": MAX_COORDINATE_VELOCITY_M_S,
-    }
+    usual, limit = (
+        (0.0, np.inf) if step_law is None else (step_law.damping, step_law.velocity_limit)
+    )
+    whole = {"linearDamping": usual, "angularDamping": usual, "maxJointVelocity": limit}
     for call in calls:
         numbers = {name: _number(value) for name, value in call.values.items()}
         link = call.link
@@ -345,7 +350,7 @@ def law_of(body: Body, reported: Mapping[str, Float64], calls: Sequence[Given]) 
         limits[link] = asked if asked[0] <= asked[1] else limits[link]
     counts = [rate.stop - rate.start for rate in tree.rates]
     lower, upper = np.reshape(limits, (-1, 2)).T.astype(np.float64)
-    return BulletTree(
+    return DampedTree(
         tree=tree,
         joint_damping=np.repeat(np.array(damping, np.float64), counts),
         lower=np.repeat(lower, counts),
@@ -384,10 +389,11 @@ def configs_of(
     records: Mapping[int, Record],
     settings: Mapping[int, Sequence[events.Settings]],
     other: Law | None,
+    step_law: StepLaw | None,
 ) -> dict[int, BodyConfigs]:
     """Return the configurations of each body, by its number; equal bodies share their law."""
-    laws: dict[Hashable, BulletTree] = {}
+    laws: dict[Hashable, DampedTree] = {}
     return {
-        number: BodyConfigs(record, settings[record.body.client], other, laws)
+        number: BodyConfigs(record, settings[record.body.client], other, step_law, laws)
         for number, record in records.items()
     }

@@ -11,7 +11,7 @@ from drop_physics.data import dataclass
 from drop_physics.explain.changes import energy_of
 from drop_physics.explain.step_status import SEGMENTS, UNEXPLAINED, WHYS, Judged, Why
 from drop_physics.explain.steps import BodySteps
-from drop_physics.physics.laws.bullet.tree import BulletTree
+from drop_physics.physics.step_law import DampedTree
 from drop_physics.physics.tree import States
 from drop_physics.trace.events import Body
 
@@ -149,7 +149,7 @@ class Totals:
 class _End:
     """Where a stretch begins or ends."""
 
-    law: BulletTree
+    law: DampedTree
     state: States
     gravity_m_s2: Float64
     """Shape (1, 3)."""

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from drop_physics.data import dataclass
 from drop_physics.physics.dynamics import lifted_j, mass_matrix
-from drop_physics.physics.impulses import Sum
+from drop_physics.physics.impulses import Summed
 from drop_physics.physics.kinematics import Kinematics, kinematics
-from drop_physics.physics.laws.bullet.substeps import SubstepSum
-from drop_physics.physics.laws.bullet.tree import BulletTree
+from drop_physics.physics.step_law import DampedTree
 from drop_physics.physics.tree import BASE, States
 
 Float64 = NDArray[np.float64]
@@ -66,10 +65,10 @@ class Changes:
 
 
 def changes_of(
-    law: BulletTree,
+    law: DampedTree,
     states: States,
     steps: Transitions,
-    added: Sum | SubstepSum | None,
+    added: Summed | None,
     parts: Sequence[tuple[slice, slice]],
 ) -> list[Changes]:
     """Return how energy and momentum change in each part of the transitions.
@@ -118,7 +117,7 @@ def changes_of(
     return found
 
 
-def energy_of(law: BulletTree, states: States, gravity_m_s2: Float64) -> tuple[Float64, Float64]:
+def energy_of(law: DampedTree, states: States, gravity_m_s2: Float64) -> tuple[Float64, Float64]:
     """Return kinetic and potential energy [J], shape (n,), and linear momentum, shape (n, 3).
 
     Heights count from the origin; the momentum of a tree whose base is fixed is taken as 0.
@@ -129,7 +128,7 @@ def energy_of(law: BulletTree, states: States, gravity_m_s2: Float64) -> tuple[F
     return kinetic + _potential(kin, gravity_m_s2), momenta
 
 
-def _changed(law: BulletTree, states: States, steps: Transitions) -> tuple[Float64, Float64]:
+def _changed(law: DampedTree, states: States, steps: Transitions) -> tuple[Float64, Float64]:
     kin = kinematics(law.tree, states)
     kinetic, momenta = _moving(kin, states)
     return np.diff(kinetic) + lifted_j(kin, steps.gravity_then), np.diff(momenta, axis=0)
@@ -151,7 +150,7 @@ def _potential(kin: Kinematics, gravity_m_s2: Float64) -> Float64:
     return out
 
 
-def _weighed(law: BulletTree, states: States, steps: Transitions, starts: Int64) -> Float64:
+def _weighed(law: DampedTree, states: States, steps: Transitions, starts: Int64) -> Float64:
     """Return what setting gravity before each step changed of the potential energy [J], (n,).
 
     `starts`: the steps before which nothing is known.

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from drop_physics.data import dataclass
 from drop_physics.explain.touching import rows_of
-from drop_physics.physics.laws.bullet.reports import pd_effort
-from drop_physics.physics.laws.bullet.tree import BulletTree
 from drop_physics.physics.rowed import Rowed
+from drop_physics.physics.servo import pd_effort
+from drop_physics.physics.step_law import DampedTree
 from drop_physics.physics.tree import States, Tree
 from drop_physics.trace.acts import SETS_TIMESTEP
 from drop_physics.trace.calls import TIMESTEPS
@@ -85,7 +85,7 @@ class Commanded(Rowed):
         counts = [rates.stop - rates.start for rates in tree.rates]
         return np.where((self.force == 0) & (np.repeat(counts, counts) == 1), 0.0, reported)
 
-    def servos(self, law: BulletTree, before: States) -> Float64:
+    def servos(self, law: DampedTree, before: States) -> Float64:
         """Return PD_CONTROL's efforts, shape (n, joint_rates)."""
         tree = law.tree
         efforts = np.zeros((len(before), tree.joint_rates))

@@ -13,7 +13,8 @@ from drop_physics.data import dataclass
 from drop_physics.explain.touching import rows_of
 from drop_physics.physics.impulses import Forces
 from drop_physics.physics.kinematics import Kinematics, kinematics
-from drop_physics.physics.laws.bullet.reports import constraint_forces, frame_axes, gear_impulses
+from drop_physics.physics.on_links import frame_axes
+from drop_physics.physics.step_law import StepLaw
 from drop_physics.physics.tree import States, Tree
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import At
@@ -73,7 +74,8 @@ class Acting(NamedTuple):
 class Constraints:
     """The constraints of a recording, whose calls come piece by piece."""
 
-    def __init__(self) -> None:
+    def __init__(self, law: StepLaw | None) -> None:
+        self._law = law
         self._told: dict[tuple[int, int], list[Held]] = {}
         """By client and the engine's id, in order."""
         self._forces: Mapping[tuple[int, int], tuple[Int64, Float64]] = {}
@@ -175,6 +177,8 @@ class Constraints:
     ) -> Acting:
         """Return what constraints do to a body in the steps to samples `ends`, shape (n,)."""
         acting, geared, unknown = Forces(), None, np.zeros(len(ends), np.bool_)
+        if self._law is None:
+            return Acting(acting, geared, unknown)
         for key, told in self._told.items():
             if not any(body in held.bodies for held in told) or key not in self._forces:
                 continue
@@ -192,7 +196,7 @@ class Constraints:
                         continue
                     if held.kind == GEAR:
                         impulses = np.zeros((len(ends), tree.joint_rates))
-                        impulses[at] = gear_impulses(
+                        impulses[at] = self._law.gear_impulses(
                             tree,
                             as_parent=side == 0,
                             link=held.links[side],
@@ -204,7 +208,15 @@ class Constraints:
                     elif held.kind in (FIXED, POINT):
                         kin = kinematics(tree, before.at(at))
                         axes = _axes(held, side, kin, ends[at], poses)
-                        forces_on = _forces(held, side, kin, axes, reported)
+                        forces_on = self._law.constraint_forces(
+                            kin,
+                            kind="fixed" if held.kind == FIXED else "point2point",
+                            as_parent=side == 0,
+                            link=held.links[side],
+                            pivot_m=held.pivots_m[side],
+                            axes=axes,
+                            reported=reported,
+                        )
                         acting = acting.then(replace(forces_on, step=at))
                     else:
                         unknown[at] = True
@@ -223,15 +235,3 @@ def _axes(held: Held, side: int, kin: Kinematics, ends: Int64, poses: Poses) -> 
     if side == 1:
         kin = kinematics(*poses(held.bodies[0], ends))
     return frame_axes(kin, held.links[0], held.orientations[0])
-
-
-def _forces(held: Held, side: int, kin: Kinematics, axes: Float64, reported: Float64) -> Forces:
-    return constraint_forces(
-        kin,
-        kind="fixed" if held.kind == FIXED else "point2point",
-        as_parent=side == 0,
-        link=held.links[side],
-        pivot_m=held.pivots_m[side],
-        axes=axes,
-        reported=reported,
-    )

@@ -13,7 +13,7 @@ from drop_physics.explain.body_history import BodyHistory, put_states
 from drop_physics.explain.touching import rows_of
 from drop_physics.physics.impulses import Forces
 from drop_physics.physics.kinematics import kinematics
-from drop_physics.physics.laws.bullet.reports import pushes
+from drop_physics.physics.on_links import pushes
 from drop_physics.physics.tree import BASE, Tree
 from drop_physics.trace.calls import Push
 from drop_physics.trace.events import Put, order
@@ -34,8 +34,13 @@ def pushed(
 ) -> Forces:
     """Return what pushes do to a body in its steps.
 
-    PyBullet takes the pose of a link that it computed last: that of one step earlier, unless a call
-    has refreshed it, some of which no recording has (`laws/bullet/reports.pushes`).
+    PyBullet takes the pose of a link that it computed last (`PhysicsServerCommandProcessor.cpp`
+    12609, `m_cachedWorldTransform`). It is the current one for the base; for a link that of one
+    step earlier, unless a call has refreshed the poses of this body's links since, which not every
+    recording has: `getLinkState` or `getLinkStates` of any of its links with
+    `computeForwardKinematics=True`, `resetJointState` and its multi-dof form,
+    `resetBasePositionAndOrientation`, `resetBaseVelocity`; and before the first step. Other reads,
+    `performCollisionDetection` and `calculateInverseKinematics` do not.
 
     Parameters
     ----------

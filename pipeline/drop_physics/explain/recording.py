@@ -27,6 +27,8 @@ from drop_physics.explain.steps import (
 from drop_physics.explain.times import StepTimes
 from drop_physics.explain.touching import STEPS, Touching, rows_of
 from drop_physics.physics.base import EXACT_MACHINES, Law
+from drop_physics.physics.laws.lookup import step_law
+from drop_physics.physics.step_law import StepLaw
 from drop_physics.physics.tree import States, Tree
 from drop_physics.trace.acts import CONSTRAINS, SETS_TIMESTEP, Act
 from drop_physics.trace.calls import Call, Push
@@ -88,9 +90,9 @@ class ExplainedPiece:
 class Explanation:
     """Explains a recording; `totals` grow as its pieces are taken.
 
-    What a call set before the recording, and the engine does not report, is taken for PyBullet's
-    default; where that does not explain a step, so it says. `other` is the law of one body in
-    flight in another engine.
+    What a call set before the recording, and the engine does not report, is taken for its default;
+    where that does not explain a step, so it says. `other` is the law of one body in flight in
+    another engine.
     """
 
     frictions: Mapping[tuple[int, int, int, int], float] | None = None
@@ -99,9 +101,10 @@ class Explanation:
         self.seen, self.records = seen, records_of(seen)
         self._settings = settings_of(seen)
         self.times = {client: StepTimes(seen, client) for client in self._settings}
-        self._configs = configs_of(self.records, self._settings, other)
+        self._law = step_law(seen.engine)
+        self._configs = configs_of(self.records, self._settings, other, self._law)
         self._soft = {body.client for body in seen.bodies.values() if body.soft}
-        self._constraints = Constraints()
+        self._constraints = Constraints(self._law)
         self._commands = MotorCommands(seen)
         self._pushes: dict[int, list[Push]] = {}
         self._lasts: dict[int, BodyHistory] = {}
@@ -166,7 +169,9 @@ class Explanation:
         histories: Mapping[int, tuple[BodyHistory, int]],
     ) -> list[tuple[StepBatch, StepVerdicts]]:
         """Return the steps of a piece, those of equal bodies together, and what they are."""
+        assert self._law is not None  # else it is `Replayed`
         around = Around(
+            law=self._law,
             times=self.times,
             commands=self._commands,
             constraints=self._constraints,
@@ -174,13 +179,13 @@ class Explanation:
             poses=lambda body, ends: self._poses(histories, body, ends),
             exact=self.seen.machine in ("", *EXACT_MACHINES),
         )
-        return [(batch, self._verdict(batch)) for batch in batches_of(intervals, around)]
+        return [(batch, self._verdict(batch, self._law)) for batch in batches_of(intervals, around)]
 
-    def _verdict(self, batch: StepBatch) -> StepVerdicts:
+    def _verdict(self, batch: StepBatch, law: StepLaw) -> StepVerdicts:
         """Return what the steps of a batch are."""
         body = batch.bodies[0].body
         soft = any(each.body.client in self._soft for each in batch.bodies)
-        return StepVerdicts.of(batch.whole, before=body.before, soft_there=soft)
+        return StepVerdicts.of(batch.whole, law, before=body.before, soft_there=soft)
 
     def _in_substeps(self, contacts: StateRows) -> StateRows:
         """Return contact points with the forces of the last substep of their step.

@@ -30,14 +30,14 @@ from drop_physics.explain.step_status import (
     StepVerdicts,
     stands,
 )
-from drop_physics.explain.steps import EXPLAINED, BodySteps, Interval, StepBatch, Steps
+from drop_physics.explain.steps import BodySteps, Interval, StepBatch, Steps
 from drop_physics.explain.touching import Touching, rows_of
 from drop_physics.physics.dynamics import lifted_j, mass_matrix
-from drop_physics.physics.impulses import MOVED, PULLED, Sum, change_of
+from drop_physics.physics.impulses import EXPLAINED, MOVED, PULLED, Sum, change_of
 from drop_physics.physics.kinematics import kinematics
-from drop_physics.physics.laws.bullet.tree import BulletTree, Reported
 from drop_physics.physics.moving import moved, way_between
 from drop_physics.physics.rotations import products, rotate, rotate_inverse
+from drop_physics.physics.step_law import DampedTree, Reported
 from drop_physics.physics.tree import States
 from drop_physics.trace.events import REPLAYS, Body, ImpulseCause, Impulses
 from drop_physics.trace.history import Piece, Seen
@@ -213,7 +213,7 @@ class _Acted:
 
 
 def _sum(
-    law: BulletTree,
+    law: DampedTree,
     states: States,
     rows: Transitions,
     terms: Mapping[str, Float64],

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from drop_physics.data import dataclass
 from drop_physics.explain import segments
 from drop_physics.explain.steps import SUBSTEPS, WITHOUT_SUM, BodySteps, Steps
-from drop_physics.physics.laws.bullet.air import EPSILON
-from drop_physics.physics.laws.bullet.tree import Reason
 from drop_physics.physics.moving import moved_on
+from drop_physics.physics.step_law import Reason, StepLaw
 from drop_physics.trace.events import Body
 
 Float64 = NDArray[np.float64]
@@ -95,13 +94,13 @@ class StepVerdicts:
     """Whether calls had set the state that the step began with."""
 
     @staticmethod
-    def of(steps: Steps, *, before: bool, soft_there: bool) -> StepVerdicts:
+    def of(steps: Steps, law: StepLaw, *, before: bool, soft_there: bool) -> StepVerdicts:
         """Return what steps are.
 
         `before`: whether the bodies were there before the recording; `soft_there`: whether there
         are soft bodies.
         """
-        why = _whys(steps, before=before, soft_there=soft_there)
+        why = _whys(steps, law, before=before, soft_there=soft_there)
         # What another law explains has no sum, and what sleeps need not close it.
         other = (why < 0) & ~steps.closes
         return StepVerdicts(_kinds(steps), why, np.where(other, 0.0, steps.unexplained), steps.put)
@@ -160,7 +159,7 @@ def stands(steps: Steps) -> Flags:
     return np.asarray(~moved)
 
 
-def _whys(steps: Steps, *, before: bool, soft_there: bool) -> Int8:
+def _whys(steps: Steps, law: StepLaw, *, before: bool, soft_there: bool) -> Int8:
     """Return why each step is unexplained; -1 where it is explained."""
     why = np.full(len(steps), -1, np.int8)
     same, reasons = stands(steps), steps.config.reasons
@@ -172,7 +171,8 @@ def _whys(steps: Steps, *, before: bool, soft_there: bool) -> Int8:
         off = ~(_followed(steps) | same)
     else:
         if steps.substeps == 1:  # those of several are part of what closes
-            off |= ~moved_on(steps.law.tree, steps.before, steps.after, steps.reported.timestep_s)
+            timestep_s, most_rad = steps.reported.timestep_s, law.most_turn_rad
+            off |= ~moved_on(steps.law.tree, steps.before, steps.after, timestep_s, most_rad)
         if steps.alone is not None:  # in flight to the bit, as the law of a body alone is
             off |= (_kinds(steps) == FLIGHT) & (steps.alone != segments.FLIGHT)
             off &= ~_followed(steps)
@@ -187,7 +187,8 @@ def _whys(steps: Steps, *, before: bool, soft_there: bool) -> Int8:
             ]
         )
     ).all(axis=1)
-    timely = (steps.reported.timestep_s >= EPSILON) & np.isfinite(steps.reported.timestep_s)
+    timestep_s = steps.reported.timestep_s
+    timely = (timestep_s >= law.least_timestep_s) & np.isfinite(timestep_s)
     rest: Why = SUBSTEPS if steps.substeps > 1 else "remainder"
     why[off] = WHYS.index("before the recording" if before else rest)
     for reason, holds in (

@@ -22,12 +22,11 @@ from drop_physics.explain.pushed import pushed
 from drop_physics.explain.segments import FLIGHT
 from drop_physics.explain.times import StepTimes
 from drop_physics.explain.touching import Sides, Touching
-from drop_physics.physics.impulses import Forces, Sum, impulses_of
+from drop_physics.physics.impulses import EXPLAINED, Forces, Summed, impulses_of
 from drop_physics.physics.kinematics import kinematics
-from drop_physics.physics.laws.bullet.substeps import HELD, SubstepSum, sum_of_substeps
-from drop_physics.physics.laws.bullet.tree import BulletTree, Reason, Reported, sum_of
 from drop_physics.physics.moving import moved_on
-from drop_physics.physics.tree import BASE, States
+from drop_physics.physics.step_law import DampedTree, Reason, Reported, StepLaw
+from drop_physics.physics.tree import BASE, States, Tree
 from drop_physics.physics.vectors import distinct
 from drop_physics.trace.calls import Push
 from drop_physics.trace.events import Body, order
@@ -37,8 +36,6 @@ Int64 = NDArray[np.int64]
 Int8 = NDArray[np.int8]
 Flags = NDArray[np.bool_]
 
-EXPLAINED = 1e-9
-"""A remainder up to this share of the largest term is rounding."""
 NEVER, TRIALS = 1 << 30, 8
 """After how many of a step's pushes a call refreshed the poses of links: not at all, or after less
 than so many; which calls did is not recorded."""
@@ -53,6 +50,8 @@ SUBSTEPS: Reason = "substeps"
 class Around:
     """What was seen of a piece, of all bodies."""
 
+    law: StepLaw
+    """How the engine steps them."""
     times: Mapping[int, StepTimes]
     """By client."""
     commands: MotorCommands
@@ -115,7 +114,7 @@ class Steps:
     """
 
     config: BodyConfig
-    law: BulletTree
+    law: DampedTree
     """As configured, unless the law does not know its joints: then as if they did not move."""
     steps: Int64
     """The samples that they led to."""
@@ -138,7 +137,7 @@ class Steps:
     unexplained: Float64
     """The largest entry of the remainder over `largest`; infinite where the law has no sum."""
     closes: Flags
-    """Whether that is no more than rounding, or than what substeps may leave (`HELD`)."""
+    """Whether that is no more than rounding, or than what substeps may leave."""
     unknown: Flags
     """Where a constraint acts that the law does not cover."""
     alone: Int8 | None
@@ -336,15 +335,20 @@ def _batch(group: Sequence[Interval], around: Around) -> StepBatch:
     )
     rows, added, codes = Transitions(real, gravity_m_s2), None, None
     n, size = len(where), tree.size
-    unexplained, most = np.full(n, np.inf), np.full(n, EXPLAINED)
+    unexplained, allowed = np.full(n, np.inf), np.full(n, EXPLAINED)
     without, several = {*config.reasons} & WITHOUT_SUM, config.substeps > 1
     if not size:
-        unexplained[_coasts(law, history.at(where), history.at(where + 1), timestep_s)] = 0.0
+        coasts = _coasts(
+            law.tree,
+            history.at(where),
+            history.at(where + 1),
+            timestep_s,
+            around.law.most_turn_rad,
+        )
+        unexplained[coasts] = 0.0
     elif not without:
-        added, found = _closing(group[0], law, asked, rows, states, found)
-        unexplained = added.unexplained[real]
-        if isinstance(added, SubstepSum):
-            most[added.held[real]] = HELD
+        added, found = _closing(around.law, group[0], law, asked, rows, states, found)
+        unexplained, allowed = added.unexplained[real], added.allowed[real]
     if size and not tree.links and (without or several) and without <= alone.ALONE:
         if without:
             found = replace(found, applied=_pushed(group[0], rows, np.full(n, NEVER)))
@@ -364,7 +368,7 @@ def _batch(group: Sequence[Interval], around: Around) -> StepBatch:
         remainder=np.zeros((n, size)) if added is None else added.remainder[real],
         largest=np.zeros(n) if added is None else added.largest[real],
         unexplained=unexplained,
-        closes=np.asarray(unexplained <= most),
+        closes=np.asarray(unexplained <= allowed),
         unknown=np.concatenate([each.unknown for each in acting]),
         alone=codes,
     )
@@ -379,12 +383,14 @@ def _batch(group: Sequence[Interval], around: Around) -> StepBatch:
     )
 
 
-def _coasts(law: BulletTree, begins: BodyHistory, ends: BodyHistory, timestep_s: Float64) -> Flags:
+def _coasts(
+    tree: Tree, begins: BodyHistory, ends: BodyHistory, timestep_s: Float64, most_turn_rad: float
+) -> Flags:
     """Return in which steps a base that nothing pushes keeps its velocity, and moves with it."""
-    free = replace(law.tree, fixed=False)
+    free = replace(tree, fixed=False)
     before, after = begins.states(free), ends.states(free)
     kept = (before.velocity == after.velocity).all(axis=1)
-    return np.asarray(kept & moved_on(free, before, after, timestep_s))
+    return np.asarray(kept & moved_on(free, before, after, timestep_s, most_turn_rad))
 
 
 # -- pushes, whose pose is not known --------------------------------------------------------------
@@ -411,13 +417,14 @@ def _pushed(interval: Interval, rows: Transitions, refreshed: Int64) -> Forces:
 
 
 def _closing(
+    step_law: StepLaw,
     one: Interval,
-    law: BulletTree,
+    law: DampedTree,
     asked: Commanded,
     rows: Transitions,
     states: States,
     found: Reported,
-) -> tuple[Sum | SubstepSum, Reported]:
+) -> tuple[Summed, Reported]:
     """Return the sum, with pushes at those poses of links with which each step closes best.
 
     Of a batch of several bodies none is pushed; `one` is its first.
@@ -429,15 +436,12 @@ def _closing(
         efforts[rows.where] = asked.servos(law, states.at(rows.where))
         return efforts
 
-    def added(refreshed: Int64) -> tuple[Sum | SubstepSum, Reported]:
+    def added(refreshed: Int64) -> tuple[Summed, Reported]:
         known = found
         if pushes:
             known = replace(found, applied=_pushed(one, rows, refreshed))
-        said = _spread(known, rows)
-        if config.substeps > 1:
-            whole = sum_of_substeps(law, states, said, config.substeps, servos)
-            return whole, replace(known, pd=whole.pd[rows.real])
-        return sum_of(law, states, said), known
+        whole, pd = step_law.sum_of(law, states, _spread(known, rows), config.substeps, servos)
+        return whole, replace(known, pd=pd[rows.real])
 
     refreshed = np.full(len(rows.where), NEVER)
     best, known = added(refreshed)
@@ -483,7 +487,7 @@ def _spread(reported: Reported, rows: Transitions) -> Reported:
     )
 
 
-def _still(law: BulletTree) -> BulletTree:
+def _still(law: DampedTree) -> DampedTree:
     """Return a body as if none of its joints moved."""
     nothing = np.empty(0)
     tree = replace(law.tree, joints=tuple("fixed" for _ in law.tree.joints))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from drop_physics.data import dataclass
 from drop_physics.explain.bodies import Records
 from drop_physics.physics.impulses import Forces
-from drop_physics.physics.laws.bullet.reports import contact_forces, points_force_n
+from drop_physics.physics.on_links import contact_forces, points_force_n
 from drop_physics.physics.rowed import Rowed
 from drop_physics.physics.tree import BASE
 from drop_physics.trace.states import Rows

@@ -3,7 +3,7 @@
     M (u' - u) = the sum of all terms + remainder
 
 with M and all that depends on the pose taken before the step. What an engine adds to its step, and
-what it reports of it, is in that engine's law (`laws/bullet/tree`).
+what it reports of it, is in that engine's law (`step_law`, `laws`).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import functools
 from collections.abc import Mapping
 from dataclasses import field, replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,6 +108,46 @@ def largest_per_step(
     return most
 
 
+EXPLAINED = 1e-9
+"""A remainder up to this share of the largest term is rounding."""
+
+
+class Summed(Protocol):
+    """n steps, each as a sum of impulses; arrays have one row per step."""
+
+    @property
+    def terms(self) -> Mapping[str, Float64]:
+        """Impulses by cause [N s, N m s], shape (n, size) each."""
+
+    @property
+    def remainder(self) -> Float64:
+        """Momentum that the terms do not explain, shape (n, size)."""
+
+    @property
+    def largest(self) -> Float64:
+        """The largest entry of any term, or impulse of a single force, in each step, shape (n,)."""
+
+    @property
+    def unexplained(self) -> Float64:
+        """The largest entry of the remainder over `largest`, shape (n,)."""
+
+    @property
+    def allowed(self) -> Float64:
+        """Up to which share a remainder is what numbers leave, shape (n,)."""
+
+    def energy_j(self) -> dict[str, Float64]:
+        """Return the change of kinetic and potential energy by cause [J], shape (n,) each."""
+
+    def energy_change_j(self) -> Float64:
+        """Return the change of kinetic and potential energy [J], shape (n,)."""
+
+    def momentum_kg_m_s(self) -> dict[str, Float64]:
+        """Return the change of the tree's linear momentum by cause, shape (n, 3) each."""
+
+    def momentum_change_kg_m_s(self) -> Float64:
+        """Return the change of the tree's linear momentum, shape (n, 3)."""
+
+
 ROUNDED = 1e-6
 """Share of a momentum that counts as a term: its last bits, 1e-15 of it, are 1e-9 of this."""
 
@@ -155,6 +196,11 @@ class Sum:
         return np.asarray(
             np.divide(left, most, out=np.where(left == 0, 0.0, np.inf), where=most > 0)
         )
+
+    @property
+    def allowed(self) -> Float64:
+        """Up to which share a remainder is what numbers leave, shape (n,)."""
+        return np.full(len(self.remainder), EXPLAINED)
 
     def energy_j(self) -> dict[str, Float64]:
         """Return the change of kinetic and potential energy by cause [J], shape (n,) each.

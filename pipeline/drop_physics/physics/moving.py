@@ -8,7 +8,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.physics.laws.bullet.spin import MAX_TURN_RAD
 from drop_physics.physics.rotations import products, same_way
 from drop_physics.physics.tree import RATES, States, Tree
 
@@ -22,11 +21,7 @@ TURNED = 1e-12
 
 
 def moved(
-    tree: Tree,
-    before: States,
-    velocity: Float64,
-    timestep_s: Float64,
-    most_rad: float = MAX_TURN_RAD,
+    tree: Tree, before: States, velocity: Float64, timestep_s: Float64, most_rad: float
 ) -> States:
     """Return the states that velocities lead to, shape (n, size), by turns of at most so much.
 
@@ -48,12 +43,16 @@ def moved(
     return States(position, orientation, joints, velocity)
 
 
-def moved_on(tree: Tree, before: States, after: States, timestep_s: Float64) -> Flags:
+def moved_on(
+    tree: Tree, before: States, after: States, timestep_s: Float64, most_rad: float
+) -> Flags:
     """Return whether the velocities after each step lead to its pose, shape (n,).
 
-    Spherical joints are not looked at. False where a state is not finite.
+    By turns of at most so much; spherical joints are not looked at. False where a state is not
+    finite.
     """
-    reached, held = moved(tree, before, after.velocity, timestep_s), np.ones(len(before), np.bool_)
+    reached = moved(tree, before, after.velocity, timestep_s, most_rad)
+    held = np.ones(len(before), np.bool_)
     if not tree.fixed:
         held &= _near(before.position_m, reached.position_m, after.position_m)
         off = same_way(reached.orientation, after.orientation) - after.orientation

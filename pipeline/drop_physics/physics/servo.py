@@ -25,6 +25,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+
+Float64 = NDArray[np.float64]
 
 from drop_physics.data import dataclass
 
@@ -79,6 +82,24 @@ class Servo:
 
         found = _first(held)
         return None if found is None else now / found if less else now * found
+
+
+def pd_effort(
+    *,
+    gains: Float64,
+    target: Float64,
+    target_velocity: Float64,
+    limit: Float64,
+    position: Float64,
+    velocity: Float64,
+) -> Float64:
+    """Return what a servo that acts at the beginning of a step gives, shape (n,).
+
+    clip(kp (q* - q) + kd (q̇* - q̇), ± force); `gains` are kp and kd.
+    """
+    kp, kd = gains
+    wanted = kp * (target - position) + kd * (target_velocity - velocity)
+    return np.asarray(np.clip(wanted, -limit, limit))
 
 
 def _first(holds: Callable[[float], bool]) -> float | None:

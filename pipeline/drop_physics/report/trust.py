@@ -29,7 +29,7 @@ from drop_physics.report.blocks import (
 from drop_physics.report.words import MISSING
 from drop_physics.stages.trust_findings import BY_STEP, TERMS, part_of, readable
 from drop_physics.stages.trust_outputs import distances_of
-from drop_physics.trace.history import PYBULLET
+from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 
 if TYPE_CHECKING:
     from drop_physics.experiments.robustness import Standing

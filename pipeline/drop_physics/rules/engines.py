@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from drop_physics.trace.history import PYBULLET, Seen
+from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
+from drop_physics.trace.history import Seen
 
 MUJOCO = "MuJoCo"
 BULLETS, MUJOCOS = (PYBULLET,), (MUJOCO,)

@@ -110,8 +110,6 @@ def model_edited(inputs: Inputs) -> Iterator[Said]:
     worst: dict[int, tuple[float, float, float, ModelEdit, int]] = {}
     for edit in lasting.edits[Act.SET_MASS]:
         client, step = edit.call.client, edit.call.at.step
-        if edit.call.function != "body_mass":
-            continue
         for index, new, before in zip(*(each.tolist() for each in edit.elements), strict=True):
             since, old = derived.get((client, index), (step, before))
             if any(of == client and since <= at <= step for of, at in anew):

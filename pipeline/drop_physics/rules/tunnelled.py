@@ -21,7 +21,7 @@ from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import ENDLESS_M, LONG_S
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body, Collision
-from drop_physics.trace.history import PYBULLET
+from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]

@@ -24,7 +24,7 @@ from drop_physics.rules.thresholds import (
     WHEEL_SLIPS,
     WHEEL_TURN_RAD,
 )
-from drop_physics.trace.history import PYBULLET
+from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 from drop_physics.trace.motors import VELOCITY
 
 Float64 = NDArray[np.float64]

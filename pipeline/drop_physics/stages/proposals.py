@@ -14,7 +14,7 @@ from drop_physics.experiments.interventions import KINDS, Intervention
 from drop_physics.trace.acts import FILTERS, PUSHES, Act
 from drop_physics.trace.cures import FACTOR, FACTORS, ChangedRun, Cure, EngineCures, Scope
 from drop_physics.trace.events import located
-from drop_physics.trace.history import PYBULLET
+from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 
 if TYPE_CHECKING:
     from drop_physics.rules.answer import Finding

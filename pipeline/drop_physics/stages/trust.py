@@ -30,7 +30,7 @@ from drop_physics.stages.trust_runs import (
     run_kept,
 )
 from drop_physics.trace.cures import NUDGE, Cure
-from drop_physics.trace.history import PYBULLET
+from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 
 if TYPE_CHECKING:
     from drop_physics.experiments.robustness import Converging, Growth, Standing

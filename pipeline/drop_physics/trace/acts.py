@@ -77,7 +77,7 @@ class Act(Enum):
         "mj_copyData",
     )
     """Sets the whole state: positions, velocities, and what stays."""
-    SET_MASS = ("body_mass", "body_inertia")
+    SET_MASS = ("body_mass",)
     """Edits masses of a model in place."""
     SET_DERIVED = ("body_invweight0", "mj_setConst")
     """Computes what a model derives from its masses anew."""

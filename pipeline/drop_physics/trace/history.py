@@ -49,7 +49,7 @@ T = TypeVar("T")
 
 PIECE = 1 << 13
 """Steps in a piece."""
-PYBULLET = "PyBullet"
+DEFAULT_ENGINE = "PyBullet"
 """The engine of a recording that names none."""
 
 
@@ -178,7 +178,7 @@ class Seen:
     @property
     def engine(self) -> str:
         """Name and version of the engine; of PyBullet its name."""
-        return next((each.engine for each in self.settings if each.engine), PYBULLET)
+        return next((each.engine for each in self.settings if each.engine), DEFAULT_ENGINE)
 
     def soft(self, bodies: Sequence[int], links: Sequence[int]) -> Softness | None:
         """Return how soft two links touch, if the engine says so."""

@@ -8,12 +8,22 @@ from drop_physics.engine_report import EngineReport
 from drop_physics.physics.base import Drag, Law
 from drop_physics.physics.laws.bullet.air import effective_damping
 from drop_physics.physics.laws.bullet.law import BulletLaw, drag_of
+from drop_physics.physics.laws.bullet.step import BULLET
 from drop_physics.physics.laws.dart import DartLaw
 from drop_physics.physics.laws.drake import DrakeLaw
 from drop_physics.physics.laws.mujoco.law import MujocoLaw
 from drop_physics.physics.laws.physx import DEFAULT_ANGULAR_DAMPING, PhysxLaw
+from drop_physics.physics.step_law import StepLaw
 from drop_physics.physics.theory import TheoreticalFall
 from drop_physics.scenario import EXACT_INTEGRATORS, Scenario
+
+STEP_LAWS = {"PyBullet": BULLET}
+"""Of engines that do not say themselves what acted in a step, by name."""
+
+
+def step_law(engine: str) -> StepLaw | None:
+    """Return how an engine steps a tree; None where it says itself what acted in each step."""
+    return STEP_LAWS.get(engine.partition(" ")[0])
 
 
 def fall_of(scenario: Scenario) -> TheoreticalFall:

@@ -28,10 +28,12 @@ from numpy.typing import NDArray
 
 from drop_physics.data import dataclass
 from drop_physics.physics.dynamics import mass_matrix
-from drop_physics.physics.impulses import Forces, Sum
+from drop_physics.physics.impulses import EXPLAINED, Forces, Sum
 from drop_physics.physics.kinematics import Kinematics, kinematics
-from drop_physics.physics.laws.bullet.tree import BulletTree, Reported, known_terms, sum_of
+from drop_physics.physics.laws.bullet.spin import MAX_TURN_RAD
+from drop_physics.physics.laws.bullet.tree import known_terms, sum_of
 from drop_physics.physics.moving import moved, moved_on, way_between
+from drop_physics.physics.step_law import DampedTree, Reported
 from drop_physics.physics.tree import States
 
 Float64 = NDArray[np.float64]
@@ -63,6 +65,11 @@ class SubstepSum:
     _momentum_kg_m_s: dict[str, Float64]
     _moved_kg_m_s: Float64
 
+    @property
+    def allowed(self) -> Float64:
+        """Up to which share a remainder is what numbers leave, shape (n,)."""
+        return np.where(self.held, HELD, EXPLAINED)
+
     def energy_j(self) -> dict[str, Float64]:
         """Return the change of kinetic and potential energy by cause [J], shape (n,) each."""
         return self._energy_j
@@ -81,7 +88,7 @@ class SubstepSum:
 
 
 def sum_of_substeps(
-    body: BulletTree,
+    body: DampedTree,
     states: States,
     reported: Reported,
     substeps: int,
@@ -107,7 +114,7 @@ def sum_of_substeps(
 
 
 def _substeps(
-    body: BulletTree,
+    body: DampedTree,
     before: States,
     reported: Reported,
     substeps: int,
@@ -134,13 +141,13 @@ def _substeps(
     return begins, given
 
 
-def _next(body: BulletTree, kin: Kinematics, now: States, reported: Reported) -> States:
+def _next(body: DampedTree, kin: Kinematics, now: States, reported: Reported) -> States:
     """Return the states after a substep."""
     matrices = mass_matrix(kin)
     impulse = sum(known_terms(body, kin, matrices, now.velocity, reported).values())
     velocity = now.velocity + np.linalg.solve(matrices, np.asarray(impulse)[:, :, None])[:, :, 0]
     held = np.clip(velocity, -body.velocity_limit, body.velocity_limit)
-    return moved(body.tree, now, held, reported.timestep_s)
+    return moved(body.tree, now, held, reported.timestep_s, MAX_TURN_RAD)
 
 
 def _carried(forces: Forces, first: Kinematics, now: Kinematics) -> Forces:
@@ -186,7 +193,7 @@ def _woven(columns: Sequence[Float64]) -> Float64:
 
 
 def _summed(
-    body: BulletTree, found: Sum, last: States, after: States, reported: Reported
+    body: DampedTree, found: Sum, last: States, after: States, reported: Reported
 ) -> SubstepSum:
     """Return the sums of the substeps of each step, the last of which begins with `last`."""
     tree, count, dt = body.tree, len(after), reported.timestep_s
@@ -199,8 +206,9 @@ def _summed(
         return {name: whole(each) for name, each in values.items()}
 
     remainder, largest = whole(found.remainder), whole(found.largest)
-    missed = way_between(tree, moved(tree, last, after.velocity, dt), after) / dt[:, None]
-    missed[moved_on(tree, last, after, dt)] = 0.0
+    reached = moved(tree, last, after.velocity, dt, MAX_TURN_RAD)
+    missed = way_between(tree, reached, after) / dt[:, None]
+    missed[moved_on(tree, last, after, dt, MAX_TURN_RAD)] = 0.0
     matrices = found.matrix.reshape(count, substeps, tree.size, tree.size)[:, -1]
     aside = (matrices @ missed[:, :, None])[:, :, 0]
     left = np.abs(np.hstack((remainder, aside))).max(axis=1)

@@ -1,22 +1,22 @@
 """Bullet's step of a btMultiBody: what it adds to a tree's dynamics, and what it reports of it.
 
+Of what is `Reported`, motors are `appliedJointMotorTorque` after each step, `commanded` the sum of
+TORQUE_CONTROL's efforts, `pd` PD_CONTROL's, which `getJointState` reports as 0; contacts are those
+of `getContactPoints`, constraints those of `getConstraintState`, after each step.
+
 Measured with PyBullet 3.2.7 (`docs/validation.md`). File names and line numbers are bullet3's.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field, fields
-from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.physics.columns import length
 from drop_physics.physics.dynamics import angular_momenta, bias, gravity, lifted_j, mass_matrix
 from drop_physics.physics.impulses import (
-    Forces,
     Sum,
     change_of,
     impulses_of,
@@ -30,78 +30,21 @@ from drop_physics.physics.kinematics import (
     kinematics,
     motion,
 )
-from drop_physics.physics.laws.bullet.air import (
-    DEFAULT_DAMPING,
-    EPSILON,
-    MAX_COORDINATE_VELOCITY_M_S,
-)
+from drop_physics.physics.laws.bullet.air import DEFAULT_DAMPING, EPSILON
+from drop_physics.physics.step_law import DampedTree, Reason, Reported, StepConditions
 from drop_physics.physics.tree import States, Tree
 from drop_physics.physics.unreported import Unreported, shared_out
 
 Float64 = NDArray[np.float64]
-Rows = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 DAMPING = DEFAULT_DAMPING["reduced"]
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class BulletTree:
-    """A btMultiBody: a tree, and what Bullet does to it besides."""
-
-    tree: Tree
-    joint_damping: Float64
-    """[N s/m or N m s/rad] of each joint's rate, shape (joint_rates,)."""
-    lower: Float64
-    """Limits of each joint's position, shape (joint_rates,); none where lower > upper."""
-    upper: Float64
-    linear_damping: float = DAMPING
-    angular_damping: float = DAMPING
-    velocity_limit: float = MAX_COORDINATE_VELOCITY_M_S
-    """Limit of each entry of u (`maxJointVelocity`)."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Reported:
-    """Everything known of n steps besides the states; each row of Forces names its step."""
-
-    timestep_s: Float64
-    """Shape (n,)."""
-    gravity_m_s2: Float64
-    """World axes, shape (n, 3)."""
-    motors: Float64
-    """`appliedJointMotorTorque` after each step [N or N m], shape (n, joint_rates)."""
-    commanded: Float64
-    """Sum of TORQUE_CONTROL's efforts in each step, shape (n, joint_rates)."""
-    pd: Float64
-    """PD_CONTROL's efforts (`pd_effort`), shape (n, joint_rates)."""
-    applied: Forces = field(default_factory=Forces)
-    """Pushes of calls (`pushes`)."""
-    contacts: Forces = field(default_factory=Forces)
-    """Forces of `getContactPoints` after each step (`contact_forces`)."""
-    constraints: Forces = field(default_factory=Forces)
-    """Forces of `getConstraintState` after each step (`constraint_forces`)."""
-    geared: Float64 | None = None
-    """Impulses of gears [N m s], shape (n, joint_rates) (`gear_impulses`); None without gears."""
-    damped: Float64 | None = None
-    """Rates that joint damping acts on, shape (n, joint_rates); None: those before each step."""
-
-    def at(self, rows: slice) -> Reported:
-        """Return some of the steps in a row."""
-        numbers: dict[str, Any] = {
-            each.name: value.between(rows.start, rows.stop)
-            if isinstance(value, Forces)
-            else value[rows]
-            for each in fields(self)
-            if (value := getattr(self, each.name)) is not None
-        }
-        return Reported(**numbers)
+"""Of links, linear and angular."""
 
 
 # -- the sum --------------------------------------------------------------------------------------
 
 
-def sum_of(body: BulletTree, states: States, reported: Reported) -> Sum:
+def sum_of(body: DampedTree, states: States, reported: Reported) -> Sum:
     """Return n steps as a sum of impulses, from the n + 1 states before and after them.
 
     Memory grows with n: feed long recordings in pieces, each from the last state of the one before.
@@ -116,7 +59,7 @@ def sum_of(body: BulletTree, states: States, reported: Reported) -> Sum:
         return _sum_of(body, states, reported)
 
 
-def _sum_of(body: BulletTree, states: States, reported: Reported) -> Sum:
+def _sum_of(body: DampedTree, states: States, reported: Reported) -> Sum:
     tree = body.tree
     everywhere = kinematics(tree, states)
     matrices, before = mass_matrix(everywhere), everywhere.at(slice(0, len(states) - 1))
@@ -133,7 +76,7 @@ def _sum_of(body: BulletTree, states: States, reported: Reported) -> Sum:
 
 
 def known_terms(
-    body: BulletTree, kin: Kinematics, matrices: Float64, velocity: Float64, reported: Reported
+    body: DampedTree, kin: Kinematics, matrices: Float64, velocity: Float64, reported: Reported
 ) -> dict[str, Float64]:
     """Return the impulses of all that is known or reported, by cause, shape (n, size) each."""
     tree, dt = body.tree, reported.timestep_s
@@ -149,7 +92,7 @@ def known_terms(
 
 
 def _free_terms(
-    body: BulletTree, kin: Kinematics, velocity: Float64, reported: Reported
+    body: DampedTree, kin: Kinematics, velocity: Float64, reported: Reported
 ) -> dict[str, Float64]:
     """Return what acts before the solver, but for PD_CONTROL."""
     tree, dt = body.tree, reported.timestep_s[:, None]
@@ -168,7 +111,7 @@ def _free_terms(
     }
 
 
-def damping(body: BulletTree, kin: Kinematics, moved: LinkVelocities) -> Float64:
+def damping(body: DampedTree, kin: Kinematics, moved: LinkVelocities) -> Float64:
     """Return the generalised force of Bullet's damping, shape (n, size).
 
     -m v (k + k |v|) and -I ω (k' + k' |ω|) on each link (`btMultiBody.cpp` 754-758, 841-843).
@@ -195,7 +138,7 @@ def damping(body: BulletTree, kin: Kinematics, moved: LinkVelocities) -> Float64
 
 
 def _clamped(
-    body: BulletTree,
+    body: DampedTree,
     matrices: Float64,
     velocity: Float64,
     terms: Mapping[str, Float64],
@@ -220,7 +163,7 @@ def _on_joints(tree: Tree, efforts: Float64) -> Float64:
     return out
 
 
-def _unreported(body: BulletTree, states: States, reported: Reported) -> Unreported:
+def _unreported(body: DampedTree, states: States, reported: Reported) -> Unreported:
     """Return where Bullet reports nothing of an impulse: stops, the second clamp, rolling."""
     tree = body.tree
     pushes = np.zeros((len(states) - 1, tree.size), np.int64)
@@ -243,42 +186,14 @@ def _unreported(body: BulletTree, states: States, reported: Reported) -> Unrepor
 
 # -- where the sum does not hold ------------------------------------------------------------------
 
-Reason = Literal[
-    "engine",
-    "substeps",
-    "asleep",
-    "soft",
-    "maximal",
-    "massless",
-    "planar",
-    "constraint",
-    "rolling unreported",
-]
-
-
-@dataclass(frozen=True, kw_only=True)
-class StepConditions:
-    """Facts of engine and body that decide whether a step is the sum."""
-
-    other_engine: bool = False
-    """Whether another engine steps it, whose law is its own."""
-    substeps: int = 0
-    """`numSubSteps`."""
-    may_sleep: bool = False
-    """Whether `changeDynamics(activationState)` allows any body to be put to sleep."""
-    maximal: bool = False
-    """Whether it was made with `useMaximalCoordinates`."""
-    planar: bool = False
-    """Whether it has a planar joint."""
-
 
 def not_covered(settings: StepConditions, tree: Tree | None = None) -> tuple[Reason, ...]:
     """Return why a body's step need not be the sum; empty where it is, as far as settings say.
 
     - engine: another engine's step is not this sum; its law of one body in flight may be known.
-    - substeps: only the last substep's motors and contacts are reported.
-    - asleep: a sleeping body is not stepped, whatever acts on it.
-    - maximal: a btRigidBody, whose law is `bullet`.
+    - substeps (`numSubSteps`): only the last substep's motors and contacts are reported.
+    - asleep (`activationState`): a sleeping body is not stepped, whatever acts on it.
+    - maximal (`useMaximalCoordinates`): a btRigidBody, whose law is `bullet`.
     - massless: something can move that has neither mass nor inertia, so M has no inverse; Bullet
       leaves a free body without mass or without some moment of inertia at the spin that it has.
     - planar: two of the three numbers of a planar joint are reported.

@@ -1,0 +1,128 @@
+"""What is known of the steps of a tree of links, and what an engine's law says of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import field, fields
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.data import dataclass
+from drop_physics.physics.base import Law
+from drop_physics.physics.impulses import Forces, Summed
+from drop_physics.physics.tree import States, Tree
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DampedTree:
+    """A tree, with what damps it and what limits it."""
+
+    tree: Tree
+    joint_damping: Float64
+    """[N s/m or N m s/rad] of each joint's rate, shape (joint_rates,)."""
+    lower: Float64
+    """Limits of each joint's position, shape (joint_rates,); none where lower > upper."""
+    upper: Float64
+    linear_damping: float
+    """Coefficients of the law's own damping of links."""
+    angular_damping: float
+    velocity_limit: float
+    """Limit of each entry of u."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Reported:
+    """Everything known of n steps besides the states; each row of Forces names its step."""
+
+    timestep_s: Float64
+    """Shape (n,)."""
+    gravity_m_s2: Float64
+    """World axes, shape (n, 3)."""
+    motors: Float64
+    """Efforts of the joints' motors [N or N m], shape (n, joint_rates)."""
+    commanded: Float64
+    """Sum of the efforts that calls gave for one step, shape (n, joint_rates)."""
+    pd: Float64
+    """Efforts of servos that act before the solver, shape (n, joint_rates)."""
+    applied: Forces = field(default_factory=Forces)
+    """Pushes of calls."""
+    contacts: Forces = field(default_factory=Forces)
+    """Forces of contact points."""
+    constraints: Forces = field(default_factory=Forces)
+    """Forces of constraints."""
+    geared: Float64 | None = None
+    """Impulses of gears [N m s], shape (n, joint_rates); None without gears."""
+    damped: Float64 | None = None
+    """Rates that joint damping acts on, shape (n, joint_rates); None: those before each step."""
+
+    def at(self, rows: slice) -> Reported:
+        """Return some of the steps in a row."""
+        numbers: dict[str, Any] = {
+            each.name: value.between(rows.start, rows.stop)
+            if isinstance(value, Forces)
+            else value[rows]
+            for each in fields(self)
+            if (value := getattr(self, each.name)) is not None
+        }
+        return Reported(**numbers)
+
+
+Reason = Literal[
+    "engine",
+    "substeps",
+    "asleep",
+    "soft",
+    "maximal",
+    "massless",
+    "planar",
+    "constraint",
+    "rolling unreported",
+]
+"""Why a law has no sum for a step, or need not have one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepConditions:
+    """Facts of engine and body that decide whether a step is the sum."""
+
+    other_engine: bool = False
+    """Whether another engine steps it, whose law is its own."""
+    substeps: int = 0
+    """How many each step has; 0 means one, too."""
+    may_sleep: bool = False
+    """Whether the engine may stop stepping it while it rests."""
+    maximal: bool = False
+    """Whether the engine has it in maximal coordinates."""
+    planar: bool = False
+    """Whether it has a planar joint."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepLaw:
+    """How an engine steps a tree, where it does not say itself what acted in a step."""
+
+    damping: float
+    """Linear and angular, of a body for which nothing set another."""
+    velocity_limit: float
+    """Likewise, of each entry of u."""
+    least_timestep_s: float
+    """The engine takes no step below it."""
+    most_turn_rad: float
+    """The largest turn of a link in a step."""
+    not_covered: Callable[[StepConditions, Tree | None], tuple[Reason, ...]]
+    """Returns why a body's steps need not be the sum."""
+    sum_of: Callable[
+        [DampedTree, States, Reported, int, Callable[[States], Float64]], tuple[Summed, Float64]
+    ]
+    """Returns n steps of so many substeps as sums, from the n + 1 states before and after them, and
+    the efforts of servos in the last substep; the last argument returns these in some states."""
+    flight: Callable[..., Law | None]
+    """Returns the law of a body without links where nothing touches it, if there is one."""
+    constraint_forces: Callable[..., Forces]
+    """Returns what a constraint does to one of its two bodies, from what the engine reports."""
+    gear_impulses: Callable[..., Float64]
+    """Likewise of a gear between two joints."""
