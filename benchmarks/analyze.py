@@ -1,4 +1,4 @@
-"""`drop analyze` of a long recording and of many bodies, against the simulation itself."""
+"""`drop analyze` of a long recording and of many bodies: against the simulation, and its memory."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ BOX = 'p.loadURDF("cube_small.urdf", [0, 0, 0.03])'
 
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
-    """Compare the processor time of whole processes."""
+    """Compare the processor time of whole processes, and the memory of short and long runs."""
     script, share = folder / "scene.py", 10 if quick else 1
     steps = 10_000 // share
     script.write_text(SCENE.format(load=boxes(100)), encoding="utf-8")
@@ -58,3 +58,22 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
         0.8,
         detail=detail,
     )
+    for what, load, lengths in (
+        ("a box", BOX, (10_000, 100_000)),
+        ("100 boxes", boxes(100), (2_000, 10_000)),
+    ):
+        script.write_text(SCENE.format(load=load), encoding="utf-8")
+        short, long = (_analyzed_mb(folder, script, steps // share) for steps in lengths)
+        yield Measured(
+            f"`drop analyze`, {what}, {lengths[1] // share:,} steps: peak memory",
+            f"{lengths[0] // share:,} steps",
+            [long / short],
+            1.1,
+            detail=f"{long:.0f} over {short:.0f} MB",
+        )
+
+
+def _analyzed_mb(folder: Path, script: Path, steps: int) -> float:
+    """Return the peak memory of analyzing a script of so many steps."""
+    process(*DROP, "record", "--force", "--out", "run.rrd", script, steps, folder=folder)
+    return process(*DROP, "analyze", "--force", "run.rrd", folder=folder).peak_mb

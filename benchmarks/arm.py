@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from drop_physics.recording.reader import read
 
-from benchmarks.harness import DROP, PYTHON, Measured, paired, process
+from benchmarks.harness import DROP, PYTHON, Measured, process, worked
 
 SCENE = """
 import sys
@@ -107,13 +107,13 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
         position=np.concatenate([each.position for each in joints]),
         velocity=np.concatenate([each.velocity for each in joints]),
     )
-    ratios, detail = paired(
+    ratios, detail = worked(
         lambda: process(*DROP, "analyze", "--force", "run.rrd", folder=folder),
         lambda: process(*PYTHON, NUMPY, folder=folder),
         pairs=3 if quick else 5,
     )
     yield Measured(
-        f"`drop analyze`, a kuka, {steps:.0e} steps",
+        f"`drop analyze`, a kuka, {steps:.0e} steps: processor time",
         "numpy: its mass matrix and bias",
         ratios,
         1.5,

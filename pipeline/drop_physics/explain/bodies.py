@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import field, fields, is_dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -213,11 +212,12 @@ class BodyConfigs:
     ) -> None:
         self._record, self._other, self._laws = record, other, laws
         self._step_law = step_law
-        self._told = np.array([each.at.step for each in settings], np.int64)
-        self._dynamics = np.array([each.at.step for each in record.dynamics], np.int64)
+        self._told = [each.at.step for each in settings]
+        self._dynamics = [each.at.step for each in record.dynamics]
+        self._came = [each.at.step + each.sampled - 1 for each in record.came[1:]]
         kinds = [_kind(each.values) for each in settings]
         self._kinds = sorted(set(kinds))
-        self._which = np.array([self._kinds.index(each) for each in kinds])
+        self._which = [self._kinds.index(each) for each in kinds]
         self._made: tuple[tuple[int, ...], BodyConfig] | None = None
 
     def of(self, began: Int64) -> Iterator[tuple[slice, BodyConfig]]:
@@ -228,21 +228,25 @@ class BodyConfigs:
         """
         if not len(began):
             return
-        which = self._at(began[[0, -1]])
-        same = (which[:, 0] == which[:, 1]).all()  # they only rise
-        which = which[:, :1] if same else self._at(began)
-        which[0] = self._which[which[0]]
-        changes = np.flatnonzero((np.diff(which, axis=1) != 0).any(axis=0)) + 1
-        for first, end in pairwise([0, *changes.tolist(), len(began)]):
-            yield slice(first, end), self._config(tuple(which[:, first].tolist()))
+        first, last = int(began[0]), int(began[-1])
+        changes = {
+            step
+            for told in (self._told, self._dynamics, self._record.given_steps, self._came)
+            for step in told[bisect_right(told, first) : bisect_right(told, last)]
+        }
+        rows = sorted({0, *np.searchsorted(began, [*changes]).tolist()} if changes else (0,))
+        keys = [self._at(int(began[row])) for row in rows]
+        kept = [k for k in range(len(rows)) if not k or keys[k] != keys[k - 1]]
+        for k, end in zip(kept, [*(rows[k] for k in kept[1:]), len(began)], strict=True):
+            yield slice(rows[k], end), self._config(keys[k])
 
-    def _at(self, began: Int64) -> Int64:
-        """Return which settings, dynamics, calls and life steps have, shape (4, n)."""
-        found = [
-            np.searchsorted(steps, began, side="right") - 1
-            for steps in (self._told, self._dynamics, self._record.given_steps)
-        ]
-        return np.array([np.maximum(found[0], 0), *found[1:], self._record.lives(began + 1)])
+    def _at(self, began: int) -> tuple[int, ...]:
+        """Return which settings, dynamics, calls and life a step has that began then."""
+        settings, dynamics, given, life = (
+            bisect_right(told, began)
+            for told in (self._told, self._dynamics, self._record.given_steps, self._came)
+        )
+        return self._which[max(settings - 1, 0)], dynamics - 1, given - 1, life
 
     def _config(self, key: tuple[int, ...]) -> BodyConfig:
         if self._made is None or self._made[0] != key:

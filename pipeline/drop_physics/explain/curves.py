@@ -99,9 +99,11 @@ class CurveTable:
 
     def _keep(self, key: tuple[str, int, int], steps: Int64, columns: dict[str, Float64]) -> None:
         due = steps % self._every == 0
-        if due.any():
-            kept = {name: values[due] for name, values in columns.items()}
-            self._parts.setdefault(key, []).append(Curves(steps[due], kept))
+        self._add(key, steps[due], {name: values[due] for name, values in columns.items()})
+
+    def _add(self, key: tuple[str, int, int], steps: Int64, columns: dict[str, Float64]) -> None:
+        if len(steps):
+            self._parts.setdefault(key, []).append(Curves(steps, columns))
 
     def _joint(self, number: int, driven: Driven) -> None:
         asked = driven.asked
@@ -122,17 +124,21 @@ class CurveTable:
         for steps in judged.stretches:
             changes = steps.changes
             start_j = self._start_j.setdefault(number, changes.begin_j)
-            given = np.zeros((len(steps), len(FORCES)))
+            so_far = self._given.setdefault(number, np.zeros(len(FORCES)))
+            due = steps.steps % self._every == 0
+            given = np.tile(so_far, (int(due.sum()), 1))
+            causes: dict[int, Float64] = {}
             for cause, each in changes.energy_j.items():
-                given[:, FORCES.index(family(cause))] += each
-            given = np.cumsum(given, axis=0) + self._given.get(number, 0.0)
-            self._given[number] = given[-1]
-            acts = (given != 0).any(axis=0)
-            columns = {name: given[:, k] for k, name in enumerate(FORCES) if acts[k]}
-            columns["whole"] = changes.after_j - start_j
+                k = FORCES.index(family(cause))
+                causes[k] = causes[k] + each if k in causes else each
+            for k, each in causes.items():
+                gave = np.cumsum(each) + so_far[k]
+                given[:, k], so_far[k] = gave[due], gave[-1]
+            columns = {name: given[:, k] for k, name in enumerate(FORCES) if given[:, k].any()}
+            columns["whole"] = changes.after_j[due] - start_j
             # What no step did, calls set between two of them.
             columns["set"] = columns["whole"] - given.sum(axis=1)
-            self._keep(("energy", number, -1), steps.steps, columns)
+            self._add(("energy", number, -1), steps.steps[due], columns)
 
     def _friction(self, pairs: Pairs) -> None:
         for first, second, rows in pairs.by_pair(pairs.normal_n > PRESSED):

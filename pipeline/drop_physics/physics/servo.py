@@ -27,9 +27,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Float64 = NDArray[np.float64]
-
 from drop_physics.data import dataclass
+
+Float64 = NDArray[np.float64]
 
 HALVINGS = 60
 """Bisections of a limit: as many as a double has digits."""
