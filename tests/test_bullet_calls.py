@@ -195,7 +195,7 @@ def test_limits_that_the_base_got_are_not_the_joints(tmp_path: Path) -> None:
         given, on_link = LINKED[name]
         whole = Explanation(record(ARM.replace("{given}", given), tmp_path / "arm.rrd").seen)
         (piece,) = whole.pieces(1000)
-        law = piece.bodies[0].stretches[-1].law
+        law = piece.bodies[0].intervals[-1].law
         of_file = [joint.limits[1] for joint in piece.bodies[0].body.joints]
         assert law.upper.tolist() == ([0.4] * 7 if on_link else of_file)
 

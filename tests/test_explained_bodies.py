@@ -563,7 +563,7 @@ def test_the_first_that_applies(seen: Callable[[str], Seen]) -> None:
     cube = found[1]
     held = (cube.steps >= 1) & (cube.steps <= 90)
     assert {SEGMENTS[one] for one in cube.segment[held]} == {"constrained"}
-    terms = cube.stretches[0].terms
+    terms = cube.intervals[0].terms
     assert terms["contacts"][:90].any()
     assert cube.segment[0] == step_status.SET
     assert (cube.why == -1).all()

@@ -71,7 +71,7 @@ class BodyStory:
         # A flight's theory is the law of an engine that reports no sum of its own.
         errors_m = {} if self._is_replayed else self._flights.add(judged)
         self._phases.add(touched)
-        for steps in judged.stretches if self._sums_at else ():
+        for steps in judged.intervals if self._sums_at else ():
             self._sums += [
                 _sum_of(steps, int(row), judged, self._times.of(int(steps.steps[row])))
                 for row in np.flatnonzero(np.isin(steps.steps, self._sums_at))

@@ -52,7 +52,7 @@ class Flights:
     def add(self, judged: Judged) -> dict[int, Float64]:
         """Take a piece; return how far each sample in flight is off free fall [m], (3,), by row."""
         errors_m: dict[int, Float64] = {}
-        for steps in judged.stretches:
+        for steps in judged.intervals:
             if steps.law.tree.links or steps.law.tree.fixed:
                 continue
             rows = np.searchsorted(judged.steps, steps.steps)

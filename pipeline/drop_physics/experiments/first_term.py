@@ -102,7 +102,7 @@ def _way(seen: Seen, number: int, track: Track, end: int, times: StepTimes, *, f
         judged = explained.bodies.get(number)
         if judged is not None:
             known = judged.steps[~judged.explained]
-            for steps in judged.stretches:
+            for steps in judged.intervals:
                 _follow(way, steps, part, end, times, finer, known)
         if explained.piece.end > end * finer:
             break
@@ -112,7 +112,7 @@ def _way(seen: Seen, number: int, track: Track, end: int, times: StepTimes, *, f
 def _follow(
     way: _Way, steps: Steps, part: _TermPart, end: int, times: StepTimes, finer: int, unknown: Int64
 ) -> None:
-    """Add the steps of a stretch."""
+    """Add the steps of an interval."""
     mine = -(-steps.steps // finer)  # the script's own step that each belongs to
     rows = np.flatnonzero(mine <= end)
     if not len(rows):

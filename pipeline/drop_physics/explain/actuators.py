@@ -67,7 +67,7 @@ class ActuatorTable:
     def add(self, explained: ExplainedPiece) -> None:
         """Take a piece."""
         for judged in explained.bodies.values():
-            for steps in judged.stretches if judged.body.actuators else ():
+            for steps in judged.intervals if judged.body.actuators else ():
                 for actuator in judged.body.actuators:
                     if len(steps):
                         self._add(actuator, steps, explained.piece)

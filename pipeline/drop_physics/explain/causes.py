@@ -109,12 +109,12 @@ class Totals:
                 why.first_step = int(judged.steps[rows[0]])
             why.samples += len(rows)
             why.remainder = max(why.remainder, float(judged.unexplained[rows].max()))
-        for steps in judged.stretches:
+        for steps in judged.intervals:
             self._jump_to(steps)
             self._add(steps)
 
     def _jump_to(self, steps: BodySteps) -> None:
-        """Add what changed between two stretches: calls set it, or another body has the number."""
+        """Add what changed between two intervals: calls set it, or another body has the number."""
         begin, last = _End.first(steps), self._last
         if last is not None and last.same(begin):
             return
@@ -147,7 +147,7 @@ class Totals:
 
 @dataclass(frozen=True, eq=False)
 class _End:
-    """Where a stretch begins or ends."""
+    """Where an interval begins or ends."""
 
     law: DampedTree
     state: States

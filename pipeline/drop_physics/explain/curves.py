@@ -121,7 +121,7 @@ class CurveTable:
             self._keep(("joints", number, -1), driven.steps.steps, columns)
 
     def _energy(self, number: int, judged: Judged) -> None:
-        for steps in judged.stretches:
+        for steps in judged.intervals:
             changes = steps.changes
             start_j = self._start_j.setdefault(number, changes.begin_j)
             so_far = self._given.setdefault(number, np.zeros(len(FORCES)))

@@ -147,7 +147,7 @@ class JointTable:
             rates = sum(joint.widths[1] for joint in judged.body.joints)
             found = [
                 self._driven(judged.body, steps)
-                for steps in judged.stretches
+                for steps in judged.intervals
                 if rates and steps.law.tree.joint_rates == rates
             ]
             if found:

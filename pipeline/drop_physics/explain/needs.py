@@ -317,7 +317,7 @@ def _masses(
         for body in load.bodies:
             judged = explained.bodies.get(body)
             steps = (
-                next((s for s in judged.stretches if sample in s.steps), None) if judged else None
+                next((s for s in judged.intervals if sample in s.steps), None) if judged else None
             )
             if steps is None:
                 break

@@ -123,7 +123,7 @@ def rows_of(
     energy_j, contact_j = np.full(n, np.nan), np.zeros(n)
     if errors_m:
         error_m[[*errors_m]] = [*errors_m.values()]
-    for steps in judged.stretches:
+    for steps in judged.intervals:
         rows = np.searchsorted(judged.steps, steps.steps)
         if steps.law.tree.size:
             energy_j[rows] = steps.changes.after_j
@@ -149,7 +149,7 @@ def details_of(judged: Judged) -> dict[str, Float64]:
     Of a joint that turns about a point there is none.
     """
     columns: dict[str, Float64] = {}
-    for steps in judged.stretches:
+    for steps in judged.intervals:
         rows, tree = np.searchsorted(judged.steps, steps.steps), steps.law.tree
         efforts = steps.reported.motors + steps.reported.pd + steps.reported.commanded
         found = {

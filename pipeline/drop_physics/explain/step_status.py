@@ -73,7 +73,7 @@ class Judged:
     """Indices into WHYS; -1 where it is explained."""
     unexplained: Float64
     """The remainder of the step that led to it, over the largest term; 0 where none did."""
-    stretches: Sequence[BodySteps]
+    intervals: Sequence[BodySteps]
     """The steps that led to samples, in order, each under constant settings."""
 
     @property
@@ -113,18 +113,18 @@ class StepVerdicts:
 
 
 def judged(
-    body: Body, sampled: Int64, stretches: Sequence[tuple[BodySteps, StepVerdicts]]
+    body: Body, sampled: Int64, intervals: Sequence[tuple[BodySteps, StepVerdicts]]
 ) -> Judged:
     """Return what each of some samples of a body is, given the verdicts on their batches."""
     segment, kind = np.full((2, len(sampled)), SET, np.int8)
     why = np.full(len(sampled), -1, np.int8)
     unexplained = np.zeros(len(sampled))
-    for steps, verdict in stretches:
+    for steps, verdict in intervals:
         rows, its = np.searchsorted(sampled, steps.steps), steps.rows
         why[rows], unexplained[rows] = verdict.why[its], verdict.unexplained[its]
         kind[rows] = verdict.kind[its]
         segment[rows] = verdict.segment[its]
-    return Judged(body, sampled, segment, kind, why, unexplained, [each for each, _ in stretches])
+    return Judged(body, sampled, segment, kind, why, unexplained, [each for each, _ in intervals])
 
 
 def _kinds(steps: Steps) -> Int8:

@@ -461,7 +461,7 @@ def _closing(
 
 
 def _spread(reported: Reported, rows: Transitions) -> Reported:
-    """Return the same for all transitions of a stretch; one that is no step takes no time."""
+    """Return the same for all transitions of an interval; one that is no step takes no time."""
     if rows.real.all():
         return reported
     m, where = len(rows.real), rows.where

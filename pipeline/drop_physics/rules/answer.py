@@ -207,7 +207,7 @@ class Scene:
         came, before = np.vstack([values[:1], values[:-1]]), np.append(-1, steps.steps[:-1])
         for row, part in parts:
             number, ends = part.body.number, dict(self._ends.get(part.body.number, ()))
-            for _, each in self.stretches(number):
+            for _, each in self.intervals(number):
                 if each is part:
                     break
                 ends[each.config.life] = int(each.steps[-1]), each.after.at(np.array([-1]))
@@ -221,7 +221,7 @@ class Scene:
 
     def forget(self) -> None:
         """Free the latest piece."""
-        for _, each in self.stretches():
+        for _, each in self.intervals():
             end = int(each.steps[-1]), each.whole.after.at(np.array([each.rows.stop - 1]))
             self._ends[each.body.number] = {each.config.life: end}
         del self.piece, self.judged, self.batches, self._explained
@@ -241,10 +241,10 @@ class Scene:
         for found in self.joints.latest.values():
             yield from found
 
-    def stretches(self, *bodies: int) -> Iterator[tuple[Judged, BodySteps]]:
+    def intervals(self, *bodies: int) -> Iterator[tuple[Judged, BodySteps]]:
         """Yield bodies of the latest piece, all or those of some numbers, each with its steps."""
         for number in bodies or self.judged:
-            for steps in self.judged[number].stretches if number in self.judged else ():
+            for steps in self.judged[number].intervals if number in self.judged else ():
                 if len(steps):
                     yield self.judged[number], steps
 
@@ -273,7 +273,7 @@ class Scene:
         if number not in self.judged and link == BASE:
             base = self.records[number].told(samples)
             place_m, axes = base[:, :3], np.moveaxis(rotation(base[:, 3:7].T), -1, 0)
-        for _, steps in self.stretches(number):
+        for _, steps in self.intervals(number):
             _, rows, its = np.intersect1d(steps.steps, samples, return_indices=True)
             if len(rows) and link < steps.law.tree.links:
                 states = steps.after if after else steps.before

@@ -16,7 +16,7 @@ from drop_physics.rules.rule import Match, Said, Worst, side_rule
 from drop_physics.rules.tables import PairColumns
 from drop_physics.rules.thresholds import HULL_EVERY, HULL_OFF_M
 from drop_physics.trace.events import Surface
-from drop_physics.trace.history import PYBULLET
+from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -93,7 +93,7 @@ def _local_m(scene: Scene, number: int, link: int, at_m: Float64, ends: Int64) -
     if number not in scene.judged and link == BASE:
         base = scene.records[number].told(ends)
         return rotate_inverse(base[:, 3:7], at_m - base[:, :3])
-    for _, steps in scene.stretches(number):
+    for _, steps in scene.intervals(number):
         rows = np.flatnonzero(np.isin(ends, steps.steps))
         if len(rows) and steps.covered:
             at = np.searchsorted(steps.steps, ends[rows])

@@ -152,7 +152,7 @@ class Episodes:
         for judged in scene.judged.values():
             if judged.body.client != episode.begin.client:
                 continue
-            for steps in judged.stretches:
+            for steps in judged.intervals:
                 if not start < end or not np.isin(start + 1, steps.steps):
                     continue
                 row = int(np.searchsorted(steps.steps, start + 1))

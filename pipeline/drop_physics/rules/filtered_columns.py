@@ -64,9 +64,9 @@ def filtered_columns(scene: Scene) -> Iterator[FilteredColumns]:
     at_first: set[int] = scene.kept.setdefault("overlap at first", set())
     pairs = filtered_pairs(scene)
     for number, judged in scene.judged.items() if pairs else ():
-        stretches = [each for each in judged.stretches if len(each)]
-        if len(stretches) == 1:  # else its model is edited on the way
-            (its,) = stretches
+        intervals = [each for each in judged.intervals if len(each)]
+        if len(intervals) == 1:  # else its model is edited on the way
+            (its,) = intervals
             rows = np.arange(0, len(its), max(1, -(-len(its) // EVERY)))
             poses[number] = its.steps[rows] - 1, kinematics(its.law.tree, its.before.at(rows))
     for place, pair in enumerate(pairs):

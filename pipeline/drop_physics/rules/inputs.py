@@ -247,7 +247,7 @@ class Inputs:
             motion.samples += len(judged.steps)
             if number in thrown:
                 motion.in_flight |= set(judged.steps[judged.kind == FLIGHT].tolist())
-            for steps in judged.stretches:
+            for steps in judged.intervals:
                 if len(steps):
                     key = number, steps.config.life
                     if key not in self.lives:
@@ -310,7 +310,7 @@ class Inputs:
             if subject.link is not None
         ]
         for number in {body for _, body, _ in read} & self.scene.judged.keys():
-            for steps in self.scene.judged[number].stretches:
+            for steps in self.scene.judged[number].intervals:
                 tree = steps.law.tree
                 if not len(steps) or not tree.size:
                     continue

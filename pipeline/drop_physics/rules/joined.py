@@ -122,7 +122,7 @@ def _weight_n(joined: ConstraintColumns) -> float:
         return 0.0
     weights_n = [
         np.abs(steps.law.tree.masses_kg.sum() * steps.reported.gravity_m_s2[-1]).max()
-        for _, steps in scene.stretches(moving[0].number)
+        for _, steps in scene.intervals(moving[0].number)
     ]
     return float(weights_n[-1]) if weights_n else 0.0
 
@@ -131,7 +131,7 @@ def _swings_m_s(joined: ConstraintColumns) -> float:
     """Return how fast what is held turns or moves across gravity: it pulls then with more."""
     fastest = [0.0]
     for body in joined.bodies:
-        for _, steps in joined.scene.stretches(body.number) if body.base_moves else ():
+        for _, steps in joined.scene.intervals(body.number) if body.base_moves else ():
             acts = steps.steps >= joined.began
             velocity, g = steps.after.velocity[acts], steps.reported.gravity_m_s2[acts]
             down = g / np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-300)

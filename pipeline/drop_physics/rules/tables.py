@@ -69,7 +69,7 @@ def tables(name: TableName, scene: Scene) -> Iterator[RuleTable]:
         yield from (JointColumns(scene, each) for each in scene.driven())
     elif name == "actuators":
         yield from (
-            ActuatorColumns(scene, each) for _, each in scene.stretches() if each.body.actuators
+            ActuatorColumns(scene, each) for _, each in scene.intervals() if each.body.actuators
         )
     elif name == "targets":
         yield from target_columns(scene)

@@ -149,7 +149,7 @@ def _overlapping(
     piece, last = scene.piece, scene.seen.samples.get(bodies[0].client, 0)
     samples = np.arange(max(piece.first, 1), min(piece.end, last))
     for body in moving:
-        mine = [steps.steps for _, steps in scene.stretches(body)]
+        mine = [steps.steps for _, steps in scene.intervals(body)]
         samples = np.intersect1d(samples, np.concatenate(mine)) if mine else samples[:0]
     if call is not None:
         samples = samples[samples > call.at.step]
