@@ -19,8 +19,8 @@ from drop_physics.engines.mujoco.explained import ReplayedPiece, explained
 from drop_physics.engines.mujoco.frames import STEP, STEP_HEAD
 from drop_physics.engines.mujoco.received import LENGTH
 from drop_physics.errors import DropError
-from drop_physics.physics.laws.mujoco.tree import MujocoTrees
 from mujoco_scripts import MACHINE, Run, of_world, statuses, watched
+from mujoco_trees import MujocoTrees
 
 CLOSES = 1e-12
 """What rounding may leave, in shares of the largest impulse."""

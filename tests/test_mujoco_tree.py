@@ -12,8 +12,8 @@ import mujoco
 import numpy as np
 import pytest
 from drop_physics.engines.mujoco.watch.followed import constants_of
-from drop_physics.physics.laws.mujoco.tree import MujocoTrees, product, turned
 from mujoco_scripts import MACHINE
+from mujoco_trees import MujocoTrees, product, turned
 
 SHIPPED = Path(mujoco.__file__).parent / "testdata/model.xml"
 """A model that comes with mujoco, from some version on."""

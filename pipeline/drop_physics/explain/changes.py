@@ -78,13 +78,10 @@ def changes_of(
     """
     if added is None:
         changed, moved = _changed(law, states, steps)
-        energy, momentum = {"remainder": changed}, {"remainder": moved}
+        energy, momentum = {"remainder": changed}, {} if law.tree.fixed else {"remainder": moved}
     else:
-        energy, changed = added.energy_j(), added.energy_change_j()
-        if not law.tree.fixed:
-            momentum, moved = added.momentum_kg_m_s(), added.momentum_change_kg_m_s()
-    if law.tree.fixed:
-        momentum, moved = {}, np.zeros((len(steps.real), 3))
+        energy, changed = {**added.energy_j}, added.changed_j
+        momentum, moved = {**added.momentum_kg_m_s}, added.moved_kg_m_s
     first = np.array([transitions.start for transitions, _ in parts])
     begin_j, _ = energy_of(law, states.at(first), steps.gravity_then[first])
     energy, momentum = (

@@ -336,13 +336,15 @@ def _points(explained: ExplainedPiece) -> Points:
     known = among(records, a) & among(records, b)
     low, high = np.minimum(a, b), np.maximum(a, b)
     many = int(high.max(initial=0)) + 1
-    order = np.argsort((contacts["step"] * many + low) * many + high, kind="stable")
-    order = order[known[order]]
-    table = contacts[order]
+    keys = (contacts["step"] * many + low) * many + high
+    table, places = contacts, np.arange(len(contacts))
+    if not known.all() or (np.diff(keys) < 0).any():
+        order = np.argsort(keys, kind="stable")
+        order = order[known[order]]
+        table, places = contacts[order], np.full(len(contacts), -1)
+        places[order] = np.arange(len(order))
     swapped = table["body_a"] > table["body_b"]
     flip = np.where(swapped, -1.0, 1.0)
-    places = np.full(len(contacts), -1)
-    places[order] = np.arange(len(order))
     bodies, links = (_by_side(table, what, "", swapped) for what in ("body", "link"))
     sides = _Sides(explained, table["step"], bodies, _by_side(table, "position", "_m", swapped))
     sides.move(explained, places, swapped)

@@ -33,7 +33,7 @@ from drop_physics.explain.step_status import (
 from drop_physics.explain.steps import BodySteps, Interval, StepBatch, Steps
 from drop_physics.explain.touching import Touching, rows_of
 from drop_physics.physics.dynamics import lifted_j, mass_matrix
-from drop_physics.physics.impulses import EXPLAINED, MOVED, PULLED, Sum, change_of
+from drop_physics.physics.impulses import EXPLAINED, MOVED, PULLED, Sum, Summed, change_of
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.moving import moved, way_between
 from drop_physics.physics.rotations import products, rotate, rotate_inverse
@@ -218,7 +218,7 @@ def _sum(
     rows: Transitions,
     terms: Mapping[str, Float64],
     turned: Float64 | None,
-) -> Sum:
+) -> Summed:
     """Return transitions as sums; one that is no step has no terms."""
     kin = kinematics(law.tree, states)
     matrices, where = mass_matrix(kin), rows.where
@@ -230,7 +230,9 @@ def _sum(
         spread[MOVED][where] -= (matrices[where] @ turned[:, :, None])[:, :, 0]
     left = change_of(matrices, states.velocity) - sum(spread.values())
     lifted = lifted_j(kin, rows.gravity_then)
-    return Sum(matrices, states.velocity, spread, left, lifted, np.zeros(len(rows.real)))
+    forces_n_s = np.zeros(len(rows.real))
+    found = Sum(matrices, states.velocity, spread, left, lifted, forces_n_s)
+    return found.summed(fixed=law.tree.fixed)
 
 
 def _arms(record: Record, states: States) -> Float64:

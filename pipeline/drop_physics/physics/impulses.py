@@ -12,7 +12,6 @@ import functools
 from collections.abc import Mapping
 from dataclasses import field, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,40 +111,28 @@ EXPLAINED = 1e-9
 """A remainder up to this share of the largest term is rounding."""
 
 
-class Summed(Protocol):
-    """n steps, each as a sum of impulses; arrays have one row per step."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Summed:
+    """What n steps of a tree are as sums of impulses; arrays have one row per step."""
 
-    @property
-    def terms(self) -> Mapping[str, Float64]:
-        """Impulses by cause [N s, N m s], shape (n, size) each."""
-
-    @property
-    def remainder(self) -> Float64:
-        """Momentum that the terms do not explain, shape (n, size)."""
-
-    @property
-    def largest(self) -> Float64:
-        """The largest entry of any term, or impulse of a single force, in each step, shape (n,)."""
-
-    @property
-    def unexplained(self) -> Float64:
-        """The largest entry of the remainder over `largest`, shape (n,)."""
-
-    @property
-    def allowed(self) -> Float64:
-        """Up to which share a remainder is what numbers leave, shape (n,)."""
-
-    def energy_j(self) -> dict[str, Float64]:
-        """Return the change of kinetic and potential energy by cause [J], shape (n,) each."""
-
-    def energy_change_j(self) -> Float64:
-        """Return the change of kinetic and potential energy [J], shape (n,)."""
-
-    def momentum_kg_m_s(self) -> dict[str, Float64]:
-        """Return the change of the tree's linear momentum by cause, shape (n, 3) each."""
-
-    def momentum_change_kg_m_s(self) -> Float64:
-        """Return the change of the tree's linear momentum, shape (n, 3)."""
+    terms: Mapping[str, Float64]
+    """Impulses by cause [N s, N m s], shape (n, size) each."""
+    remainder: Float64
+    """What the terms do not explain, shape (n, size)."""
+    largest: Float64
+    """The largest entry of any term, or impulse of a single force, in each step, shape (n,)."""
+    unexplained: Float64
+    """The largest entry of the remainder over `largest`, shape (n,)."""
+    allowed: Float64
+    """Up to which share a remainder is what numbers leave, shape (n,)."""
+    energy_j: Mapping[str, Float64]
+    """Changes of kinetic and potential energy by cause, shape (n,) each."""
+    changed_j: Float64
+    """The whole change, shape (n,)."""
+    momentum_kg_m_s: Mapping[str, Float64]
+    """Changes of linear momentum by cause, shape (n, 3) each; empty if the base cannot move."""
+    moved_kg_m_s: Float64
+    """The whole change, shape (n, 3)."""
 
 
 ROUNDED = 1e-6
@@ -197,10 +184,20 @@ class Sum:
             np.divide(left, most, out=np.where(left == 0, 0.0, np.inf), where=most > 0)
         )
 
-    @property
-    def allowed(self) -> Float64:
-        """Up to which share a remainder is what numbers leave, shape (n,)."""
-        return np.full(len(self.remainder), EXPLAINED)
+    def summed(self, *, fixed: bool) -> Summed:
+        """Return what it comes to; `fixed`: whether the base never moves."""
+        n = len(self.remainder)
+        return Summed(
+            terms=self.terms,
+            remainder=self.remainder,
+            largest=self.largest,
+            unexplained=self.unexplained,
+            allowed=np.full(n, EXPLAINED),
+            energy_j=self.energy_j(),
+            changed_j=self.energy_change_j(),
+            momentum_kg_m_s={} if fixed else self.momentum_kg_m_s(),
+            moved_kg_m_s=np.zeros((n, 3)) if fixed else self.momentum_change_kg_m_s(),
+        )
 
     def energy_j(self) -> dict[str, Float64]:
         """Return the change of kinetic and potential energy by cause [J], shape (n,) each.

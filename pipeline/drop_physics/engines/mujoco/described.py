@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.data import dataclass
-from drop_physics.physics.laws.mujoco.tree import BALL, FREE, HINGE, SLIDE
 from drop_physics.physics.rotations import products, rotate, rotate_inverse
 from drop_physics.trace.events import Actuator, Body, Collision, Joint, Keyframe, Shape
 from drop_physics.trace.states import BASE
@@ -29,6 +28,8 @@ Arrays = Mapping[str, NDArray[Any]]
 Pose = tuple[Float64, Float64]
 """Position, shape (3,), and quaternion x, y, z, w."""
 
+FREE, BALL, SLIDE, HINGE = range(4)
+"""Types of joints, as MuJoCo numbers them."""
 GEOMS = {
     0: "plane",
     1: "heightfield",

@@ -36,10 +36,9 @@ def steps_of(
 
     `servos` returns these in some states, shape (n, joint_rates) each.
     """
-    if substeps == 1:
-        return sum_of(body, states, reported), reported.pd
-    found = sum_of_substeps(body, states, reported, substeps, servos)
-    return found, found.pd
+    if substeps > 1:
+        return sum_of_substeps(body, states, reported, substeps, servos)
+    return sum_of(body, states, reported).summed(fixed=body.tree.fixed), reported.pd
 
 
 def flight(

@@ -26,9 +26,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.physics.dynamics import mass_matrix
-from drop_physics.physics.impulses import EXPLAINED, Forces, Sum
+from drop_physics.physics.impulses import EXPLAINED, Forces, Sum, Summed
 from drop_physics.physics.kinematics import Kinematics, kinematics
 from drop_physics.physics.laws.bullet.spin import MAX_TURN_RAD
 from drop_physics.physics.laws.bullet.tree import known_terms, sum_of
@@ -44,57 +43,16 @@ HELD = 1e-6
 differ: the solver stops before they are. Measured: 2e-8 where a body rests."""
 
 
-@dataclass(frozen=True, eq=False)
-class SubstepSum:
-    """n steps, each as the sum of the impulses of its substeps; arrays have one row per step."""
-
-    terms: Mapping[str, Float64]
-    """Impulses by cause [N s, N m s], shape (n, size) each."""
-    remainder: Float64
-    """What the terms do not explain, shape (n, size)."""
-    largest: Float64
-    """The largest entry of any term, or impulse of a single force, in each step, shape (n,)."""
-    unexplained: Float64
-    """The remainder, or what the pose is off as an impulse, over `largest`; shape (n,)."""
-    held: Flags
-    """Where reported impulses were taken to be equal in all substeps, shape (n,)."""
-    pd: Float64
-    """PD_CONTROL's efforts in the last substep, shape (n, joint_rates)."""
-    _energy_j: dict[str, Float64]
-    _changed_j: Float64
-    _momentum_kg_m_s: dict[str, Float64]
-    _moved_kg_m_s: Float64
-
-    @property
-    def allowed(self) -> Float64:
-        """Up to which share a remainder is what numbers leave, shape (n,)."""
-        return np.where(self.held, HELD, EXPLAINED)
-
-    def energy_j(self) -> dict[str, Float64]:
-        """Return the change of kinetic and potential energy by cause [J], shape (n,) each."""
-        return self._energy_j
-
-    def energy_change_j(self) -> Float64:
-        """Return the change of kinetic and potential energy [J], shape (n,)."""
-        return self._changed_j
-
-    def momentum_kg_m_s(self) -> dict[str, Float64]:
-        """Return the change of the tree's linear momentum by cause, shape (n, 3) each."""
-        return self._momentum_kg_m_s
-
-    def momentum_change_kg_m_s(self) -> Float64:
-        """Return the change of the tree's linear momentum, shape (n, 3)."""
-        return self._moved_kg_m_s
-
-
 def sum_of_substeps(
     body: DampedTree,
     states: States,
     reported: Reported,
     substeps: int,
     servos: Callable[[States], Float64],
-) -> SubstepSum:
+) -> tuple[Summed, Float64]:
     """Return n steps of so many substeps from the n + 1 states before and after them.
+
+    And PD_CONTROL's efforts in the last substep of each, shape (n, joint_rates).
 
     `reported` has the forces that motors and contacts had in the last substep; `servos` returns
     PD_CONTROL's efforts in some states, shape (n, joint_rates).
@@ -110,7 +68,7 @@ def sum_of_substeps(
         begins, given = _substeps(body, before, reported, substeps, servos)
         chain = _in_turn(begins).then(after.at(slice(count - 1, None)))
         found = sum_of(body, chain, _reports_in_turn(given))
-        return _summed(body, found, begins[-1], after, given[-1])
+        return _summed(body, found, begins[-1], after, given[-1]), given[-1].pd
 
 
 def _substeps(
@@ -194,7 +152,7 @@ def _woven(columns: Sequence[Float64]) -> Float64:
 
 def _summed(
     body: DampedTree, found: Sum, last: States, after: States, reported: Reported
-) -> SubstepSum:
+) -> Summed:
     """Return the sums of the substeps of each step, the last of which begins with `last`."""
     tree, count, dt = body.tree, len(after), reported.timestep_s
     substeps = len(found.remainder) // max(count, 1)
@@ -212,24 +170,23 @@ def _summed(
     matrices = found.matrix.reshape(count, substeps, tree.size, tree.size)[:, -1]
     aside = (matrices @ missed[:, :, None])[:, :, 0]
     left = np.abs(np.hstack((remainder, aside))).max(axis=1)
-    held: Flags = np.asarray(reported.motors.any(axis=1))
+    held = np.asarray(reported.motors.any(axis=1))
     if reported.geared is not None:
         held = held | reported.geared.any(axis=1)
     for forces in (reported.contacts, reported.constraints):
         acts = forces.force_n.any(axis=1) | forces.torque_n_m.any(axis=1)
         held[forces.step[acts]] = True
-    none: dict[str, Float64] = {}
-    return SubstepSum(
-        terms=causes(found.terms),
+    one = found.summed(fixed=tree.fixed)
+    return Summed(
+        terms=causes(one.terms),
         remainder=remainder,
         largest=largest,
         unexplained=np.divide(
             left, largest, out=np.where(left == 0, 0.0, np.inf), where=largest > 0
         ),
-        held=held,
-        pd=reported.pd,
-        _energy_j=causes(found.energy_j()),
-        _changed_j=whole(found.energy_change_j()),
-        _momentum_kg_m_s=none if tree.fixed else causes(found.momentum_kg_m_s()),
-        _moved_kg_m_s=np.zeros((count, 3)) if tree.fixed else whole(found.momentum_change_kg_m_s()),
+        allowed=np.where(held, HELD, EXPLAINED),
+        energy_j=causes(one.energy_j),
+        changed_j=whole(one.changed_j),
+        momentum_kg_m_s=causes(one.momentum_kg_m_s),
+        moved_kg_m_s=whole(one.moved_kg_m_s),
     )

@@ -14,15 +14,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-
 from drop_physics.data import dataclass
+from drop_physics.engines.mujoco.described import BALL, FREE, SLIDE
+from numpy.typing import NDArray
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-FREE, BALL, SLIDE, HINGE = range(4)
-"""Types of joints, as MuJoCo numbers them."""
 DOFS, COORDINATES = (6, 3, 1, 1), (7, 4, 1, 1)
 """Degrees of freedom of each type, and its numbers in `qpos`."""
 
