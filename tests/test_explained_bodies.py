@@ -555,6 +555,19 @@ def test_pd_control_outlives_the_body(
     assert totals.unexplained["remainder"].samples >= 100
 
 
+def test_a_gear_between_joints_that_do_not_move_gives_nothing(seen: Callable[[str], Seen]) -> None:
+    """PyBullet takes it; what it reports of it acts on no rate."""
+    scene = AIR + (
+        'r = p.loadURDF("TwoJointRobot_w_fixedJoints.urdf", [0, 0, 9])\n'
+        "fixed = [j for j in range(p.getNumJoints(r)) if p.getJointInfo(r, j)[2] == p.JOINT_FIXED]\n"
+        "g = p.createConstraint(r, fixed[0], r, fixed[-1], p.JOINT_GEAR, [0, 1, 0], [0] * 3, [0] * 3)\n"
+        "p.changeConstraint(g, gearRatio=1, maxForce=1000)\n"
+        "steps(20)\n"
+    )
+    totals = explanation(seen(scene)).totals[0]
+    assert {*totals.unexplained} <= {"constraint"}
+
+
 def test_the_first_that_applies(seen: Callable[[str], Seen]) -> None:
     """A cube that is held, touches the arm and is pushed is `pushed`; then `constrained`."""
     found: dict[int, Judged] = {}

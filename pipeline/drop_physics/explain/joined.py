@@ -15,7 +15,7 @@ from drop_physics.physics.impulses import Forces
 from drop_physics.physics.kinematics import Kinematics, kinematics
 from drop_physics.physics.on_links import frame_axes
 from drop_physics.physics.step_law import StepLaw
-from drop_physics.physics.tree import States, Tree
+from drop_physics.physics.tree import RATES, States, Tree
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import At
 
@@ -194,7 +194,7 @@ class Constraints:
                 for side in range(2):
                     if held.bodies[side] != body:
                         continue
-                    if held.kind == GEAR:
+                    if held.kind == GEAR and _is_geared(tree, held.links[side]):
                         impulses = np.zeros((len(ends), tree.joint_rates))
                         impulses[at] = self._law.gear_impulses(
                             tree,
@@ -221,6 +221,11 @@ class Constraints:
                     else:
                         unknown[at] = True
         return Acting(acting, geared, unknown)
+
+
+def _is_geared(tree: Tree, link: int) -> bool:
+    """Return whether a link has a joint of one rate, which a gear may act on."""
+    return 0 <= link < tree.links and RATES[tree.joints[link]] == 1
 
 
 def _turned(orientation: Vector, default: Vector = UPRIGHT) -> Vector:
