@@ -224,10 +224,8 @@ class JointTable:
         if driven.at_limit.any() and not driven.all_resting[row]:
             now = driven.steps.after.joints[row]
             against = np.sign(target - driven.after[row])
-            ways = [
-                against * held.at(now + share * (positions - now))
-                for share in np.arange(WAY_POSES) / WAY_POSES
-            ]
+            shares = np.arange(WAY_POSES)[:, None] / WAY_POSES
+            ways = against * held.along(now + shares * (positions - now))
             track.on_the_way = np.maximum(np.max(ways, axis=0), np.abs(track.needs_at_target))
 
 

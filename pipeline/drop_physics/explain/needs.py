@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import field
+from dataclasses import field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,20 +91,24 @@ class Holding:
         acting = gravity(kin, pull)[0]
         for number, load in loads:
             mass, centre = self._masses[number]
-            acting = acting + _pulled(kin, min(load.links), mass * pull, centre[None])
+            acting = acting + _pulled(kin, min(load.links), mass * pull, centre[None])[0]
         return -float(acting[tree.first_rate + joint_rate])
 
     def at(self, positions: Float64) -> Float64:
-        """Return what holding other positions of the joints takes, with the loads that are joined.
+        """Return what holding other positions of the joints takes, shape (joint_coordinates,)."""
+        return self.along(positions[None])[0]
 
-        Base as it is; `positions` shape (joint_coordinates,).
+    def along(self, positions: Float64) -> Float64:
+        """Return the same of several poses, with the loads that are joined; the base as it is.
+
+        `positions` have the shape (n, joint_coordinates), and this (n, joint_rates).
         """
         tree, row = self._steps.law.tree, np.array([self._row])
         state = _still(self._steps.after.at(row))
-        there = States(state.position_m, state.orientation, positions[None], state.velocity)
-        kin, here = kinematics(tree, there), kinematics(tree, state)
-        pull = self._steps.reported.gravity_m_s2[row]
-        acting = gravity(kin, pull)[0]
+        there = state.at(np.zeros(len(positions), np.int64))
+        kin, here = kinematics(tree, replace(there, joints=positions)), kinematics(tree, state)
+        pull = np.repeat(self._steps.reported.gravity_m_s2[row], len(positions), axis=0)
+        acting = gravity(kin, pull)
         unknown = np.zeros(tree.size, np.bool_)
         for number, load in enumerate(self._loads):
             rows = _rows_moved(tree, load.links)
@@ -119,7 +123,7 @@ class Holding:
             local = (centre - here.position_m(link)[0]) @ here.matrix(link)[0]
             acting = acting + _pulled(kin, link, mass * pull, kin.point_m(link, local))
         acting = np.where(unknown | self._passive, np.nan, acting)
-        return np.asarray(-acting[tree.first_rate :])
+        return np.asarray(-acting[:, tree.first_rate :])
 
 
 def holding(
@@ -302,9 +306,9 @@ def _rows_moved(tree: Tree, links: Iterable[int]) -> Flags:
 
 
 def _pulled(kin: Kinematics, link: int, force: Float64, point_m: Float64) -> Float64:
-    one = np.zeros(1, np.int64)
-    acting = generalised_at_points(kin, one, one + link, force, point_m, np.zeros((1, 3)))
-    return np.asarray(acting[0])
+    rows = np.arange(len(force))
+    links = np.full(len(force), link)
+    return generalised_at_points(kin, rows, links, force, point_m, np.zeros_like(force))
 
 
 def _masses(
