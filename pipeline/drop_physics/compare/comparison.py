@@ -31,7 +31,7 @@ from drop_physics.compare.tolerance import tolerance_of
 from drop_physics.data import dataclass
 from drop_physics.explain.times import StepTimes
 from drop_physics.trace.calls import Call
-from drop_physics.trace.history import PIECE, Piece, Seen
+from drop_physics.trace.history import Piece, Seen
 
 TIMESTEPS = ("timestep_s", "engine.timestep_s", "engine.fixedTimeStep")
 
@@ -131,11 +131,11 @@ def compare(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Comparison:
 
 def _pieces(run: Seen, golden: Seen) -> Iterator[tuple[Piece, Piece]]:
     """Yield what was sampled of the same steps."""
-    sides = run.sampled, golden.sampled
+    sides, steps = (run.sampled, golden.sampled), min(run.piece_steps(), golden.piece_steps())
     for first in range(
-        min(each.first for each in sides), max(each.last for each in sides) + 1, PIECE
+        min(each.first for each in sides), max(each.last for each in sides) + 1, steps
     ):
-        mine, theirs = (each.piece(first, first + PIECE) for each in sides)
+        mine, theirs = (each.piece(first, first + steps) for each in sides)
         yield mine, theirs
 
 

@@ -41,7 +41,7 @@ from drop_physics.trace.states import by_body
 Int64 = NDArray[np.int64]
 Rows = NDArray[np.intp]
 
-MOST_STEPS, LEAST_STEPS, NUMBERS = 1 << 12, 1 << 5, 1 << 17
+MOST_STEPS, NUMBERS = 1 << 12, 1 << 17
 """Steps in a piece, and degrees of freedom of all bodies over its steps: some 100 MB."""
 FORCES = ("normal_force_n", "friction_1_n", "friction_2_n")
 """The forces of a contact point."""
@@ -113,12 +113,8 @@ class Explanation:
 
     def pieces(self, steps: int = 0) -> Iterator[ExplainedPiece]:
         """Yield the pieces of the recording, each once; of so many steps, if that is not 0."""
-        bodies = [each.body for each in self.records.values()]
-        freedoms = sum(
-            6 * body.base_moves + sum(joint.widths[1] for joint in body.joints) for body in bodies
-        )
-        freedoms *= max((substeps_of(each.values) for each in self.seen.settings), default=1)
-        steps = steps or min(MOST_STEPS, max(LEAST_STEPS, NUMBERS // max(freedoms, 1)))
+        substeps = max((substeps_of(each.values) for each in self.seen.settings), default=1)
+        steps = steps or self.seen.piece_steps(MOST_STEPS, NUMBERS // substeps)
         # `map` keeps no piece while the next is read.
         yield from map(self._explained, self.seen.pieces(steps))
 

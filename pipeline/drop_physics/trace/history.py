@@ -47,8 +47,8 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 T = TypeVar("T")
 
-PIECE = 1 << 13
-"""Steps in a piece."""
+PIECE, LEAST, NUMBERS = 1 << 13, 1 << 5, 1 << 18
+"""Most and least steps in a piece, and degrees of freedom of all bodies over its steps."""
 DEFAULT_ENGINE = "PyBullet"
 """The engine of a recording that names none."""
 
@@ -190,8 +190,18 @@ class Seen:
         (a, b), (i, k) = bodies, links
         return self.condims.get((a, i, b, k), self.condims.get((b, k, a, i), (3, 0.0)))
 
-    def pieces(self, steps: int = PIECE) -> Iterator[Piece]:
-        """Yield what was sampled, so many steps at a time."""
+    def piece_steps(self, most: int = PIECE, numbers: int = NUMBERS) -> int:
+        """Return how many steps a piece has: at most so many, and numbers of all bodies."""
+        freedoms = sum(
+            6 * body.base_moves + sum(joint.widths[1] for joint in body.joints)
+            for body in self.bodies.values()
+            if not body.soft
+        )
+        return min(most, max(LEAST, numbers // max(freedoms, 1)))
+
+    def pieces(self, steps: int = 0) -> Iterator[Piece]:
+        """Yield what was sampled, so many steps at a time, or as many as fit into memory."""
+        steps = steps or self.piece_steps()
         for first in range(self.sampled.first, self.sampled.last + 1, steps):
             yield self.sampled.piece(first, first + steps)
 
