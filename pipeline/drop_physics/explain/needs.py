@@ -96,7 +96,7 @@ class Holding:
 
     def at(self, positions: Float64) -> Float64:
         """Return what holding other positions of the joints takes, shape (joint_coordinates,)."""
-        return self.along(positions[None])[0]
+        return np.asarray(self.along(positions[None])[0])
 
     def along(self, positions: Float64) -> Float64:
         """Return the same of several poses, with the loads that are joined; the base as it is.
