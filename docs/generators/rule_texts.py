@@ -19,7 +19,7 @@ from drop_physics.rules.answer import LEVELS
 from drop_physics.rules.codes import CODES
 from drop_physics.rules.engines import MUJOCO
 from drop_physics.rules.reference import blanked
-from drop_physics.trace.history import PYBULLET
+from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 
 ROOMS = "rules", "drop"
 """Folders whose modules find something."""
