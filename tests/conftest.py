@@ -200,12 +200,11 @@ sys.meta_path.insert(0, Listen)
 """A `sitecustomize` that writes down each module that any Python process looks for."""
 
 LOOKED_FOR = {
-    "__main__",
-    "_drop_engines",
-    "cython",
-    "drop_physics",
-    "sitecustomize",
-    "usercustomize",
+    *("__main__", "_drop_engines", "cython", "drop_physics", "sitecustomize", "usercustomize"),
+    *("_polars_runtime_64", "_polars_runtime_compat", "_sysconfigdata__linux_x86_64-linux-gnu"),
+    *("altair", "backports", "boto3", "brotli", "brotlicffi", "chardet", "dartpy", "deltalake"),
+    *("fsspec", "gevent", "great_tables", "org", "pinocchio", "polars_cloud", "polars_nanook"),
+    *("pyiceberg", "pytz", "simplejson", "socks", "torch"),
 }
 """What no environment has and commands look for; more is found as they run."""
 
