@@ -59,22 +59,18 @@ def collides_as_hull(pair: PairColumns) -> Match:
 @collides_as_hull.says
 def _(worst: Worst) -> Said:
     other = worst.scene.body(int(worst.noted.keys[0, 1])).label
-    advice = Message("split it into convex parts, a <geom> for each")
-    cure: Cure | None = None
-    if worst.engine == PYBULLET:
-        advice = Message(
-            'if it never moves, {call}, in a URDF <collision concave="yes">; '
-            "else split it into convex parts, as p.vhacd(…) does"
-        )
-        cure = Cure("concave")
+    advice = Message(
+        'if it never moves, {call}, in a URDF <collision concave="yes">; '
+        "else split it into convex parts, as p.vhacd(…) does"
+    )
     return Said(
         message=Message(
             "{other} touches {body} {off:.3g} mm off the surface of its mesh: {engine} "
             "collides the convex hull of a mesh, which closes its hollows"
         ),
         values={"other": other, "off": worst.size * 1e3},
-        advice=advice,
-        cure=cure,
+        advice=advice if worst.engine == PYBULLET else None,
+        cure=Cure("concave"),
         effect=Effect(worst.size, "m"),
         share=worst.size / worst.body_size_m,
         other=other,

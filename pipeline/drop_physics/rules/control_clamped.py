@@ -51,32 +51,30 @@ def _(runs: Runs, scene: Scene) -> Float64:
 @control_clamped.says
 def _(worst: Worst) -> Said:
     actuator, joint = worst.actuator, worst.joint
-    if not worst.sent:
-        return Said(
-            message=Message(
-                "{actuator} is given up to {given:.4g}, beyond its ctrlrange of {low:.4g} to "
-                "{high:.4g} in {steps}: it gives no more than the end of that"
-            ),
-            values={"actuator": actuator.name},
-            cure=Cure("ctrlrange", actuator.name),
-            level="model",
-            site=worst.scene.only_site(Act.SET_CONTROL),
-        )
     unit = next((units(each)[0] for each in worst.subject.joints if each.name == joint), "")
-    return Said(
-        message=Message(
+    message = Message(
+        "{actuator} is given up to {given:.4g}, beyond its ctrlrange of {low:.4g} to {high:.4g} in "
+        "{steps}: it gives no more than the end of that"
+    )
+    advice = None
+    if worst.sent:
+        message = Message(
             "{actuator} is sent to {given:.4g} in {steps}, and its ctrlrange is {low:.4g} "
             "to {high:.4g}: it takes the end of that"
-        ),
-        values={"actuator": actuator.name},
-        advice=Message(
+        )
+        advice = Message(
             "send it within that, or {call}; ctrl is in radians and metres, whatever the angles "
             "of the file"
-        ),
+        )
+    return Said(
+        message=message,
+        values={"actuator": actuator.name},
+        advice=advice,
         cure=Cure("ctrlrange", actuator.name),
         effect=Effect(worst.size * (worst.high - worst.low), unit)
         if unit and actuator.kind == "position"
         else None,
+        level=None if worst.sent else "model",
         site=worst.scene.only_site(Act.SET_CONTROL),
     )
 

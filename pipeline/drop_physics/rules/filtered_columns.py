@@ -122,8 +122,8 @@ def _filtered(scene: Scene) -> Iterator[FilteredPair]:
             if body_a.client != body_b.client or not (body_a.moving or body_b.moving):
                 continue
             # What is only seen is a marker or a design, unless it is to take what lies free.
-            unseen = [body for body in (body_a, body_b) if not body.collisions]
-            if unseen and not (body_a.base_moves ^ body_b.base_moves and body_a is not body_b):
+            are_solid = body_a.collisions and body_b.collisions
+            if not are_solid and body_a.base_moves == body_b.base_moves:
                 continue
             assert a.bits is not None
             assert b.bits is not None

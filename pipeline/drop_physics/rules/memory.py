@@ -51,26 +51,26 @@ def _ends(inputs: Inputs, client: int) -> int:
 def force_stays(inputs: Inputs) -> Iterator[Said]:
     """A force on a body or a joint acts in each step until it is written again."""
     for (client, act, place), force in inputs.lasting.forces.items():
-        acts, unit = force.until(_ends(inputs, client)), "N"
+        acts, first = force.until(_ends(inputs, client)), force.call.at.step + 1
         if acts < PUSHES_STEPS * force.writes or force.was_cleared or force.from_start:
             continue
-        body, joint, push = body_at(inputs, client, place), None, np.linalg.norm(force.most[:3])
+        body, joint, kind = body_at(inputs, client, place), None, "prismatic"
         if act is Act.SET_JOINT_FORCE:
             body, joint, kind = rate_at(inputs, client, place) or (None, None, "")
-            unit = "N" if kind == "prismatic" else "N m"
+        push = np.linalg.norm(force.most[:3])
+        unit = "N" if kind == "prismatic" and push else "N m"
         if body is None or not body.moving:
             continue
         message = Message(
             "{body} is pushed by {push} in {acts}, from step {step:,} on: {field} was written "
             "{writes}, and stays until it is written again",
             body=joint or body.label,
-            push=effort(push or np.linalg.norm(force.most), unit if push else "N m"),
+            push=effort(push or np.linalg.norm(force.most), unit),
             field=f"{force.call.function}[{place}]",
             acts=so_many(acts),
-            step=force.call.at.step + 1,
+            step=first,
             writes=Message("once") if force.writes == 1 else Message("{n} times", n=force.writes),
         )
-        first = force.call.at.step + 1
         yield Said(
             call=force.call,
             subject=body,

@@ -14,10 +14,10 @@ from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import BodyColumns, PairColumns
 from drop_physics.rules.thresholds import (
     DEEP_M,
-    EACH_STEP,
     GATHERS,
     HALF_THE_STEPS,
     OVERLAPS_STEPS,
+    SINKS_STEPS,
     TELEPORTED_M_S,
 )
 from drop_physics.trace.acts import Act
@@ -54,7 +54,13 @@ def _(worst: Worst) -> Said:
     )
 
 
-@body_rule("overwritten", "model", reason="pose-set-each-step", engines=MUJOCOS)
+@body_rule(
+    "overwritten",
+    "model",
+    reason="pose-set-each-step",
+    least_count=SINKS_STEPS,
+    engines=MUJOCOS,
+)
 def rate_gathers(bodies: BodyColumns) -> Match | None:
     """A pose is set step after step and its velocity is not, which gathers what acts on it."""
     if bodies.law.tree.fixed:
@@ -66,12 +72,6 @@ def rate_gathers(bodies: BodyColumns) -> Match | None:
     # Where it is set back in each step, its velocity is of no way that it goes.
     where = moved & (at != came).any(axis=1) & (speed > TELEPORTED_M_S + GATHERS * way)
     return Match(where, speed, {"way": way})
-
-
-@rate_gathers.counts
-def _(runs: Runs, scene: Scene) -> Float64:
-    steps = np.array([scene.ends[number] for number in runs.keys[:, 0].tolist()])
-    return np.where(runs.count >= EACH_STEP / 2 * steps, runs.size, 0.0)
 
 
 @rate_gathers.says

@@ -54,10 +54,8 @@ def stays_slow(joints: JointColumns) -> Match:
     net = torque + joints.term("gravity")
     where = _alone(joints) & (net != 0) & np.isin(kinds, ["", "motor", "general"])
     where &= (torque != 0) | (not body.actuators)
-    slides, tree = joints.at_target == AT_TARGET_M, steps.law.tree
-    widths = [rates.stop - rates.start for rates in tree.rates]
-    rotors = np.zeros(len(widths)) if tree.armature is None else tree.armature[1:]
-    armature = np.broadcast_to(np.repeat(rotors, widths), shape)
+    slides, rotors = joints.at_target == AT_TARGET_M, steps.law.tree.armature
+    armature = joints.of_joints(lambda each: 0.0 if rotors is None else rotors[each.link + 1])
     losses = joints.term("joint damping"), joints.term("friction loss")
     taken = [-each * np.sign(net) for each in losses]
     taken.append(armature * (joints.rate - joints.rate_before) * np.sign(net))
@@ -67,8 +65,6 @@ def stays_slow(joints: JointColumns) -> Match:
         "rotor": armature,
         "slow": np.broadcast_to(np.where(slides, SLOW_M_S, SLOW_RAD_S), shape),
         "inertia": joints.inertia,
-        "damping": joints.of_joints(lambda each: each.damping),
-        "friction": joints.of_joints(lambda each: each.friction),
     }
     return Match(
         where,
@@ -101,10 +97,11 @@ def _taken(runs: Runs) -> tuple[Float64, NDArray[np.intp]]:
 def _(worst: Worst) -> Said:
     taken, which = _taken(worst.noted)
     share, k = float(taken[0]) / worst.driven, int(which[0])
+    joint = worst.subject.joints[worst.link]
     what, cure = (
-        (Message("damping of {n:g}", n=worst.damping), Cure("joint-damping", worst.joint, 0.0)),
+        (Message("damping of {n:g}", n=joint.damping), Cure("joint-damping", worst.joint, 0.0)),
         (
-            Message("frictionloss of {n:g}", n=worst.friction),
+            Message("frictionloss of {n:g}", n=joint.friction),
             Cure("friction", worst.joint, 0.0, form="loss"),
         ),
         (Message("armature of {n:g}", n=worst.rotor), Cure("armature", worst.joint, 0.0)),

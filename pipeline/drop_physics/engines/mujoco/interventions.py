@@ -94,6 +94,7 @@ CALLS = {
     "solref:contact": 'solref="{value:g} 1"',
     "restitution": 'solref="-{stiffness:g} -{damping:.3g}"',
     "mass": 'mass="{value:g}"',
+    "concave": Message("split it into convex parts, a <geom> for each"),
     "collision-off": "<exclude>",
     "gravity": 'gravity="0 0 {value:g}"',
     "gravity:flag": Message('without <flag gravity="disable"/>'),
