@@ -13,7 +13,7 @@ from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.joint import effort
 from drop_physics.rules.lasting import ModelEdit
 from drop_physics.rules.rule import Said, input_rule
-from drop_physics.rules.thresholds import EACH_STEP, MASS_EDIT, PUSHES_STEPS
+from drop_physics.rules.thresholds import EACH_STEP, MASS_EDIT, PUSHES_STEPS, WATCHED
 from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body
 
@@ -47,6 +47,26 @@ def _ends(inputs: Inputs, client: int) -> int:
     return inputs.scene.seen.samples.get(client, 1) - 1
 
 
+@input_rule("reset-leaves", "model", "reset-clears", engines=MUJOCOS)
+def reset_clears_force(inputs: Inputs) -> Iterator[Said]:
+    """A reset of the state sets forces on joints to zero, and nothing gives them again."""
+    for (client, act, place), force in inputs.lasting.forces.items():
+        steps = _ends(inputs, client) - force.since
+        by_reset = force.since in inputs.lasting.episodes[client] and not force.now.any()
+        if act is not Act.SET_JOINT_FORCE or not (by_reset and force.from_start):
+            continue
+        if steps >= WATCHED and not force.was_cleared:
+            message = Message(
+                "{name} is given 0 in {steps} after a reset, which clears it: before it was "
+                "{was:.4g}",
+                name=f"{force.call.function}[{place}]",
+                steps=so_many(steps),
+                was=force.most[0],
+            )
+            advice = Message("data.qfrc_applied[:] = … after each reset")
+            yield Said(call=force.call, message=message, advice=advice, share=1.0)
+
+
 @input_rule("push-stays", "model", engines=MUJOCOS)
 def force_stays(inputs: Inputs) -> Iterator[Said]:
     """A force on a body or a joint acts in each step until it is written again."""
@@ -57,7 +77,7 @@ def force_stays(inputs: Inputs) -> Iterator[Said]:
         body, joint, kind = body_at(inputs, client, place), None, "prismatic"
         if act is Act.SET_JOINT_FORCE:
             body, joint, kind = rate_at(inputs, client, place) or (None, None, "")
-        push = np.linalg.norm(force.most[:3])
+        push = float(np.linalg.norm(force.most[:3]))
         unit = "N" if kind == "prismatic" and push else "N m"
         if body is None or not body.moving:
             continue
@@ -65,7 +85,7 @@ def force_stays(inputs: Inputs) -> Iterator[Said]:
             "{body} is pushed by {push} in {acts}, from step {step:,} on: {field} was written "
             "{writes}, and stays until it is written again",
             body=joint or body.label,
-            push=effort(push or np.linalg.norm(force.most), unit),
+            push=effort(push or float(np.linalg.norm(force.most)), unit),
             field=f"{force.call.function}[{place}]",
             acts=so_many(acts),
             step=first,

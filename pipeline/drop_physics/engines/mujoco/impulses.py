@@ -255,8 +255,12 @@ class ExplainedSteps:
                 self._frictions[key] = value = value if known is None else np.nan
                 step = int(contacts["step"][which.ravel() == number][0])
                 at = At(step, 0.0, 0)
-                soft = softness_of(self.described.arrays, *geoms)
-                yield PairFriction(at, self.client, *key, value, *soft, condim, rolling)
+                body_a, link_a, body_b, link_b = key
+                solref, solimp = softness_of(self.described.arrays, *geoms)
+                links = body_a, link_a, body_b, link_b
+                yield PairFriction(
+                    at, self.client, *links, value, solref, solimp, condim=condim, rolling=rolling
+                )
 
 
 def _centre(described: DescribedModel, made: DescribedBody) -> Float64:
