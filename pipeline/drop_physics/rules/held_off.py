@@ -21,6 +21,7 @@ FREE = ("gravity", "bias", "damping", "joint damping", "applied", "clamp")
 """Terms that act before the motors do."""
 CLOSE, MOST = 0.05, 0.5
 """A gap is that of a law if they differ by less than this share; most of a motor's torque."""
+MORE_FORCE = Message("give it more force")
 SPARE = 1.3
 """What a motor should have over what it needs."""
 
@@ -51,7 +52,7 @@ def cause_of(scene: Scene, driven: Driven, held: Holding, stood: Stood) -> Cause
         return _too_weak(driven, held, stood, abs(here))
     holds = _held(scene, driven, held, row, k, away)
     if holds is None and math.isnan(held.needs[k]):  # others share its load
-        return Cause(_weak(driven, stood), Message("give it more force"), Cure("force"))
+        return Cause(_weak(driven, stood), MORE_FORCE, Cure("force"))
     return holds
 
 
@@ -134,14 +135,11 @@ def _held(
         why = Message(
             "its motor is at its limit of {limit} against {other}", limit=limit, other=body.label
         )
-        if body.joints or not body.base_moves:
-            return Cause(why, other=body.label)
         load = held.from_one_side(most, k)
+        if body.joints or not body.base_moves or (load is not None and load.anchored):
+            return Cause(why, other=body.label)
         if load is not None:
-            if load.anchored:
-                return Cause(why, other=body.label)
-            more = Message("give it more force")
-            return Cause(why, more, Cure("force"), other=body.label)
+            return Cause(why, MORE_FORCE, Cure("force"), other=body.label)
         if abs(float(held.contacts[most][k])) > torque * (1 + CLOSE):
             return None  # what lies on it is more than its motor can press with
         force = effort(float(held.contacts[most][k]), unit)

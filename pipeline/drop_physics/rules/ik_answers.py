@@ -32,7 +32,7 @@ class SentAnswers:
     latest: dict[int, list[SentAnswer]] = field(default_factory=dict)
     """By the number of a body: those of the latest piece, after the last one before it."""
     _asked: dict[int, Call] = field(default_factory=dict)
-    """By body, the latest question."""
+    """The latest question, by body."""
 
     def see(self, calls: Log) -> None:
         """Take the calls of a piece."""

@@ -122,7 +122,7 @@ class BodyLife:
     first: int
     """The sample that its first step led to."""
     before: States
-    """With which that began."""
+    """The state that it began with."""
     tree: Tree
     last: int = 0
     count: int = 0
@@ -180,16 +180,16 @@ class Inputs:
     commanded: defaultdict[int, dict[int, Call | None]] = field(
         default_factory=lambda: defaultdict(dict)
     )
-    """By the number of a body, the joints that calls command."""
+    """The joints that calls command, by the number of a body."""
     motions: defaultdict[int, BaseMotion] = field(default_factory=lambda: defaultdict(BaseMotion))
     lives: dict[tuple[int, int], BodyLife] = field(default_factory=dict)
-    """By the number of a body, and which of those that had it is meant."""
+    """Keys are the number of a body, and which of those that had it is meant."""
     first_lives: dict[int, BodyLife] = field(default_factory=dict)
-    """By the number of a body."""
+    """The first life of each body, by its number."""
     drives: dict[tuple[int, int], Drive] = field(default_factory=dict)
-    """By client and the engine's id, the constraints whose target calls change."""
+    """The constraints whose target calls change, by client and the engine's id."""
     link_way_m: dict[tuple[int, int, int], float] = field(default_factory=dict)
-    """By reading, body and link: the longest way of a link in one step while it is read [m]."""
+    """The longest way of a link in one step while it is read [m], by reading, body and link."""
     torque_alone: set[tuple[int, int]] = field(default_factory=set)
     """Bodies and joints that TORQUE_CONTROL drives, and whose motors gave nothing."""
     touched: dict[tuple[int, int], int] = field(default_factory=dict)
@@ -208,7 +208,7 @@ class Inputs:
     overridden: dict[tuple[int, int, int], tuple[Site, Site, set[int]]] = field(
         default_factory=dict
     )
-    """By body, joint and the later site: sites that set one motor both before a step, and which."""
+    """Sites that set one motor both before a step, and which steps: by body, joint, later site."""
     raised: tuple[Call | None, Log] = (None, Log())
     """The last call that raised something, and those around it."""
     ik: SentAnswers = field(default_factory=SentAnswers)

@@ -11,7 +11,14 @@ from drop_physics.explain.joints import REST_STEPS
 from drop_physics.explain.targets import flips, rings_with
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene
-from drop_physics.rules.held_off import Cause, at_limit, cause_of, give_at_least, holds_off
+from drop_physics.rules.held_off import (
+    MORE_FORCE,
+    Cause,
+    at_limit,
+    cause_of,
+    give_at_least,
+    holds_off,
+)
 from drop_physics.rules.joint import distance, effort, place
 from drop_physics.rules.rule import Match, Said, Worst, joint_rule, target_rule
 from drop_physics.rules.runs import Runs
@@ -28,8 +35,6 @@ from drop_physics.trace.motors import VELOCITY
 
 Flags = NDArray[np.bool_]
 Float64 = NDArray[np.float64]
-
-MORE_FORCE = Message("give it more force")
 
 
 @target_rule("off-target", "asked")
@@ -266,7 +271,7 @@ def _(worst: Worst) -> Said:
         here = effort(takes, worst.effort)
         why = Message("{weak}; holding it here takes {here}", weak=why, here=here)
         # Holding is the least of it: what turns takes more where it is heavier, and gets faster.
-        advice = Message("give it more force")
+        advice = MORE_FORCE
         cure = Cure("force", worst.joint if worst.joints == 1 else None)
     message = Message("{joint}{more} ends at {rate:.2g} {unit}, its target is {target:.3g}: {weak}")
     return Said(

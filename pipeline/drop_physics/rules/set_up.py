@@ -129,7 +129,6 @@ def free_base(inputs: Inputs) -> Iterator[Said]:
             yield Said(
                 call=load,
                 subject=body,
-                steps=Span(life.first, life.last, life.count),
                 message=Message(
                     "{body} tips over by {tilt:.2g} rad: it stands on its base, which is free "
                     "to move"

@@ -47,7 +47,7 @@ class UnpairedColumns:
     step: Int64
     reason: str
     call: Call | None
-    """That switched the pair off."""
+    """The call that switched the pair off."""
     noted: Mapping[str, Float64] = field(default_factory=dict)
 
 

@@ -127,10 +127,11 @@ def _(worst: Worst) -> Said:
             "the robot's turn drags it sideways, too, with friction at its limit (coefficient "
             "{friction:.3g}, {of})"
         )
-    advice: Message | None = ADVICE
-    cure: Cure | None = Cure("friction", worst.body)
-    if worst.subject.number in scene.kept[DRAGGED]:
-        advice, cure = Message("give its wheels speeds that go together: others are dragged"), None
+    advice = cure = None
+    if not turns and worst.subject.number in scene.kept[DRAGGED]:
+        advice = Message("give its wheels speeds that go together: others are dragged")
+    elif not turns:
+        advice, cure = ADVICE, Cure("friction", worst.body)
     return Said(
         message=message,
         values={
@@ -140,8 +141,8 @@ def _(worst: Worst) -> Said:
             "friction": worst.available / worst.normal,
             "of": OF_BOTH[worst.engine],
         },
-        advice=None if turns else advice,
-        cure=None if turns else cure,
+        advice=advice,
+        cure=cure,
         other=ground.label,
         effect=Effect(slipped, "m"),
         share=slipped / abs(worst.rolled),
