@@ -557,15 +557,10 @@ def test_pd_control_outlives_the_body(
 
 def test_a_gear_between_joints_that_do_not_move_gives_nothing(seen: Callable[[str], Seen]) -> None:
     """PyBullet takes it; what it reports of it acts on no rate."""
-    scene = AIR + (
-        'r = p.loadURDF("TwoJointRobot_w_fixedJoints.urdf", [0, 0, 9])\n'
-        "fixed = [j for j in range(4) if p.getJointInfo(r, j)[2] == p.JOINT_FIXED]\n"
-        "at = [0, 0, 0]\n"
-        "g = p.createConstraint(r, fixed[0], r, fixed[-1], p.JOINT_GEAR, [0, 1, 0], at, at)\n"
-        "p.changeConstraint(g, gearRatio=1, maxForce=1000)\n"
-        "steps(20)\n"
+    scene = GEAR.replace("racecar_differential", "racecar").replace(
+        "p.setJoint", "0 and p.setJoint"
     )
-    totals = explanation(seen(scene)).totals[0]
+    totals = explanation(seen(scene)).totals[1]
     assert {*totals.unexplained} <= {"constraint"}
 
 
