@@ -85,7 +85,8 @@ def _(runs: Runs, _: Scene) -> Float64:
 @rolls_on.says
 def _(worst: Worst) -> Said | None:
     condim, rolling = worst.scene.seen.condim(worst.bodies, worst.links)
-    if not (1 < condim < ROLLS_WITH and rolling > ROLLING):
+    # What has wheels is driven.
+    if worst.subject.joints or not (1 < condim < ROLLS_WITH and rolling > ROLLING):
         return None
     return Said(
         message=Message(
