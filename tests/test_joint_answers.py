@@ -484,6 +484,28 @@ def test_a_timestep_set_after_a_motor(
     assert said("timestep-after-motor", spare, tmp_path) == []
 
 
+EARLIER = """
+p.setTimeStep(0.05)
+b = p.createMultiBody(1, -1, p.createVisualShape(p.GEOM_SPHERE, radius=0.3), [0, 0, 0.6])
+steps(20)
+p.disconnect()
+p.connect(p.DIRECT)
+p.setAdditionalSearchPath(pybullet_data.getDataPath())
+"""
+
+
+def test_nothing_of_an_earlier_simulation_goes_on_in_a_later_one(tmp_path: Path) -> None:
+    """A client's number is used again, its timestep and its bodies are not."""
+    later = KUKA + "go(30)\nsteps(480)\n"
+    (found,) = said("off-target", EARLIER + later, tmp_path)
+    assert "its motor is at its limit of 30 N m" in found.message
+    seen = record(EARLIER + later, tmp_path / "again.rrd").seen
+    assert [each.body.label for each in seen.appearances if not each.there] == ["0_sphere"]
+    assert not {"no-contact", "timestep-after-motor"} & {
+        each.code for each in findings(EARLIER + later, tmp_path / "all.rrd")
+    }
+
+
 # -- what the file asks for ----------------------------------------------------------------------
 
 HAND = (

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections import defaultdict
 from dataclasses import field, fields
 from functools import cache
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ from drop_physics.physics.step_law import DampedTree
 from drop_physics.physics.tree import States, Tree
 from drop_physics.trace.acts import SETS_TIMESTEP
 from drop_physics.trace.calls import TIMESTEPS
-from drop_physics.trace.events import Appearance, Body, order
+from drop_physics.trace.events import Appearance, Body, Settings, order
 from drop_physics.trace.history import Piece, Seen
 from drop_physics.trace.motors import PD, POSITION, TORQUE, VELOCITY, Command
 
@@ -186,6 +187,8 @@ class MotorCommands:
         self._first = {each.client: each for each in reversed(seen.settings)}
         self._timesteps: dict[int, float] = {}
         """By client."""
+        self._reports = list(seen.settings)
+        """What the engine reports of itself, in order, as far as no piece came to it."""
         self._joints: dict[tuple[int, int], _JointCommands] = {}
         """By body and link."""
         self._servos: dict[tuple[int, int, int], _JointCommands] = {}
@@ -274,24 +277,32 @@ class MotorCommands:
             joint.calls.append((moments[:, servo], columns[servo]))
 
     def _timesteps_at(self, piece: Piece) -> dict[int, tuple[Int64, Float64]]:
-        """Return, by client, which calls set the timestep; and those before and after each [s]."""
+        """Return, by client, which calls changed the timestep; and those before and after each [s].
+
+        A call sets it, and so does a simulation that begins under a client's number that an earlier
+        one had: the engine's report is what tells of that.
+        """
         told: dict[int, list[tuple[int, float]]] = {}
         for call in piece.calls.of(*SETS_TIMESTEP):
             if (timestep_s := call.timestep_s) is not None:
                 told.setdefault(call.client, []).append((call.at.call, timestep_s))
+        reports = [each for each in self._reports if each.at.step < piece.end]
+        self._reports = self._reports[len(reports) :]
+        for report in reports:
+            told.setdefault(report.client, []).append((report.at.call - 1, _timestep_s(report)))
         found: defaultdict[int, tuple[Int64, Float64]] = defaultdict(
             lambda: (np.empty(0, np.int64), np.array([TIMESTEP_S]))
         )
         for client in self._first.keys() | told.keys():
             if (timestep_s := self._timesteps.get(client)) is None:
-                timestep_s = self._initial(piece, client)
-            changes = told.get(client, [])
+                timestep_s = self._initially(piece, client)
+            changes = sorted(told.get(client, []), key=itemgetter(0))
             values = np.array([timestep_s, *(value for _, value in changes)])
             found[client] = np.array([number for number, _ in changes], np.int64), values
             self._timesteps[client] = float(values[-1])
         return found
 
-    def _initial(self, piece: Piece, client: int) -> float:
+    def _initially(self, piece: Piece, client: int) -> float:
         """Return the timestep of a simulation before its first call."""
         first = self._first.get(client)
         if first is None or any(
@@ -299,7 +310,12 @@ class MotorCommands:
             for call in piece.calls.with_argument(*TIMESTEPS.values())
         ):
             return TIMESTEP_S
-        return float(np.ravel(first.values["fixedTimeStep"])[0])
+        return _timestep_s(first)
+
+
+def _timestep_s(report: Settings) -> float:
+    """Return the timestep that the engine reports [s]."""
+    return float(np.ravel(report.values["fixedTimeStep"])[0])
 
 
 def _columns(told: Command, steps: Int64, width: int, timestep_s: Float64) -> Float64:

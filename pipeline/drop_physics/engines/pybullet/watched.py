@@ -157,7 +157,10 @@ class BulletDecoder:
 
     def _on_world(
         self, world: int, client: int, first_step: int, first_time_s: float, **_: object
-    ) -> None:
+    ) -> Iterator[Event]:
+        # A client's number is used again after `disconnect`: its bodies went with that simulation.
+        for body in [key for key, known in self._bodies.items() if known.world.client == client]:
+            yield from self._on_gone(body)
         if not math.isfinite(first_time_s):
             times_s = [known.time_s(known.step) for known in self._worlds.values()]
             first_time_s = max(times_s, default=0.0)

@@ -129,6 +129,8 @@ class BulletWatch(EngineWatch):
         """PyBullet's own functions."""
         self._worlds_made = 0
         self._last_end = (0, 0.0)
+        self._ended: set[int] = set()
+        """Clients whose numbers may be used again."""
         self._library: object = None
         """The file of the PyBullet that is watched."""
         self._modules: list[tuple[ModuleType, dict[str, Any]]] = []
@@ -216,6 +218,8 @@ class BulletWatch(EngineWatch):
         )
         self.worlds[client] = world
         self._worlds_made += 1
+        if client in self._ended:  # what it was set to went with the earlier simulation
+            self.guarded(world, world.sync_engine)
 
     def end(self, client: int) -> None:
         """Send what is left of a simulation that is disconnected."""
@@ -225,6 +229,7 @@ class BulletWatch(EngineWatch):
         self.guarded(world, world.end)
         self._last_end = max(self._last_end, (world.step + 1, world.time_s))
         self.worlds.pop(client, None)
+        self._ended.add(client)
         self.calls.forget()
         self.readings.forget()
         self.windows.pop(client, None)

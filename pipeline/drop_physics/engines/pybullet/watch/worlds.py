@@ -120,7 +120,7 @@ class WatchedWorld:
         What a sample that follows at once will hold is left to it.
         """
         if self.stale_engine:
-            self._read_engine()
+            self.sync_engine()
         if self.stale_bodies or self.fresh:
             self._list_bodies()
         if self.changed:
@@ -236,7 +236,8 @@ class WatchedWorld:
         self.changed = set()
         self._lay_out()
 
-    def _read_engine(self) -> None:
+    def sync_engine(self) -> None:
+        """Send the settings of the engine if they are others than before."""
         reported = self._p.getPhysicsEngineParameters(self.client)
         if reported["fixedTimeStep"] != self.timestep_s:
             self._since, self._steps_since = self.time_s, 0
