@@ -11,10 +11,10 @@ Trees of the same structure are one batch, and so are steps: arrays run over ste
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from drop_physics.data import dataclass
 from drop_physics.engines.mujoco.described import BALL, FREE, SLIDE
 from numpy.typing import NDArray
 

@@ -79,7 +79,6 @@ def knows(room: str) -> set[str]:
         room,
         "errors",
         "messages",
-        "data",
     }
 
 

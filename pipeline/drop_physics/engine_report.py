@@ -11,10 +11,8 @@ and 1 / (1 / m) is not always m.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Self, get_type_hints
-
-from drop_physics.data import dataclass
 
 Vector = tuple[float, float, float]
 

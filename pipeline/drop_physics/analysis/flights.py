@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.results import BodyFlight, FlightSample
-from drop_physics.data import dataclass
 from drop_physics.explain.alone import law_of, motion_of
 from drop_physics.explain.decomposition import error_and_terms
 from drop_physics.explain.step_status import FLIGHT, SET, UNEXPLAINED, Judged

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.results import BodyContact, Pusher
-from drop_physics.data import dataclass
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.step_status import CONTACT, StepVerdicts
 from drop_physics.explain.steps import StepBatch

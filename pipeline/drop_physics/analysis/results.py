@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
-from drop_physics.data import dataclass
 from drop_physics.engine_report import EngineReport
 from drop_physics.explain.actuators import ActuatorRow
 from drop_physics.explain.curves import CurveTable

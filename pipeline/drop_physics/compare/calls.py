@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from collections import defaultdict, deque
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 from drop_physics.compare.difference import INPUT, LED, Dated
-from drop_physics.data import dataclass
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Site, order
 from drop_physics.trace.history import Seen

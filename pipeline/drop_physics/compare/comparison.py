@@ -8,7 +8,7 @@ not recorded, such as how soft bodies move, is not compared: nothing with such a
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from drop_physics.compare.calls import CallComparison, OtherCall, call_before
 from drop_physics.compare.difference import (
@@ -28,7 +28,6 @@ from drop_physics.compare.pairing import pairing
 from drop_physics.compare.samples import SampleComparison
 from drop_physics.compare.scenarios import engine_versions, scenario_differences
 from drop_physics.compare.tolerance import tolerance_of
-from drop_physics.data import dataclass
 from drop_physics.explain.times import StepTimes
 from drop_physics.trace.calls import Call
 from drop_physics.trace.history import Piece, Seen

@@ -9,9 +9,9 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 
-from drop_physics.data import dataclass
 from drop_physics.trace.events import Body
 from drop_physics.trace.history import Seen
 from drop_physics.trace.states import Rows

@@ -9,12 +9,12 @@ that far in one step, an angle by what moves its surface that far.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.compare.difference import Side
-from drop_physics.data import dataclass
 from drop_physics.physics.base import EXACT_MACHINES, FUSED
 from drop_physics.trace.events import Body
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.drop.case import Case
 from drop_physics.drop.course import Course
 from drop_physics.drop.energy import Energies

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.drop.samples import DropSamples, samples_seen
 from drop_physics.engine_report import EngineReport
 from drop_physics.physics import theory

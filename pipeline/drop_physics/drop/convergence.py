@@ -10,8 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-
-from drop_physics.data import dataclass
+from dataclasses import dataclass
 
 SAFETY_FACTOR = 1.25
 """Roache's for three grids or more, and an observed order near the formal one."""

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.drop.case import Case
 from drop_physics.explain.decomposition import TERMS, error_and_terms
 from drop_physics.fields import decimals

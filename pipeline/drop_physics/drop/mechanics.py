@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.drop.samples import DropSamples
 from drop_physics.engine_report import EngineReport
 from drop_physics.physics.base import Motion

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.drop.case import Case
 from drop_physics.drop.samples import DropSamples
 from drop_physics.physics.base import Motion

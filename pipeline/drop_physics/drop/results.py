@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import polars as pl
 
 from drop_physics.analysis.results import REPORT, Analysis, BodyFlight
-from drop_physics.data import dataclass
 from drop_physics.drop.phases import Phase
 from drop_physics.engine_report import EngineReport
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.explain.touching import Touches, touches_of
 from drop_physics.physics.base import Motion
 from drop_physics.trace.history import Piece, Seen

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
-
-from drop_physics.data import dataclass
 
 Float64 = NDArray[np.float64]
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from drop_physics.data import dataclass
 from drop_physics.drop.case import Case
 from drop_physics.drop.samples import DropSamples
 from drop_physics.physics.base import Motion

@@ -14,9 +14,9 @@ import time
 from abc import ABC, abstractmethod
 from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from drop_physics.data import dataclass
 from drop_physics.engines.channel import WATCHING, shared_block, wide_pipe
 from drop_physics.engines.decoder import Decoder
 from drop_physics.engines.other_processes import OtherProcesses

@@ -6,12 +6,12 @@ PyBullet reads the URDF for every engine, so all of them drop the same mass, ine
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.option_types import Quaternion, Vector
 from drop_physics.physics.rotations import matrix
 

@@ -9,12 +9,11 @@ in the other, times the time since.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.experiments.run_distance import Apart, Track, joints_of
 from drop_physics.explain.recording import Explanation
 from drop_physics.explain.replayed import Replayed

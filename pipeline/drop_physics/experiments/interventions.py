@@ -7,9 +7,8 @@ with it is made, is the engine's part (`engines/…/interventions`).
 from __future__ import annotations
 
 import re
-from dataclasses import field
+from dataclasses import dataclass, field
 
-from drop_physics.data import dataclass
 from drop_physics.trace.cures import Cure
 
 WITHIN = re.compile(r"[\w.]+\(…, (.*)\)")

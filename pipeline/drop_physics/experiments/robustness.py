@@ -5,11 +5,11 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.drop.convergence import SAFETY_FACTOR, richardson, solution_order
 from drop_physics.experiments.run_distance import APART, Apart, Track
 

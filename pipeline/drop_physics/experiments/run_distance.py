@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.compare.motions import NOTHING, BodySamples, motions, together
 from drop_physics.compare.pairing import pairing
-from drop_physics.data import dataclass
 from drop_physics.explain.times import StepTimes
 from drop_physics.trace.events import Body
 from drop_physics.trace.history import Seen

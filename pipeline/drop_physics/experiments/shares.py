@@ -9,10 +9,10 @@ seen to converge with an order.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from drop_physics.data import dataclass
 from drop_physics.drop.convergence import richardson, solution_order
 from drop_physics.experiments.robustness import LEAST_ORDER, MOST_ORDER
 from drop_physics.experiments.run_distance import Apart, Track

@@ -7,12 +7,12 @@ bodies were moved by 1e-9 before their first step: what is not clearly beyond th
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.experiments.run_distance import APART, Apart, Distance
 from drop_physics.rules.answer import LEVELS, Finding
 

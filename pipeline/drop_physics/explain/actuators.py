@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from drop_physics.data import dataclass
 from drop_physics.explain.driving import given_to
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.steps import BodySteps

@@ -14,11 +14,11 @@ Source: Newton and Euler; checked against PyBullet in `tests/test_segments.py`.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.explain.touching import Touches
 from drop_physics.physics.base import Law, Motion
 from drop_physics.physics.rotations import rotate, rotate_inverse

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.explain.changes import energy_of
 from drop_physics.explain.step_status import SEGMENTS, UNEXPLAINED, WHYS, Judged, Why
 from drop_physics.explain.steps import BodySteps

@@ -10,14 +10,13 @@ the body's id, beyond other modes, `removeBody` and `resetSimulation` (`pdContro
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import field, fields
+from dataclasses import dataclass, field, fields
 from functools import cache
 from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.explain.touching import rows_of
 from drop_physics.physics.rowed import Rowed
 from drop_physics.physics.servo import pd_effort

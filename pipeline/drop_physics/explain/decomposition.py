@@ -11,13 +11,12 @@ arithmetic. Rounding is what the simulation's double precision adds to that.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from decimal import Decimal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.physics import theory
 from drop_physics.physics.base import Law, Motion, exactly
 from drop_physics.physics.theory import TheoreticalFall

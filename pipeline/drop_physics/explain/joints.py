@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.explain.commands import DEFAULT, Commanded
 from drop_physics.explain.needs import Holding, holding
 from drop_physics.explain.recording import ExplainedPiece

@@ -8,12 +8,12 @@ there is one (Bregman 1965). So what is found is sure; a narrow overlap may be m
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.trace.events import Collision
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.explain.bodies import Records, configs_of, records_of, settings_of, substeps_of
 from drop_physics.explain.body_history import BodyHistory, history_of
 from drop_physics.explain.causes import Totals

@@ -13,12 +13,12 @@ was loaded with. Bodies with joints are not covered at all.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.explain.balance import ULPS, Pushes, balance_of
 from drop_physics.explain.touching import Touches
 from drop_physics.physics.base import FUSED, Law, Motion

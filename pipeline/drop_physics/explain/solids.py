@@ -7,12 +7,12 @@ points are chosen (corners, axes, centres), so the real overlap may be deeper, a
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.physics.columns import rotation
 from drop_physics.trace.events import Collision
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.explain import segments
 from drop_physics.explain.steps import SUBSTEPS, WITHOUT_SUM, BodySteps, Steps
 from drop_physics.physics.moving import moved_on

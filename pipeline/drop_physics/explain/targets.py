@@ -11,12 +11,11 @@ velocity v adds.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.explain.joints import REST_STEPS, Driven, target_of
 from drop_physics.trace.motors import POSITION, VELOCITY
 

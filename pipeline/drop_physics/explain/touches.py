@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.explain.contact_points import Pairs, pairs_of
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.physics.vectors import lengths

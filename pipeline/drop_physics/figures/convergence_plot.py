@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,6 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocat
 from numpy.typing import NDArray
 
 from drop_physics import colours
-from drop_physics.data import dataclass
 from drop_physics.errors import ScenarioError, check_suffix
 from drop_physics.figures import style
 from drop_physics.figures.theme import Theme

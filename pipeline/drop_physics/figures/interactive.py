@@ -9,12 +9,12 @@ import contextlib
 import importlib
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from drop_physics import colours
-from drop_physics.data import dataclass
 from drop_physics.errors import DropError
 from drop_physics.figures.plot import Curve, Look, Panel
 from drop_physics.messages import translated

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from drop_physics import colours
-from drop_physics.data import dataclass
 from drop_physics.figures import style
 from drop_physics.figures.plot import Curve, Inset, Panel, Plot
 from drop_physics.figures.style import Unit

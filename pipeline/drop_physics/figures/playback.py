@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
-from drop_physics.data import dataclass
 from drop_physics.errors import ScenarioError
 
 STANDARD_FPS = 20.0

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-
-from drop_physics.data import dataclass
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]

@@ -13,6 +13,7 @@ import math
 import pathlib
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import matplotlib
@@ -22,7 +23,6 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.text import Annotation, Text
 
-from drop_physics.data import dataclass
 from drop_physics.figures.gif import MADE_BY_DROP
 from drop_physics.figures.theme import DARK, LIGHT, Theme
 from drop_physics.messages import Message, translated, wrapped

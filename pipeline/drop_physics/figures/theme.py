@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from drop_physics import colours
-from drop_physics.data import dataclass
 
 
 @dataclass(frozen=True)

@@ -5,14 +5,12 @@ from __future__ import annotations
 import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from decimal import Context, Decimal, localcontext
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from drop_physics.data import dataclass
 
 Float64 = NDArray[np.float64]
 Vector = tuple[float, float, float]

@@ -10,13 +10,12 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.physics.kinematics import Kinematics, generalised_at_points
 from drop_physics.physics.rowed import Rowed
 from drop_physics.physics.tree import RATES, Tree

@@ -7,12 +7,12 @@ world axes and about each link's centre of mass. Vectors have the steps last (`c
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.physics.columns import (
     cross,
     dot,

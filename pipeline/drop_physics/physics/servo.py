@@ -21,13 +21,11 @@ Source: both are the schemes applied to I x" = -k x - (d + e) x', in closed form
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from drop_physics.data import dataclass
 
 Float64 = NDArray[np.float64]
 

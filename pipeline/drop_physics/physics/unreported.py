@@ -8,12 +8,12 @@ degrees of freedom they may span everything: then they explain everything, and p
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.physics.kinematics import Kinematics, spin_jacobian
 
 Float64 = NDArray[np.float64]

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from drop_physics import colours
-from drop_physics.data import dataclass
 from drop_physics.messages import Message
 from drop_physics.recording import pictures, schema, writer
 from drop_physics.recording.writer import Chunk

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
-from drop_physics.data import dataclass
 from drop_physics.engine_report import EngineReport
 from drop_physics.errors import ScenarioError
 from drop_physics.messages import Message

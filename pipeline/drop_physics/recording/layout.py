@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from rerun import RecordingStream
 from rerun.blueprint import Corner2D
 
-from drop_physics.data import dataclass
 from drop_physics.recording import schema
 from drop_physics.scenario import View
 from drop_physics.trace.events import Body

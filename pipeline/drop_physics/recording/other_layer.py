@@ -6,6 +6,7 @@ It carries the other recording's id, so that the viewer shows both as one.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import pyarrow as pa
@@ -13,7 +14,6 @@ from rerun.blueprint import Blueprint
 from rerun.chunk import Chunk, RrdReader
 
 from drop_physics import colours
-from drop_physics.data import dataclass
 from drop_physics.recording import schema, writer
 
 ALPHA = 0x60

@@ -16,10 +16,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drop_physics.data import dataclass
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.recording import schema
 from drop_physics.workers import under_load

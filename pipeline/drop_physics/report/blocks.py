@@ -9,11 +9,9 @@ the renderer's.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
-
-from drop_physics.data import dataclass
 
 if TYPE_CHECKING:
     from drop_physics.figures.plot import Plot

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Collection
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from drop_physics.data import dataclass
 from drop_physics.rules.arguments import site_of
 from drop_physics.trace.acts import MAKES, Act
 from drop_physics.trace.calls import Call

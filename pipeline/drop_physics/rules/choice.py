@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Collection, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from drop_physics.data import dataclass
 from drop_physics.errors import ScenarioError
 from drop_physics.fields import alternatives
 from drop_physics.messages import Message

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.rules.arguments import given
 from drop_physics.trace.acts import FILTERS, MAKES, PUSHES, Act
 from drop_physics.trace.calls import Call

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.explain.solids import Solid, overlap_m, solid_of
 from drop_physics.physics.columns import rotation
 from drop_physics.physics.kinematics import Kinematics, kinematics

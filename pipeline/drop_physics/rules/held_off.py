@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
-from drop_physics.data import dataclass
 from drop_physics.explain.joints import Driven
 from drop_physics.explain.needs import Holding
 from drop_physics.explain.targets import Stood

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 
-from drop_physics.data import dataclass
 from drop_physics.rules.arguments import given, number
 from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import Call

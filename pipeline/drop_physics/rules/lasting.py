@@ -6,12 +6,11 @@ It grows piece by piece, as part of `inputs`.
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import Call
 from drop_physics.trace.writes import WrittenElements, computed_by, written_by

@@ -11,12 +11,11 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
 from typing import Any
 
-from drop_physics.data import dataclass
 from drop_physics.errors import ScenarioError
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Level

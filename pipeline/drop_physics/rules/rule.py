@@ -18,7 +18,7 @@ calls set yields what it says, once, at the end:
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from string import Formatter
 from typing import Any
@@ -26,7 +26,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.messages import Message
 from drop_physics.rules.answer import (
     Cure,

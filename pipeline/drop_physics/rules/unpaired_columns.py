@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.explain.overlap import PlacedShape, is_convex, overlaps
 from drop_physics.physics.rotations import products, quaternions, rotate
 from drop_physics.physics.tree import BASE

@@ -9,11 +9,10 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from drop_physics.data import dataclass
 from drop_physics.engines.script import PartedTrial, Program, Script
 from drop_physics.stages.proposals import Candidate
 from drop_physics.stages.runs import Ended, RunsUnderWay

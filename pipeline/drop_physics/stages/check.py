@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import shutil
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from drop_physics.compare.comparison import Comparison, compare
 from drop_physics.compare.difference import Difference, DropInputs, Side
-from drop_physics.data import dataclass
 from drop_physics.errors import OutputError, RecordingError, check_suffix
 from drop_physics.fields import outside
 from drop_physics.figures.animation import decoded

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
-from drop_physics.data import dataclass
 from drop_physics.engines.cures import call_of
 from drop_physics.errors import ScenarioError
 from drop_physics.messages import Message

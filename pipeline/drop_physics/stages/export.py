@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,6 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.errors import check_suffix
 from drop_physics.explain.times import StepTimes
 from drop_physics.files.mcap_file import Write, stamp, written_mcap

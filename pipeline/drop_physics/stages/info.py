@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from drop_physics.data import dataclass
 from drop_physics.explain.times import StepTimes
 from drop_physics.fields import counted
 from drop_physics.messages import Message, joined, shell_command

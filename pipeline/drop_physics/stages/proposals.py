@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drop_physics.data import dataclass
 from drop_physics.experiments.interventions import KINDS, Intervention
 from drop_physics.trace.acts import FILTERS, PUSHES, Act
 from drop_physics.trace.cures import FACTOR, FACTORS, ChangedRun, Cure, EngineCures, Scope

@@ -9,10 +9,9 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Iterator
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from drop_physics.data import dataclass
 from drop_physics.errors import RecordingError, ScenarioError, check_suffix
 from drop_physics.files.outputs import check_target, make_folder, numbered, reserved
 from drop_physics.recording.contents import properties_of

@@ -5,12 +5,11 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drop_physics.analysis.results import Analysis
-from drop_physics.data import dataclass
 from drop_physics.drop.analysis import fall_of
 from drop_physics.drop.case import Case
 from drop_physics.drop.results import FallAnalysis

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drop_physics.data import dataclass
 from drop_physics.figures.playback import EVERY_FRAME, Animation
 from drop_physics.files.outputs import make_folder, reserved
 from drop_physics.printable import Printable

@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from drop_physics.data import dataclass
 from drop_physics.engines import script as running
 from drop_physics.messages import Message
 from drop_physics.sweeping import engines

@@ -5,10 +5,10 @@ from __future__ import annotations
 import difflib
 import tomllib
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drop_physics.data import dataclass
 from drop_physics.errors import ScenarioError
 from drop_physics.messages import Message
 

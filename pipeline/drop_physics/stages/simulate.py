@@ -6,9 +6,9 @@ import contextlib
 import time
 import uuid
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
-from drop_physics.data import dataclass
 from drop_physics.engines.pybullet.camera_frames import Photographer
 from drop_physics.engines.pybullet.found import find_body
 from drop_physics.engines.worlds import Worlds

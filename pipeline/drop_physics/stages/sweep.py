@@ -7,14 +7,13 @@ import itertools
 import math
 import platform
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
-from drop_physics.data import dataclass
 from drop_physics.drop.one_sample import DEFAULT_AT_S
 from drop_physics.engines.other_world import other_versions
 from drop_physics.engines.pybullet.engine import engine_versions

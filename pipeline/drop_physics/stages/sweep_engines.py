@@ -8,14 +8,13 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.drop.analysis import fall_of
 from drop_physics.drop.convergence import ROUNDED, observed_orders
 from drop_physics.drop.results import FallAnalysis, Rest

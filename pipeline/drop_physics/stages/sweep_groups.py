@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import polars as pl
 
-from drop_physics.data import dataclass
 from drop_physics.drop.convergence import StudiedRun, Study, study_of
 from drop_physics.drop.statistics import Summary, summaries
 from drop_physics.sweeping.folder import EXPLAINED, TERMS

@@ -8,14 +8,13 @@ from __future__ import annotations
 import contextlib
 import uuid
 from collections.abc import Iterable
-from dataclasses import asdict, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
 
-from drop_physics.data import dataclass
 from drop_physics.drop.one_sample import moment_in_the_air
 from drop_physics.drop.results import Moment
 from drop_physics.drop.statistics import Moments

@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drop_physics.data import dataclass
 from drop_physics.engines.cures import cures_of as engine_cures
 from drop_physics.engines.script import Program
 from drop_physics.errors import ScenarioError

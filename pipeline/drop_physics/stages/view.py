@@ -5,13 +5,12 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from drop_physics import colours
-from drop_physics.data import dataclass
 from drop_physics.drop.one_sample import DEFAULT_AT_S
 from drop_physics.errors import ScenarioError
 from drop_physics.explain.times import StepTimes

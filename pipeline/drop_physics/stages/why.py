@@ -6,13 +6,12 @@ import json
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.filesize import decimal
 
-from drop_physics.data import dataclass
 from drop_physics.engines.cures import cures_of
 from drop_physics.engines.script import Program
 from drop_physics.errors import DropError, ScenarioError

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drop_physics.data import dataclass
 from drop_physics.experiments.verdicts import Outcome
 from drop_physics.stages.changed_runs import RunChanged
 from drop_physics.stages.proposals import Candidate

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from drop_physics.data import dataclass
 from drop_physics.errors import ScenarioError
 from drop_physics.fields import exact, outside
 from drop_physics.messages import Message, shell_command

@@ -5,13 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from difflib import get_close_matches
 from statistics import NormalDist
 from typing import Any
 
 import numpy as np
 
-from drop_physics.data import dataclass
 from drop_physics.errors import ScenarioError
 from drop_physics.messages import Message
 from drop_physics.option_types import INTEGER, TEXT, Vector, number

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
-from drop_physics.data import dataclass
 from drop_physics.trace.acts import Act
 from drop_physics.trace.events import At, Body, Site
 

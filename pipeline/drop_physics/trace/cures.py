@@ -7,10 +7,9 @@ An engine's room writes the call that makes a cure (`words`) and the run in whic
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from drop_physics.data import dataclass
 from drop_physics.trace.events import Body
 
 

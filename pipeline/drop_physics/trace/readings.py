@@ -5,7 +5,8 @@ No values: states and contacts give them back.
 
 from __future__ import annotations
 
-from drop_physics.data import dataclass
+from dataclasses import dataclass
+
 from drop_physics.trace.acts import Act, act_of
 
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 
-from drop_physics.data import dataclass
 from drop_physics.physics.tree import BASE
 from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import Call

@@ -6,11 +6,11 @@ Rows of named numbers. A *part* is a body's link; link -1 is its base. World axe
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.physics.vectors import groups
 
 Float64 = NDArray[np.float64]

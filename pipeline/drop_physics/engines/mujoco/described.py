@@ -10,14 +10,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.physics.rotations import products, rotate, rotate_inverse
 from drop_physics.trace.events import Actuator, Body, Collision, Joint, Keyframe, Shape
 from drop_physics.trace.states import BASE

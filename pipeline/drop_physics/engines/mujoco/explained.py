@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import Iterator
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.engines.channel import WATCHING
 from drop_physics.engines.mujoco import frames
 from drop_physics.engines.mujoco.received import LENGTH

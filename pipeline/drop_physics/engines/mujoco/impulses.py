@@ -12,12 +12,11 @@ mass. Source: the same power, f·v + τ·ω, of v = v_c - ω × r.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.engines.mujoco.described import DescribedBody, DescribedModel
 from drop_physics.engines.mujoco.explain.reasons import EXPLAINED, OTHER, REASONS
 from drop_physics.engines.mujoco.explained import ImpulseTerm, ReplayedPiece

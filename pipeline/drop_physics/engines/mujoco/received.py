@@ -8,13 +8,12 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Iterable, Iterator
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.engines.mujoco import frames
 from drop_physics.engines.mujoco.frames import CAUSES, STALE, UNPOSED
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.engines.pybullet.watch.worlds import POINT
 from drop_physics.engines.watching import pipe
 from drop_physics.trace.events import At, Body, Calls, Put, Samples

@@ -9,9 +9,9 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from drop_physics.data import dataclass
 from drop_physics.engines.pybullet.body_files import BodyFileError, check_mesh, check_urdf
 from drop_physics.errors import ScenarioError
 from drop_physics.messages import Message

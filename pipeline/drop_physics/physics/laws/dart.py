@@ -9,12 +9,12 @@ of an orientation, which loses digits: it is read back to 1e-10. Checked against
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.physics.base import Motion
 from drop_physics.physics.rotations import rotate_inverse
 from drop_physics.physics.textbook import (

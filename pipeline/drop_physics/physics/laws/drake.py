@@ -11,11 +11,11 @@ Checked against Drake 1.51 in `tests/test_engines.py`.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.physics.base import Motion
 from drop_physics.physics.textbook import TextbookLaw, explicit_spin
 

@@ -12,13 +12,13 @@ are not the engine's. Checked against PhysX 5.3 (SAPIEN 3.0.3) in `tests/test_en
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from decimal import Decimal
 from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.physics.base import ORIENTED, Motion
 from drop_physics.physics.textbook import TextbookLaw
 

@@ -10,13 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from typing import TypeVar
 
 import numpy as np
 
-from drop_physics.data import dataclass
 from drop_physics.physics.base import FreeBody, Vector
 from drop_physics.scenario import Coordinates
 

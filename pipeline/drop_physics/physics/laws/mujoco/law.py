@@ -11,10 +11,11 @@ against MuJoCo 4.0 in `tests/test_mujoco.py`.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.data import dataclass
 from drop_physics.physics.base import Motion
 from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.physics.textbook import UPRIGHT, TextbookLaw, turned_about
