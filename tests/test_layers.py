@@ -67,7 +67,7 @@ def room_of(*parts: str) -> str:
 
 @cache
 def knows(room: str) -> set[str]:
-    """Return the rooms that a room imports from, except `errors`, `messages` and `data`."""
+    """Return the rooms that a room imports from, except `errors` and `messages`."""
     paths = [path for name, path in FILES.items() if room_of(*Path(name).parts) == room]
     modules = [
         module
