@@ -94,7 +94,8 @@ def _rules_in(
             for key, value in pairs:
                 if key is not None and (name := _text(key)) in CODES:
                     its = [each for each in functions if each.name == _name(value)]
-                    yield [*its], given[0] or "", name, given[1]
+                    if its or _messages(value):  # else it is a number of that name
+                        yield [*its], given[0] or "", name, given[1]
     levels = _levels(module)
     for node in functions:
         for call in ast.walk(node):
