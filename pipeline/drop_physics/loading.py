@@ -17,11 +17,14 @@ from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from types import ModuleType
 from typing import Any
 
-_RERUN = ("", ".archetypes", ".blueprint", ".blueprint.archetypes", ".blueprint.components",
-          ".blueprint.encodings", ".blueprint.views", ".blueprint.visualizers", ".catalog",
-          ".chunk", ".components", ".encodings", ".experimental")  # fmt: skip
+_BLUEPRINT = ("archetypes", "components", "encodings", "views", "visualizers")
+_RERUN = (
+    *("archetypes", "blueprint", "catalog", "chunk", "components", "encodings", "experimental"),
+    *(f"blueprint.{name}" for name in _BLUEPRINT),
+)
 LAZY: Mapping[str, Mapping[str, str]] = {
-    **{f"rerun{name}": {} for name in _RERUN},
+    "rerun": {},
+    **{f"rerun.{name}": {} for name in _RERUN},
     "scipy.spatial": {"ConvexHull": "_qhull", "QhullError": "_qhull"},
     "scipy.linalg": {},
 }

@@ -62,7 +62,7 @@ class Line(NamedTuple):
     values: Float64
 
 
-class BodySamples(NamedTuple):
+class ShownBody(NamedTuple):
     """What is shown of the samples of a script's body, n of them."""
 
     label: str
@@ -76,7 +76,7 @@ class BodySamples(NamedTuple):
 class Shown(NamedTuple):
     """What is shown of a script."""
 
-    samples: Sequence[BodySamples] = ()
+    samples: Sequence[ShownBody] = ()
     """Those of each body."""
 
     panels: Sequence[tuple[str, Sequence[Line]]] = ()
@@ -218,7 +218,7 @@ def _of_panels(shown: Shown) -> Iterator[Chunk]:
             yield writer.scalars_chunk(entity, Times(lines[0].steps, lines[0].times_s), values)
 
 
-def _errors(body: BodySamples) -> Iterator[Chunk]:
+def _errors(body: ShownBody) -> Iterator[Chunk]:
     """Yield how far off free fall a body is, with the ends of each flight, and the gap after it."""
     entity = f"{schema.ERROR_MM}/{body.label}"
     yield writer.series_chunk(entity, [f"{body.label} {axis}" for axis in "xyz"])
@@ -229,7 +229,7 @@ def _errors(body: BodySamples) -> Iterator[Chunk]:
     yield writer.scalars_chunk(entity, body.at.only(shown), body.errors_m[shown] * 1e3)
 
 
-def _states(body: BodySamples) -> Iterator[Chunk]:
+def _states(body: ShownBody) -> Iterator[Chunk]:
     """Yield the states of one body, a row per change."""
     entity = f"{schema.SEGMENTS}/{body.label}"
     names = list(colours.SEGMENTS)

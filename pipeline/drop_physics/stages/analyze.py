@@ -21,7 +21,7 @@ from drop_physics.figures.plot import Plot
 from drop_physics.files.outputs import check_apart, check_table, check_target, refused
 from drop_physics.messages import Message
 from drop_physics.recording.contents import is_script
-from drop_physics.recording.layer import BodySamples, Line, write_layer
+from drop_physics.recording.layer import Line, ShownBody, write_layer
 from drop_physics.recording.layer import Shown as LayerShown
 from drop_physics.recording.layer_file import is_layer, layer_of
 from drop_physics.recording.reader import Recording, read
@@ -207,7 +207,7 @@ def _shown(analysis: Analysis, seen: Seen) -> LayerShown:
     ]
     titles = [f"{panel.title} [{panel.unit}]" for panel in panels]
     samples = [
-        BodySamples(
+        ShownBody(
             each.body.label,
             Times(each.columns["step"], each.columns["time_s"]),
             [SEGMENTS[segment] for segment in each.columns["segment"].tolist()],

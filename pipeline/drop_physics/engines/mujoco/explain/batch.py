@@ -12,7 +12,7 @@ from .copied import Copies
 from .forces import smooth
 from .integrators import RK4, STAGES, WEIGHTS
 from .layout import Layout
-from .summed import Summed, TermTable, summed
+from .summed import TermSums, TermTable, summed
 
 
 class ExplainedBatch(NamedTuple):
@@ -20,7 +20,7 @@ class ExplainedBatch(NamedTuple):
 
     steps: Any
     """The numbers of its steps, shape (n,)."""
-    summed: Summed
+    summed: TermSums
     points: Any
     """Contacts (`constraints.POINT`); `row` is the step's number."""
 

@@ -62,7 +62,7 @@ class TermTable:
         return found
 
 
-class Summed(NamedTuple):
+class TermSums(NamedTuple):
     """A batch of steps as sums."""
 
     patterns: Any
@@ -93,7 +93,7 @@ def summed(
     h: Any,
     added: list[Force],
     after: Any,
-) -> Summed:
+) -> TermSums:
     """Return the sum of each step.
 
     Parameters
@@ -203,7 +203,7 @@ def _flat(terms: TermTable, groups: Groups, impulses: Any, acting: Any) -> _Flat
 
 def _laid_out(
     terms: TermTable, n: int, blocks: list[_Block], flat: _Flat | None, remainder: Any, largest: Any
-) -> Summed:
+) -> TermSums:
     """Return values step by step, and within a step term by term, in the order of their numbers."""
     numbers = [block.number for block in blocks]
     if flat is not None:
@@ -230,4 +230,4 @@ def _laid_out(
     packed = np.packbits(present, axis=1)
     _, first, which = np.unique(packed, axis=0, return_index=True, return_inverse=True)
     known = np.array([terms.pattern(active[present[step]]) for step in first.tolist()], np.int64)
-    return Summed(known[which.ravel()], values, starts, remainder, largest)
+    return TermSums(known[which.ravel()], values, starts, remainder, largest)

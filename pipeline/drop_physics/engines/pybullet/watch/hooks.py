@@ -20,7 +20,7 @@ from .calls import CallWatch
 from .functions import ROLES
 from .handlers import handler
 from .intervene import Interventions, Operation
-from .parting import Parting
+from .parting import PartingCalls
 from .quiet import Window
 from .readings import Readings
 from .solver import ASKED_EVERY
@@ -118,7 +118,7 @@ class BulletWatch(EngineWatch):
     ) -> None:
         super().__init__(host)
         self._differ(variation, interventions)
-        self._parting = Parting(host, self.calls_of) if host.forks is not None else None
+        self._parting = PartingCalls(host, self.calls_of) if host.forks is not None else None
         self._calls: dict[str, Callable[..., Any]] = {}
         """What stands for each function of PyBullet, by name, of this run without its trials."""
         self.calls, self.readings = CallWatch(host), Readings(self)

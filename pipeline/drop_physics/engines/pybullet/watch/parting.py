@@ -14,7 +14,7 @@ from .intervene import Interventions
 Call = Callable[..., Any]
 
 
-class Parting:
+class PartingCalls:
     """The trials of a run that calls of PyBullet tell apart.
 
     Parameters
