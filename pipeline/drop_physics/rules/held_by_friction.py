@@ -69,7 +69,7 @@ def _(worst: Worst) -> Said:
         values={
             "slid": went_m,
             "on": worst.scene.body(worst.on).label,
-            "available": worst.available / worst.time,
+            "available": float(_gives(worst)) / worst.time,
             "given": worst.available / worst.normal,
             "needed": worst.needed / worst.time,
             "wanted": wanted,
@@ -135,9 +135,19 @@ def _ways(runs: Runs) -> tuple[Float64, Float64, Flags]:
     return went_m, moved_m, (went_m >= SLIPS_M) & straight
 
 
+def _gives(runs: Runs | Worst) -> Float64:
+    """Return what friction can give [N s]: what lies there presses with its weight.
+
+    What presses more as it lands does so for a few steps, and holds nothing afterwards.
+    """
+    given = runs.available / np.maximum(runs.normal, np.finfo(float).tiny)
+    return np.where(runs.weight > 0, given * runs.weight, runs.available)
+
+
 def _beyond(runs: Runs) -> Flags:
     """Return whether runs need more than friction gives, where it gives something."""
-    return np.asarray((runs.needed > runs.available) & (runs.available > LOADED * runs.needed))
+    gives = _gives(runs)
+    return np.asarray((runs.needed > gives) & (gives > LOADED * runs.needed))
 
 
 def _held(bodies: BodyColumns) -> Match | None:
