@@ -929,6 +929,9 @@ def test_each_number_of_a_joint_has_its_unit(
     _, *rows = block_lines(joint_table("a_robot_with_a_name", [turns, slides]))
     assert " ".join(rows[0].split()).endswith(elbow)
     assert " ".join(rows[1].split()).endswith(finger)
+    long = replace(turns, torque=-90000.0, force_limit=110000.0)
+    *_, row = block_lines(joint_table("a_robot_with_a_name", [long]))
+    assert " -9e+04 1.1e+05 " in row or columns < 70, row
 
 
 def test_texts_of_findings_name_options_that_exist() -> None:
