@@ -112,7 +112,7 @@ CAUSES = {
         "targetVelocity=0",
     ),
     "still moving": (ARM + "go(0.8, 240, 60)\n", "it still moves at", None),
-    "a slow one": (ARM + "go(1, 480, maxVelocity=0.1)\n", "it still moves at 0.1 rad/s", None),
+    "a slow one": (ARM + "go(1, 480, maxVelocity=0.1)\n", "its maxVelocity is 0.1 rad/s", None),
     "against the floor": (
         FLOOR + ARM + "go(0.5, 400)\ngo(1.8, 960, 200)\n", "against 0_plane", None,
     ),

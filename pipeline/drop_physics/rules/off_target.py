@@ -208,6 +208,8 @@ def _(worst: Worst) -> Said:
     why = Message("it still moves at {rate}", rate=rate)
     if worst.away:
         why = Message("it moves away at {rate}", rate=rate)
+    elif abs(worst.rate) > (1 - LAWFUL_GAP) * worst.most:
+        why = Message("its maxVelocity is {rate}", rate=f"{worst.most:.3g} {worst.unit}/s")
     if worst.at_limit <= HALF_THE_STEPS * worst.steps_stood:
         # What would be there in as much time again may just have been given too little.
         time_s = worst.time_s(worst.stood[1]) - worst.time_s(worst.stood[0] - 1)

@@ -75,6 +75,7 @@ class TargetColumns:
             "kp": stood.kp,
             "limit": driven.limit[stood.row, stood.k],
             "force": driven.asked.force[stood.row, stood.k],
+            "most": driven.asked.max_velocity[stood.row, stood.k],
             "stood": np.column_stack([stood.first, stood.last]),
         }
         """What is said of each, whatever the rule."""
