@@ -223,7 +223,9 @@ TORQUES: Cells = {
 def _numbers(cells: Cells, rows: Sequence[JointRow], least: int, *, drop: int) -> Iterator[Column]:
     """Yield columns; the last is left out first, and none whose `drop` is not above 0."""
     for place, (head, text) in enumerate(cells.items(), drop):
-        yield Column(head, [*map(text, rows)], right=True, least=least - 1, gap=1, drop=max(0, place))
+        yield Column(
+            head, [*map(text, rows)], right=True, least=least - 1, gap=1, drop=max(0, place)
+        )
 
 
 # -- bodies ---------------------------------------------------------------------------------------
