@@ -922,7 +922,7 @@ def test_pieces_of_any_length_say_the_same(
 ) -> None:
     changed = recording(("[0.5, 0, 0]", "[0.7, 0, 0]"))
     whole = compared(changed, golden)
-    monkeypatch.setattr("drop_physics.compare.comparison.PIECE", steps)
+    monkeypatch.setattr("drop_physics.trace.history.Seen.piece_steps", lambda _: steps)
     assert repr(compared(changed, golden)) == repr(whole)  # nan is not nan
     shorter = compared(recording(steps=50), golden)
     assert place(shorter.first) == (51, "1_sphere", -1, "there", 0.0, 1.0)

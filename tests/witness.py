@@ -85,7 +85,7 @@ def _install(handlers: Any, worlds: Any, witness: _Witness, *, blind: bool) -> N
 
     def look_away(world: Any, **_: Any) -> None:
         if world.stale_engine:  # the clock goes by the timestep
-            world._read_engine()
+            world.sync_engine()
         world.moved = {}
 
     def count(world: Any, _: Any) -> None:

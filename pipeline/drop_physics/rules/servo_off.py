@@ -6,6 +6,7 @@ At rest the forces on its joint sum to zero, so what the pose takes tells how fa
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -159,7 +160,9 @@ def _friction_loss(worst: Worst, held: ServoGap) -> Why:
 def _spring(worst: Worst, held: ServoGap) -> Why:
     near, known = OFF[worst.unit], held.fixed and np.isfinite(held.needs)
     needs = (known and held.needs) or held.own
-    enough = float(f"{abs(needs) / (near * held.gear**2):.2g}")
+    least = abs(needs) / (near * held.gear**2)
+    digit = 10.0 ** (math.floor(math.log10(least)) - 1)  # the last that is written
+    enough = float(f"{math.ceil(least / digit) * digit:g}")
     why = Message(
         "a position actuator is a spring, and kp = {kp:.4g} gives the {force} that this pose takes "
         "only when it is so far off",
