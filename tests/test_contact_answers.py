@@ -84,6 +84,13 @@ def test_what_friction_cannot_hold_slides(name: str, tmp_path: Path) -> None:
     assert not found(HOLDS[name], tmp_path, "slides")
 
 
+def test_no_factor_makes_friction_of_none(tmp_path: Path) -> None:
+    (one,) = found(SLOPE.format(degrees=25, mu=0, above=0, steps=240), tmp_path, "slides")
+    assert one.cure is None
+    assert one.advice is not None
+    assert "give both bodies a lateralFriction, with a product well above 0.466" in str(one.advice)
+
+
 def test_what_is_restored_slides_once(tmp_path: Path) -> None:
     again = "s = p.saveState()\nsteps(60)\np.restoreState(s)\nsteps(60)\n"
     ways = []

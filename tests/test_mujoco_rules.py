@@ -348,7 +348,11 @@ def numbers(text: str) -> list[float]:
         ("no-gravity", "floating", r"gravity is 0"),
         ("no-contact", "tray", r"contype 2 and conaffinity 2 of \d+_tray"),
         ("reset-leaves", "wheel", r"put to 0.00 rad .*ctrl keeps the 0.50 rad"),
-        ("deep-penetration", "sunk", r"stays .* solref 0\.3 1, which is softer .*0\.02 1"),
+        (
+            "deep-penetration",
+            "sunk",
+            r"gets 11 mm into .* solref 0\.3 1, which is softer .*0\.02 1",
+        ),
         (
             "constraint-lags",
             "led",

@@ -194,6 +194,8 @@ def _(worst: Worst) -> Said:
 @body_rule("rolling-friction", "model", subject=1)
 def rolling_friction(bodies: BodyColumns) -> Match | None:
     """Rolling friction takes a share of the energy of what rolls."""
+    if bodies.law.tree.size != 6:  # a robot has motors to make up for it
+        return None
     return _taken(bodies, "rolling", bodies.verdict.why < 0)
 
 

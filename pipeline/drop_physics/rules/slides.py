@@ -73,8 +73,9 @@ def _(worst: Worst) -> Said:
         )
         advice = Message("grip it at its centre of mass, or with more force or friction")
     else:
-        factor = max(2.0, 2 * worst.until_against / max(worst.until_available, 1e-300))
-        cure = Cure("friction", worst.body, float(f"{factor:.3g}"))
+        if worst.until_available > 0:  # of nothing no factor makes something
+            factor = max(2.0, 2 * worst.until_against / worst.until_available)
+            cure = Cure("friction", worst.body, float(f"{factor:.3g}"))
         message = Message(
             "{body} slides {slid:.3g} m on {on}: friction there gives at most "
             "{available:.3g} N (coefficient {given:.3g}), staying takes {needed:.3g} N "
@@ -84,6 +85,10 @@ def _(worst: Worst) -> Said:
             "raise the product of both bodies' coefficients well above {wanted:.3g}: {call}, or "
             "press them together with more force"
         )
+        if cure is None:
+            advice = Message(
+                "give both bodies a lateralFriction, with a product well above {wanted:.3g}"
+            )
     return Said(
         message=message,
         values={

@@ -78,7 +78,7 @@ def _(worst: Worst) -> Said | None:
         return _carries(worst, solref)
     return Said(
         message=Message(
-            "{body} stays {depth:.3g} mm inside {other} under {force}: their contact has "
+            "{body} gets {depth:.3g} mm into {other}, under {force} then: their contact has "
             "{name} {text}, which is softer than MuJoCo's own {usual}"
         ),
         values={
@@ -123,7 +123,7 @@ def _carries(worst: Worst, solref: tuple[float, ...]) -> Said | None:
         cure = Cure("mass", worst.scene.body(light).label)
     return Said(
         message=Message(
-            "{body} stays {depth:.3g} mm inside {other} under {force}, {ratio:.3g} times what "
+            "{body} gets {depth:.3g} mm into {other}, under {force} then, {ratio:.3g} times what "
             "{light} weighs ({mass:.3g} kg): MuJoCo makes a contact as stiff as the masses that "
             "touch ask for, whatever lies on them"
         ),
