@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from functools import partial
 from os import getpid
@@ -36,8 +37,8 @@ class Stop(SystemExit):
     """The script has reached its limit; few scripts catch this, and threads end silently."""
 
 
-class EngineWatch:
-    """What watches the functions of an engine.
+class EngineWatch(ABC):
+    """What watches the functions of an engine: what it has no need of does nothing.
 
     Parameters
     ----------
@@ -59,23 +60,24 @@ class EngineWatch:
         except Exception as error:  # noqa: BLE001 - whatever it is
             self.lose(world, error)
 
+    @abstractmethod
     def lose(self, world: Any, error: Exception) -> None:
         """Follow a simulation no longer, and tell why."""
-        raise NotImplementedError
 
+    @abstractmethod
     def become(self, trial: dict[str, Any]) -> None:
         """Go on as a trial, in a process that has just been forked."""
 
-    def catch_up(self) -> None:
+    def catch_up(self) -> None:  # noqa: B027
         """Make the steps that simulations in real time owe; the caller holds the turn."""
 
-    def stop(self) -> None:
+    def stop(self) -> None:  # noqa: B027
         """Note that the script ends at its next call."""
 
-    def settle(self) -> None:
+    def settle(self) -> None:  # noqa: B027
         """Send what is left of all simulations; the caller holds the turn."""
 
-    def finish(self) -> None:
+    def finish(self) -> None:  # noqa: B027
         """Follow no simulation any longer."""
 
 
