@@ -67,7 +67,7 @@ def room_of(*parts: str) -> str:
 
 @cache
 def knows(room: str) -> set[str]:
-    """Return the rooms that a room imports from, except `errors` and `messages`."""
+    """Return the rooms that a room imports from, except those that any may import."""
     paths = [path for name, path in FILES.items() if room_of(*Path(name).parts) == room]
     modules = [
         module
@@ -77,6 +77,7 @@ def knows(room: str) -> set[str]:
     ]
     return {room_of(*module.split(".")[1:]) for module in modules} - {
         room,
+        "arrays",
         "errors",
         "messages",
     }

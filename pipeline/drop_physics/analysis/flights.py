@@ -9,16 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.results import BodyFlight, FlightSample
+from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.alone import law_of, motion_of
 from drop_physics.explain.decomposition import error_and_terms
 from drop_physics.explain.step_status import FLIGHT, SET, UNEXPLAINED, Judged
 from drop_physics.explain.steps import Steps
 from drop_physics.explain.times import StepTimes
 from drop_physics.physics.base import Law, Motion
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 
 @dataclass(eq=False)

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drop_physics.analysis.results import BodyContact, Pusher
+from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.step_status import CONTACT, StepVerdicts
 from drop_physics.explain.steps import StepBatch
@@ -17,9 +17,6 @@ from drop_physics.explain.times import StepTimes
 from drop_physics.explain.touching import Sides
 from drop_physics.physics.vectors import lengths, summed, triple
 from drop_physics.trace.events import Body
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.compare.difference import FIRST, LED, Dated, Difference, When, off
 from drop_physics.compare.pairing import Pairing
 from drop_physics.trace.history import Seen
 from drop_physics.trace.states import CONTACT_COLUMNS, Rows, between, numbers_of
 
-Float64 = NDArray[np.float64]
 NUMBERED = ("step", "body_a", "link_a", "body_b", "link_b")
 MEASURED = ("position_a_m", "position_b_m", "normal", "distance_m", "normal_force_n")
 COLUMNS = [

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64
 from drop_physics.engine_report import EngineReport
 from drop_physics.scenario import Scenario
 from drop_physics.trace.history import Seen
-
-Float64 = NDArray[np.float64]
 
 Value = Any
 """A number, a text, a flag, a vector; None where there is none."""
@@ -142,9 +140,9 @@ def differs(value: Value, other: Value) -> bool:
     return bool(value != other and (value == value or other == other))
 
 
-def off(mine: Float64, golden: Float64, allowed: Float64 | float = 0.0) -> NDArray[np.bool_]:
+def off(mine: Float64, golden: Float64, allowed: Float64 | float = 0.0) -> Flags:
     """Return which numbers differ by more than allowed; nan equals nan."""
     with np.errstate(invalid="ignore"):  # of infinite numbers
         near = np.abs(mine - golden) <= allowed
-    differ: NDArray[np.bool_] = ~((mine == golden) | near | (np.isnan(mine) & np.isnan(golden)))
+    differ: Flags = ~((mine == golden) | near | (np.isnan(mine) & np.isnan(golden)))
     return differ

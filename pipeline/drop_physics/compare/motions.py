@@ -6,12 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.trace.states import Joints, Rows, by_body, motion_of
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -22,7 +19,7 @@ class BodySamples:
     base: Rows | None
     joints: Joints | None
 
-    def at(self, rows: NDArray[np.bool_]) -> BodySamples:
+    def at(self, rows: Flags) -> BodySamples:
         """Return some of the samples."""
         base = None if self.base is None else self.base[rows]
         joints = None if self.joints is None else self.joints.at(rows)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.compare.contact_points import first_contact
 from drop_physics.compare.difference import (
     FIRST,
@@ -26,8 +26,6 @@ from drop_physics.trace.events import Body
 from drop_physics.trace.history import Piece, Seen
 from drop_physics.trace.states import BASE, MOTION_COLUMNS, motion_of
 
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 Forces = Mapping[tuple[int, int], tuple[Int64, Float64]]
 
 VECTORS = (slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 13))
@@ -132,7 +130,7 @@ class SampleComparison:
                 return earliest(*dated)
         self.shared |= len(steps) > 0
         x, y = mine.numbers, theirs.numbers
-        differing: NDArray[np.bool_] = np.logical_or.reduce(off(x, y), axis=1)
+        differing: Flags = np.logical_or.reduce(off(x, y), axis=1)
         if differing.any():
             self._part(self._when(number, int(steps[differing][0])))
             tracks = mine.at(differing), theirs.at(differing)
@@ -242,7 +240,7 @@ def _joint_columns(body: Body) -> Iterator[tuple[str, int]]:
                 yield name, joint.link
 
 
-def _worst(differ: NDArray[np.bool_], base: NDArray[np.bool_] | None, track: BodySamples) -> int:
+def _worst(differ: Flags, base: Flags | None, track: BodySamples) -> int:
     """Return the number of a body to name: of its base if that is beyond a tolerance."""
     named = differ.copy()
     if base is not None and track.base is not None:
@@ -250,7 +248,7 @@ def _worst(differ: NDArray[np.bool_], base: NDArray[np.bool_] | None, track: Bod
     return int(np.argmax(named if named.any() else differ))
 
 
-def _beyond(mine: Float64, golden: Float64, allowed: Float64) -> NDArray[np.bool_]:
+def _beyond(mine: Float64, golden: Float64, allowed: Float64) -> Flags:
     """Return which numbers of base and links differ by more than allowed, shape (n, links, 13)."""
     x, y, most = (each.reshape(-1, 13) for each in (mine, golden.copy(), allowed))
     turns = VECTORS[1]  # a quaternion of the other sign is the same orientation
@@ -258,7 +256,7 @@ def _beyond(mine: Float64, golden: Float64, allowed: Float64) -> NDArray[np.bool
     return _states_off(x, y, most).reshape(mine.shape)
 
 
-def _states_off(mine: Float64, golden: Float64, allowed: Float64) -> NDArray[np.bool_]:
+def _states_off(mine: Float64, golden: Float64, allowed: Float64) -> Flags:
     """Return which numbers of states differ by more than allowed, all of shape (rows, 13).
 
     A tolerance is that of a whole vector: where a difference is too long, though none of its

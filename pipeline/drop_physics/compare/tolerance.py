@@ -12,14 +12,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.compare.difference import Side
 from drop_physics.physics.base import EXACT_MACHINES, FUSED
 from drop_physics.trace.events import Body
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 IN_CONTACT_M = 1e-9
 UNKNOWN_LENGTH_M = 1.0

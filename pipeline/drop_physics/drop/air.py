@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags
 from drop_physics.drop.case import Case
 from drop_physics.drop.results import Coverage
 from drop_physics.drop.samples import DropSamples
@@ -138,7 +138,7 @@ class Air:
         return [(step, why) for step, why in ends if step is not None]
 
 
-def _first(held: NDArray[np.bool_], first: int) -> int | None:
+def _first(held: Flags, first: int) -> int | None:
     """Return the number of the first sample of which something holds, or None."""
     rows = np.flatnonzero(held)
     return first + int(rows[0]) if len(rows) else None

@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.drop.case import Case
 from drop_physics.drop.course import Course
 from drop_physics.drop.energy import Energies
@@ -21,8 +21,6 @@ from drop_physics.drop.samples import DropSamples
 from drop_physics.errors import ScenarioError
 from drop_physics.explain.decomposition import TERMS, Decomposition, decompose
 from drop_physics.explain.rows import MOST_ROWS, SHOWN_PER_S
-
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

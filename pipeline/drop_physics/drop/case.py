@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.drop.samples import DropSamples, samples_seen
 from drop_physics.engine_report import EngineReport
 from drop_physics.physics import theory
@@ -19,8 +19,6 @@ from drop_physics.physics.theory import TheoreticalFall
 from drop_physics.scenario import ENGINES, EXACT_INTEGRATORS, Scenario
 from drop_physics.trace.history import PIECE, Seen
 from drop_physics.trace.states import BODY
-
-Float64 = NDArray[np.float64]
 
 TOUCHING_M = 5e-10
 """A body this close to the floor touches it. The engine's distances are known to this: for 136

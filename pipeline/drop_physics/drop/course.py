@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64
 from drop_physics.drop.air import Air
 from drop_physics.drop.case import Case
 from drop_physics.drop.phases import Phases, Settling
@@ -13,8 +13,6 @@ from drop_physics.drop.results import Impact, Landing
 from drop_physics.drop.samples import DropSamples
 from drop_physics.drop.touchdowns import Touchdowns
 from drop_physics.physics.base import Motion
-
-Float64 = NDArray[np.float64]
 
 ROUGH_M = 1e-6
 """Largest excess of a contact point's depth over what the centre shows [m]."""
@@ -210,7 +208,7 @@ def _state(motion: Motion) -> Float64:
     )
 
 
-def _below(case: Case, part: DropSamples) -> NDArray[np.bool_]:
+def _below(case: Case, part: DropSamples) -> Flags:
     return np.asarray(part.height_m + case.engine.reach_m < 0)
 
 

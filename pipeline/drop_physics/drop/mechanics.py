@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.drop.samples import DropSamples
 from drop_physics.engine_report import EngineReport
 from drop_physics.physics.base import Motion
 from drop_physics.physics.rotations import rotate, rotate_inverse
-
-Float64 = NDArray[np.float64]
 
 ROUNDING = 1e-13
 """Share of the summands that rounding may leave in a sum that is 0."""

@@ -6,8 +6,8 @@ The result is to the bit that of `Story` for the same sample of the whole record
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.drop.results import Moment, Terms
 from drop_physics.engine_report import EngineReport
 from drop_physics.explain.decomposition import TERMS, decompose
@@ -15,8 +15,6 @@ from drop_physics.physics.base import Law, Motion
 from drop_physics.physics.laws.lookup import fall_of, law_for
 from drop_physics.physics.theory import TheoreticalFall
 from drop_physics.scenario import Scenario
-
-Float64 = NDArray[np.float64]
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 DEFAULT_AT_S = 0.3

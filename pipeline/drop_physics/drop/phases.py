@@ -7,14 +7,13 @@ from typing import Literal, get_args
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Int64
 from drop_physics.drop.case import Case
 from drop_physics.drop.samples import DropSamples
 from drop_physics.physics.base import Motion
 from drop_physics.physics.vectors import largest
 
-Float64 = NDArray[np.float64]
 Phase = Literal["falling", "contact", "rest"]
 
 SETTLED_M = 1e-5
@@ -47,7 +46,7 @@ class Phases:
         """Number of samples before the first contact."""
         return self.samples if self.contact_step is None else self.contact_step
 
-    def of(self, steps: NDArray[np.int64]) -> pl.Series:
+    def of(self, steps: Int64) -> pl.Series:
         """Return the phases of samples."""
         rest_step = self.samples if self.rest_step is None else self.rest_step
         which = np.searchsorted([self.airborne, rest_step], steps, side="right")
@@ -87,7 +86,7 @@ class Settling:
         return Phases(case.samples, contact_step, rest_step, lies)
 
 
-def _moving(part: Motion, end: Motion, share: float = 1.0) -> NDArray[np.bool_]:
+def _moving(part: Motion, end: Motion, share: float = 1.0) -> Flags:
     """Return which samples differ from the last in position or orientation, shape (samples,).
 
     By more than this share of what counts as settled.

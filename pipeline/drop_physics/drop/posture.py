@@ -6,13 +6,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.drop.case import Case
 from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.physics.vectors import cross, lengths, sums
-
-Float64 = NDArray[np.float64]
 
 FLAT_RAD = 5e-3
 """Tilt up to which a body counts as flat: up to it, with all four corners in contact, the contact

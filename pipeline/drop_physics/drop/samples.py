@@ -8,13 +8,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.touching import Touches, touches_of
 from drop_physics.physics.base import Motion
 from drop_physics.trace.history import Piece, Seen
 from drop_physics.trace.states import BASE, BODY, FLOOR, MOTION, STATE, Rows
-
-Float64 = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +38,7 @@ class DropSamples(Motion):
         return self.first + len(self)
 
     @property
-    def steps(self) -> NDArray[np.int64]:
+    def steps(self) -> Int64:
         """Their numbers, shape (samples,)."""
         return np.arange(self.first, self.end)
 

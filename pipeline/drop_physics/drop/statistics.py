@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Float64 = NDArray[np.float64]
+from drop_physics.arrays import Float64
 
 CONFIDENCE = 0.95
 QUANTILES = (0.05, 0.5, 0.95)

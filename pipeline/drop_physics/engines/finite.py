@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.engine_report import LARGEST
 from drop_physics.errors import DropError
 from drop_physics.trace.events import Samples
 from drop_physics.trace.states import BODY, CONTACT, Joints, Rows
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 
 def drop_samples(

@@ -12,8 +12,8 @@ from importlib import metadata
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.engine_report import EngineReport
 from drop_physics.engines.finite import drop_samples, non_finite
 from drop_physics.engines.pybullet.world import World
@@ -25,7 +25,6 @@ from drop_physics.scenario import ENGINES, ENGINES_WITH, Engine, Scenario
 from drop_physics.trace.events import Samples
 from drop_physics.trace.states import BASE, BODY, CONTACT, FLOOR
 
-Float64 = NDArray[np.float64]
 Build = Callable[[Scenario, RigidBody], Session]
 
 SESSIONS: dict[Engine, str] = {

@@ -10,12 +10,10 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.option_types import Quaternion, Vector
 from drop_physics.physics.rotations import matrix
-
-Float64 = NDArray[np.float64]
 
 Numbers = tuple[float, ...]
 

@@ -8,12 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.trace.events import At, Body, Collision, Surface
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 MOST_BYTES = 1 << 24
 """Largest size of a mesh file that is read [bytes]."""

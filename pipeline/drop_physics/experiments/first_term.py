@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.experiments.run_distance import Apart, Track, joints_of
 from drop_physics.explain.recording import Explanation
 from drop_physics.explain.replayed import Replayed
@@ -26,9 +26,6 @@ from drop_physics.physics.tree import States, Tree
 from drop_physics.trace.events import Body
 from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 from drop_physics.trace.history import Seen
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 INTEGRATOR, SET = "integrator", "set"
 """What no term of the sum is: how a step moves what it has given a velocity; and what calls set."""

@@ -8,12 +8,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.drop.convergence import SAFETY_FACTOR, richardson, solution_order
 from drop_physics.experiments.run_distance import APART, Apart, Track
-
-Float64 = NDArray[np.float64]
 
 LOST = 1e-3
 """Where a displacement has grown so far, the outcome is one of many [m, rad]."""

@@ -7,17 +7,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.compare.motions import NOTHING, BodySamples, motions, together
 from drop_physics.compare.pairing import pairing
 from drop_physics.explain.times import StepTimes
 from drop_physics.trace.events import Body
 from drop_physics.trace.history import Seen
 from drop_physics.trace.states import motion_of
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 APART = 1e-6
 """Runs count as apart from here on [m, rad]."""

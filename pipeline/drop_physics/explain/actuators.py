@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drop_physics.arrays import Float64
 from drop_physics.explain.driving import given_to
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.steps import BodySteps
-from drop_physics.physics.vectors import Float64
 from drop_physics.trace.events import Actuator, Body
 from drop_physics.trace.history import Piece
 

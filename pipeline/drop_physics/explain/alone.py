@@ -10,8 +10,8 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int8
 from drop_physics.explain import segments
 from drop_physics.explain.balance import Pushes
 from drop_physics.explain.bodies import BodyConfig
@@ -21,9 +21,6 @@ from drop_physics.physics.impulses import Forces
 from drop_physics.physics.step_law import Reason, Reported
 from drop_physics.physics.tree import States
 from drop_physics.physics.vectors import lengths, summed
-
-Float64 = NDArray[np.float64]
-Int8 = NDArray[np.int8]
 
 ALONE: frozenset[Reason] = frozenset(("engine", "substeps", "maximal", "massless"))
 """Why the sum does not cover a body whose own law does, if it has no joints."""
@@ -95,7 +92,7 @@ def explained(
     return codes
 
 
-def _rolling(contacts: Forces, steps: int) -> NDArray[np.bool_]:
+def _rolling(contacts: Forces, steps: int) -> Flags:
     """Return in which steps contact may have given a torque that is not reported."""
     rolls = np.zeros(steps, np.bool_)
     rolls[contacts.step[contacts.rolling]] = True

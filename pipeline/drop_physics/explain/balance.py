@@ -17,15 +17,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.touching import Touches
 from drop_physics.physics.base import Law, Motion
 from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.physics.rowed import Rowed
 from drop_physics.physics.vectors import any_of, cross, largest, lengths, summed
-
-Float64 = NDArray[np.float64]
 
 CLOSES = 1e-12
 """Share of a step's summands to which the balance closes; measured: 2e-13."""
@@ -51,7 +49,7 @@ class Pushes(Rowed):
     torque_scale_n_m: Float64
 
     @property
-    def acted(self) -> NDArray[np.bool_]:
+    def acted(self) -> Flags:
         """Whether there was any in the step, shape (samples,)."""
         return np.asarray((self.force_scale_n != 0) | (self.torque_scale_n_m != 0))
 
@@ -68,7 +66,7 @@ class Balance:
     impulse_n_s: Float64
     angular_impulse_n_m_s: Float64
     """About the centre of mass."""
-    touched: NDArray[np.bool_]
+    touched: Flags
     """Whether a force acted."""
     velocity_m_s: Float64
     """What the law and the impulses give."""
@@ -76,9 +74,9 @@ class Balance:
     velocity_scale_m_s: Float64
     """Size of the summands of the velocity, shape (samples,)."""
     spin_scale_rad_s: Float64
-    held: NDArray[np.bool_]
+    held: Flags
     """Whether the engine clamped a velocity when forces or contact were added."""
-    near: NDArray[np.bool_]
+    near: Flags
     """Whether there is a contact point, with or without a force."""
     tried_m_s: Float64
     """Size of the velocity that the solver may have given and taken back, shape (samples,)."""
@@ -87,13 +85,13 @@ class Balance:
     unit: float
     """Rounding of one operation, relative to its terms."""
 
-    def closes(self, motion: Motion) -> NDArray[np.bool_]:
+    def closes(self, motion: Motion) -> Flags:
         """Return in which samples the recorded velocities follow from law and impulses."""
         angular = largest(motion.spin_rad_s - self.spin_rad_s)
         most = CLOSES * self.spin_scale_rad_s + self._rounding(self.tried_rad_s)
         return np.asarray(self.closes_linear(motion) & (angular <= most))
 
-    def closes_linear(self, motion: Motion) -> NDArray[np.bool_]:
+    def closes_linear(self, motion: Motion) -> Flags:
         """Return the same, regardless of spin."""
         linear = largest(motion.velocity_m_s - self.velocity_m_s)
         most = CLOSES * self.velocity_scale_m_s + self._rounding(self.tried_m_s)
@@ -186,7 +184,7 @@ def _spun(law: Law, before: Motion, turned_n_m_s: Float64) -> Float64:
 
 def _tried(
     law: Law, before: Motion, motion: Motion, touches: Touches
-) -> tuple[NDArray[np.bool_], Float64, Float64]:
+) -> tuple[Flags, Float64, Float64]:
     """Return where a point touches, and what impulses there may add to velocity and spin, (n,).
 
     The solver adds impulses and takes them back; their rounding stays, also in a velocity that ends
@@ -209,7 +207,7 @@ def _tried(
     return near, tried_m_s, tried_m_s * per_m
 
 
-def _limited(law: Law, *velocities: Float64) -> NDArray[np.bool_]:
+def _limited(law: Law, *velocities: Float64) -> Flags:
     """Return in which samples a velocity is beyond the engine's limit."""
     beyond = [np.isfinite(each) & (each != law.held(each)) for each in velocities]
     return any_of(np.hstack(beyond))

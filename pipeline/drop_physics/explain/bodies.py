@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.physics.base import Law
 from drop_physics.physics.laws.lookup import RIGID
 from drop_physics.physics.step_law import DampedTree, Reason, StepConditions, StepLaw
@@ -20,9 +20,6 @@ from drop_physics.trace.calls import Given
 from drop_physics.trace.events import GIVEN, Appearance, Body, Dynamics, Put, order
 from drop_physics.trace.history import Seen
 from drop_physics.trace.poses import inertial_frames, tree_of
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 DISABLE_SLEEPING = 2
 """Values of `activationState`."""

@@ -6,17 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.bodies import Record
 from drop_physics.physics.rowed import Rowed
 from drop_physics.physics.tree import States, Tree
 from drop_physics.trace.events import Put
 from drop_physics.trace.states import Joints, Rows, motion_of
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

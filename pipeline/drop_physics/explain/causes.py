@@ -5,17 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.changes import energy_of
 from drop_physics.explain.step_status import SEGMENTS, UNEXPLAINED, WHYS, Judged, Why
 from drop_physics.explain.steps import BodySteps
 from drop_physics.physics.step_law import DampedTree
 from drop_physics.physics.tree import States
 from drop_physics.trace.events import Body
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 CAUSES = (
     "gravity", "damping", "joint damping", "motors", "applied", "contacts", "rolling",

@@ -6,17 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.physics.dynamics import lifted_j, mass_matrix
 from drop_physics.physics.impulses import Summed
 from drop_physics.physics.kinematics import Kinematics, kinematics
 from drop_physics.physics.step_law import DampedTree
 from drop_physics.physics.tree import BASE, States
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

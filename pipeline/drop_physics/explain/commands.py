@@ -15,8 +15,8 @@ from functools import cache
 from operator import itemgetter
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.touching import rows_of
 from drop_physics.physics.rowed import Rowed
 from drop_physics.physics.servo import pd_effort
@@ -27,10 +27,6 @@ from drop_physics.trace.calls import TIMESTEPS
 from drop_physics.trace.events import Appearance, Body, Settings, order
 from drop_physics.trace.history import Piece, Seen
 from drop_physics.trace.motors import PD, POSITION, TORQUE, VELOCITY, Command
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 DEFAULT = -1
 """How a joint is driven that has the motor that it was loaded with."""

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.steps import Steps
 from drop_physics.explain.touching import among
@@ -18,10 +19,6 @@ from drop_physics.physics.kinematics import kinematics, link_numbers, motion
 from drop_physics.physics.vectors import cross as cross_of_rows
 from drop_physics.physics.vectors import distinct, groups, lengths
 from drop_physics.trace.states import Rows
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 COMMON = 0.99
 """Normals share a line if the cosine of the angle between them is at least this."""

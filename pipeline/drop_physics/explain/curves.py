@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.causes import CAUSES, OF_REPLAYS, family
 from drop_physics.explain.contact_points import Pairs
 from drop_physics.explain.joints import Driven, JointTable, target_of
@@ -17,9 +17,6 @@ from drop_physics.explain.times import StepTimes
 from drop_physics.explain.touches import PRESSED, TouchTable
 from drop_physics.trace.history import Seen
 from drop_physics.trace.motors import POSITION, VELOCITY
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 POINTS = 2000
 """Most points of a curve: more than a screen has pixels."""

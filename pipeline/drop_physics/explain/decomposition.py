@@ -15,14 +15,13 @@ from dataclasses import dataclass, fields
 from decimal import Decimal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.physics import theory
 from drop_physics.physics.base import Law, Motion, exactly
 from drop_physics.physics.theory import TheoreticalFall
 from drop_physics.physics.vectors import triple
 
-Float64 = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 TERMS = ("timestep", "damping", "interaction", "rounding")

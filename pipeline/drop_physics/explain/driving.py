@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.commands import NAMES, Commanded
 from drop_physics.trace.events import Actuator, Body
 from drop_physics.trace.history import Piece
 from drop_physics.trace.motors import POSITION, VELOCITY
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 LOUDER = {"motor": 0, "general": 0, "muscle": 0, "velocity": 1, "position": 2}
 """The one of several actuators on a joint that says how it is driven."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.touching import rows_of
 from drop_physics.physics.impulses import Forces
 from drop_physics.physics.kinematics import Kinematics, kinematics
@@ -18,9 +18,6 @@ from drop_physics.physics.tree import RATES, States, Tree
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import At
 
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 Vector = tuple[float, ...]
 
 FIXED, POINT, GEAR = 4, 5, 6

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.commands import DEFAULT, Commanded
 from drop_physics.explain.needs import Holding, holding
 from drop_physics.explain.recording import ExplainedPiece
@@ -17,10 +17,6 @@ from drop_physics.physics.tree import Tree
 from drop_physics.trace.events import Body, Site
 from drop_physics.trace.history import Seen
 from drop_physics.trace.motors import POSITION
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 Control = Literal["position", "velocity", "torque", "pd", "default", "off", "unknown"]
 

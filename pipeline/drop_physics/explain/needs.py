@@ -12,8 +12,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.joined import GEAR, POINT
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.steps import Steps
@@ -24,8 +24,6 @@ from drop_physics.physics.tree import BASE, States, Tree
 from drop_physics.trace.events import Body
 from drop_physics.trace.states import between
 
-Float64 = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Place = tuple[int, int]
 """Number of a body, and its link."""
 
@@ -222,7 +220,7 @@ def _still(state: States) -> States:
     return States(state.position_m, state.orientation, state.joints, state.velocity * 0.0)
 
 
-def _touching(steps: Steps, row: int) -> tuple[Float64, NDArray[np.int64]]:
+def _touching(steps: Steps, row: int) -> tuple[Float64, Int64]:
     """Return what each contact point of a step does to the rates, and the other body."""
     contacts, sides = steps.reported.contacts, steps.sides
     first, end = np.searchsorted(contacts.step, (row, row + 1))

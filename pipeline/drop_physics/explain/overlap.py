@@ -12,13 +12,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.trace.events import Collision
-
-Float64 = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 TURNS = 400
 """Projections onto each shape."""
@@ -38,7 +35,7 @@ class PlacedShape:
     orientation: Float64
     """Quaternions x, y, z, w, shape (n, 4)."""
 
-    def only(self, rows: NDArray[np.int64]) -> PlacedShape:
+    def only(self, rows: Int64) -> PlacedShape:
         """Return it in some of these samples."""
         return PlacedShape(self.shape, self.position_m[rows], self.orientation[rows])
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Int64
 from drop_physics.explain.bodies import Record
 from drop_physics.explain.body_history import BodyHistory, put_states
 from drop_physics.explain.touching import rows_of
@@ -17,9 +17,6 @@ from drop_physics.physics.on_links import pushes
 from drop_physics.physics.tree import BASE, Tree
 from drop_physics.trace.calls import Push
 from drop_physics.trace.events import Put, order
-
-Int64 = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 
 def pushed(

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Int64
 from drop_physics.explain.bodies import Records, configs_of, records_of, settings_of, substeps_of
 from drop_physics.explain.body_history import BodyHistory, history_of
 from drop_physics.explain.causes import Totals
@@ -37,7 +38,6 @@ from drop_physics.trace.log import Log
 from drop_physics.trace.states import Rows as StateRows
 from drop_physics.trace.states import by_body
 
-Int64 = NDArray[np.int64]
 Rows = NDArray[np.intp]
 
 MOST_STEPS, NUMBERS = 1 << 12, 1 << 17

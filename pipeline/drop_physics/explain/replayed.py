@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.bodies import Record
 from drop_physics.explain.body_history import BodyHistory
 from drop_physics.explain.changes import Transitions, changes_of
@@ -41,10 +41,6 @@ from drop_physics.physics.step_law import DampedTree, Reported
 from drop_physics.physics.tree import States
 from drop_physics.trace.events import REPLAYS, Body, ImpulseCause, Impulses
 from drop_physics.trace.history import Piece, Seen
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
-Int8 = NDArray[np.int8]
 
 ACTUATOR = "actuator"
 NAMED = (ACTUATOR, "tendon")
@@ -160,7 +156,7 @@ class Replayed(Explanation):
         batch = StepBatch(whole, [BodySteps(whole, slice(0, n), config, body, changes)])
         return batch, _verdicts(whole, status, strays)
 
-    def _by_stages(self, client: int, ends: Int64) -> NDArray[np.bool_]:
+    def _by_stages(self, client: int, ends: Int64) -> Flags:
         """Return which steps were made by RK4."""
         settings = self._settings[client]
         which = np.searchsorted([each.at.step for each in settings], ends - 1, side="right") - 1
@@ -263,7 +259,7 @@ def _frame_turn(record: Record, before: States, after: States) -> Float64:
     return out
 
 
-def _strays(record: Record, steps: Steps) -> NDArray[np.bool_]:
+def _strays(record: Record, steps: Steps) -> Flags:
     """Return which steps end in a pose that their last velocities do not lead to, shape (n,).
 
     What moves by its velocity is the origin of a free base's frame (`mj_integratePos`).
@@ -281,7 +277,7 @@ def _strays(record: Record, steps: Steps) -> NDArray[np.bool_]:
     return np.asarray(~(off <= MOVED_BY * far))
 
 
-def _verdicts(steps: Steps, status: Int64, strays: NDArray[np.bool_]) -> StepVerdicts:
+def _verdicts(steps: Steps, status: Int64, strays: Flags) -> StepVerdicts:
     """Return what steps are: replayed, explained, and closed by our own kinematics."""
     n = len(steps)
     why = np.full(n, -1, np.int8)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.explain.step_status import SEGMENTS, Judged
 from drop_physics.explain.times import StepTimes
 from drop_physics.trace.events import Body
@@ -16,7 +17,6 @@ from drop_physics.trace.events import Body
 if TYPE_CHECKING:
     import polars as pl
 
-Float64 = NDArray[np.float64]
 
 COLUMNS = {
     "step": "Int64", "time_s": "Float64", "body": "Int64", "label": "String",

@@ -17,15 +17,13 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int8
 from drop_physics.explain.balance import ULPS, Pushes, balance_of
 from drop_physics.explain.touching import Touches
 from drop_physics.physics.base import FUSED, Law, Motion
 from drop_physics.physics.rotations import same_way
 from drop_physics.physics.vectors import any_of, largest, lengths
-
-Float64 = NDArray[np.float64]
 
 Segment = Literal["flight", "contact", "pushed", "set", "unexplained"]
 SEGMENTS: tuple[Segment, ...] = get_args(Segment)
@@ -39,9 +37,9 @@ BLOCK = 1 << 14
 class Segments:
     """What the samples of a body are, shape (samples,) each."""
 
-    code: NDArray[np.int8]
+    code: Int8
     """Indices into `SEGMENTS`."""
-    held: NDArray[np.bool_]
+    held: Flags
     """Whether the engine clamped a velocity in the step to each sample.
 
     Where law and contacts do not lead to a sample: whether it reached the limit to the bit.
@@ -55,9 +53,9 @@ def segments_of(
     *,
     exact: bool = True,
     pushes: Pushes | None = None,
-    placed: NDArray[np.bool_] | None = None,
+    placed: Flags | None = None,
     before: Motion | None = None,
-    rolls: NDArray[np.bool_] | None = None,
+    rolls: Flags | None = None,
 ) -> Segments:
     """Return the segment of every sample of one rigid body that was stepped.
 
@@ -111,9 +109,9 @@ def _of_block(
     *,
     exact: bool,
     pushes: Pushes | None,
-    placed: NDArray[np.bool_],
+    placed: Flags,
     before: Motion,
-    rolls: NDArray[np.bool_] | None,
+    rolls: Flags | None,
 ) -> Segments:
     """Return the segments of some samples in a row."""
     balance = balance_of(motion, law, touches, pushes, before=before)
@@ -164,7 +162,7 @@ def _of_block(
     return Segments(code, held)
 
 
-def _at_limit(law: Law, before: Motion, motion: Motion) -> NDArray[np.bool_]:
+def _at_limit(law: Law, before: Motion, motion: Motion) -> Flags:
     """Return which samples have a velocity newly at the engine's limit, (n,)."""
     limited = np.zeros(len(motion), dtype=bool)
     for name in ("velocity_m_s", "spin_rad_s"):

@@ -11,12 +11,10 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.physics.columns import rotation
 from drop_physics.trace.events import Collision
-
-Float64 = NDArray[np.float64]
 
 LEVELS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """Where along its edges or its axis points of a shape are, as shares of its half."""

@@ -8,18 +8,13 @@ from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int8, Int64
 from drop_physics.explain import segments
 from drop_physics.explain.steps import SUBSTEPS, WITHOUT_SUM, BodySteps, Steps
 from drop_physics.physics.moving import moved_on
 from drop_physics.physics.step_law import Reason, StepLaw
 from drop_physics.trace.events import Body
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
-Int8 = NDArray[np.int8]
-Flags = NDArray[np.bool_]
 
 Segment = Literal[
     "set", "unexplained", "still", "pushed", "constrained", "contact", "driven", "flight"

@@ -9,8 +9,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int8, Int64
 from drop_physics.explain import alone
 from drop_physics.explain.bodies import BodyConfig, BodyConfigs, Record
 from drop_physics.explain.body_history import BodyHistory
@@ -29,11 +29,6 @@ from drop_physics.physics.tree import BASE, States, Tree
 from drop_physics.physics.vectors import distinct
 from drop_physics.trace.calls import Push
 from drop_physics.trace.events import Body, order
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
-Int8 = NDArray[np.int8]
-Flags = NDArray[np.bool_]
 
 NEVER, TRIALS = 1 << 30, 8
 """After how many of a step's pushes a call refreshed the poses of links: not at all, or after less

@@ -14,14 +14,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.joints import REST_STEPS, Driven, target_of
 from drop_physics.trace.motors import POSITION, VELOCITY
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 KEYS = ("target", "target_velocity", "kp", "kd", "mode", "pd")
 """A target with any other of these is another one."""

@@ -7,11 +7,9 @@ import bisect
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.trace.events import counted_s
 from drop_physics.trace.history import Seen
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 ENGINE = ("fixedTimeStep", *(f"gravityAcceleration{axis}" for axis in "XYZ"))
 

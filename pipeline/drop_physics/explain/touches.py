@@ -6,15 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.contact_points import Pairs, pairs_of
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.physics.vectors import lengths
 from drop_physics.trace.history import Seen
-
-Float64 = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 WHOLE = ("gravity", "damping", "applied", "constraints", "contacts")
 """The forces on a whole tree, from outside."""

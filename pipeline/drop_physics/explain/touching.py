@@ -8,16 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.bodies import Records
 from drop_physics.physics.impulses import Forces
 from drop_physics.physics.on_links import contact_forces, points_force_n
 from drop_physics.physics.rowed import Rowed
 from drop_physics.physics.tree import BASE
 from drop_physics.trace.states import Rows
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 STEPS = 1 << 40
 """The number of a body times this, and a step, are one number: no recording has as many."""

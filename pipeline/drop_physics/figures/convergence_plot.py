@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocator
-from numpy.typing import NDArray
 
 from drop_physics import colours
+from drop_physics.arrays import Float64
 from drop_physics.errors import ScenarioError, check_suffix
 from drop_physics.figures import style
 from drop_physics.figures.theme import Theme
@@ -26,7 +26,6 @@ from drop_physics.messages import Message
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Float64 = NDArray[np.float64]
 
 MOST_PANELS = 4
 ROW_IN = 3.9

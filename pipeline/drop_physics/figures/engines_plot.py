@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.figures import style
 from drop_physics.figures.theme import Theme
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Float64 = NDArray[np.float64]
 
 HEIGHT_IN = 3.4
 AFTER_S, BEFORE_S = 0.1, 0.01

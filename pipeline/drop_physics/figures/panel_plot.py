@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from drop_physics import colours
+from drop_physics.arrays import Float64
 from drop_physics.figures import style
 from drop_physics.figures.plot import Curve, Inset, Panel, Plot
 from drop_physics.figures.style import Unit
@@ -175,7 +175,7 @@ def _stack(axes: Axes, curves: Sequence[Curve], time: Unit) -> None:
             inner = edge
 
 
-def _edges(curves: Sequence[Curve]) -> Iterator[NDArray[np.float64]]:
+def _edges(curves: Sequence[Curve]) -> Iterator[Float64]:
     """Yield the outer edges of the areas below zero, then of those above, a row for each curve."""
     values = np.stack([curve.values for curve in curves])
     for sign in (-1, 1):

@@ -7,10 +7,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
+from drop_physics.arrays import Float64, Int64
 
 Look = Literal["line", "broad", "wide", "dashed"]
 

@@ -12,7 +12,8 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Float64 = NDArray[np.float64]
+from drop_physics.arrays import Flags, Float64
+
 Vector = tuple[float, float, float]
 
 EXACT_MACHINES = ("x86_64", "AMD64")
@@ -146,7 +147,7 @@ class Law(FreeBody, ABC):
     def moves_exactly(self) -> bool:
         """Whether `moved` has the engine's positions to the last bit."""
 
-    def covers(self, before: Motion) -> NDArray[np.bool_]:
+    def covers(self, before: Motion) -> Flags:
         """Return for which samples the engine's law is known to be this one, shape (n,)."""
         return np.ones(len(before), np.bool_)
 
@@ -174,7 +175,7 @@ class Law(FreeBody, ABC):
         """Return each sample moved by one integrator step with these velocities."""
 
     @abstractmethod
-    def bits(self, before: Motion) -> NDArray[np.bool_]:
+    def bits(self, before: Motion) -> Flags:
         """Return from which samples `step` has the engine's velocities to the last bit, (n,)."""
 
     @abstractmethod
@@ -184,7 +185,7 @@ class Law(FreeBody, ABC):
         [m/s] and [rad/s]; summands that cancel count, since their rounding does not cancel.
         """
 
-    def limited(self, before: Motion) -> NDArray[np.bool_]:
+    def limited(self, before: Motion) -> Flags:
         """Return in which of these timesteps the engine clamped a velocity, shape (n,)."""
         return np.zeros(len(before), np.bool_)
 

@@ -7,9 +7,8 @@ through rows of three.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float64 = NDArray[np.float64]
+from drop_physics.arrays import Float64
 
 
 def cross(a: Float64, b: Float64) -> Float64:

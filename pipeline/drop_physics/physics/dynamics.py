@@ -11,13 +11,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.physics.columns import cross, dot, product, times, turning_back
 from drop_physics.physics.kinematics import Kinematics, LinkVelocities, across, generalised
 from drop_physics.physics.tree import RATES
-
-Float64 = NDArray[np.float64]
 
 
 def mass_matrix(kin: Kinematics) -> Float64:

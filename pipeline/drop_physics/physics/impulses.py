@@ -14,16 +14,12 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.physics.kinematics import Kinematics, generalised_at_points
 from drop_physics.physics.rowed import Rowed
 from drop_physics.physics.tree import RATES, Tree
 from drop_physics.physics.vectors import largest, lengths, summed
-
-Float64 = NDArray[np.float64]
-Rows = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 MOVED = "bias"
 """The term that becomes the integrator's share once the pose has moved."""
@@ -33,7 +29,7 @@ PULLED = "gravity"
 """The term whose energy is potential energy."""
 
 
-def _no_rows() -> Rows:
+def _no_rows() -> Int64:
     return np.empty(0, np.int64)
 
 
@@ -45,9 +41,9 @@ def _no_vectors() -> Float64:
 class Forces(Rowed):
     """Forces and torques on single links, one row each, in world axes, for one step."""
 
-    step: Rows = field(default_factory=_no_rows)
+    step: Int64 = field(default_factory=_no_rows)
     """Number of the step, shape (k,)."""
-    link: Rows = field(default_factory=_no_rows)
+    link: Int64 = field(default_factory=_no_rows)
     """Link that the force acts on, shape (k,); `tree.BASE` for the base."""
     force_n: Float64 = field(default_factory=_no_vectors)
     point_m: Float64 = field(default_factory=_no_vectors)

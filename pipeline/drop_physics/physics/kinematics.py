@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.physics.columns import (
     cross,
     dot,
@@ -24,9 +24,6 @@ from drop_physics.physics.columns import (
     times,
 )
 from drop_physics.physics.tree import BASE, RATES, States, Tree
-
-Float64 = NDArray[np.float64]
-Rows = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +44,7 @@ class Kinematics:
         """Return the number of states."""
         return int(self.centres[0].shape[1])
 
-    def at(self, rows: slice | Rows) -> Kinematics:
+    def at(self, rows: slice | Int64) -> Kinematics:
         """Return some of the states."""
         return Kinematics(
             self.tree,
@@ -183,7 +180,7 @@ def _on_joint(kin: Kinematics, link: int, force: Float64, moment: Float64) -> li
 
 
 def generalised_at_points(
-    kin: Kinematics, step: Rows, link: Rows, force: Float64, point_m: Float64, torque: Float64
+    kin: Kinematics, step: Int64, link: Int64, force: Float64, point_m: Float64, torque: Float64
 ) -> Float64:
     """Return what single forces do to the tree, shape (k, size).
 
@@ -209,14 +206,14 @@ def generalised_at_points(
     return out
 
 
-def link_numbers(links: Rows) -> list[int]:
+def link_numbers(links: Int64) -> list[int]:
     """Return the links that there are, in order."""
     if len(links) and links.min() == links.max():  # as of bodies without joints
         return [int(links[0])]
     return [int(one) for one in np.unique(links)]
 
 
-def spin_jacobian(kin: Kinematics, link: int, rows: Rows | None = None) -> Float64:
+def spin_jacobian(kin: Kinematics, link: int, rows: Int64 | None = None) -> Float64:
     """Return the matrices from u to the spin of a link, shape (n, 3, size).
 
     Of all states, or of those in `rows`.
@@ -233,6 +230,6 @@ def spin_jacobian(kin: Kinematics, link: int, rows: Rows | None = None) -> Float
     return out
 
 
-def in_world(kin: Kinematics, link: int, step: Rows, vectors: Float64) -> Float64:
+def in_world(kin: Kinematics, link: int, step: Int64, vectors: Float64) -> Float64:
     """Return vectors of a link's axes, shape (k, 3), in world axes, in the states `step`."""
     return times(kin.rotations[link + 1][:, :, step], vectors.T).T

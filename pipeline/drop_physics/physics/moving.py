@@ -6,13 +6,10 @@ x' = x + v' dt        q' = q + q̇' dt        orientations turn by the exponenti
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64
 from drop_physics.physics.rotations import products, same_way
 from drop_physics.physics.tree import RATES, States, Tree
-
-Float64 = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 ROUNDED = 1e-13
 """Share of a number and its change up to which they are the same; measured: 4e-16."""

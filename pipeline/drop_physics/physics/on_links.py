@@ -5,21 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.physics.columns import cross, rotation
 from drop_physics.physics.impulses import Forces
 from drop_physics.physics.kinematics import Kinematics, in_world
 
-Float64 = NDArray[np.float64]
-Rows = NDArray[np.int64]
-Flags = NDArray[np.bool_]
-
 
 def contact_forces(
     *,
-    step: Rows,
-    link: Rows,
+    step: Int64,
+    link: Int64,
     is_a: Flags,
     point_m: Float64,
     force_n: Float64,
@@ -56,13 +52,13 @@ def points_force_n(
 def pushes(
     kin: Kinematics,
     *,
-    step: Rows,
-    link: Rows,
+    step: Int64,
+    link: Int64,
     force_n: Float64,
     point_m: Float64,
     torque_n_m: Float64,
     in_link_frame: Flags,
-    pose: Rows,
+    pose: Int64,
 ) -> Forces:
     """Return what forces and torques from outside do, shape (k,) rows.
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.physics.vectors import cross, sums
-
-Float64 = NDArray[np.float64]
 
 
 def rotate(orientation: Float64, vectors: Float64) -> Float64:

@@ -6,14 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from drop_physics.arrays import Float64
 from drop_physics.physics.base import Law
 from drop_physics.physics.impulses import Forces, Summed
 from drop_physics.physics.tree import States, Tree
-
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

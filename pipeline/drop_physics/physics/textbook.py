@@ -17,12 +17,11 @@ from decimal import Decimal
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.physics.base import Drag, Law, Motion, Vector
 from drop_physics.physics.rotations import rotate, rotate_inverse
 
-Float64 = NDArray[np.float64]
 Number = TypeVar("Number", float, Decimal)
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)

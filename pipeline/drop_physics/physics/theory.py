@@ -23,11 +23,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial.polynomial import polyint, polyval
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.physics.base import Drag, Vector
-
-Float64 = NDArray[np.float64]
 
 SERIES_REACH = 0.25
 """Largest rate x time of the series; beyond, the closed form loses at most two of 16 digits."""

@@ -14,11 +14,10 @@ from itertools import accumulate, pairwise
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.physics.rowed import Rowed
 
-Float64 = NDArray[np.float64]
 Joint = Literal["fixed", "revolute", "prismatic", "spherical"]
 
 BASE = -1

@@ -12,13 +12,9 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.physics.kinematics import Kinematics, spin_jacobian
-
-Float64 = NDArray[np.float64]
-Rows = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 DEPENDENT = 1e-13
 """Directions whose singular value is below this share of the largest are one direction."""
@@ -31,13 +27,13 @@ class Unreported:
     UP: ClassVar[int] = 1
     DOWN: ClassVar[int] = 2
 
-    stops: Rows
+    stops: Int64
     """Ways in which a stop may push each entry of u: UP, DOWN, both or 0; shape (n, size)."""
     clamped: Flags
     """Entries of u that are at the engine's limit after the step, shape (n, size)."""
-    step: Rows
+    step: Int64
     """Steps of contacts that resist rolling, shape (k,)."""
-    link: Rows
+    link: Int64
     """Their links, shape (k,)."""
 
 
@@ -70,7 +66,7 @@ def shared_out(left: Float64, matrices: Float64, kin: Kinematics, may: Unreporte
     return shared
 
 
-def _outwards(pushed: Float64, stops: Rows) -> Flags:
+def _outwards(pushed: Float64, stops: Int64) -> Flags:
     """Return which entries push in a way in which no stop pushes, shape (n, size)."""
     up, down = stops & Unreported.UP != 0, stops & Unreported.DOWN != 0
     return np.asarray(((pushed > 0) & ~up) | ((pushed < 0) & ~down))
@@ -84,7 +80,7 @@ def _touching(may: Unreported, steps: int, links: int) -> Flags:
 
 
 def _fit(
-    left: Float64, matrices: Float64, kin: Kinematics, keys: Flags, steps: Rows, shared: Shared
+    left: Float64, matrices: Float64, kin: Kinematics, keys: Flags, steps: Int64, shared: Shared
 ) -> None:
     """Fit these steps by all directions at once, those with the same directions together.
 

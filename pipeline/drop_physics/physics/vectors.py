@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-Float64 = NDArray[np.float64]
+from drop_physics.arrays import Flags, Float64, Int64
 
 
 def largest(vectors: Float64) -> Float64:
@@ -35,7 +35,7 @@ def triple(vector: Float64) -> tuple[float, float, float]:
     return x, y, z
 
 
-def any_of(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def any_of(flags: Flags) -> Flags:
     """Return in which rows any flag is set, shape (n,)."""
     return functools.reduce(np.logical_or, flags.T)
 
@@ -46,21 +46,21 @@ def cross(a: Float64, b: Float64) -> Float64:
     return np.stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx), axis=1)
 
 
-def groups(numbers: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.intp]]]:
+def groups(numbers: Int64) -> Iterator[tuple[int, NDArray[np.intp]]]:
     """Yield each number that there is, in order, and its rows in theirs."""
     order = np.argsort(numbers, kind="stable")
     found, starts = np.unique(numbers[order], return_index=True)
     yield from zip(found.tolist(), np.split(order, starts[1:]), strict=True) if len(found) else ()
 
 
-def distinct(numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def distinct(numbers: Int64) -> tuple[Int64, Int64]:
     """Return each run of equal numbers once, and in which run each number is."""
     new = np.ones(len(numbers), np.bool_)
     new[1:] = numbers[1:] != numbers[:-1]
     return numbers[new], np.cumsum(new) - 1
 
 
-def summed(rows: NDArray[np.int64], vectors: Float64, *, count: int) -> Float64:
+def summed(rows: Int64, vectors: Float64, *, count: int) -> Float64:
     """Return the sum of the vectors of each row, in their order, shape (count, k)."""
     columns = [np.bincount(rows, column, minlength=count) for column in vectors.T]
     # Without rows numpy counts in integers.

@@ -9,9 +9,9 @@ import itertools
 from collections.abc import Hashable, Iterable, Iterator, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.filesize import decimal
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.fields import all_of
 from drop_physics.messages import Message
 from drop_physics.physics.tree import Tree
@@ -37,8 +37,6 @@ from drop_physics.trace.events import (
 )
 from drop_physics.trace.poses import inertial_frames, links_of, tree_of, within
 from drop_physics.trace.states import BASE
-
-Float64 = NDArray[np.float64]
 
 POSES_TOGETHER, IMAGES_TOGETHER, LINES_TOGETHER = 1 << 16, 32, 1024
 """Rows that are held until they become chunks."""
@@ -211,9 +209,7 @@ class Drawing:
         if not self._of_drop:
             yield from self._points(seen)
 
-    def _on_states(
-        self, seen: Samples, numbers: list[int], due: NDArray[np.int64]
-    ) -> Iterator[Chunk]:
+    def _on_states(self, seen: Samples, numbers: list[int], due: Int64) -> Iterator[Chunk]:
         """Yield poses and curves of a body, or of several without joints that are due together."""
         bodies = [self._bodies[number] for number in numbers]
         first = numbers[0]
@@ -362,9 +358,7 @@ class Drawing:
             yield from pictures.camera(f"camera/{number}", writer.times_of(image.at), image)
         yield from self._images.add(f"camera/{number}/image", writer.times_of(image.at), png)
 
-    def on_calls(
-        self, seen: Calls, sites: Mapping[int, Site], widths: NDArray[np.int64]
-    ) -> Iterator[Chunk]:
+    def on_calls(self, seen: Calls, sites: Mapping[int, Site], widths: Int64) -> Iterator[Chunk]:
         """Yield the first calls of each site as text."""
         ends = np.cumsum([0, *widths]).tolist()
         full = [number for number, count in self._listed.items() if count >= MOST_LINES]

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from drop_physics import colours
+from drop_physics.arrays import Float64, Int64
 from drop_physics.messages import Message
 from drop_physics.recording import pictures, schema, writer
 from drop_physics.recording.writer import Chunk
 from drop_physics.scenario import ENGINES, Camera, Scenario
 from drop_physics.trace.events import Samples
-from drop_physics.trace.states import BODY, Float64, Int64
+from drop_physics.trace.states import BODY
 
 TRAIL_POINTS = 40
 """Approximate number of points in the body's trail in the 3-D view."""

@@ -9,16 +9,13 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.physics.tree import places
 from drop_physics.recording import schema, writer
 from drop_physics.recording.writer import Chunk, Times
 from drop_physics.trace.events import Appearance, At, Body, Calls, Raised, Samples, Site
 from drop_physics.trace.motors import PD, POSITION, TORQUE, VELOCITY, Command, commands_of
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 TOGETHER = 1 << 13
 """Commands that are held until they become rows."""

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 from rerun.chunk import Chunk
 
 from drop_physics import colours
+from drop_physics.arrays import Float64, Int64
 from drop_physics.recording import pictures, schema, writer
 from drop_physics.recording.drawing import SHOWN_PER_S
 from drop_physics.recording.layout import Look, eye_around, layout, look_of_drop, series_of
@@ -26,7 +26,6 @@ from drop_physics.recording.writer import Times
 if TYPE_CHECKING:
     import polars as pl
 
-Float64 = NDArray[np.float64]
 
 ERROR_CURVES = {
     "error_m": ("total", colours.TOTAL_IN_VIEWER),
@@ -56,7 +55,7 @@ class Line(NamedTuple):
     colour: str
     """A colour as `#rrggbb`."""
     width: float
-    steps: NDArray[np.int64]
+    steps: Int64
     """Shape (n,), as are the next two."""
     times_s: Float64
     values: Float64

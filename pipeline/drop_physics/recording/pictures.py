@@ -14,11 +14,10 @@ import rerun as rr
 from numpy.typing import NDArray
 from rerun.chunk import Chunk
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.recording import schema
 from drop_physics.recording.writer import Times, times
 from drop_physics.trace.events import Collision, Image, Shape
-
-Float64 = NDArray[np.float64]
 
 PLANE_M, PLANE_COLOUR = 20.0, 0x8A93A0FF
 """Width and grey of an infinite plane: white hides what stands on it."""
@@ -68,7 +67,7 @@ def trail_style(entity: str, colour: int = TRAIL_COLOUR) -> Chunk:
 
 
 def contact_points(
-    entity: str, at: Times, places_m: Float64, arrows_m: Float64, counts: NDArray[np.int64]
+    entity: str, at: Times, places_m: Float64, arrows_m: Float64, counts: Int64
 ) -> Chunk:
     """Return contact points and arrows from them, shape (points, 3), `counts` of them per row."""
     points = rr.Points3D.columns(positions=places_m).partition(counts)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.recording import columns, rrd, schema
 from drop_physics.recording.damage import damaged
 from drop_physics.recording.first_look import unreadable
@@ -17,10 +17,6 @@ from drop_physics.trace.events import Appearance, Impulses, Raised, Site
 from drop_physics.trace.history import Piece
 from drop_physics.trace.log import Log
 from drop_physics.trace.states import Joints, Rows, between, in_step_order
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
-
 
 HELD_BYTES = 1 << 24
 """Most bytes of decoded chunks that are kept: a recording with fewer is decoded once."""

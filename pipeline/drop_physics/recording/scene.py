@@ -9,6 +9,7 @@ from pathlib import Path, PurePath
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.messages import Message
 from drop_physics.recording import columns
 from drop_physics.recording.contents import chunks_of
@@ -19,7 +20,6 @@ from drop_physics.trace.events import Body, Model
 from drop_physics.trace.history import Seen
 from drop_physics.trace.poses import placed
 
-Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 
 

@@ -25,6 +25,7 @@ import rerun_bindings
 from numpy.typing import NDArray
 from rerun.chunk import Chunk, LazyChunkStream
 
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.errors import check_signals
 from drop_physics.files.outputs import output_errors
 from drop_physics.recording import schema
@@ -33,8 +34,6 @@ from drop_physics.scenario import Camera
 from drop_physics.trace.events import At, Calls, Impulses
 from drop_physics.trace.states import Rows
 
-Float64 = NDArray[np.float64]
-Steps = NDArray[np.int64]
 __all__ = ["Chunk"]  # for the stages, which pass chunks on and use nothing else of Rerun
 
 CURVE_WIDTH = 2.0
@@ -213,7 +212,7 @@ def lens_chunk(camera: Camera) -> Chunk:
     )
 
 
-def camera_chunk(steps: Steps | None, timestep_s: float, world_from_camera: Float64) -> Chunk:
+def camera_chunk(steps: Int64 | None, timestep_s: float, world_from_camera: Float64) -> Chunk:
     """Return the camera's poses, shape (n, 4, 4), at these steps, or a constant one."""
     return Chunk.from_columns(
         schema.CAMERA,
@@ -245,14 +244,14 @@ def rgba(colour: str) -> int:
 class Times(NamedTuple):
     """The times of a chunk's rows."""
 
-    steps: Steps
+    steps: Int64
     """Shape (n,)."""
     times_s: Float64
     """Shape (n,)."""
-    calls: Steps | None = None
+    calls: Int64 | None = None
     """How many calls of the script came before, for the timeline of calls."""
 
-    def only(self, which: NDArray[np.bool_] | Steps) -> Times:
+    def only(self, which: Flags | Int64) -> Times:
         """Return those of some rows."""
         calls = None if self.calls is None else self.calls[which]
         return Times(self.steps[which], self.times_s[which], calls)
@@ -297,7 +296,7 @@ def series_chunk(entity: str, names: Sequence[str], *, stepped: bool = False) ->
     return Chunk.from_columns(entity, [], [*named, *lines])
 
 
-def calls_chunk(seen: Calls, widths: Steps) -> Chunk:
+def calls_chunk(seen: Calls, widths: Int64) -> Chunk:
     """Return calls, a row per step: the site of each, and all their numbers, one after the other.
 
     `widths` is how many numbers each has.
@@ -353,7 +352,7 @@ def texts_chunk(entity: str, at: Times, texts: Sequence[str]) -> Chunk:
     return Chunk.from_columns(entity, times(at), [column])
 
 
-def at(steps: Steps, timestep_s: float) -> Times:
+def at(steps: Int64, timestep_s: float) -> Times:
     """Return the times of a drop's steps."""
     return Times(steps, np.asarray(steps * timestep_s, dtype=np.float64))
 
@@ -365,13 +364,13 @@ def rows_chunk(table: schema.Table, rows: Rows, at: Times) -> Chunk:
     return Chunk.from_columns(table.entity, times(at), columns)
 
 
-def first_of_steps(rows: Rows) -> Steps:
+def first_of_steps(rows: Rows) -> Int64:
     """Return where each step begins among rows in step order."""
     steps = rows["step"]
     return np.flatnonzero(np.concatenate(([True], steps[1:] != steps[:-1])))
 
 
-def _list_column(component: str, values: NDArray[Any], bounds: Steps) -> rr.ComponentColumn:
+def _list_column(component: str, values: NDArray[Any], bounds: Int64) -> rr.ComponentColumn:
     """Return values, shape (n,) or (n, k), as lists of the rows between `bounds`."""
     # Arrow keeps the array alive, so it must not be part of a larger one.
     flat = pa.array(np.ascontiguousarray(values).reshape(-1))
@@ -390,7 +389,7 @@ class _Arrow:
 
 
 def curve_chunk(
-    entity: str, steps: Steps, timestep_s: float, values: Float64, *, resolution: float
+    entity: str, steps: Int64, timestep_s: float, values: Float64, *, resolution: float
 ) -> Chunk:
     """Return the points of a curve, float64, from `values` of shape (n,).
 
@@ -401,7 +400,7 @@ def curve_chunk(
     return scalars_chunk(entity, at(steps[kept], timestep_s), values[kept, None])
 
 
-def noticed(values: Float64, resolution: float) -> NDArray[np.bool_]:
+def noticed(values: Float64, resolution: float) -> Flags:
     """Return which rows of values begin or end a change, or are first or last.
 
     `values` has the shape (n, k), or (m, n, k) for several at the same times.
@@ -410,7 +409,7 @@ def noticed(values: Float64, resolution: float) -> NDArray[np.bool_]:
     changes = (marks[..., 1:, :] != marks[..., :-1, :]).any(axis=-1)
     edge = np.ones((*changes.shape[:-1], 1), np.bool_)
     begins, ends = ((edge, changes), (changes, edge))
-    kept: NDArray[np.bool_] = np.concatenate(begins, axis=-1) | np.concatenate(ends, axis=-1)
+    kept: Flags = np.concatenate(begins, axis=-1) | np.concatenate(ends, axis=-1)
     return kept
 
 

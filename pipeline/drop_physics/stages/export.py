@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.errors import check_suffix
 from drop_physics.explain.times import StepTimes
 from drop_physics.files.mcap_file import Write, stamp, written_mcap
@@ -39,8 +39,7 @@ JOINT_COLUMNS = {
     **dict.fromkeys(MEASURED, pl.Float64),
 }
 """Columns of the table of joints: a row per step and coordinate, [rad] or [m], [N m] or [N]."""
-Float64 = NDArray[np.float64]
-TimesOf = Callable[[int, NDArray[np.int64]], Float64]
+TimesOf = Callable[[int, Int64], Float64]
 """Gives the times [s] of a body's steps."""
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.errors import DropError, RecordingError
 from drop_physics.explain.times import StepTimes
 from drop_physics.figures.animation import decoded
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     import polars as pl
     from PIL import Image
 
-Float64 = NDArray[np.float64]
 
 DRAWN_PER_S = 20.0
 """Pictures drawn from poses per second of simulated time."""
@@ -297,9 +296,7 @@ def _cameras(
     return [_looking(target_m, distance_m, view) for target_m in targets_m]
 
 
-def _framed(
-    parts: Sequence[Part], numbers: NDArray[np.int64], poses: Float64
-) -> tuple[Float64, float]:
+def _framed(parts: Sequence[Part], numbers: Int64, poses: Float64) -> tuple[Float64, float]:
     """Return what a standard camera looks at in each picture, shape (n, 3), and from how far.
 
     It stands still, or goes along with what leaves, but only as far as it must to keep it in view:
@@ -349,7 +346,7 @@ def _held(places_m: Float64) -> Float64:
     return places_m[np.maximum.accumulate(np.where(there, np.arange(len(there)), there.argmax()))]
 
 
-def _looking(target_m: NDArray[np.float64], distance_m: float, view: View) -> Camera:
+def _looking(target_m: Float64, distance_m: float, view: View) -> Camera:
     x, y, z = target_m.tolist()
     return replace(
         STANDARD_CAMERA,
@@ -361,9 +358,7 @@ def _looking(target_m: NDArray[np.float64], distance_m: float, view: View) -> Ca
     )
 
 
-def _body_of(
-    seen: Seen, numbers: NDArray[np.int64], poses: Float64, which: str | None
-) -> int | None:
+def _body_of(seen: Seen, numbers: Int64, poses: Float64, which: str | None) -> int | None:
     """Return the number of the given body, or of the one that moves farthest."""
     if which is None:
         reach_m = np.fmax.reduce(poses) - np.fmin.reduce(poses)

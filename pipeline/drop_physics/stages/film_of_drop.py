@@ -8,9 +8,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from drop_physics import colours
+from drop_physics.arrays import Float64
 from drop_physics.figures.overlay import Mark, Point
 from drop_physics.recording.scene import Part
 from drop_physics.scenario import Camera
@@ -19,7 +20,6 @@ from drop_physics.trace.events import Model
 if TYPE_CHECKING:
     import polars as pl
 
-Float64 = NDArray[np.float64]
 
 BESIDE = 2.5
 """How far right of the body its free fall is, and left of it the ruler, in its radii."""

@@ -11,10 +11,10 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drop_physics import colours
 from drop_physics.analysis.results import Analysis, BodyAnalysis
+from drop_physics.arrays import Float64
 from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.explain.curves import FORCES, Curves
 from drop_physics.explain.joints import JointRow
@@ -22,8 +22,6 @@ from drop_physics.figures.plot import Curve, Look, Panel
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Finding
 from drop_physics.trace.events import Body
-
-Float64 = NDArray[np.float64]
 
 MOST_CAUSES = 4
 TARGETS = {"rate": "target_rate", "position": "target"}

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from drop_physics import colours
+from drop_physics.arrays import Float64
 from drop_physics.drop.case import Case
 from drop_physics.engine_report import EngineReport
 from drop_physics.engines.other_world import OtherWorld
@@ -40,7 +41,7 @@ from drop_physics.trace.events import (
     Shape,
 )
 from drop_physics.trace.history import seen_in
-from drop_physics.trace.states import BASE, BODY, BODY_LABEL, FLOOR, FLOOR_LABEL, Float64
+from drop_physics.trace.states import BASE, BODY, BODY_LABEL, FLOOR, FLOOR_LABEL
 
 BATCH = 8192
 """Samples in one chunk of a recording: the most that a killed run loses. Longer chunks take memory

@@ -11,10 +11,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.drop.analysis import fall_of
 from drop_physics.drop.convergence import ROUNDED, observed_orders
 from drop_physics.drop.results import FallAnalysis, Rest
@@ -24,8 +23,6 @@ from drop_physics.physics.laws.lookup import law_for
 from drop_physics.scenario import Engine, Scenario
 from drop_physics.stages.recorded import BATCH, case_of
 from drop_physics.sweeping.plan import Plan
-
-Float64 = NDArray[np.float64]
 
 MOST_RUNS = 30
 """Most runs of a sweep over engines that are dropped again to compare the engines."""

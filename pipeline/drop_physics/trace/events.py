@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.messages import Message
 from drop_physics.physics.tree import places
 from drop_physics.trace.acts import Act, act_of
 from drop_physics.trace.readings import Reading
-from drop_physics.trace.states import Float64, Int64, Joints, Rows
+from drop_physics.trace.states import Joints, Rows
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from pathlib import PurePath
 from typing import Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.errors import ScenarioError
 from drop_physics.trace.events import (
     Appearance,
@@ -42,8 +42,6 @@ from drop_physics.trace.states import (
     motion_of,
 )
 
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 T = TypeVar("T")
 
 PIECE, LEAST, NUMBERS = 1 << 13, 1 << 5, 1 << 18

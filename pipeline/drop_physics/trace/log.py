@@ -6,15 +6,13 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Int64
 from drop_physics.trace.acts import MAKES, PUSHES, Act
 from drop_physics.trace.calls import BODY_NAMES, WORLD_FRAME, Call, Given, Push
 from drop_physics.trace.events import Appearance, At, Calls, Raised, Site, order, widths_of
 from drop_physics.trace.motors import Command, commands_of
 from drop_physics.trace.properties import link_reached
-
-Int64 = NDArray[np.int64]
 
 
 class Log:
@@ -202,7 +200,7 @@ class Log:
                 yield Given(at, came.body, link_reached(call.values), values)
 
 
-def _only(row: Calls, which: NDArray[np.bool_], widths: Int64) -> tuple[Calls, Int64]:
+def _only(row: Calls, which: Flags, widths: Int64) -> tuple[Calls, Int64]:
     if which.all():
         return row, widths
     numbers = row.numbers[np.repeat(which, widths)]

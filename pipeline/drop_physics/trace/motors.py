@@ -6,15 +6,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import BODY_NAMES
 from drop_physics.trace.events import Calls, Site
 
 T = TypeVar("T")
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 VELOCITY, TORQUE, POSITION, PD = 0, 1, 2, 3
 """How they drive a joint: `controlMode`."""
@@ -75,7 +73,7 @@ class Command(NamedTuple):
             return np.full((len(self.calls), 1), FORCE)
         return given
 
-    def only(self, which: NDArray[np.bool_]) -> Command:
+    def only(self, which: Flags) -> Command:
         """Return some of them."""
         held = {name: values[which] for name, values in self.values.items()}
         return Command(

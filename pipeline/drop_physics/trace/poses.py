@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.physics.kinematics import kinematics, motion
 from drop_physics.physics.rotations import products, quaternions, rotate, rotate_inverse
 from drop_physics.physics.tree import Joint as Kind
 from drop_physics.physics.tree import States, Tree
 from drop_physics.trace.events import Joint
 from drop_physics.trace.states import BASE, MOTION, STATE, Joints, Rows
-
-Float64 = NDArray[np.float64]
 
 KINDS: Mapping[str, Kind] = {
     "revolute": "revolute",
@@ -104,7 +102,7 @@ def placed(frames: Float64, poses: Float64) -> Float64:
     )
 
 
-def rows_of(number: int, steps: NDArray[np.int64], motions: Float64) -> Rows:
+def rows_of(number: int, steps: Int64, motions: Float64) -> Rows:
     """Return motions of base and links, shape (n, links + 1, 13), as rows of dtype `STATE`."""
     count = motions.shape[1]
     rows = np.empty((len(steps), count), STATE)

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.physics.vectors import groups
 
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 Rows = NDArray[np.void]
 """Rows of `STATE` or of `CONTACT`, in the order of their steps."""
 
@@ -101,7 +100,7 @@ class Joints:
     effort: Float64
     """Of the motors: [N m] or [N], shape (n, efforts)."""
 
-    def at(self, rows: NDArray[np.bool_] | slice) -> Joints:
+    def at(self, rows: Flags | slice) -> Joints:
         """Return some of the samples."""
         return Joints(
             self.steps[rows],
@@ -152,6 +151,6 @@ def by_body(rows: Rows) -> dict[int, Rows]:
     return {number: rows[its] for number, its in groups(rows["body"])}
 
 
-def poses_of(states: Rows) -> NDArray[np.float64]:
+def poses_of(states: Rows) -> Float64:
     """Return position [m] and orientation (quaternion x, y, z, w) of states, shape (n, 7)."""
     return np.hstack((states["position_m"], states["orientation"]))

@@ -10,12 +10,10 @@ import re
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.trace.calls import Call
 
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 INDEX, BEFORE = "index", "before"
 """Names of the arguments beside the field's own."""
 COMPUTED = re.compile(r"; then (\w+)")

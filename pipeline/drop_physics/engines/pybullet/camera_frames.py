@@ -13,8 +13,8 @@ from dataclasses import replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.engines.pybullet.pose_renderer import PoseRenderer
 from drop_physics.engines.pybullet.probe import Verdicts, believe, verdicts
 from drop_physics.engines.pybullet.visible_world import framed
@@ -23,8 +23,6 @@ from drop_physics.messages import Message
 from drop_physics.scenario import Camera, Scenario
 from drop_physics.trace.states import BODY
 from drop_physics.workers import Worker, WorkerDiedError, cores
-
-Poses = NDArray[np.float64]
 
 FRAMES_PER_WORKER = 32
 """About as many as are drawn while a worker starts."""
@@ -98,7 +96,7 @@ class Photographer:
             self.camera = replace(self.camera, renderer="tiny")
             self._workers = [self._open.enter_context(Worker())]
 
-    def draw(self, poses: Poses) -> Iterator[bytes]:
+    def draw(self, poses: Float64) -> Iterator[bytes]:
         """Yield one PNG per pose; a pose repeated at once is not drawn again.
 
         Parameters
@@ -119,7 +117,7 @@ class Photographer:
                 self._last, self._png = pose, next(drawn)
             yield self._png
 
-    def _drawn(self, poses: list[Poses]) -> Iterator[bytes]:
+    def _drawn(self, poses: list[Float64]) -> Iterator[bytes]:
         if not self._workers:
             if self._renderer is None:
                 self._renderer = self._open.enter_context(PoseRenderer(self.scenario, self.camera))
@@ -138,7 +136,7 @@ _renderer = functools.lru_cache(maxsize=1)(PoseRenderer)
 _ahead: dict[bytes, bytes] = {}
 
 
-def _pngs(scenario: Scenario, camera: Camera, poses: list[Poses]) -> Iterator[bytes]:
+def _pngs(scenario: Scenario, camera: Camera, poses: list[Float64]) -> Iterator[bytes]:
     for pose in poses:
         yield _ahead.pop(pose.tobytes(), b"") or _renderer(scenario, camera).png(pose)
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int8
 from drop_physics.engines.pybullet.engine import p
 from drop_physics.engines.pybullet.visible_world import world_from_camera
 from drop_physics.scenario import Camera
@@ -14,7 +15,6 @@ from drop_physics.trace.events import Pose
 
 UInt8 = NDArray[np.uint8]
 Float32 = NDArray[np.float32]
-Float64 = NDArray[np.float64]
 
 LEAST_NEARNESS = 1e-6
 """Least nearness of what is drawn in squares [1/m]."""
@@ -90,7 +90,7 @@ def _palette(colours: UInt8) -> UInt8:
 
 def _shadowed(
     client: int, camera: Camera, plane: Sequence[Float64], on_plane_m: Sequence[Float32]
-) -> NDArray[np.int8]:
+) -> Int8:
     """Return where a plane is in the shadow of a body near what a camera looks at: 1, else 0.
 
     `plane` has its x and y axes and its origin, shape (3,) each; `on_plane_m` the points' x and y.
@@ -117,5 +117,5 @@ def _shadowed(
         np.clip(TEXELS / 2 * (1 - AWAY * each / back) + 1, 0, TEXELS + 1).astype(np.int32)
         for each in (right, -up)
     )
-    shadow: NDArray[np.int8] = casts[row, column]
+    shadow: Int8 = casts[row, column]
     return shadow

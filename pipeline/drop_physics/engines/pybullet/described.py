@@ -9,12 +9,10 @@ from pathlib import PurePath
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.trace.events import Body, Collision, FileLink, FileRequests, Joint, Mimic, Shape
 from drop_physics.trace.states import BASE
-
-Float64 = NDArray[np.float64]
 
 KINDS = {
     2: "sphere",

@@ -8,15 +8,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.engines.pybullet.watch.worlds import POINT
 from drop_physics.engines.watching import pipe
 from drop_physics.trace.events import At, Body, Calls, Put, Samples
 from drop_physics.trace.states import CONTACT, Joints, Rows
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 BASE_WIDTH = 13
 """Numbers of the state of a base: position, orientation, velocity, spin."""

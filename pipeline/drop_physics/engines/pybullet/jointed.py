@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.engines.pybullet.described import joint_of
 from drop_physics.engines.pybullet.engine import p
 from drop_physics.trace.events import Joint
-from drop_physics.trace.states import Int64, Joints
-
-Float64 = NDArray[np.float64]
+from drop_physics.trace.states import Joints
 
 
 def joints_of(body: int, links: Sequence[int], client: int) -> tuple[Joint, ...]:

@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from drop_physics.arrays import Float64
 from drop_physics.engines.pybullet.visible_world import Picture, VisibleWorld
 from drop_physics.scenario import Camera, Scenario
 
 Pixels = NDArray[np.uint8]
-Pose = NDArray[np.float64]
 
 OUT_OF_SIGHT_M = 1e6
 DEPTH_DOUBT = 1e-6
@@ -62,11 +62,11 @@ class PoseRenderer:
         if self._alone is not None:
             self._alone.close()
 
-    def png(self, pose: Pose) -> bytes:
+    def png(self, pose: Float64) -> bytes:
         """Return the picture of a pose: position [m] and quaternion x, y, z, w, shape (7,)."""
         return encoded(self._pixels(pose))
 
-    def _pixels(self, pose: Pose) -> Pixels:
+    def _pixels(self, pose: Float64) -> Pixels:
         if self._alone is not None and self._floor is not None:
             self._alone.place(pose[:3], pose[3:])
             pixels = _in_front(self._alone.photograph(self._camera), self._floor)

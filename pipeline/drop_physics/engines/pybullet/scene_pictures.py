@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ImageColor
 
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.engines.pybullet.c_output import c_output_moved_aside
 from drop_physics.engines.pybullet.checkerboard import checkerboard
 from drop_physics.engines.pybullet.engine import p
@@ -33,7 +34,6 @@ OUTLINE = 40
 """Least brightness of an edge over that of a dark page, of 255: black bodies are seen."""
 DRAWN_MESHES = (".obj", ".stl", ".dae")
 NOWHERE: Pose = (0.0, 0.0, -1e4), (0.0, 0.0, 0.0, 1.0)
-Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 
 
@@ -173,7 +173,7 @@ def _picture(
     return whole
 
 
-def _around(there: NDArray[np.bool_]) -> tuple[slice, slice]:
+def _around(there: Flags) -> tuple[slice, slice]:
     """Return the rows and columns where something is, and two more on each side."""
     rows, columns = (np.flatnonzero(there.any(axis=axis)) for axis in (1, 0))
     if not len(rows):
@@ -181,7 +181,7 @@ def _around(there: NDArray[np.bool_]) -> tuple[slice, slice]:
     return tuple(slice(max(0, each[0] - 2), each[-1] + 3) for each in (rows, columns))  # type: ignore[return-value]
 
 
-def _edges(numbers: NDArray[np.int64], nearness: Float32) -> NDArray[np.bool_]:
+def _edges(numbers: Int64, nearness: Float32) -> Flags:
     """Return where bodies and faces end; `nearness` is 1 over the distance."""
     edges = np.zeros(numbers.shape, np.bool_)
     for each, near, marks in ((numbers, nearness, edges), (numbers.T, nearness.T, edges.T)):

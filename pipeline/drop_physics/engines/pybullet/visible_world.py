@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.engines.pybullet.c_output import c_output_moved_aside
 from drop_physics.engines.pybullet.engine import p
 from drop_physics.engines.pybullet.world import World
@@ -16,9 +17,6 @@ from drop_physics.errors import DropError
 from drop_physics.physics.laws.lookup import fall_of
 from drop_physics.physics.theory import impact_time_free
 from drop_physics.scenario import Camera, Renderer, Scenario
-
-Float64 = NDArray[np.float64]
-
 
 LIGHT = (0.5, -1.2, 2.0)
 """Where it comes from: no two faces of a box have one shade. The standard view, which is that of
@@ -32,7 +30,7 @@ class Picture(NamedTuple):
     """RGB, shape (height, width, 3)."""
     depth: NDArray[np.float32]
     """0 at the near plane, 1 at the far plane and where there is nothing."""
-    bodies: NDArray[np.int64]
+    bodies: Int64
     """Whose pixel each is; below 0 where there is nothing."""
 
 

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.engine_report import EngineReport
 from drop_physics.engines.finite import drop_samples
 from drop_physics.engines.pybullet.c_output import c_output_moved_aside
@@ -34,8 +34,6 @@ from drop_physics.option_types import Quaternion
 from drop_physics.scenario import Coordinates, Scenario
 from drop_physics.trace.events import GIVEN, Joint, Samples
 from drop_physics.trace.states import BASE, BODY, FLOOR
-
-Float64 = NDArray[np.float64]
 
 SHAPES = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule"}
 """pybullet's GEOM_ constants."""

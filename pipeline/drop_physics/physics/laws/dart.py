@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64
 from drop_physics.physics.base import Motion
 from drop_physics.physics.rotations import rotate_inverse
 from drop_physics.physics.textbook import (
@@ -23,8 +23,6 @@ from drop_physics.physics.textbook import (
     explicit_spin,
     turned_about,
 )
-
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +49,7 @@ class DartLaw(TextbookLaw):
         spin = rotate_inverse(before.orientation, spin_rad_s)
         return turned_about(before.orientation, spin, self.timestep_s)
 
-    def bits(self, before: Motion) -> NDArray[np.bool_]:
+    def bits(self, before: Motion) -> Flags:
         """Return from which samples `step` has the engine's velocities to the last bit, (n,)."""
         straight = ~before.velocity_m_s[:, :2].any(axis=1) & (not any(self.gravity_m_s2[:2]))
         turned = (before.orientation != UPRIGHT).any(axis=1) | before.spin_rad_s.any(axis=1)

@@ -14,12 +14,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64
 from drop_physics.physics.base import Motion
 from drop_physics.physics.textbook import TextbookLaw, explicit_spin
-
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +32,7 @@ class DrakeLaw(TextbookLaw):
         """Largest difference between a step and the timestep [s]."""
         return 0.0 if self.semi_implicit else self.epsilon * self.latest_s
 
-    def covers(self, before: Motion) -> NDArray[np.bool_]:
+    def covers(self, before: Motion) -> Flags:
         """Return for which samples the engine's law is known to be this one, shape (n,)."""
         if self.semi_implicit:
             return super().covers(before)
@@ -60,6 +58,6 @@ class DrakeLaw(TextbookLaw):
         moved = before.orientation + self.timestep_s * np.stack(rate, axis=1)
         return np.asarray(moved / np.linalg.norm(moved, axis=1, keepdims=True))
 
-    def bits(self, before: Motion) -> NDArray[np.bool_]:
+    def bits(self, before: Motion) -> Flags:
         """Return from which samples `step` has the engine's velocities to the last bit, (n,)."""
         return np.asarray(~before.spin_rad_s.any(axis=1) & self.semi_implicit)

@@ -19,10 +19,10 @@ from typing import ClassVar, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64
 from drop_physics.physics.base import ORIENTED, Motion
 from drop_physics.physics.textbook import TextbookLaw
 
-Float64 = NDArray[np.float64]
 Single = NDArray[np.float32]
 Number = TypeVar("Number", float, Decimal)
 Columns = tuple[Single, Single, Single]
@@ -125,7 +125,7 @@ class PhysxLaw(TextbookLaw):
         after *= (ONE / np.linalg.norm(after, axis=1))[:, None]
         return np.where(moving[:, None], after, turned.T).astype(np.float64)
 
-    def bits(self, before: Motion) -> NDArray[np.bool_]:
+    def bits(self, before: Motion) -> Flags:
         """Return from which samples `step` has the engine's velocities to the last bit, (n,).
 
         Not where the squares of a spin are too small for a float32.

@@ -15,11 +15,9 @@ import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.physics.laws.bullet.air import BulletBody, velocity_law, vertical_velocity_law
-
-Float64 = NDArray[np.float64]
 
 CONTACT_SLOP_M = 1e-5
 """Penetration that is not corrected: PhysicsServerCommandProcessor.cpp 2803, `m_linearSlop`."""

@@ -9,8 +9,8 @@ from dataclasses import replace
 from decimal import Decimal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64
 from drop_physics.physics.base import Drag, Law, Motion
 from drop_physics.physics.base import Vector as Triple
 from drop_physics.physics.laws.bullet import air as bullet_air
@@ -18,8 +18,6 @@ from drop_physics.physics.laws.bullet import spin as bullet_spin
 from drop_physics.physics.laws.bullet.air import EPSILON, BulletBody
 from drop_physics.physics.vectors import any_of, largest, lengths
 from drop_physics.scenario import Coordinates
-
-Float64 = NDArray[np.float64]
 
 Columns = tuple[Float64, Float64, Float64, Float64]
 """Position, orientation, velocity and spin, shapes (3, n) and (4, n)."""
@@ -71,7 +69,7 @@ class BulletLaw(BulletBody, Law):
 
         return _in_blocks(stepped, before)
 
-    def bits(self, before: Motion) -> NDArray[np.bool_]:
+    def bits(self, before: Motion) -> Flags:
         """Return from which samples `step` has the engine's velocities to the last bit, (n,).
 
         On x86-64. All substeps but the first begin with an orientation computed here.
@@ -98,7 +96,7 @@ class BulletLaw(BulletBody, Law):
         with np.errstate(all="ignore"):  # it may overflow, which the limit prevents
             return replace(self, velocity_limit=math.inf).step(before)
 
-    def limited(self, before: Motion) -> NDArray[np.bool_]:
+    def limited(self, before: Motion) -> Flags:
         """Return in which of these timesteps a velocity was clamped to the limit, shape (n,)."""
         if self.coordinates == "maximal":
             return np.zeros(len(before), dtype=bool)

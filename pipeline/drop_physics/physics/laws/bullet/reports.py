@@ -10,13 +10,11 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.physics.impulses import Forces
 from drop_physics.physics.kinematics import Kinematics
 from drop_physics.physics.tree import Tree
-
-Float64 = NDArray[np.float64]
 
 
 def constraint_forces(

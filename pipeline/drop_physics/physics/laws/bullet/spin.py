@@ -12,12 +12,10 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.physics.columns import cross, dot, rotation, times
 from drop_physics.physics.laws.bullet.air import EPSILON, BulletBody
-
-Float64 = NDArray[np.float64]
 
 MAX_TURN_RAD = 0.5 * (math.pi * 0.5)
 """ANGULAR_MOTION_THRESHOLD: the most a body turns in a step (`btTransformUtil.h` 19)."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.physics.impulses import Summed
 from drop_physics.physics.laws.bullet.air import (
     EPSILON,
@@ -21,8 +21,6 @@ from drop_physics.physics.laws.bullet.tree import DAMPING, not_covered, sum_of
 from drop_physics.physics.step_law import DampedTree, Reported, StepLaw
 from drop_physics.physics.tree import States
 from drop_physics.scenario import Coordinates
-
-Float64 = NDArray[np.float64]
 
 
 def steps_of(

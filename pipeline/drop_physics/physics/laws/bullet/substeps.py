@@ -24,8 +24,8 @@ from functools import reduce
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.impulses import EXPLAINED, Forces, Sum, Summed
 from drop_physics.physics.kinematics import Kinematics, kinematics
@@ -34,9 +34,6 @@ from drop_physics.physics.laws.bullet.tree import known_terms, sum_of
 from drop_physics.physics.moving import moved, moved_on, way_between
 from drop_physics.physics.step_law import DampedTree, Reported
 from drop_physics.physics.tree import States
-
-Float64 = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 HELD = 1e-6
 """Share of the largest term up to which impulses that are taken to be equal in all substeps may

@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.physics.columns import length
 from drop_physics.physics.dynamics import angular_momenta, bias, gravity, lifted_j, mass_matrix
 from drop_physics.physics.impulses import (
@@ -34,8 +34,6 @@ from drop_physics.physics.laws.bullet.air import DEFAULT_DAMPING, EPSILON
 from drop_physics.physics.step_law import DampedTree, Reason, Reported, StepConditions
 from drop_physics.physics.tree import States, Tree
 from drop_physics.physics.unreported import Unreported, shared_out
-
-Float64 = NDArray[np.float64]
 
 DAMPING = DEFAULT_DAMPING["reduced"]
 """Of links, linear and angular."""

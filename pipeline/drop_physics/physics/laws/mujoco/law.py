@@ -14,14 +14,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64
 from drop_physics.physics.base import Motion
 from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.physics.textbook import UPRIGHT, TextbookLaw, turned_about
 from drop_physics.scenario import Integrator
-
-Float64 = NDArray[np.float64]
 
 SLOW_RAD_S = 1e-15
 """A spin slower than this turns a body about its x axis (`mju_normalize3`, `mjMINVAL`)."""
@@ -113,7 +111,7 @@ class MujocoLaw(TextbookLaw):
             start.position_m, start.orientation, start.velocity_m_s, rotate(start.orientation, spin)
         )
 
-    def bits(self, before: Motion) -> NDArray[np.bool_]:
+    def bits(self, before: Motion) -> Flags:
         """Return from which samples `step` has the engine's velocities to the last bit, (n,)."""
         straight = ~before.velocity_m_s[:, :2].any(axis=1) & (not any(self.gravity_m_s2[:2]))
         turned = (before.orientation != UPRIGHT).any(axis=1) | before.spin_rad_s.any(axis=1)
