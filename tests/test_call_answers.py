@@ -6,6 +6,7 @@ Where PyBullet alone can tell, it does: change the one thing, and the symptom go
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -525,6 +526,21 @@ def test_a_target_beyond_a_limit(scene: str, joint: str, over: float, tmp_path: 
     assert found.effect is not None
     assert found.effect.value == pytest.approx(over)
     assert found.site == site(2)
+
+
+@pytest.mark.parametrize(
+    ("target", "reason"),
+    [(45.0, "units"), (-90.0, "units"), (-3.0, None), (720.0, None)],  # the last in no unit
+)
+def test_a_target_that_is_within_limits_in_degrees(
+    target: float, reason: str | None, tmp_path: Path
+) -> None:
+    call = f"p.setJointMotorControl2(k, 1, p.POSITION_CONTROL, {target}, force=300)\n"
+    found = one(KUKA + call + "steps(9)", tmp_path, "target-clamped")
+    assert found.reason == reason
+    converted = f"math.radians({target:.4g}) is {math.radians(target):.4g}"
+    assert (converted in str(found.advice)) == (reason is not None)
+    assert (found.cure is None) == (reason is not None)
 
 
 @pytest.mark.parametrize(

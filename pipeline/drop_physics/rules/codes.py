@@ -164,6 +164,7 @@ CODES: dict[str, str] = {
     "timestep-too-long": "A body goes too far in one step.",
     "tumbled": "The body turned over.",
     "tunnelled": "A body got into another, or through it, between two steps.",
+    "units": "Targets beyond a joint's limits lie within them if they are taken as degrees.",
     "unseeded": "The script uses random numbers without a seed.",
     "unstable": (
         "A rate changes its sign with every step: what acts against it is too stiff for the "

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,6 +23,7 @@ from drop_physics.rules.thresholds import (
     DAMPS_ANY,
     DAMPS_STEADY,
     FOLLOWS,
+    IN_DEGREES_RAD,
     MOVES,
     OTHER_FORCE,
     SAME_SIGN,
@@ -42,7 +45,10 @@ def target_clamped(joints: JointColumns) -> Match:
 def _(worst: Worst) -> Said:
     low, high, unit = worst.lower, worst.upper, worst.unit
     over = worst.target > high
+    in_radians = math.radians(worst.target)
+    degrees = unit == "rad" and abs(worst.target) > IN_DEGREES_RAD and low <= in_radians <= high
     return Said(
+        reason="units" if degrees else None,
         message=Message(
             "{joint}{more} is sent to {target:.4g} {unit}, beyond its {side} limit of {limit:.4g} "
             "{unit}: PyBullet takes the limit as the target",
@@ -53,9 +59,16 @@ def _(worst: Worst) -> Said:
             side=Message("upper") if over else Message("lower"),
             limit=high if over else low,
         ),
-        values={"low": low, "high": high},
-        advice=Message("give a target within {low:.4g} and {high:.4g}, or other limits: {call}"),
-        cure=Cure(
+        values={"low": low, "high": high, "in_radians": in_radians},
+        advice=Message(
+            "targets are in radians: if this is in degrees, math.radians({target:.4g}) is "
+            "{in_radians:.4g}"
+        )
+        if degrees
+        else Message("give a target within {low:.4g} and {high:.4g}, or other limits: {call}"),
+        cure=None
+        if degrees
+        else Cure(
             "limits",
             worst.joint,
             given={
