@@ -14,7 +14,13 @@ from typing import Any
 import dartpy
 import numpy as np
 
-from drop_physics.engines.session import Numbers, PrimitiveShape, RigidBody, force_of_point
+from drop_physics.engines.session import (
+    Numbers,
+    PrimitiveShape,
+    RigidBody,
+    Session,
+    force_of_point,
+)
 from drop_physics.option_types import Quaternion
 from drop_physics.physics.rotations import matrix
 from drop_physics.scenario import Scenario
@@ -29,7 +35,7 @@ SHAPES: dict[str, Callable[..., Any]] = {
 }
 
 
-class DartSession:
+class DartSession(Session):
     """One free body above a plane."""
 
     def __init__(self, scenario: Scenario, body: RigidBody) -> None:

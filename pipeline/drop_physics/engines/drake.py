@@ -30,7 +30,13 @@ from pydrake.multibody.tree import QuaternionFloatingJoint, RotationalInertia, S
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
 
-from drop_physics.engines.session import Numbers, PrimitiveShape, RigidBody, force_of_point
+from drop_physics.engines.session import (
+    Numbers,
+    PrimitiveShape,
+    RigidBody,
+    Session,
+    force_of_point,
+)
 from drop_physics.physics.rotations import matrix
 from drop_physics.scenario import Scenario
 
@@ -39,7 +45,7 @@ MODULUS_PA = 1e7
 FRICTION = 1.0
 """Friction of a compliant surface, for which Drake has no default; for rigid ones it is 1."""
 SHAPES: dict[str, Callable[..., Any]] = {
-    "box": lambda a, b, c: Box(a, b, c),
+    "box": Box,
     "sphere": lambda radius, *_: Sphere(radius),
     "cylinder": lambda radius, length, _: Cylinder(radius, length),
     "capsule": lambda radius, length, _: Capsule(radius, length),
@@ -47,7 +53,7 @@ SHAPES: dict[str, Callable[..., Any]] = {
 UP = np.array([0.0, 0.0, 1.0])
 
 
-class DrakeSession:
+class DrakeSession(Session):
     """One free body above a half space."""
 
     def __init__(self, scenario: Scenario, body: RigidBody) -> None:

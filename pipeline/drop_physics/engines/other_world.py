@@ -120,8 +120,11 @@ class OtherWorld:
             ("restitution", "restitution", Message("restitution")),
         ):
             bullets, value = getattr(self._read, field), getattr(theirs, field)
-            given = getattr(self.scenario, option) is not None
-            if not given and None not in (bullets, value) and not _near(bullets, value):
+            if (
+                getattr(self.scenario, option) is None
+                and None not in (bullets, value)
+                and not math.isclose(bullets, value, rel_tol=1e-6, abs_tol=1e-12)
+            ):
                 yield Message(
                     "{engine} has a {quantity} of {value:.4g} for this body, where PyBullet has "
                     "{bullets:.4g}; to have the same, set --{option}",
@@ -190,14 +193,15 @@ class OtherWorld:
         session, samples = self._session, self.scenario.steps + 1
         for start in range(0, samples, batch):
             steps = np.arange(start, min(start + batch, samples))
-            base, contacts = np.empty((len(steps), 13)), bytearray()
-            for row, sample in enumerate(steps.tolist()):
-                if self.scenario.stepped and sample:
-                    self._step()
-                    for point in session.contacts():
-                        contacts += _POINT(sample, BODY, BASE, FLOOR, BASE, *point)
-                with np.errstate(all="ignore"):  # non-finite numbers are rejected below
-                    base[row] = session.state()
+            states, contacts = [], bytearray()
+            with np.errstate(all="ignore"):  # non-finite numbers are rejected below
+                for sample in steps.tolist():
+                    if self.scenario.stepped and sample:
+                        self._step()
+                        for point in session.contacts():
+                            contacts += _POINT(sample, BODY, BASE, FLOOR, BASE, *point)
+                    states.append(session.state())
+                base = session.motions(np.array(states))
             points = np.frombuffer(contacts, CONTACT)
             yield drop_samples(steps, self.scenario.timestep_s, base, points)
 
@@ -237,11 +241,6 @@ def rigid_body(world: World, report: EngineReport) -> RigidBody:
                 body=body,
             )
     return RigidBody(report.body_name, report.mass_kg, report.inertia_kg_m2, shapes)
-
-
-def _near(a: float, b: float) -> bool:
-    """Return whether two engines have the same value; one may round to float32."""
-    return math.isclose(a, b, rel_tol=1e-6, abs_tol=1e-12)
 
 
 def _installed(engine: Engine) -> Build:

@@ -11,7 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.engines.session import Numbers, PrimitiveShape, RigidBody, force_of_point
+from drop_physics.engines.session import (
+    Numbers,
+    PrimitiveShape,
+    RigidBody,
+    Session,
+    force_of_point,
+)
 from drop_physics.scenario import Scenario
 
 with warnings.catch_warnings():  # about Vulkan, which is not used here
@@ -23,7 +29,7 @@ X_TO_Z = (0.5, -0.5, -0.5, -0.5)
 """w, x, y, z: PhysX's planes face x, and its cylinders have their axis along x."""
 
 
-class PhysxSession:
+class PhysxSession(Session):
     """One free body above a plane."""
 
     def __init__(self, scenario: Scenario, body: RigidBody) -> None:
@@ -68,8 +74,7 @@ class PhysxSession:
         elif shape.kind == "sphere":
             part = physx.PhysxCollisionShapeSphere(a, self._material)
         else:
-            is_cylinder = shape.kind == "cylinder"
-            kind = physx.PhysxCollisionShapeCylinder if is_cylinder else _CAPSULE
+            kind = getattr(physx, f"PhysxCollisionShape{shape.kind.title()}")
             part = kind(a, b / 2, self._material)
             pose = pose * sapien.Pose((0.0, 0.0, 0.0), X_TO_Z)
         part.local_pose = pose
@@ -127,9 +132,6 @@ class PhysxSession:
                 "inertia_kg_m2": tuple(_wide(body.inertia)),
             }
         )
-
-
-_CAPSULE = physx.PhysxCollisionShapeCapsule
 
 
 def _wide(values: Any) -> list[float]:  # noqa: ANN401 - float32 to float64, which is exact

@@ -78,11 +78,15 @@ class Session(Protocol):
         """Take one timestep; raise RuntimeError if the engine cannot."""
 
     def state(self) -> Numbers:
-        """Return 13 numbers, world axes: position, orientation x y z w, velocity and spin.
+        """Return the numbers of its state, which `motions` takes; the third is the height."""
 
-        Of the centre of mass, exactly as in the engine; but a spin that the engine keeps in body
-        axes is rotated, which rounds it.
+    def motions(self, states: Float64) -> Float64:
+        """Return states as 13 numbers each, world axes, shape (n, 13); as they are, if they are so.
+
+        Position, orientation x y z w, velocity and spin of the centre of mass, exactly as in the
+        engine; but a spin that the engine keeps in body axes is rotated, which rounds it.
         """
+        return states
 
     def contacts(self) -> Iterable[Numbers]:
         """Yield the contact points of the last step.

@@ -480,14 +480,17 @@ def _tendons_with_inertia(arrays: Arrays, made: DescribedBody) -> Iterator[list[
 # -- states ---------------------------------------------------------------------------------------
 
 
-def base_of(arrays: Arrays, made: DescribedBody, qpos: Float64, qvel: Float64) -> Float64:
+def base_of(
+    arrays: Arrays, made: DescribedBody, qpos: Float64, qvel: Float64, *, unit: bool = False
+) -> Float64:
     """Return position, orientation, velocity and spin of a base that is free, shape (n, 13).
 
     MuJoCo's are those of the body's frame: the velocity in the world's axes, the spin in its own.
+    `unit`: whether nobody but MuJoCo wrote the quaternions, so that they are taken to the bit.
     """
     at, dof = (int(arrays[f"jnt_{name}adr"][made.free]) for name in ("qpos", "dof"))
     turn = xyzw(qpos[:, at + 3 : at + 7])
-    turn = turn / np.linalg.norm(turn, axis=1, keepdims=True)
+    turn = turn / (1.0 if unit else np.linalg.norm(turn, axis=1, keepdims=True))
     centre, axes = _inertial(arrays, made.root)
     n = len(qpos)
     arm = rotate(turn, np.tile(centre, (n, 1)))

@@ -1,43 +1,41 @@
-"""A drop in MuJoCo."""
+"""A drop in MuJoCo: the model of a scenario, read as that of a watched script is.
+
+Bodies and states come from `described`, the softness of contact from `held`. Contact forces are
+MuJoCo's own, one point at a time: a recording of a drop has them to the last bit, along the two
+tangents, where the replay of a script adds up what acts on a pair.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from drop_physics.engines.session import Numbers, PrimitiveShape, RigidBody
-from drop_physics.physics.rotations import rotate, rotate_inverse
+from drop_physics.engines.mujoco.described import base_of, described, reported_of
+from drop_physics.engines.mujoco.held import softness_of
+from drop_physics.engines.mujoco.watch.followed import constants_of
+from drop_physics.engines.session import Float64, Numbers, PrimitiveShape, RigidBody, Session
+from drop_physics.physics.rotations import rotate_inverse
 from drop_physics.scenario import Scenario
-
-INTEGRATORS = {
-    "euler": mujoco.mjtIntegrator.mjINT_EULER,
-    "rk4": mujoco.mjtIntegrator.mjINT_RK4,
-    "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT,
-    "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
-}
-GEOMS = {
-    "box": mujoco.mjtGeom.mjGEOM_BOX,
-    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
-    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
-    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
-}
 
 if mujoco.get_mju_user_warning() is None:
     # MuJoCo would append its warnings to MUJOCO_LOG.TXT, in whatever folder this is.
     mujoco.set_mju_user_warning(lambda _: None)
 
 
-class MujocoSession:
+class MujocoSession(Session):
     """One free body above a plane."""
 
     def __init__(self, scenario: Scenario, body: RigidBody) -> None:
         spec = mujoco.MjSpec()
         spec.option.timestep = scenario.timestep_s
         spec.option.gravity = (0.0, 0.0, scenario.effective_gravity_m_s2)
-        spec.option.integrator = INTEGRATORS[scenario.effective_integrator or "euler"]
+        spec.option.integrator = getattr(
+            mujoco.mjtIntegrator, f"mjINT_{str(scenario.effective_integrator).upper()}"
+        )
         if scenario.solver_iterations is not None:
             spec.option.iterations = scenario.solver_iterations
         if scenario.solver_residual is not None:
@@ -53,6 +51,8 @@ class MujocoSession:
             for surface in surfaces:
                 surface.friction[0] = scenario.friction
         self._model = spec.compile()
+        self._arrays = constants_of(self._model)
+        self._bodies = described(self._arrays, client=0, first=0, folder=Path()).bodies
         self._data = data = mujoco.MjData(self._model)
         turned = np.array([scenario.orientation_xyzw])
         spin = rotate_inverse(turned, np.array([scenario.spin_rad_s]))[0]
@@ -75,10 +75,13 @@ class MujocoSession:
             raise RuntimeError("MuJoCo has started again from 0")
 
     def state(self) -> Numbers:
-        """Return position, orientation, velocity and spin, which the joint has in body axes."""
-        px, py, pz, w, x, y, z = self._data.qpos.tolist()
-        spin = rotate(np.array([[x, y, z, w]]), self._data.qvel[None, 3:])[0].tolist()
-        return (px, py, pz, x, y, z, w, *self._data.qvel[:3].tolist(), *spin)
+        """Return positions and velocities, as MuJoCo has them."""
+        return (*self._data.qpos.tolist(), *self._data.qvel.tolist())
+
+    def motions(self, states: Float64) -> Float64:
+        """Return the motions of the centre of mass, shape (n, 13)."""
+        qpos, qvel = np.hsplit(states, [self._model.nq])
+        return base_of(self._arrays, self._bodies[-1], qpos, qvel, unit=True)
 
     def contacts(self) -> Iterator[Numbers]:
         """Yield the contact points of the last step; MuJoCo's normal points from geom 1 to 2."""
@@ -102,25 +105,21 @@ class MujocoSession:
 
     def reported(self) -> dict[str, Any]:
         """Return the values that the model holds."""
-        model = self._model
-        surface = model.geom_friction[:, 0]
-        contact = {}
-        if model.ngeom:
-            contact = {
-                "lateral_friction": float(surface[-1]),
-                "solref": tuple(model.geom_solref[-1].tolist()),
-                "solimp": tuple(model.geom_solimp[-1].tolist()),
-            }
-        floor = model.ngeom and not model.geom_bodyid[0]
+        arrays, contact = self._arrays, {}
+        told = reported_of(arrays, self._bodies[-1])
+        if self._model.ngeom:
+            friction = arrays["geom_friction"][:, 0].tolist()
+            solref, solimp = softness_of(arrays, 0, len(friction) - 1)
+            contact = {"lateral_friction": friction[-1], "solref": solref, "solimp": solimp}
+            contact |= {"floor_lateral_friction": friction[0]} if self._bodies[1:] else {}
         return contact | {
             "engine_version": mujoco.__version__,
-            "timestep_s": float(model.opt.timestep),
-            "gravity_m_s2": tuple(model.opt.gravity.tolist()),
-            "solver_iterations": int(model.opt.iterations),
+            "timestep_s": float(arrays["opt.timestep"]),
+            "gravity_m_s2": tuple(arrays["opt.gravity"].tolist()),
+            "solver_iterations": int(arrays["opt.iterations"]),
             "body_type": "free joint",
-            "mass_kg": float(model.body_mass[1]),
-            "inertia_kg_m2": tuple(model.body_inertia[1].tolist()),
-            "floor_lateral_friction": float(surface[0]) if floor else None,
+            "mass_kg": float(told["mass_kg"][0]),
+            "inertia_kg_m2": tuple(told["inertia_kg_m2"][0].tolist()),
         }
 
 
@@ -128,10 +127,9 @@ def _geom(shape: PrimitiveShape) -> dict[str, Any]:
     """Return a shape in MuJoCo's terms: half a box's edges, half a cylinder's length."""
     a, b, c = shape.size_m
     x, y, z, w = shape.orientation
-    size = (a / 2, b / 2, c / 2) if shape.kind == "box" else (a, b / 2, 0.0)
     return {
-        "type": GEOMS[shape.kind],
-        "size": size,
+        "type": getattr(mujoco.mjtGeom, f"mjGEOM_{shape.kind.upper()}"),
+        "size": (a / 2, b / 2, c / 2) if shape.kind == "box" else (a, b / 2, 0.0),
         "pos": shape.position_m,
         "quat": (w, x, y, z),
         "mass": 0.0,

@@ -1,1 +1,6 @@
-"""MuJoCo's step: the flight of one body, contact, and a tree from its own arrays."""
+"""MuJoCo's step of one free body, and how deep it rests: what the theory of a drop needs.
+
+A recording of a drop holds states and contact points, no terms of its steps: an error's terms, and
+that a sample follows from the one before to the last bit, come from this law. Steps of scripts are
+replayed instead, and need none of it.
+"""
