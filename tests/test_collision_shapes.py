@@ -11,6 +11,7 @@ import pytest
 from clients import release_clients
 from conftest import some
 from drop_physics.recording import schema
+from drop_physics.recording.reader import contents
 from drop_physics.rules.collides_as_hull import distances_m
 from drop_physics.stages.analyze import analyze
 from scenes import HEAD, record
@@ -186,6 +187,32 @@ def test_the_surfaces_are_those_of_the_files(tmp_path: Path) -> None:
     volume_m3 = abs(np.einsum("ti,ti->t", a, np.cross(b, c)).sum()) / 6
     polygon = 24 / 2 * math.sin(2 * math.pi / 24)
     assert volume_m3 == pytest.approx(polygon * (0.2**2 - 0.1**2) * 0.08, rel=1e-4)
+
+
+def test_a_surface_that_recurs_is_kept_once(tmp_path: Path) -> None:
+    scene = PEG.format(n=24, scale=1, folder=tmp_path, flags="")
+    scene += f"""
+for x, scale in ((1, 1), (2, 2), (3, 1)):
+    p.createMultiBody(1, p.createCollisionShape(
+        p.GEOM_MESH, fileName=r"{tmp_path}/ring.obj", meshScale=[scale] * 3), -1, [x, 0, 1])
+    steps(2)
+"""
+    path = tmp_path / "scene.rrd"
+    recorded = record(scene, path)
+    rows = [values for _, values in contents(path).told[schema.SURFACES]]
+    assert [(each["body"], "triangles" in each) for each in rows] == [
+        (0, True),
+        (2, False),
+        (3, True),
+        (4, False),
+    ]
+    first, *same, larger = sorted(
+        recorded.seen.surfaces, key=lambda each: (each.body == 3, each.body)
+    )
+    for other, scale in [(each, 1) for each in same] + [(larger, 2)]:
+        assert np.allclose(other.corners_m, scale * first.corners_m, atol=2e-6)
+        assert np.array_equal(other.triangles, first.triangles)
+    assert [each.at.step for each in (first, *same, larger)] == [0, 240, 244, 242]
 
 
 def test_what_is_touched_is_drawn_but_hidden(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass, replace
 from functools import cache, partial
+from hashlib import blake2b
 from pathlib import PurePath
 from types import MappingProxyType, NoneType, UnionType
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -61,6 +62,8 @@ ENTITIES: Mapping[type[Any], str] = {
     Equality: schema.EQUALITIES,
 }
 """Where the rows of each kind of event are."""
+MESH, ARRAYS = "mesh", ("corners_m", "triangles")
+"""The digest of a surface in a row, and its arrays, which only the first row of that digest has."""
 SHAPES: Mapping[str, tuple[int, ...]] = {
     "base": (13,),
     "corners_m": (-1, 3),
@@ -90,6 +93,15 @@ def row_of(event: Event) -> tuple[str, At, Values]:
         case Settings():  # the viewer's times are rounded; later times are computed from this one
             values["time_s"] = at.time_s
     return ENTITIES[type(event)], at, values
+
+
+def keep_once(surface: Values, kept: set[str]) -> None:
+    """Give the row of a surface its digest; without its arrays, if a row of that digest is kept."""
+    arrays = {name: surface.pop(name) for name in ARRAYS}
+    surface[MESH] = mesh = blake2b(packed(arrays).encode(), digest_size=16).hexdigest()
+    if mesh not in kept:
+        kept.add(mesh)
+        surface |= arrays
 
 
 def packed(values: Values) -> str:
@@ -147,6 +159,23 @@ def events(told: Told, kind: type[T], bodies: Mapping[int, Body] = MappingProxyT
     return found
 
 
+def surfaces(told: Told) -> list[Surface]:
+    """Return the surfaces of meshes; those that are alike share their arrays.
+
+    Raises
+    ------
+    ValueError
+        If the rows are something else.
+    """
+    found, meshes = list[Surface](), dict[Any, Values]()
+    # In the order of steps, a row may come before the one that has its arrays.
+    for at, values in sorted(told[schema.SURFACES], key=lambda row: ARRAYS[0] not in row[1]):
+        arrays = meshes.get(mesh := values.get(MESH), {})
+        found += events({schema.SURFACES: [(at, {**arrays, **values})]}, Surface)
+        meshes[mesh] = {name: getattr(found[-1], name) for name in ARRAYS}
+    return found
+
+
 @cache
 def _reader(kind: type[T]) -> Callable[[Values, Mapping[int, Body]], T]:
     """Return what makes an event from a row."""
@@ -195,7 +224,7 @@ def _schema(name: str, hint: Any, *, nested: bool) -> CoreSchema:  # noqa: ANN40
 
 
 def _array(name: str, kind: Any, value: Any) -> NDArray[Any]:  # noqa: ANN401 - a dtype, lists
-    read = np.array(value, kind)
+    read = np.asarray(value, kind)
     return read.reshape(SHAPES.get(name, read.shape))
 
 

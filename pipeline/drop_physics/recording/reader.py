@@ -49,7 +49,6 @@ from drop_physics.trace.events import (
     Settings,
     Site,
     SolverStop,
-    Surface,
     order,
 )
 from drop_physics.trace.history import Seen
@@ -275,7 +274,7 @@ def _seen(told: Told, sampled: RecordedSamples, closing: Properties) -> Seen:
     return Seen(
         bodies=bodies,
         appearances=appearances,
-        surfaces=json_rows.events(told, Surface),
+        surfaces=json_rows.surfaces(told),
         dynamics=json_rows.events(told, Dynamics, bodies),
         settings=json_rows.events(told, Settings),
         solvers=json_rows.events(told, SolverStop),

@@ -89,6 +89,7 @@ class Recorder:
         self.cameras: dict[str, int] = {}
         self._stepped = False
         self._entities: set[str] = set()
+        self._meshes: set[str] = set()
         self.drawing = Drawing(self.bodies, of_drop=of_drop)
         self._ends: dict[int, int] = {}
         """The last step of which each simulation has a sample, by client."""
@@ -233,6 +234,8 @@ class Recorder:
         if isinstance(event, Raised):
             self._commands.on_raised(event)
         entity, at, values = json_rows.row_of(event)
+        if isinstance(event, Surface):
+            json_rows.keep_once(values, self._meshes)
         text = json_rows.packed(values)
         self._told_rows.update(entity, at.step, at.call, text)
         yield from self._rows.add(entity, writer.times_of(at), text)
