@@ -518,6 +518,36 @@ def test_bodies_come_and_go_and_ids_are_used_again(plain: Plain) -> None:
     assert sorted(gone) == [20, 40, 60]
 
 
+def test_a_constraint_takes_the_entity_of_one_that_is_gone(bench: Bench) -> None:
+    text = """
+        p.connect(p.DIRECT)
+        bodies = [p.createMultiBody(1, -1, -1, [x, 0, 1]) for x in range(3)]
+        def hold(body, kind):
+            return p.createConstraint(body, -1, -1, -1, kind, [0] * 3, [0, 0, 0], [body, 0, 1])
+        lasting = hold(bodies[0], p.JOINT_FIXED)
+        for cycle in range(200):
+            p.setGravity(0, 0, -cycle)
+            kinds = (p.JOINT_FIXED, p.JOINT_POINT2POINT)[cycle % 3 == 0:]
+            held = [hold(body, kind) for body, kind in zip(bodies[1:], kinds)]
+            p.stepSimulation()
+            for each in held:
+                print(each, *p.getConstraintState(each))
+                p.removeConstraint(each)
+    """
+    _, printed = bench.record(bench.script("import pybullet as p" + textwrap.dedent(text)))
+    forces_n = {int(number): values for number, *values in map(str.split, printed.splitlines())}
+    recording = read(bench.out)
+    forces = recording.seen.sampled.piece(0, 1000).forces
+    lasting = (0, min(forces_n) - 1)
+    assert forces.keys() == {lasting, *((0, number) for number in forces_n)}
+    assert len(forces[lasting][0]) == 200
+    for number, values in forces_n.items():
+        _, recorded_n = forces[0, number]
+        assert recorded_n.tolist() == [[*map(float, values)]]
+    assert sum(each.startswith("constraints/") for each in recording.entities) == 3
+    assert bench.out.stat().st_size < 200 * 3000  # 5 kB of each as an entity of its own
+
+
 def test_a_body_that_is_made_and_removed_again_and_again_costs_what_is_new_of_it(
     bench: Bench,
 ) -> None:

@@ -117,7 +117,7 @@ HAPPENED = {
     schema.BODIES: "a body came, went, or looks different: its links, joints with axes, limits and "
     "frames, shapes, collision shapes and hulls, what its file asks for",
     schema.SURFACES: "a body came with a mesh that is held as its convex hull and is hollow: the "
-    "surface of its file",
+    "surface of its file; of those that are alike, the first has the arrays, the others its digest",
     schema.DYNAMICS: "what the engine reports of a body's links: mass, inertia, friction …",
     schema.SETTINGS: "what the engine reports of itself: timestep, gravity, solver …",
     schema.SET: "where a call placed a body between two steps, unless it was there already, to "
@@ -144,7 +144,8 @@ SAMPLED = {
     "positions; beside them `velocity` and `torque`",
     f"{schema.JOINTS}/BODY/{schema.LIMIT}": "likewise the largest effort of each motor; beside it "
     "`mode` (0 velocity, 1 torque, 2 position, 3 PD), `kp` and `kd`",
-    f"{schema.CONSTRAINTS}/CLIENT_ID": "the forces of a constraint [N] or [N m], a row per step",
+    f"{schema.CONSTRAINTS}/CLIENT_ID": "the forces of a constraint [N] or [N m], a row per step, "
+    "and of others like it after it was removed, each with its id as `constraint`",
     f"{schema.CONTROLS}/CLIENT": "what actuators were given in the steps that led to a sample, a "
     "row where that changes; of MuJoCo",
     f"{schema.IMPULSES}/CLIENT": "what acted in the step that led to a sample, of MuJoCo: lists of "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -150,9 +151,10 @@ class Constraints:
         """Return the constraints of a simulation as they were told last."""
         return [told[-1] for (of, _), told in self._told.items() if of == client]
 
-    def on_body(self, body: int) -> int:
-        """Return how many constraints hold a body."""
-        return sum(body in told[-1].bodies for told in self._told.values())
+    def is_only_one_on(self, body: int) -> bool:
+        """Return whether a single constraint holds a body."""
+        holds = (True for told in self._told.values() if body in told[-1].bodies)
+        return len([*islice(holds, 2)]) == 1
 
     def gears(self, body: int) -> bool:
         """Return whether a gear holds a body, or did in the latest piece."""

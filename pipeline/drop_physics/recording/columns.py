@@ -84,6 +84,8 @@ def told(chunk: Chunk, path: Path) -> Iterator[tuple[At, str]]:
 def series(chunk: Chunk, path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
     """Return steps and values, of shape (n,) and (n, k); None of a chunk that names the series.
 
+    Behind a constraint's forces is its id, where the chunk has it.
+
     Raises
     ------
     RecordingError
@@ -97,7 +99,37 @@ def series(chunk: Chunk, path: Path) -> tuple[NDArray[np.int64], NDArray[np.floa
     if flat.null_count or len(set(lengths.tolist())) > 1:
         what = Message("{entity} must hold equally many numbers in each row", entity=chunk.entity)
         raise damaged(path, what)
-    return steps, flat.to_numpy().reshape(len(steps), -1).copy()
+    values = flat.to_numpy().reshape(len(steps), -1).copy()
+    if chunk.batch.schema.get_field_index(schema.CONSTRAINT) >= 0:
+        lists = _column(chunk, schema.CONSTRAINT, _is_list_of(pa.types.is_float64), path)
+        ids = _flat(lists, 1)
+        if ids is None or ids.null_count:
+            raise damaged(path, wrong_count(chunk.entity, 1, schema.CONSTRAINT))
+        values = np.column_stack((values, ids.to_numpy()))
+    return steps, values
+
+
+def forces(
+    chunk: Chunk, path: Path
+) -> Iterator[tuple[int, NDArray[np.int64], NDArray[np.float64]]]:
+    """Yield ids of constraints, steps and forces, of shape (n,) and (n, k), from a chunk of them.
+
+    Raises
+    ------
+    RecordingError
+        If a chunk holds anything else.
+    """
+    read = series(chunk, path)
+    if read is None:
+        return
+    steps, values = read
+    if chunk.batch.schema.get_field_index(schema.CONSTRAINT) < 0:  # as it was before
+        yield int(chunk.entity.rpartition("_")[2]), steps, values
+        return
+    order = np.argsort(values[:, -1], kind="stable")
+    ids, firsts = np.unique(values[order, -1], return_index=True)
+    for number, rows in zip(ids.tolist(), np.split(order, firsts[1:]), strict=True):
+        yield int(number), steps[rows], values[rows, :-1]
 
 
 def calls(chunk: Chunk, path: Path) -> Calls:

@@ -51,8 +51,8 @@ from drop_physics.trace.states import Rows
 ROWS_TOGETHER = 1024
 """Rows that are held until they become chunks."""
 MANY, SHORT, SOON_S = 64, 64, 1.0
-"""Once bodies came and went more often than that, batches of fewer steps are held, for so long [s],
-until they become chunks together: a chunk takes 1 kB and 1 ms, whatever it holds."""
+"""After so many batches of fewer steps, the next ones are held, for so long [s], until they become
+chunks together: a chunk takes 1 kB and 1 ms, whatever it holds."""
 LONGEST, MOST_NOTES = 1000, 10
 """Characters of a text, and notes, that are kept in a property."""
 
@@ -102,7 +102,9 @@ class Recorder:
         self._calls = Gathering(_calls_chunk, most=ROWS_TOGETHER)
         self._tables = {each: Gathering(_table_chunk, most=ROWS_TOGETHER) for each in schema.TABLES}
         self._series = Gathering(_series_chunk, most=ROWS_TOGETHER)
-        self._came_or_went = 0
+        self._slots: dict[int, dict[tuple[int, int], int]] = {}
+        """The slots of constraints in each simulation, by id and count of a force's numbers."""
+        self._short = 0
         self._held_since_s: float | None = None
         """Since when a batch is held; None if none is."""
         self._digests: dict[int, list[tuple[int, bytes]]] = {}
@@ -226,7 +228,6 @@ class Recorder:
         if isinstance(event, Site):
             self.sites[event.number] = event
         if isinstance(event, Appearance):
-            self._came_or_went += event.came or not event.there
             if event.body.number not in self.bodies:
                 yield from self._names_of_joints(event.body)
             self.bodies[event.body.number] = event.body
@@ -264,8 +265,10 @@ class Recorder:
             for name in schema.OF_JOINTS:
                 entity = f"{schema.JOINTS}/{self.bodies[number].label}/{name}"
                 self._add_series(entity, at, getattr(joints, name))
-        for number, forces in seen.constraints.items():
-            self._add_series(f"{schema.CONSTRAINTS}/{seen.client}_{number}", at, forces)
+        for number, slot in self._slots_of(seen).items():
+            forces = seen.constraints[number]
+            rows = np.column_stack((forces, np.full(len(forces), number)))
+            self._add_series(f"{schema.CONSTRAINTS}/{seen.client}_{slot}", at, rows)
         states = rows_of_bases(seen)
         self._made.tables[schema.STATES.entity].update(states)
         if len(states):
@@ -278,9 +281,28 @@ class Recorder:
         if self.drawn:
             yield from self.drawing.on_samples(seen)
 
+    def _slots_of(self, seen: Samples) -> dict[int, int]:
+        """Return the slot of each constraint by id: its own, or that of one like it that is gone.
+
+        Rerun holds 25 kB of each entity until the file is finished.
+        """
+        slots = self._slots.setdefault(seen.client, {})
+        there = {(number, forces.shape[1]) for number, forces in seen.constraints.items()}
+        gone = sorted(slots.keys() - there)
+        for new in sorted(there - slots.keys()):
+            free = next((each for each in gone if each[1] == new[1]), None)
+            if free is not None:
+                gone.remove(free)
+                slots[new] = slots.pop(free)
+            else:
+                used = set(slots.values())
+                slots[new] = next(each for each in itertools.count(new[0]) if each not in used)
+        return {each[0]: slots[each] for each in sorted(there)}
+
     def _is_held(self, steps: int) -> bool:
         """Return whether a batch of so many steps waits for others."""
-        if self._came_or_went <= MANY or steps >= SHORT:
+        self._short += steps < SHORT
+        if self._short <= MANY or steps >= SHORT:
             return False
         now_s = time.monotonic()
         if self._held_since_s is None:
@@ -384,7 +406,10 @@ def _table_chunk(entity: str, at: Times, parts: list[Rows]) -> Chunk:
 
 
 def _series_chunk(entity: str, at: Times, parts: list[NDArray[np.float64]]) -> Chunk:
-    return writer.scalars_chunk(entity, at, np.concatenate(parts))
+    values = np.concatenate(parts)
+    if not entity.startswith(f"{schema.CONSTRAINTS}/"):
+        return writer.scalars_chunk(entity, at, values)
+    return writer.scalars_chunk(entity, at, values[:, :-1], {schema.CONSTRAINT: values[:, -1]})
 
 
 def _calls_chunk(_: str, __: Times, parts: list[tuple[Calls, NDArray[np.int64]]]) -> Chunk:

@@ -129,7 +129,8 @@ class RecordedSamples:
         if self.partial and schema.STATES.entity in self.entities:
             newest = max(self.entities[schema.STATES.entity].last)
             contacts = contacts[contacts["step"] <= newest]
-        joints, forces = {}, {}
+        joints = {}
+        forces: dict[tuple[int, int], list[tuple[Int64, Float64]]] = {}
         for label, number in self.numbers.items():
             held = [
                 self.series(f"{schema.JOINTS}/{label}/{name}", first, end)
@@ -143,14 +144,16 @@ class RecordedSamples:
                 joints[number] = Joints(steps, nowhere, position, velocity, effort)
         for entity in self.entities:
             if entity.startswith(f"{schema.CONSTRAINTS}/"):
-                client, _, constraint = entity.rpartition("/")[2].partition("_")
-                forces[int(client), int(constraint)] = self.series(entity, first, end)
+                client = int(entity.rpartition("/")[2].partition("_")[0])
+                for chunk in self.chunks(entity, first, end):
+                    for number, steps, values in columns.forces(chunk, self.path):
+                        forces.setdefault((client, number), []).append((steps, values))
         return Piece(
             first,
             end,
             bases,
             joints,
-            forces,
+            {each: _joined(parts, first, end) for each, parts in forces.items()},
             contacts,
             self.calls(first, end),
             impulses=self._impulses(first, end),
@@ -190,24 +193,28 @@ class RecordedSamples:
     def series(self, entity: str, first: int, end: int) -> tuple[Int64, Float64]:
         """Return steps and values of series, in step order."""
         parts = [columns.series(each, self.path) for each in self.chunks(entity, first, end)]
-        read = [part for part in parts if part is not None]
-        if not read:
-            return np.empty(0, np.int64), np.empty((0, 0))
-        steps = np.concatenate([steps for steps, _ in read])
-        # An id that is used again may be that of a constraint with other forces.
-        widest = max(values.shape[1] for _, values in read)
-        values = np.concatenate(
-            [
-                np.pad(values, ((0, 0), (0, widest - values.shape[1])), constant_values=np.nan)
-                for _, values in read
-            ]
-        )
-        order = np.argsort(steps, kind="stable")
-        order = order[(steps[order] >= first) & (steps[order] < end)]
-        return steps[order], values[order]
+        return _joined([part for part in parts if part is not None], first, end)
 
     def calls(self, first: int, end: int) -> Log:
         """Return the calls after so many steps, and before so many."""
         chunks = self.chunks(schema.CALLS, first, end)
         read = [columns.calls(chunk, self.path) for chunk in chunks]
         return Log(read, self.sites, self.raised, self.appearances).between(first, end)
+
+
+def _joined(parts: list[tuple[Int64, Float64]], first: int, end: int) -> tuple[Int64, Float64]:
+    """Return steps from `first` to before `end`, in order, and their values."""
+    if not parts:
+        return np.empty(0, np.int64), np.empty((0, 0))
+    steps = np.concatenate([steps for steps, _ in parts])
+    # An id that is used again may be that of a constraint with other forces.
+    widest = max(values.shape[1] for _, values in parts)
+    values = np.concatenate(
+        [
+            np.pad(values, ((0, 0), (0, widest - values.shape[1])), constant_values=np.nan)
+            for _, values in parts
+        ]
+    )
+    order = np.argsort(steps, kind="stable")
+    order = order[(steps[order] >= first) & (steps[order] < end)]
+    return steps[order], values[order]

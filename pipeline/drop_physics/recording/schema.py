@@ -81,6 +81,8 @@ TARGET, LIMIT = "target", "limit"
 """Rows when a call changes one, beside them: targets, with target velocities and torques; largest
 forces of motors, with modes and gains."""
 CONSTRAINTS = "constraints"
+CONSTRAINT = "constraint"
+"""The component with a constraint's id: others may use its entity when it is gone."""
 """Each constraint's forces lie below it, by the engine's id: a row per step."""
 
 CONTROLS = "controls"

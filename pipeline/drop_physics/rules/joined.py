@@ -118,7 +118,7 @@ def _touched(joined: ConstraintColumns) -> NDArray[np.int64]:
 def _weight_n(joined: ConstraintColumns) -> float:
     """Return the weight of what is held along its main axis; 0 if it hangs not here alone."""
     scene, moving = joined.scene, [each for each in joined.bodies if each.base_moves]
-    if len(moving) != 1 or scene.constraints.on_body(moving[0].number) != 1:
+    if len(moving) != 1 or not scene.constraints.is_only_one_on(moving[0].number):
         return 0.0
     weights_n = [
         np.abs(steps.law.tree.masses_kg.sum() * steps.reported.gravity_m_s2[-1]).max()
