@@ -13,7 +13,7 @@ from drop_physics.rules.codes import CODES
 from drop_physics.rules.reference import PLACEHOLDER, references
 from drop_physics.rules.rule import RULES
 from drop_physics.rules.thresholds import BEYOND_RANGE
-from drop_physics.stages.explain import explain
+from drop_physics.stages.explain import CodeManual, explain
 
 Drop = Callable[..., "CompletedProcess[str]"]
 
@@ -48,6 +48,17 @@ def test_thresholds_messages_and_cure_are_those_of_the_rule() -> None:
     assert not any(PLACEHOLDER.search(text) for text in (*made.says, *made.advises))
     apart, weak = (references()[code] for code in ("constraint-apart", "weak-constraint"))
     assert not {*apart.says} & {*weak.says}
+
+
+def test_what_a_rule_only_proposes_is_to_try() -> None:
+    for rule in RULES:
+        (made,) = explain(rule.code).codes
+        assert made.proposes or not rule.proposes
+    (free,) = explain("free-base").codes
+    assert (free.advises, free.proposes) == ([], ["load it with p.loadURDF(…, useFixedBase=True)"])
+    assert "to try      load it with" in str(CodeManual([free]))
+    (weak,) = explain("default-motor").codes
+    assert (bool(weak.advises), weak.proposes) == (True, [])
 
 
 def test_an_example_is_a_line_of_a_script_that_there_is() -> None:

@@ -40,6 +40,7 @@ from drop_physics.experiments.shares import Coordinate, shares_of
 from drop_physics.experiments.verdicts import Outcome, judged, moved
 from drop_physics.recording.layer_file import trials_of
 from drop_physics.recording.reader import read
+from drop_physics.report.annotations import github_of, sarif_of
 from drop_physics.report.html import CURVES, html_of
 from drop_physics.rules.answer import Effect, Finding
 from drop_physics.stages import parting
@@ -152,6 +153,32 @@ def test_an_analysis_shows_the_verdicts_of_trials_beside_its_recording(held: Why
         beside.write_text(broken)
         assert all(each.verdict is None for each in analyze(held.recording).findings)
     beside.write_text(kept)
+
+
+def test_what_nothing_proves_is_to_be_tried_until_a_trial_has_shown_it(held: Why) -> None:
+    (weak,) = [each for each in held.findings if each.finding.code == "weak-constraint"]
+    assert weak.finding.cure is not None
+    proposed = replace(weak.finding, proposed=True, tried=())
+    own = {"name": weak.finding.cure.name, "call": "maxForce=30", "value": weak.finding.cure.value}
+    assert proposed.advised == f"to try: {weak.finding.advice}"
+    for verdicts, advised in (
+        (["untried"], proposed.advised),
+        (["void"], proposed.advised),
+        (["cured"], weak.finding.advice),
+        (["refuted"], None),
+        (["refuted", "part"], weak.finding.advice),  # of two bodies, say
+    ):
+        shown = replace(proposed, tried=tuple({**own, "verdict": each} for each in verdicts))
+        assert shown.advised == advised, verdicts
+    # Another trial, as `--try` asks for it, shows nothing of the advice.
+    asked = {**own, "value": 1.0, "verdict": "refuted"}
+    assert replace(weak.finding, tried=(asked,)).advised == weak.finding.advice
+    assert replace(weak.finding, tried=({**own, "verdict": "refuted"},)).advised is None
+    # All that shows findings shows it so.
+    shown = replace(analyze(held.recording), findings=[proposed])
+    page = "".join(html_of(shown.report()))
+    texts = str(shown), page, shown.markdown(), github_of(shown), sarif_of(shown)
+    assert all("to try: give it more" in text for text in texts)
 
 
 def test_the_best_trial_is_filmed_beside_the_scripts_own_run(

@@ -18,6 +18,8 @@ from generators.typed import ROOT
 
 DOCS = ROOT / "docs"
 BEGIN, END = "<!-- codes: made by docs/regenerate.py -->\n", "<!-- codes end -->\n"
+TRIED = " *To try.*"
+"""What is said of a code whose rules only propose what changes it."""
 INDENT, WIDTH = 3, 80
 """Columns before the text of a finding, and of a line."""
 SECTION = re.compile(r"^### (.+?)\n(.*?)(?=^##|\Z)", re.MULTILINE | re.DOTALL)
@@ -32,7 +34,7 @@ def made() -> dict[str, str]:
     texts = gathered()
     codes = {name: reference_from(name, each) for name, each in texts.items()}
     rows = [
-        f"| `{each.code}` | {each.level or ''} | {each.meaning} |"
+        f"| `{each.code}` | {each.level or ''} | {each.meaning}{TRIED * _proposes(each)} |"
         for each in codes.values()
         if each.reason_of is None
     ]
@@ -46,6 +48,10 @@ def made() -> dict[str, str]:
         "why.md": f"{head}{BEGIN}{table}{END}{rest.split(END)[1]}",
         file: f"{json.dumps(held, indent=1, ensure_ascii=False)}\n",
     }
+
+
+def _proposes(code: CodeReference) -> bool:
+    return bool(code.proposes) or any(proposed for _, _, proposed in code.cures)
 
 
 def _examples(page: str, codes: dict[str, CodeReference]) -> dict[str, dict[str, str | None]]:
@@ -90,9 +96,9 @@ def _texts(lines: list[str]) -> list[str]:
 
 def _parted(text: str, code: CodeReference) -> tuple[str, str | None]:
     """Return message and advice where the lines do not show it: it is one of those of its code."""
-    advises = [each for each in code.advises if not each.startswith("…")]
+    advises = [each for each in [*code.advises, *code.proposes] if not each.startswith("…")]
     forms = (".+".join(map(re.escape, each.split("…"))) for each in advises)
     for form in (*forms, r"p\.\w+\(…, .*"):
-        if found := re.search(f" ({form})$", text):
+        if found := re.search(f" ((?:to try: )?{form})$", text):
             return text[: found.start()], found[1]
     return text, None

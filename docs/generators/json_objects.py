@@ -107,7 +107,7 @@ CONTRACT: dict[type, set[str]] = {
     answer.Effect: {"value", "unit"},
     answer.Finding: {
         "reason",
-        "cure",
+        "cure", "proposed",
         "code", "level", "message", "advice", "body", "bodies", "joint", "with", "effect", "share",
         "steps", "site", "verdict", "tried",
     },

@@ -51,7 +51,7 @@ def gathered() -> dict[str, Texts]:
     """Return what is told of each code and reason, by their names."""
     made: dict[str, Texts] = {
         name: {"reason_of": None, "level": None}
-        | {key: [] for key in ("measured", "thresholds", "says", "advises", "cures")}
+        | {key: [] for key in ("measured", "thresholds", "says", "advises", "proposes", "cures")}
         for name in CODES
     }
     for room in ROOMS:
@@ -133,6 +133,7 @@ def _add(known: Texts, parts: list[ast.stmt], limits: set[str], level: str | Non
     names = {node.id for each in parts for node in ast.walk(each) if isinstance(node, ast.Name)}
     engine = MUJOCO if "MUJOCOS" in names else PYBULLET
     cures: list[Texts] = []
+    proposed = _proposes(parts)
     for node in [inner for each in parts for inner in ast.walk(each)]:
         match node:
             case ast.keyword(arg=name, value=value) if name in ADVISES:
@@ -140,19 +141,25 @@ def _add(known: Texts, parts: list[ast.stmt], limits: set[str], level: str | Non
             case ast.Assign(targets=[ast.Name(id=name)], value=value) if name in ADVISES:
                 advised += _messages(value)
         if isinstance(node, ast.Call) and _name(node.func) == "Cure":
-            cures.append({"engine": engine, **_cure(node)})
+            cures.append({"engine": engine, "proposed": proposed, **_cure(node)})
     said = [text for each in parts for text in _messages(each) if text not in advised]
     told: dict[str, list[Any]] = {
         "measured": [each for each in first if not each.startswith(("Return", "Yield"))],
         "thresholds": [each for name, each in THRESHOLDS.items() if name in names & limits],
         "says": [text for text in said if len(blanked(text)) > LEAST],
-        "advises": advised,
+        "proposes" if proposed else "advises": advised,
         "cures": cures,
     }
     for key, each in told.items():
         known[key] += [one for one in each if one and one not in known[key]]
     rated = [each for each in (known["level"], level) if each in LEVELS]
     known["level"] = min(rated, key=LEVELS.index, default=None)
+
+
+def _proposes(parts: list[ast.stmt]) -> bool:
+    """Return whether what a rule advises is only to be tried."""
+    keywords = [node for each in parts for node in ast.walk(each) if isinstance(node, ast.keyword)]
+    return any(each.arg in ("proposes", "proposed") for each in keywords)
 
 
 def _cure(call: ast.Call) -> Texts:

@@ -219,9 +219,3 @@ def flips(driven: Driven) -> Flags:
     position = rings_with(kp, kd) & (driven.asked.mode == POSITION) & (kp + kd > 2)
     velocity = (driven.asked.mode == VELOCITY) | (driven.asked.mode == POSITION)
     return np.asarray((position | velocity & (kd > 1)) & (driven.asked.pd != 1))
-
-
-def grows_with(kp: Float64, kd: Float64) -> Flags:
-    """Return whether a root is of magnitude 1 or more: Jury's criterion of these roots."""
-    middle, last = kp + kd - 2, 1 - kd
-    return np.asarray((kp > 0) & ((np.abs(last) >= 1) & (kd > 0) | (1 - middle + last <= 0)))

@@ -54,7 +54,7 @@ def _escaped(text: str) -> str:
 
 
 def _text(finding: Finding) -> str:
-    return "\n".join(map(str, filter(None, (finding.told, finding.advice))))
+    return "\n".join(map(str, filter(None, (finding.told, finding.advised))))
 
 
 def _place(finding: Finding, analysis: Analysis) -> tuple[str | None, int | None]:

@@ -47,6 +47,7 @@ def _rows(one: CodeReference) -> list[Fact]:
         (Message("says"), one.says),
         (Message("example"), [*filter(None, shown)]),
         (Message("cure"), one.advises),
+        (Message("to try"), one.proposes),
     ):
         rows += [Fact("" if number else title, text) for number, text in enumerate(texts)]
     return rows

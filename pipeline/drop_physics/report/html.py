@@ -113,8 +113,8 @@ def _listed(findings: Sequence[Finding], first: int, sources: Mapping[str, Path]
     yield f'<ol class="findings" start="{first}">'
     for finding in findings:
         yield f'<li class="{finding.level}"><p><b>{_said(finding.told)}</b></p>'
-        if finding.advice is not None:
-            yield f'<p class="advice">{_said(finding.advice)}</p>'
+        if (advised := finding.advised) is not None:
+            yield f'<p class="advice">{_said(advised)}</p>'
         yield from (f"<p>{_said(each)}</p>" for each in trials_of(finding))
         yield f'<p class="code">{_said(finding.code)}{_site(finding)}</p>'
         yield from _source(finding, sources)

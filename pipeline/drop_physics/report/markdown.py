@@ -97,9 +97,10 @@ def _(found: FindingList, say: Say) -> Iterator[str]:
         about = f" ({finding.body})" if finding.body else ""
         site = f" at `{finding.site}`" if finding.site else ""
         # Two spaces end a line.
-        end = "  " if finding.advice else ""
+        advised = finding.advised
+        end = "  " if advised else ""
         yield f"- **{finding.code}**{about}{site}: {say(finding.message)}{end}"
-        if finding.advice:
-            yield f"  *{say(finding.advice)}*"
+        if advised:
+            yield f"  *{say(advised)}*"
         yield from (f"  {say(each)}" for each in trials_of(finding))
         yield ""

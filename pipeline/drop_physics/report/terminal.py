@@ -299,7 +299,8 @@ def _finding(number: int, finding: Finding) -> Iterator[str]:
     style = "bold red" if finding.level == "broken" else "bold"
     room = width() - NUMBER
     message = wrapped(translated(finding.told), room)
-    advice = [] if finding.advice is None else wrapped(translated(finding.advice), room)
+    advised = finding.advised
+    advice = [] if advised is None else wrapped(translated(advised), room)
     first, *rest = message
     # Alone on its line, as linters write it: terminals and editors open that.
     lines = [f"[cyan]{escape(finding.site)}[/]"] if finding.site else []

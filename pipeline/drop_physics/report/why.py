@@ -7,7 +7,7 @@ X by so much.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -137,7 +137,9 @@ def report_of(why: Why, *, every: bool = False) -> Report:
 
 def _proved(number: int, proved: Proved, sources: Mapping[str, Path]) -> Iterator[Block]:
     """Yield a finding, and a line for each of its trials, the best first."""
-    yield FindingList([proved.finding], 1, sources=sources, first=number)
+    shown = replace(proved.finding, tried=tuple(map(_json_of_trial, proved.tried)))
+    finding = replace(proved.finding, advice=shown.advised, proposed=False)
+    yield FindingList([finding], 1, sources=sources, first=number)
     tried = sorted(proved.tried, key=lambda each: VERDICTS.index(each.verdict))
     if not tried:
         yield Words(Message("not tried: no change can switch this off"), "dim", margin=MARGIN)

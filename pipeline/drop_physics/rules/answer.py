@@ -82,6 +82,9 @@ class Finding:
     """What was seen, with numbers, and why."""
     advice: str | None = None
     """The call that changes it."""
+    proposed: bool = False
+    """Whether the advice is only to be tried: neither the sum of impulses nor a call proves that
+    what it changes is the cause. `drop why` tries it."""
     cure: Cure | None = None
     """The same as an intervention that can be tried; null where no call changes it."""
     body: str | None = None
@@ -120,6 +123,19 @@ class Finding:
             return self.said
         others = counted(self.bodies - 1, "other body", "other bodies")
         return Message("{text}; the same holds for {others}", text=self.said, others=others)
+
+    @property
+    def advised(self) -> str | None:
+        """The advice as it is said: a proposal to be tried; None of what a trial has refuted."""
+        same = self.cure and (self.cure.name, self.cure.value)
+        shown = {
+            each["verdict"] for each in self.tried if (each["name"], each.get("value")) == same
+        }
+        if self.advice is None or shown == {"refuted"}:
+            return None
+        if not self.proposed or shown & {"cured", "part"}:
+            return self.advice
+        return Message("to try: {advice}", advice=self.advice)
 
     @property
     def rank(self) -> tuple[int, float]:

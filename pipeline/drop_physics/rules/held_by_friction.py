@@ -83,7 +83,13 @@ def _(worst: Worst) -> Said:
 
 
 @body_rule(
-    "creeps", "model", least_count=CREEPS_STEPS, consecutive=True, subject=1, engines=MUJOCOS
+    "creeps",
+    "model",
+    least_count=CREEPS_STEPS,
+    consecutive=True,
+    subject=1,
+    engines=MUJOCOS,
+    proposes=True,
 )
 def gives_way(bodies: BodyColumns) -> Match | None:
     """Friction below its limit is a damper: what hangs on it moves, however much of it there is."""
@@ -101,7 +107,7 @@ def _(runs: Runs, _: Scene) -> Float64:
 @gives_way.says
 def _(worst: Worst) -> Said:
     went_m, settings = _went(worst), worst.scene.seen.settings[-1].values
-    advice = Message('{call} slows it some ten times, noslip_iterations="5" stops it')
+    advice = Message('{call}, or noslip_iterations="5"')
     return Said(
         message=Message(
             "{body} creeps {moved:.3g} mm on {on} in {time:.3g} s, {speed:.3g} mm/s, with "

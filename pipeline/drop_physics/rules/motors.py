@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.commands import DEFAULT
-from drop_physics.explain.targets import flips, grows_with, rings_with
+from drop_physics.explain.targets import flips, rings_with
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.joint import distance, effort
@@ -81,63 +81,41 @@ def _(worst: Worst) -> Said:
     )
 
 
-@joint_rule("motor-gain", "asked", least_count=CROSSINGS)
+@joint_rule("motor-gain", "asked", least_count=CROSSINGS, proposes=True)
 def motor_gain(joints: JointColumns) -> Match:
-    """Off its limit a motor leaves gaps e with e' = (2 - kp - kd) e - (1 - kd) e_before."""
-    kp, kd = joints.kp, joints.kd
+    """A joint passes its target, or turns around, time and again, and its gains can do that.
+
+    Off its limit a motor leaves gaps e with e' = (2 - kp - kd) e - (1 - kd) e_before.
+    """
+    kp, kd, at_place = joints.kp, joints.kd, joints.position_motor
     before, after = joints.before - joints.target, joints.after - joints.target
-    grows = grows_with(kp, kd)
-    # At its limit a motor does not follow its gains, unless they are why it is there.
-    free = ~joints.at_limit | grows
     visible = np.maximum(np.abs(before), np.abs(after)) > joints.at_target
-    rings = rings_with(kp, kd) & np.isfinite(kp + kd)
-    passed = joints.position_motor & rings & free & visible & (before * after < 0)
+    passed = at_place & rings_with(kp, kd) & visible & (before * after < 0)
     # A velocityGain alone turns the rate around, wherever the joint is.
     rates = np.minimum(np.abs(joints.rate_before), np.abs(joints.rate))
     turned = (joints.rate_before * joints.rate < 0) & (rates > COASTS_RAD_S)
-    turned &= flips(joints.driven) & joints.motor & np.isfinite(kd)
-    turned &= np.where(joints.position_motor, grows & np.isfinite(kp), kd >= 2)
-    size = np.where(joints.position_motor, np.abs(after), np.abs(joints.rate))
-    numbers = {"kp": kp, "kd": kd, "turned": turned & ~passed, "at_place": joints.position_motor}
-    return Match(passed | turned, size, numbers)
+    turned &= flips(joints.driven) & joints.motor
+    off = np.where(at_place, after, joints.rate - joints.target_velocity)
+    numbers = {"kp": kp, "kd": kd, "at_place": at_place}
+    return Match((passed | turned) & np.isfinite(kp + kd), np.abs(off), numbers)
 
 
 @motor_gain.says
 def _(worst: Worst) -> Said:
-    kp, kd, unit = worst.kp, worst.kd, worst.unit if worst.at_place else f"{worst.unit}/s"
-    half, last = (kp + kd - 2, 1 - kd) if worst.at_place else (kd - 1, 0.0)
-    left = float(np.abs(np.roots([1, half, last])).max())
-    each = Message("each step leaves {left:.2g} of the gap on the other side", left=left)
-    if left >= 1:
-        each = Message("each step makes the gap {left:.4g} times as large", left=left)
-    elif half**2 < 4 * last:
-        each = Message("a swing keeps {left:.2g} of its size from step to step", left=left)
+    unit = worst.unit if worst.at_place else f"{worst.unit}/s"
     site = worst.scene.joints.site(worst.site)
     given = [] if site is None else [name.removesuffix("s") for name in site.places]
-    usual = {"positionGain": (kp, 0.1), "velocityGain": (kd, 1.0)}
+    usual = {"positionGain": (worst.kp, 0.1), "velocityGain": (worst.kd, 1.0)}
     # What no call gave is PyBullet's own, and is not changed.
     gains = {name: each for name, each in usual.items() if name in given} or usual
-    if not worst.at_place:
-        message = Message(
-            "{joint} turns around with every step, at up to {off}: gains are shares per step, and "
-            "with {gains} {each}"
-        )
-    elif not worst.turned:
-        message = Message(
-            "{joint} shakes about its target, by up to {off}: gains are shares per step, and with "
-            "{gains} {each}"
-        )
-    else:
-        message = Message(
-            "{joint} turns around with every step, {off} off its target: gains are shares per "
-            "step, and with {gains} {each}"
-        )
     return Said(
-        message=message,
+        message=Message(
+            "{joint} shakes, up to {off} off its target, with {gains}: gains are shares of the gap "
+            "per step"
+        ),
         values={
             "off": distance(worst.size, unit),
             "gains": ", ".join(f"{name}={now:.4g}" for name, (now, _) in gains.items()),
-            "each": each,
         },
         cure=Cure("gains", worst.joint, given={name: to for name, (_, to) in gains.items()}),
         effect=Effect(worst.size, unit),

@@ -147,7 +147,7 @@ class OtherInertia:
     """What set a mass, and so computed an inertia anew."""
 
 
-@body_rule("inertia-from-shape", "model", subject=1)
+@body_rule("inertia-from-shape", "model", subject=1, proposes=True)
 def inertia_from_shape(bodies: BodyColumns) -> Match | None:
     """PyBullet computes inertias from shapes; the file's would change how something turns."""
     scene, size = bodies.scene, bodies.law.tree.size

@@ -31,7 +31,7 @@ PLACES = "linkIndex", "jointIndex", "jointIndices"
 """Arguments that say where they act."""
 
 
-@input_rule("push-lasted-a-step", "note")
+@input_rule("push-lasted-a-step", "note", proposes=True)
 def push_lasted_a_step(inputs: Inputs) -> Iterator[Said]:
     """A force or torque from a call acts in the next step, and then is gone."""
     alike: defaultdict[tuple[int, Act], list[Use]] = defaultdict(list)
@@ -105,7 +105,7 @@ def _came_to_nothing(inputs: Inputs, number: int) -> bool:
 # -- force-off-centre -----------------------------------------------------------------------------
 
 
-@body_rule("force-off-centre", "asked", subject=1)
+@body_rule("force-off-centre", "asked", subject=1, proposes=True)
 def force_off_centre(bodies: BodyColumns) -> Match | None:
     """A point of the world is given in the body's frame, or one of the body in the world's."""
     tree, pushes = bodies.law.tree, bodies.reported.applied

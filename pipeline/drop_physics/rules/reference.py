@@ -88,10 +88,13 @@ class CodeReference:
     """What a finding says; … is a number or a name."""
     advises: list[str] = field(default_factory=list)
     """What changes it."""
+    proposes: list[str] = field(default_factory=list)
+    """What is to be tried, where nothing proves that it changes it."""
     example: CodeExample | None = None
     """A script that shows it; null where the documentation has none."""
-    cures: tuple[tuple[str, Cure], ...] = field(default=(), metadata={"json": False})
-    """Those of its rules, and the engine that writes the call of each; nan where it depends."""
+    cures: tuple[tuple[str, Cure, bool], ...] = field(default=(), metadata={"json": False})
+    """Those of its rules, nan where a value depends; the engine that writes the call of each, and
+    whether it is to be tried."""
 
 
 def reference_of(name: str) -> CodeReference:
@@ -134,6 +137,7 @@ def reference_from(name: str, texts: Mapping[str, Any]) -> CodeReference:
         thresholds=[Limit(**{**each, "meaning": Message(each["meaning"])}) for each in limits],
         says=[blanked(each) for each in texts.get("says", ())],
         advises=[blanked(each) for each in texts.get("advises", ())],
+        proposes=[blanked(each) for each in texts.get("proposes", ())],
         example=CodeExample(**example) if example else None,
         cures=tuple(
             (
@@ -144,6 +148,7 @@ def reference_from(name: str, texts: Mapping[str, Any]) -> CodeReference:
                     form=each["form"],
                     given=dict.fromkeys(each["given"], math.nan),
                 ),
+                each["proposed"],
             )
             for each in cures
         ),

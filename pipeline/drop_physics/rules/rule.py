@@ -139,6 +139,8 @@ class Said:
     """What would change it, to be tried."""
     advice: Message | None = None
     """The advice, where the cure's call alone is not enough."""
+    proposed: bool | None = None
+    """Whether what is advised is only to be tried, where the rule does not say so for all."""
     effect: Effect | None = None
     share: float | None = None
     """The effect over what is normal for it; the size, if it is None."""
@@ -254,6 +256,8 @@ class Rule:
     """The argument of `changeDynamics` whose call is the cause."""
     engines: tuple[str, ...] = BULLETS
     """The engines whose words it has: it is asked of their recordings."""
+    proposes: bool = False
+    """Whether its advice is only to be tried: the message says what is seen, and no cause."""
     sizes: Callable[[Runs, Scene], Float64] = every_run
     words: Callable[[Worst], Said | None] = lambda _: None
 
@@ -287,33 +291,31 @@ class Rule:
             reason=said.reason or self.reason,
             subject=None if self.subject == 0 else worst.subject,
         )
-        return finding_of(self.code, self.level, said, worst.scene, worst)
+        return self.finding_of(said, worst.scene, worst)
 
-
-def finding_of(
-    code: str, level: Level, said: Said, scene: Scene, worst: Worst | None = None
-) -> Finding:
-    """Return what a rule says as a finding: texts filled, the call of its cure written."""
-    cure, values, about = said.cure, said.values, worst or said
-    if cure is not None:
-        cure = replace(cure, call=cure.call or scene.call_of(cure))
-        values = {**values, "call": cure.call}
-    advice = said.advice or (cure and cure.call)
-    return Finding(
-        code=said.code or code,
-        level=said.level or level,
-        reason=said.reason,
-        message=filled(said.message, values, about),
-        advice=filled(advice, values, about) if advice else None,
-        cure=cure,
-        body=said.body,
-        joint=said.joint,
-        other=said.other,
-        effect=said.effect,
-        share=said.share or 0.0,
-        steps=said.steps,
-        site=said.site if said.call is None else site_of(said.call),
-    )
+    def finding_of(self, said: Said, scene: Scene, worst: Worst | None = None) -> Finding:
+        """Return what the rule says as a finding: texts filled, the call of its cure written."""
+        cure, values, about = said.cure, said.values, worst or said
+        if cure is not None:
+            cure = replace(cure, call=cure.call or scene.call_of(cure))
+            values = {**values, "call": cure.call}
+        advice = said.advice or (cure and cure.call)
+        return Finding(
+            code=said.code or self.code,
+            level=said.level or self.level,
+            reason=said.reason,
+            message=filled(said.message, values, about),
+            advice=filled(advice, values, about) if advice else None,
+            proposed=self.proposes if said.proposed is None else said.proposed,
+            cure=cure,
+            body=said.body,
+            joint=said.joint,
+            other=said.other,
+            effect=said.effect,
+            share=said.share or 0.0,
+            steps=said.steps,
+            site=said.site if said.call is None else site_of(said.call),
+        )
 
 
 PARTS = "joints", "targets", "actuators"
@@ -434,7 +436,7 @@ class Rules:
         for rule in [each for each in self._rules if each.table == "inputs"]:
             for said in rule.matches(self.scene.inputs):
                 said = replace(said, reason=said.reason or rule.reason)
-                yield finding_of(rule.code, rule.level, said, self.scene)
+                yield rule.finding_of(said, self.scene)
 
     @np.errstate(all="ignore")
     def _finding(self, rule: Rule, worst: Runs, among: int, joints: int) -> Finding | None:

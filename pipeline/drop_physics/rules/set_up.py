@@ -113,7 +113,7 @@ def no_gravity(inputs: Inputs) -> Iterator[Said]:
         )
 
 
-@input_rule("free-base", "model")
+@input_rule("free-base", "model", proposes=True)
 def free_base(inputs: Inputs) -> Iterator[Said]:
     """An arm that is loaded without `useFixedBase` stands on its base, and tips over."""
     for number, life in inputs.first_lives.items():

@@ -35,8 +35,11 @@ def explain(code: str | None = None, *, every: bool = False) -> CodeManual:
 
 def _with_calls(code: CodeReference) -> CodeReference:
     """Return what a code means with the calls that its cures come to."""
-    calls = [call_of(engine)(cure) for engine, cure in code.cures]
-    return replace(code, advises=[*dict.fromkeys([*code.advises, *map(_blanked, calls)])])
+    said = {False: [*code.advises], True: [*code.proposes]}
+    for engine, cure, proposed in code.cures:
+        said[proposed].append(_blanked(call_of(engine)(cure)))
+    advises, proposes = ([*dict.fromkeys(said[which])] for which in (False, True))
+    return replace(code, advises=advises, proposes=proposes)
 
 
 def _blanked(call: str) -> str:

@@ -51,8 +51,8 @@ def _verdict(analysis: Analysis) -> Iterator[str]:
         yield first
         if rest:
             yield rest
-        if finding.advice:
-            yield finding.advice
+        if finding.advised:
+            yield finding.advised
     yield Message(
         "{script}: {explained:,} of {of:,} samples explained, findings: {findings}",
         script=script,
