@@ -6,7 +6,8 @@ import subprocess
 import sys
 
 LAZILY = """
-import importlib, sys
+import ast, importlib, sys
+from pathlib import Path
 from drop_physics.loading import LAZY, load_less
 load_less()
 import numpy as np
@@ -20,7 +21,9 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.spatial import KDTree, distance
 for package in map(importlib.import_module, LAZY):
-    for name in {*package._homes} - {"*"}:
+    tree = ast.parse(Path(package.__file__).read_text())
+    own = [each for each in tree.body if isinstance(each, ast.ImportFrom) and each.level]
+    for name in {alias.asname or alias.name for each in own for alias in each.names} - {"*"}:
         getattr(package, name)
 assert rr.__version__ and rr.Scalars is importlib.import_module("rerun.archetypes.scalars").Scalars
 try:

@@ -13,7 +13,7 @@ import importlib
 import importlib.util
 import sys
 from collections.abc import Mapping, Sequence
-from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
+from importlib.machinery import PathFinder, SourceFileLoader
 from types import ModuleType
 from typing import Any
 
@@ -25,60 +25,43 @@ _RERUN = (
 LAZY: Mapping[str, Mapping[str, str]] = {
     "rerun": {},
     **{f"rerun.{name}": {} for name in _RERUN},
-    "scipy.spatial": {"ConvexHull": "_qhull", "QhullError": "_qhull"},
+    "scipy.spatial": {"ConvexHull": "._qhull", "QhullError": "._qhull"},
     "scipy.linalg": {},
 }
-"""Packages, and modules of theirs that define names which their `__init__` takes with a star."""
+"""Packages, and the modules of names that their `__init__` imports with a star."""
 
 
-class Lazy(ModuleType):
-    """A package that imports its modules one by one, when a name of theirs is asked for."""
+class LazyLoader(SourceFileLoader):
+    """Loads a package without what its `__init__` imports from the package's own modules."""
 
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - what the package has
-        held = self.__dict__
-        if name in held.get("_homes", {}):
-            home, its = held["_homes"][name]
-            module = importlib.import_module(home, self.__name__)
-            held[name] = module if its is None else getattr(module, its)
-        elif name.startswith("__"):
-            raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
-        elif importlib.util.find_spec(f".{name}", self.__name__) is not None:
-            importlib.import_module(f".{name}", self.__name__)
-        elif "_whole" in held:
-            held.pop("_whole").exec_module(self)
-        else:
-            raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
-        return getattr(self, name)
-
-
-class LazyLoader:
-    """Runs the `__init__` of a package without its imports from its own modules."""
-
-    def __init__(self, loader: SourceFileLoader) -> None:
-        self._loader = loader
-
-    def create_module(self, spec: ModuleSpec) -> ModuleType:
-        """Return the package, still empty."""
-        return Lazy(spec.name)
-
-    def exec_module(self, module: ModuleType) -> None:
-        """Fill the package: where names are, and what else its `__init__` does."""
-        name, loader = module.__name__, self._loader
-        tree = ast.parse(loader.get_data(loader.path))
-        homes: dict[str, tuple[str, str | None]] = {}
-        homes |= {each: (f".{home}", each) for each, home in LAZY[name].items()}
+    def exec_module(self, package: ModuleType) -> None:
+        """Run the rest of the `__init__`; a name of those is imported when it is asked for."""
+        tree, name = ast.parse(self.get_data(self.path)), package.__name__
         own = [each for each in tree.body if isinstance(each, ast.ImportFrom) and each.level]
-        for each in own:
-            home = "." * each.level + (each.module or "")
-            for alias in each.names:
-                its = (home, alias.name) if each.module else (home + alias.name, None)
-                homes.setdefault(alias.asname or alias.name, its)
-        module._homes = homes  # type: ignore[attr-defined]
-        if "*" in homes:  # what else it has is not known
-            module._whole = loader  # type: ignore[attr-defined]
-            return
-        tree.body = [each for each in tree.body if each not in own]
-        exec(compile(tree, loader.path, "exec", dont_inherit=True), module.__dict__)
+        homes = {each: (home, each) for each, home in LAZY[name].items()}
+        homes |= {
+            alias.asname or alias.name: ("." * each.level + (each.module or ""), alias.name)
+            for each in own
+            for alias in each.names
+        }
+
+        def found(asked: str) -> Any:  # noqa: ANN401 - what the package has
+            home, its = homes.get(asked, (".", asked))
+            if home.strip("."):
+                package.__dict__[asked] = getattr(importlib.import_module(home, name), its)
+            elif not asked.startswith("__") and importlib.util.find_spec(home + its, name):
+                package.__dict__[asked] = importlib.import_module(home + its, name)
+            elif "*" in homes and not asked.startswith("__"):
+                del package.__dict__["__getattr__"]
+                super(LazyLoader, self).exec_module(package)
+            else:
+                raise AttributeError(f"module {name!r} has no attribute {asked!r}")
+            return getattr(package, asked)
+
+        if "*" not in homes:  # else the rest may need what comes with it
+            tree.body = [each for each in tree.body if each not in own]
+            exec(compile(tree, self.path, "exec", dont_inherit=True), package.__dict__)
+        package.__dict__["__getattr__"] = found
 
 
 class LazyFinder:
@@ -90,7 +73,7 @@ class LazyFinder:
             raise ModuleNotFoundError(name, name=name)
         spec = PathFinder.find_spec(name, path) if name in LAZY else None
         if spec is not None and isinstance(spec.loader, SourceFileLoader):
-            spec.loader = LazyLoader(spec.loader)  # type: ignore[assignment]
+            spec.loader = LazyLoader(name, spec.loader.path)
         return spec
 
 
