@@ -100,7 +100,6 @@ def _samples(record: Record, bases: Rows | None, joints: Joints | None) -> BodyH
     if joints is None and bases is None:
         return None
     steps = joints.steps if joints is not None else bases["step"]  # type: ignore[index]
-    n = len(steps)
     if bases is not None and np.array_equal(steps, bases["step"]):
         base = np.ascontiguousarray(motion_of(bases))
     else:
@@ -109,12 +108,11 @@ def _samples(record: Record, bases: Rows | None, joints: Joints | None) -> BodyH
             sampled = bases["step"]
             within = np.isin(sampled, steps)
             base[np.searchsorted(steps, sampled[within])] = motion_of(bases)[within]
-    nothing = np.empty((n, 0))
-    q, u, effort = (
-        (nothing,) * 3 if joints is None else (joints.position, joints.velocity, joints.effort)
-    )
-    return BodyHistory(
-        base, q, u, effort, steps.copy(), np.ones(n, np.bool_), np.zeros(n, np.bool_)
+    history = BodyHistory.of_base(base, steps)
+    if joints is None:
+        return history
+    return replace(
+        history, position=joints.position, velocity=joints.velocity, effort=joints.effort
     )
 
 

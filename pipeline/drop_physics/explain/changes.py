@@ -34,6 +34,12 @@ class Transitions:
         """Gravity in each transition, shape (m, 3): until the next step that of the last one."""
         return np.asarray(self.gravity_m_s2[np.maximum(np.cumsum(self.real) - 1, 0)])
 
+    def spread(self, values: Float64) -> Float64:
+        """Return values of the n steps, shape (n, …), as rows of all m transitions: else 0."""
+        out = np.zeros((len(self.real), *values.shape[1:]))
+        out[self.real] = values
+        return out
+
 
 @dataclass(frozen=True, eq=False)
 class Changes:

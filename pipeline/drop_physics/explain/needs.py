@@ -217,19 +217,16 @@ def _alone(
 
 
 def _still(state: States) -> States:
-    return States(state.position_m, state.orientation, state.joints, state.velocity * 0.0)
+    return replace(state, velocity=state.velocity * 0.0)
 
 
 def _touching(steps: Steps, row: int) -> tuple[Float64, Int64]:
     """Return what each contact point of a step does to the rates, and the other body."""
     contacts, sides = steps.reported.contacts, steps.sides
     first, end = np.searchsorted(contacts.step, (row, row + 1))
-    rows = np.arange(first, end)
     kin = kinematics(steps.law.tree, steps.before.at(np.array([row])))
-    here = contacts.between(row, row + 1)
-    forces = impulses_of(kin, here, np.ones(1))
-    other = sides.other_body[rows]
-    return forces, other
+    forces = impulses_of(kin, contacts.between(row, row + 1), np.ones(1))
+    return forces, sides.other_body[first:end]
 
 
 def _loads(

@@ -7,13 +7,13 @@ there is one (Bregman 1965). So what is found is sure; a narrow overlap may be m
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from drop_physics.arrays import Flags, Float64, Int64
+from drop_physics.explain.convex import OUTSIDE, outside
 from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.trace.events import Collision
 
@@ -60,13 +60,13 @@ class PlacedShape:
         Shapes (n,) and (n, 3); the way is the gradient of that distance.
         """
         local = rotate_inverse(self.orientation, points_m - self.position_m)
-        distance_m, way = _OUTSIDE[self.shape.kind](self.shape, local)
+        distance_m, way = outside(self.shape, local)
         return distance_m, rotate(self.orientation, way)
 
 
 def is_convex(shape: Collision) -> bool:
     """Return whether a shape is one that `overlaps` knows."""
-    return shape.kind in _OUTSIDE and (shape.kind != "mesh" or len(shape.hull_m) >= 12)
+    return shape.kind in OUTSIDE and (shape.kind != "mesh" or len(shape.hull_m) >= 12)
 
 
 def overlaps(one: PlacedShape, two: PlacedShape, by_m: float) -> Flags:
@@ -86,66 +86,3 @@ def overlaps(one: PlacedShape, two: PlacedShape, by_m: float) -> Flags:
     inside = [each.outside(points_m)[0] <= -half_m * NEARLY for each in shapes]
     found[near] = inside[0] & inside[1]
     return found
-
-
-def _unit(vectors: Float64) -> tuple[Float64, Float64]:
-    lengths = np.linalg.norm(vectors, axis=1)
-    return lengths, vectors / np.maximum(lengths, 1e-300)[:, None]
-
-
-def _sphere(shape: Collision, local: Float64) -> tuple[Float64, Float64]:
-    lengths, way = _unit(local)
-    return lengths - shape.size_m[0], way
-
-
-def _faces(normals: Float64, offsets: Float64, local: Float64) -> tuple[Float64, Float64]:
-    distances_m = local @ normals.T - offsets
-    most = distances_m.argmax(axis=1)
-    return distances_m[np.arange(len(local)), most], normals[most]
-
-
-def _plane(shape: Collision, local: Float64) -> tuple[Float64, Float64]:
-    return _faces(np.array([shape.size_m]), np.zeros(1), local)
-
-
-def _box(shape: Collision, local: Float64) -> tuple[Float64, Float64]:
-    half_m = np.array(shape.size_m) / 2
-    return _faces(np.vstack((np.eye(3), -np.eye(3))), np.hstack((half_m, half_m)), local)
-
-
-def _cylinder(shape: Collision, local: Float64) -> tuple[Float64, Float64]:
-    length_m, radius_m = shape.size_m[:2]
-    flat = local * [1.0, 1.0, 0.0]
-    lengths, way = _unit(flat)
-    side, end = lengths - radius_m, np.abs(local[:, 2]) - length_m / 2
-    up = np.sign(local[:, 2:]) * [0.0, 0.0, 1.0]
-    return np.maximum(side, end), np.where((side > end)[:, None], way, up)
-
-
-def _capsule(shape: Collision, local: Float64) -> tuple[Float64, Float64]:
-    length_m, radius_m = shape.size_m[:2]
-    nearest = local * [0.0, 0.0, 1.0]
-    nearest[:, 2] = nearest[:, 2].clip(-length_m / 2, length_m / 2)
-    lengths, way = _unit(local - nearest)
-    return lengths - radius_m, way
-
-
-def _hull(shape: Collision, local: Float64) -> tuple[Float64, Float64]:
-    from scipy.spatial import ConvexHull, QhullError  # takes a tenth of a second to import
-
-    try:
-        faces = ConvexHull(np.reshape(shape.hull_m, (-1, 3))).equations
-    except QhullError:  # it is flat
-        return np.full(len(local), np.inf), np.zeros_like(local)
-    return _faces(faces[:, :3], -faces[:, 3], local)
-
-
-_OUTSIDE: dict[str, Callable[[Collision, Float64], tuple[Float64, Float64]]] = {
-    "sphere": _sphere,
-    "plane": _plane,
-    "box": _box,
-    "cylinder": _cylinder,
-    "capsule": _capsule,
-    "mesh": _hull,
-}
-"""How far outside of a shape of each kind points are, by the shape and the points in its axes."""

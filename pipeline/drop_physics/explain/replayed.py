@@ -30,7 +30,7 @@ from drop_physics.explain.step_status import (
     StepVerdicts,
     stands,
 )
-from drop_physics.explain.steps import BodySteps, Interval, StepBatch, Steps
+from drop_physics.explain.steps import BodySteps, Interval, StepBatch, Steps, columns_of
 from drop_physics.explain.touching import Touching, rows_of
 from drop_physics.physics.dynamics import lifted_j, mass_matrix
 from drop_physics.physics.impulses import EXPLAINED, MOVED, PULLED, Sum, Summed, change_of
@@ -122,7 +122,7 @@ class Replayed(Explanation):
         for name, term in terms.items():
             if name.startswith(ACTUATOR):
                 motors += term[:, joints] / timestep_s[:, None]
-        nothing = np.zeros((n, tree.joint_rates))
+        nothing = np.zeros_like(motors)
         reported = Reported(
             timestep_s=timestep_s,
             gravity_m_s2=gravity_m_s2,
@@ -142,9 +142,7 @@ class Replayed(Explanation):
             asked=asked_of(body, piece, ends, timestep_s),
             reported=reported,
             sides=sides,
-            terms={} if added is None else {name: each[real] for name, each in added.terms.items()},
-            remainder=np.zeros((n, size)) if added is None else added.remainder[real],
-            largest=np.zeros(n) if added is None else added.largest[real],
+            **columns_of(added, real, size),
             unexplained=unexplained,
             closes=np.asarray((unexplained <= EXPLAINED) & (status == 0)),
             unknown=np.zeros(n, np.bool_),
@@ -218,10 +216,7 @@ def _sum(
     """Return transitions as sums; one that is no step has no terms."""
     kin = kinematics(law.tree, states)
     matrices, where = mass_matrix(kin), rows.where
-    spread = {}
-    for name, term in terms.items():
-        spread[name] = np.zeros((len(rows.real), law.tree.size))
-        spread[name][where] = term
+    spread = {name: rows.spread(term) for name, term in terms.items()}
     if turned is not None:
         spread[MOVED][where] -= (matrices[where] @ turned[:, :, None])[:, :, 0]
     left = change_of(matrices, states.velocity) - sum(spread.values())

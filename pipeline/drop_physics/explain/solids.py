@@ -13,6 +13,7 @@ from itertools import product
 import numpy as np
 
 from drop_physics.arrays import Float64
+from drop_physics.explain.convex import hull_faces, outside
 from drop_physics.physics.columns import rotation
 from drop_physics.trace.events import Collision
 
@@ -33,40 +34,24 @@ class Solid:
     """Points of it, shape (m, 3); none of a half space."""
     radius_m: float
     """Radius of a ball around its centre that holds it; infinite for a half space."""
-    _faces: Float64
-    """Normals and offsets of a hull, shape (f, 4)."""
 
     def depth_m(self, points_m: Float64) -> Float64:
         """Return how deep points are in it, at least; negative outside, shape (n,).
 
         `points_m` are in the shape's own axes, shape (n, 3).
         """
-        kind, size = self.collision.kind, np.array(self.collision.size_m)
-        if kind == "plane":
-            return np.asarray(-points_m[:, 2])
-        if kind == "sphere":
-            return np.asarray(size[0] - np.linalg.norm(points_m, axis=1))
-        if kind == "capsule":
-            along = np.clip(points_m[:, 2], -size[0] / 2, size[0] / 2)
-            off = points_m - along[:, None] * [0.0, 0.0, 1.0]
-            return np.asarray(size[1] - np.linalg.norm(off, axis=1))
-        if kind == "cylinder":
-            around = size[1] - np.hypot(points_m[:, 0], points_m[:, 1])
-            return np.asarray(np.minimum(around, size[0] / 2 - np.abs(points_m[:, 2])))
-        if kind == "box":
-            return np.asarray((size / 2 - np.abs(points_m)).min(axis=1))
-        if kind == "ellipsoid":
+        if self.collision.kind == "ellipsoid":
+            size = np.array(self.collision.size_m)
             inside = 1 - np.linalg.norm(points_m / (size / 2), axis=1)
             return np.asarray(inside * size.min() / 2)
-        return np.asarray(-(points_m @ self._faces[:, :3].T + self._faces[:, 3]).max(axis=1))
+        return -outside(self.collision, points_m)[0]
 
 
 def solid_of(collision: Collision) -> Solid | None:
     """Return the shape of a collision; None where it has none that is known."""
     kind, size = collision.kind, np.array(collision.size_m)
-    faces = np.empty((0, 4))
     if kind == "plane":
-        return Solid(collision, np.empty((0, 3)), np.inf, faces)
+        return Solid(collision, np.empty((0, 3)), np.inf)
     if kind in ("sphere", "ellipsoid"):
         half = np.full(3, size[0]) if kind == "sphere" else size / 2
         points = np.array([*_directions()]) * half
@@ -81,19 +66,15 @@ def solid_of(collision: Collision) -> Solid | None:
     elif kind == "box":
         points = np.array([*product(LEVELS, repeat=3)]) * (size / 2)
     elif kind == "mesh" and len(collision.hull_m) >= 12:
-        from scipy.spatial import ConvexHull, QhullError  # a tenth of a second to load
-
-        corners = np.reshape(collision.hull_m, (-1, 3))
-        try:
-            faces = ConvexHull(corners).equations
-        except QhullError:  # flat
+        if hull_faces(collision.hull_m) is None:
             return None
+        corners = np.reshape(collision.hull_m, (-1, 3))
         every = max(1, len(corners) // MOST_CORNERS)
         points = np.concatenate((corners[::every], [corners.mean(axis=0)]))
     else:
         return None
     radius = float(np.linalg.norm(points, axis=1).max())
-    return Solid(collision, points, radius, faces)
+    return Solid(collision, points, radius)
 
 
 def overlap_m(

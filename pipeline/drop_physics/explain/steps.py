@@ -235,6 +235,15 @@ class StepBatch:
         return np.repeat(numbers, [len(each) for each in self.bodies])
 
 
+def columns_of(added: Summed | None, real: Flags, size: int) -> dict[str, Any]:
+    """Return the columns of `Steps` that come from a sum of transitions; zeros without one."""
+    if added is None:
+        n = np.count_nonzero(real)
+        return {"terms": {}, "remainder": np.zeros((n, size)), "largest": np.zeros(n)}
+    terms = {name: term[real] for name, term in added.terms.items()}
+    return {"terms": terms, "remainder": added.remainder[real], "largest": added.largest[real]}
+
+
 def batches_of(intervals: Iterable[Interval], around: Around) -> list[StepBatch]:
     """Return the steps of intervals, those of equal bodies together."""
     groups: dict[Hashable, list[Interval]] = {}
@@ -358,9 +367,7 @@ def _batch(group: Sequence[Interval], around: Around) -> StepBatch:
         asked=asked,
         reported=found,
         sides=sides,
-        terms={} if added is None else {name: each[real] for name, each in added.terms.items()},
-        remainder=np.zeros((n, size)) if added is None else added.remainder[real],
-        largest=np.zeros(n) if added is None else added.largest[real],
+        **columns_of(added, real, size),
         unexplained=unexplained,
         closes=np.asarray(unexplained <= allowed),
         unknown=np.concatenate([each.unknown for each in acting]),
@@ -426,9 +433,7 @@ def _closing(
     config, pushes = one.config, _pushes(one)
 
     def servos(states: States) -> Float64:
-        efforts = np.zeros((len(states), law.tree.joint_rates))
-        efforts[rows.where] = asked.servos(law, states.at(rows.where))
-        return efforts
+        return rows.spread(asked.servos(law, states.at(rows.where)))
 
     def added(refreshed: Int64) -> tuple[Summed, Reported]:
         known = found
@@ -458,12 +463,7 @@ def _spread(reported: Reported, rows: Transitions) -> Reported:
     """Return the same for all transitions of an interval; one that is no step takes no time."""
     if rows.real.all():
         return reported
-    m, where = len(rows.real), rows.where
-
-    def spread(values: Float64) -> Float64:
-        out = np.zeros((m, *values.shape[1:]))
-        out[where] = values
-        return out
+    where, spread = rows.where, rows.spread
 
     def moved(forces: Forces) -> Forces:
         return replace(forces, step=where[forces.step])
