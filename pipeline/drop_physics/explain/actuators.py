@@ -1,4 +1,4 @@
-"""The actuators of a recording: what each was given, what it gave, and where it was at a limit."""
+"""The actuators of a recording: control, force, and steps at a limit of each."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from drop_physics.trace.events import Actuator, Body
 from drop_physics.trace.history import Piece
 
 AT_LIMIT = 1 - 1e-6
-"""Share of its range at which an actuator's force is at its limit."""
+"""Share of its force range from which on an actuator counts as at its limit."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +48,7 @@ class ActuatorRow:
 
 @dataclass
 class _Sums:
-    """An actuator so far."""
+    """The sums of one actuator so far."""
 
     given: float = np.nan
     force: float = np.nan
@@ -58,14 +58,14 @@ class _Sums:
 
 
 class ActuatorTable:
-    """Grows piece by piece."""
+    """The table of actuators; grows piece by piece."""
 
     def __init__(self) -> None:
         self._sums: dict[tuple[int, int], _Sums] = {}
-        """Actuators by the numbers of their body and of themselves."""
+        """Sums by the number of the body and of the actuator."""
 
     def add(self, explained: ExplainedPiece) -> None:
-        """Take a piece."""
+        """Add a piece."""
         for judged in explained.bodies.values():
             for steps in judged.intervals if judged.body.actuators else ():
                 for actuator in judged.body.actuators:
@@ -111,7 +111,7 @@ class ActuatorTable:
 
 
 def _force(actuator: Actuator, steps: BodySteps, name: str) -> Float64 | None:
-    """Return the force of an actuator of one joint in steps, shape (n,); None of others."""
+    """Return the force of an actuator in steps, shape (n,); None unless it drives one joint."""
     place = next(
         (
             at.start

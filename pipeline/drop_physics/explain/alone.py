@@ -1,8 +1,8 @@
-"""Steps of a rigid body without joints that the sum does not cover: what its own law says of them.
+"""Explain steps of a rigid body without joints that the sum does not cover, by its own law.
 
-A btRigidBody follows another law than a tree, and of several substeps PyBullet reports the last
-one's contacts only: flight is then checked against the law of free fall, contact against its
-balance, where there is one (`segments`).
+A btRigidBody follows another law than a tree, and with several substeps PyBullet reports the
+contacts of the last one only. Flight is then checked against the law of free fall, and contact
+against the balance of impulses if there is one (`segments`).
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from drop_physics.physics.tree import States
 from drop_physics.physics.vectors import lengths, summed
 
 ALONE: frozenset[Reason] = frozenset(("engine", "substeps", "maximal", "massless"))
-"""Why the sum does not cover a body whose own law does, if it has no joints."""
+"""Reasons for which the sum does not cover a body, but the law of a body without joints may."""
 
 
 def motion_of(states: States) -> Motion:
-    """Return the motion of the base of bodies that can move."""
+    """Return the motion of the base of a body that can move."""
     turning, moving = states.velocity[:, :3], states.velocity[:, 3:6]
     return Motion(
         *map(np.ascontiguousarray, (states.position_m, states.orientation, moving, turning))
@@ -63,9 +63,9 @@ def explained(
     *,
     exact: bool,
 ) -> Int8:
-    """Return what steps are by the law of a body alone, as `segments` counts, shape (n,).
+    """Return the segment of each step by the law of a body alone, shape (n,).
 
-    `exact`: whether the machine rounds each operation once.
+    The numbers are those of `segments`. `exact`: whether the machine rounds each operation once.
     """
     codes = np.full(len(before), segments.UNEXPLAINED, np.int8)
     timestep_s, gravity_m_s2 = reported.timestep_s, reported.gravity_m_s2
@@ -93,14 +93,14 @@ def explained(
 
 
 def _rolling(contacts: Forces, steps: int) -> Flags:
-    """Return in which steps contact may have given a torque that is not reported."""
+    """Return in which steps contact may have exerted a torque that is not reported."""
     rolls = np.zeros(steps, np.bool_)
     rolls[contacts.step[contacts.rolling]] = True
     return rolls
 
 
 def _pushes(applied: Forces, before: Motion) -> Pushes | None:
-    """Return forces and torques of calls about the centre of mass."""
+    """Return forces and torques of calls about the centre of mass; None without any."""
     if not len(applied):
         return None
     n, step = len(before), applied.step

@@ -1,13 +1,13 @@
-"""What contact did in each step: the impulse that each point gave.
+"""The balance of a step with contact: the law's step, plus the impulse of each contact point.
 
-A step of an engine with impulses is the law's step and then the impulses:
+An engine that works with impulses makes the law's step first, and then adds the impulses:
 
     m (v' - v_law) = dt Σ F                    I (ω' - ω_law) = dt Σ r × F
 
-over the contact points, F the normal force and both frictions on the body, r from its centre to its
-own point. Both, and I, are those at the start of the step, when the engine looks for contacts. A
-velocity beyond the engine's limit is clamped. The balance leaves out rolling and spinning friction,
-which PyBullet does not report, and timesteps with several substeps.
+summed over the contact points. F is the normal force and both frictions on the body, r points from
+its centre to the contact point on it. F, r and I are those at the start of the step, when the
+engine looks for contacts. A velocity beyond the engine's limit is clamped. The balance leaves out
+rolling and spinning friction, which PyBullet does not report, and timesteps with several substeps.
 Source: Newton and Euler; checked against PyBullet in `tests/test_segments.py`.
 """
 
@@ -30,9 +30,9 @@ CLOSES = 1e-12
 ULPS = 16
 """Allowed deviation of velocities while a body turns, in units of rounding of a step's terms.
 
-Measured: 5. Where something touched without a force, in units of what the solver may have tried: at
-most 0.8 in 5,822 samples of 596 recordings, and 6.3 in one, where the touching body was 80 times as
-fast.
+Measured: 5. For contact without a force, the unit is the rounding of what the solver may have
+tried: measured at most 0.8 in 5,822 samples of 596 recordings, and 6.3 in one, where the touching
+body was 80 times as fast.
 """
 
 
@@ -45,45 +45,45 @@ class Pushes(Rowed):
     torque_n_m: Float64
     """Sum of its torques about the centre of mass, (samples, 3)."""
     force_scale_n: Float64
-    """Size of the summands, which may cancel, shape (samples,)."""
+    """Sum of the magnitudes of the forces, which may cancel, shape (samples,)."""
     torque_scale_n_m: Float64
 
     @property
     def acted(self) -> Flags:
-        """Whether there was any in the step, shape (samples,)."""
+        """Whether any force or torque was applied in the step, shape (samples,)."""
         return np.asarray((self.force_scale_n != 0) | (self.torque_scale_n_m != 0))
 
 
 @dataclass(frozen=True)
 class Balance:
-    """What contact did to one body; the row of a sample is that of the step which led to it.
+    """The effect of contact on one body; the row of a sample is that of the step that led to it.
 
-    The first sample has no such step: its row is zeros. Vectors in world axes, (samples, 3).
+    No step led to the first sample: its row is zeros. Vectors are in world axes, (samples, 3).
     """
 
     law: Motion
-    """Where the law alone leads from the sample before."""
+    """The motion that the law alone gives from the sample before."""
     impulse_n_s: Float64
     angular_impulse_n_m_s: Float64
     """About the centre of mass."""
     touched: Flags
     """Whether a force acted."""
     velocity_m_s: Float64
-    """What the law and the impulses give."""
+    """The velocity that law and impulses give."""
     spin_rad_s: Float64
     velocity_scale_m_s: Float64
-    """Size of the summands of the velocity, shape (samples,)."""
+    """Sum of the magnitudes of the velocity's summands, shape (samples,)."""
     spin_scale_rad_s: Float64
     held: Flags
     """Whether the engine clamped a velocity when forces or contact were added."""
     near: Flags
     """Whether there is a contact point, with or without a force."""
     tried_m_s: Float64
-    """Size of the velocity that the solver may have given and taken back, shape (samples,)."""
+    """Magnitude of the velocity that the solver may have added and taken back, shape (samples,)."""
     tried_rad_s: Float64
-    """The part of the spin."""
+    """The same for the spin."""
     unit: float
-    """Rounding of one operation, relative to its terms."""
+    """Relative rounding error of one operation."""
 
     def closes(self, motion: Motion) -> Flags:
         """Return in which samples the recorded velocities follow from law and impulses."""
@@ -92,13 +92,13 @@ class Balance:
         return np.asarray(self.closes_linear(motion) & (angular <= most))
 
     def closes_linear(self, motion: Motion) -> Flags:
-        """Return the same, regardless of spin."""
+        """Return in which samples the recorded velocity does, regardless of spin."""
         linear = largest(motion.velocity_m_s - self.velocity_m_s)
         most = CLOSES * self.velocity_scale_m_s + self._rounding(self.tried_m_s)
         return np.asarray(linear <= most)
 
     def _rounding(self, tried: Float64) -> Float64:
-        """Return what may be left of impulses that were taken back, where none remained."""
+        """Return the rounding that impulses may leave that the solver took back entirely."""
         return np.where(self.touched, 0.0, ULPS * self.unit * tried)
 
 
@@ -131,7 +131,7 @@ def balance_of(
     touched = scales[:, 0] > 0
     start_m_s, start_rad_s = alone.velocity_m_s, alone.spin_rad_s
     if pushes is not None:
-        # Part of the law's step, before the engine clamps velocities; contact comes after.
+        # Pushes are part of the law's step, before the engine clamps velocities; contact is not.
         free = law.unlimited(before)
         start_m_s = free.velocity_m_s + dt * pushes.force_n / law.mass_kg
         start_rad_s = free.spin_rad_s + _spun(law, before, dt * pushes.torque_n_m)
@@ -162,9 +162,10 @@ def balance_of(
 
 
 def _impulses(touches: Touches, before: Motion, step_s: float) -> tuple[Float64, Float64, Float64]:
-    """Return the impulse of contact in each step and its moment, shape (samples, 3) each.
+    """Return the impulse of contact in each step, its moment, and their magnitudes.
 
-    And the sizes of the summands of both, shape (samples, 2).
+    The first two have the shape (samples, 3); the last has the sums of the magnitudes of the
+    summands of both, shape (samples, 2).
     """
     arm_m = touches.position_m - before.position_m[touches.step]
     impulse = touches.force_n * step_s
@@ -177,7 +178,7 @@ def _impulses(touches: Touches, before: Motion, step_s: float) -> tuple[Float64,
 
 
 def _spun(law: Law, before: Motion, turned_n_m_s: Float64) -> Float64:
-    """Return what angular impulses change of the spin [rad/s], world axes, (samples, 3)."""
+    """Return the change of spin by angular impulses [rad/s], world axes, (samples, 3)."""
     own = law.turned_by(rotate_inverse(before.orientation, turned_n_m_s), before)
     return rotate(before.orientation, own)
 
@@ -185,13 +186,13 @@ def _spun(law: Law, before: Motion, turned_n_m_s: Float64) -> Float64:
 def _tried(
     law: Law, before: Motion, motion: Motion, touches: Touches
 ) -> tuple[Flags, Float64, Float64]:
-    """Return where a point touches, and what impulses there may add to velocity and spin, (n,).
+    """Return which samples have contact points, and which changes the solver may have tried, (n,).
 
-    The solver adds impulses and takes them back; their rounding stays, also in a velocity that ends
-    at 0. One changes the velocity of its point by v at most: what stops it, and lifts a point that
-    is inside the other body by d out of it in one step (d / dt; the engine corrects a share of it,
-    its ERP). It changes the spin by v m r / (I + m r²), with r the point's distance from the centre
-    and I the least moment of inertia.
+    The solver adds impulses and takes them back. Their rounding stays, even in a velocity that ends
+    at 0. An impulse changes the velocity of its point by v at most: enough to stop it, and to move
+    a point that is inside the other body by d out of it in one step (d / dt; the engine corrects a
+    share of it, its ERP). It changes the spin by v m r / (I + m r²), with r the distance of the
+    point from the centre and I the least moment of inertia.
     """
     terms_m_s, terms_rad_s = law.terms(before)
     near = np.isin(np.arange(len(before)), touches.step)

@@ -22,9 +22,9 @@ from drop_physics.trace.history import Seen
 from drop_physics.trace.poses import inertial_frames, tree_of
 
 DISABLE_SLEEPING = 2
-"""Values of `activationState`."""
+"""Bit of `activationState` that keeps a body awake."""
 AT_ORIGIN = np.array([0.0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0])
-"""A base of which nothing was told."""
+"""State of a base of which nothing is recorded."""
 KEPT = frozenset(
     (
         "linearDamping",
@@ -36,7 +36,7 @@ KEPT = frozenset(
         "activationState",
     )
 )
-"""What calls set of a body that the engine does not report, and a step depends on."""
+"""Properties that a step depends on, and that the engine does not report once a call set them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,37 +44,37 @@ class BodyConfig:
     """A body under constant settings."""
 
     life: int
-    """Its place among the bodies with its number, from 0: a script may load it again."""
+    """Counts from 0 the bodies that had this number: a script may remove and load it again."""
     law: DampedTree
     reasons: tuple[Reason, ...]
-    """Why its steps need not be a sum; what only the contacts tell is not among them."""
+    """Why its steps need not be a sum, as far as settings tell."""
     cone_friction: bool
     """`enableConeFriction`."""
     substeps: int
-    """How many each step has, at least 1 (`numSubSteps`)."""
+    """Number of substeps per step, at least 1 (`numSubSteps`)."""
     damping: tuple[float | None, float | None]
-    """Linear and angular, as calls set it; None where none did."""
+    """Linear and angular damping that calls set; None if no call did."""
     other: Law | None
     """The law of one body in flight in another engine; None where the engine's own is known."""
     step_law: StepLaw | None
-    """How the engine steps it; None where it says itself what acted."""
+    """The engine's law; None if the engine itself reports what acted."""
 
 
 @dataclass(eq=False)
 class Record:
-    """What was told of one body, in the order of events."""
+    """The events of one body, in their order."""
 
     body: Body
     came: list[Appearance] = field(default_factory=list)
     dynamics: list[Dynamics] = field(default_factory=list)
     puts: list[Put] = field(default_factory=list)
     given: list[Given] = field(default_factory=list)
-    """Properties that calls have set and that matter (KEPT); more come with each piece."""
+    """The calls so far that set properties in KEPT; more come with each piece."""
     given_steps: list[int] = field(default_factory=list)
-    """The steps of these."""
+    """The step of each of these calls."""
 
     def give(self, given: Given) -> None:
-        """Note properties that a call has set."""
+        """Add a call that set properties, if any of them matters."""
         if KEPT & given.values.keys():
             self.given.append(given)
             self.given_steps.append(given.at.step)
@@ -84,9 +84,10 @@ class Record:
         self._coefficients: dict[str, tuple[Int64, Float64]] = {}
 
     def told(self, steps: Int64) -> Float64:
-        """Return where calls had put the base at samples, shape (n, 13).
+        """Return the state of the base that calls last set before samples, shape (n, 13).
 
-        What was set at a step follows its sample, unless that is the first of all.
+        A state that was set at a step follows the sample of that step, unless it is the first
+        sample of all.
         """
         if not self.puts:
             return np.tile(AT_ORIGIN, (len(steps), 1))
@@ -97,9 +98,9 @@ class Record:
         return np.array([self.puts[one].base for one in used.tolist()]).reshape(-1, 13)[rows]
 
     def coefficients(self, name: str) -> tuple[Int64, Float64]:
-        """Return what the engine reported of base and links, shape (m, links + 1), and when.
+        """Return the steps of m reports of a coefficient, and its values, shape (m, links + 1).
 
-        Not a number where it reports none.
+        Values are nan if the engine reports none.
         """
         if name not in self._coefficients:
             held = [each for each in self.dynamics if name in each.reported]
@@ -114,9 +115,9 @@ class Record:
         return self.puts[at[0] : at[1]]
 
     def lives(self, steps: Int64) -> Int64:
-        """Return to which of the bodies with this number each sample belongs.
+        """Return which of the bodies that had this number each sample belongs to, counted from 0.
 
-        The sample at the step at which a body appeared is its own if none was taken before.
+        The sample at the step at which a body appeared is its own, unless it was taken before.
         """
         if len(self.came) == 1:
             return np.zeros(len(steps), np.int64)
@@ -125,16 +126,16 @@ class Record:
 
 
 class Records(dict[int, Record]):
-    """What was told of each body that is not soft, by its number."""
+    """The events of each body that is not soft, by its number."""
 
     def __init__(self, records: Mapping[int, Record] | None = None) -> None:
         super().__init__(records or {})
         self._tables: dict[str, tuple[Float64, dict[int, tuple[Int64, Float64]]]] = {}
 
     def coefficients(self, name: str, steps: Int64, bodies: Int64, links: Int64) -> Float64:
-        """Return what the engine reported of links as the steps to samples began, shape (n,).
+        """Return a coefficient of links at the beginning of the steps to samples, shape (n,).
 
-        Not a number where it reports none, and of bodies without a record.
+        It is nan where the engine reports none, and for bodies without a record.
         """
         latest, changing = self._table(name)
         rows, column = np.minimum(bodies, len(latest) - 1), latest.shape[1] - 1
@@ -146,15 +147,15 @@ class Records(dict[int, Record]):
         return found
 
     def any(self, name: str) -> bool:
-        """Return whether a coefficient of any link was ever reported not to be 0."""
+        """Return whether any link was ever reported with a coefficient other than 0."""
         latest, changing = self._table(name)
         told = latest, *(numbers for _, numbers in changing.values())
         return any(np.nan_to_num(each).any() for each in told)
 
     def _table(self, name: str) -> tuple[Float64, dict[int, tuple[Int64, Float64]]]:
-        """Return what was reported last, by body and link, and all that changed, by body.
+        """Return the last reports by body and link, and all reports of bodies that changed.
 
-        Its last row is that of bodies without a record.
+        The last row of the former stands for bodies without a record.
         """
         if name not in self._tables:
             told = {number: record.coefficients(name) for number, record in self.items()}
@@ -175,7 +176,7 @@ def _step_of(put: Put) -> int:
 
 
 def records_of(seen: Seen) -> Records:
-    """Return what was told of each body that is not soft."""
+    """Return the events of each body that is not soft."""
     records = Records(
         {number: Record(body) for number, body in sorted(seen.bodies.items()) if not body.soft}
     )
@@ -192,10 +193,10 @@ def records_of(seen: Seen) -> Records:
 
 
 class BodyConfigs:
-    """What is constant of one body, and until when, in a simulation with these settings.
+    """The configurations of one body, each for a range of steps.
 
-    `laws` are those of all bodies by their content: equal bodies share one, and so their steps are
-    one batch.
+    `laws` holds the trees of all bodies by their content: equal bodies share one, so that their
+    steps can be one batch.
     """
 
     def __init__(
@@ -217,10 +218,10 @@ class BodyConfigs:
         self._made: tuple[tuple[int, ...], BodyConfig] | None = None
 
     def of(self, began: Int64) -> Iterator[tuple[slice, BodyConfig]]:
-        """Yield what steps that began after so many others, shape (n,), have in common, in order.
+        """Yield ranges of steps with the same configuration, in order.
 
-        What was set before a step began applies to it. Equal configurations in a row are the same
-        object.
+        `began` has, for each step, the number of steps before it, shape (n,). A step has the
+        properties that were set before it began. Equal successive configurations are one object.
         """
         if not len(began):
             return
@@ -237,7 +238,7 @@ class BodyConfigs:
             yield slice(rows[k], end), self._config(keys[k])
 
     def _at(self, began: int) -> tuple[int, ...]:
-        """Return which settings, dynamics, calls and life a step has that began then."""
+        """Return the indices of settings, dynamics, calls and life of a step that began then."""
         settings, dynamics, given, life = (
             bisect_right(told, began)
             for told in (self._told, self._dynamics, self._record.given_steps, self._came)
@@ -280,7 +281,7 @@ class BodyConfigs:
 
 
 def _content(value: Any) -> Hashable:  # noqa: ANN401 - arrays, dataclasses, and what they hold
-    """Return what is equal for values with the same content, arrays to the bit."""
+    """Return a key that values with the same content share, arrays to the bit."""
     if isinstance(value, np.ndarray):
         return value.shape, value.tobytes()
     if is_dataclass(value):
@@ -301,13 +302,13 @@ def _damping(calls: Sequence[Given]) -> tuple[float | None, float | None]:
 
 
 def _kind(engine: Mapping[str, float | Sequence[float]]) -> tuple[int, bool]:
-    """Return what of the engine's settings decides whether a step is the sum."""
+    """Return the settings that decide whether a step is the sum: substeps and cone friction."""
     cone = _number(engine.get("set_enableConeFriction", 1.0)) != 0
     return substeps_of(engine), cone
 
 
 def substeps_of(engine: Mapping[str, float | Sequence[float]]) -> int:
-    """Return how many substeps a step has, at least 1: 0 means one, too."""
+    """Return the number of substeps of a step; the engine's 0 means 1, too."""
     return max(int(_number(engine["numSubSteps"])), 1)
 
 
@@ -317,13 +318,13 @@ def law_of(
     calls: Sequence[Given],
     step_law: StepLaw | None,
 ) -> DampedTree:
-    """Return a body as its tree, with what calls have set of it.
+    """Return a body as a tree, with the properties that calls have set.
 
-    PyBullet ignores a negative damping or limit of velocities, and a lower limit above the upper
-    one (`pybullet_changeDynamicsInfo`). Damping of joints and their limits are those of the link
-    that a call reached, and lost on a base; all else is the whole body's.
+    PyBullet ignores a negative damping or velocity limit, and a lower limit above the upper one
+    (`pybullet_changeDynamicsInfo`). Joint damping and limits apply to the link that a call reached,
+    and are lost on a base; all other properties apply to the whole body.
     """
-    # An engine that reports armature moves a base without mass by what hangs on it.
+    # An engine that reports armature lets links move a base that has no mass of its own.
     carried = body.base_moves and "armature" in reported
     tree: Tree = replace(
         tree_of(body.joints, inertial_frames(reported)),
@@ -362,7 +363,7 @@ def law_of(
 
 
 def _armature(reported: Mapping[str, Float64]) -> Float64 | None:
-    """Return what an engine adds to the inertia of joints; None if it adds nothing."""
+    """Return the reported armature of the joints; None if there is none, or all of it is 0."""
     found = reported.get("armature")
     return None if found is None or not found.any() else found
 
@@ -378,7 +379,7 @@ def _number(value: float | Sequence[float]) -> float:
 
 
 def settings_of(seen: Seen) -> dict[int, list[events.Settings]]:
-    """Return what each simulation's engine reported of itself, in order, by client."""
+    """Return the settings that each simulation's engine reported, in order, by client."""
     found: dict[int, list[events.Settings]] = {}
     for settings in seen.settings:
         found.setdefault(settings.client, []).append(settings)

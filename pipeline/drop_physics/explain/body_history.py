@@ -1,4 +1,4 @@
-"""The states of one body in a piece, as its steps began and ended: samples, and what calls set."""
+"""The states of one body in a piece: samples, and states that calls set between two samples."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from drop_physics.trace.states import Joints, Rows, motion_of
 
 @dataclass(frozen=True, eq=False)
 class BodyHistory(Rowed):
-    """States of a body, one after the other; what leads from one to the next is a step or a call.
+    """Consecutive states of a body; either a step or calls lead from one to the next.
 
     Arrays have one row per state.
     """
@@ -31,11 +31,11 @@ class BodyHistory(Rowed):
     effort: Float64
     """Efforts of the joints' motors in the step that led to it, shape (n, rates)."""
     steps: Int64
-    """Steps of the simulation before each."""
+    """Number of steps of the simulation before each state."""
     sampled: Flags
-    """Whether it is a sample; else calls set it."""
+    """Whether the state is a sample; otherwise calls set it."""
     stepped: Flags
-    """Whether a step led to it from the state before."""
+    """Whether a step led from the previous state to this one."""
 
     def states(self, tree: Tree) -> States:
         """Return the states as those of a tree."""
@@ -71,11 +71,11 @@ def history_of(
     Parameters
     ----------
     record
-        What was told of it.
+        The events of the body.
     bases, joints
         Its samples in the piece.
     last
-        Samples before; they are the first states of the history.
+        The last states of the piece before, with which the history begins.
     """
     samples = _samples(record, bases, joints)
     if samples is None:
@@ -117,7 +117,7 @@ def _samples(record: Record, bases: Rows | None, joints: Joints | None) -> BodyH
 
 
 def put_states(puts: Sequence[Put], like: BodyHistory) -> BodyHistory:
-    """Return states that calls set, with as many joints as others."""
+    """Return states that calls set; `like` gives the number of joint efforts."""
     n = len(puts)
     return BodyHistory(
         base=np.array([put.base for put in puts]),

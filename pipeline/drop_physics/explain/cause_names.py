@@ -1,4 +1,4 @@
-"""What the causes of a step are called where a reader meets them."""
+"""The names of causes, as readers see them."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ CAUSES = {
     "joint force range": Message("force range of the joint"),
     "solver": Message("solver not converged"),
 }
-"""Words for what changes an energy or a momentum."""
+"""Names of causes that change energy or momentum."""
 NAMED_CAUSES = {
     "actuator": Message("actuator {name}"),
     "tendon": Message("tendon {name}"),
 }
-"""Words for causes of which there are several."""
+"""Names of kinds of which a body may have several."""
 
 
 def cause_in_words(cause: str) -> Message:
-    """Return what a cause is called."""
+    """Return the name of a cause."""
     kind, _, name = cause.partition(" ")
     if cause in CAUSES:
         return CAUSES[cause]

@@ -1,4 +1,4 @@
-"""What a recording comes to for one body: samples explained, energy and momentum by cause."""
+"""The totals of one body over a recording: samples explained, energy and momentum by cause."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ CAUSES = (
     "gravity", "damping", "joint damping", "motors", "applied", "contacts", "rolling",
     "constraints", "stops", "set", "clamp", "integrator", "remainder",
 )  # fmt: skip
-"""Of changes of momentum. Those of energy are the same without gravity, which only moves energy
-between potential and kinetic."""
+"""Causes of changes of momentum. Energy has the same without gravity, which only converts potential
+energy into kinetic energy and back."""
 
 OF_REPLAYS = (
     *("spring", "fluid", "friction loss", "gravity compensation", "tendon", "adhesion"),
     *("passive callback", "joint force range", "solver"),
 )
-"""Further causes, of engines that say what acted in a step."""
+"""Further causes, in engines that report what acted in a step."""
 
 
 def family(cause: str) -> str:
-    """Return what a cause is one of: `motors` of an actuator, `tendon` of a tendon, else itself."""
+    """Return the group of a cause: `motors` of an actuator, `tendon` of a tendon, else itself."""
     kind, _, name = cause.partition(" ")
     return {"actuator": "motors", "tendon": "tendon"}.get(kind, cause) if name else cause
 
 
 @dataclass
 class Left:
-    """Samples that are unexplained for one reason."""
+    """The samples that are unexplained for one reason."""
 
     samples: int = 0
     first_step: int = -1
     remainder: float = 0.0
-    """The largest over the largest term of its step; infinite where the law has no sum."""
+    """The largest remainder over the largest term of its step; infinite if the law has no sum."""
 
 
 def _no_energy() -> dict[str, float]:
@@ -59,21 +59,21 @@ class Totals:
     body: Body
     samples: int = 0
     segments: Int64 = field(default_factory=lambda: np.zeros(len(SEGMENTS), np.int64))
-    """Samples of each, in the order of SEGMENTS."""
+    """Number of samples of each segment, in the order of SEGMENTS."""
     unexplained: dict[Why, Left] = field(default_factory=dict)
     remainder: float = 0.0
-    """The largest of an explained sample, over the largest term of its step."""
+    """The largest remainder of an explained sample, over the largest term of its step."""
     start_j: float = 0.0
     """Kinetic and potential energy at the start; heights count from the origin."""
     changed_j: float = 0.0
     energy_j: dict[str, float] = field(default_factory=_no_energy)
-    """Changes of energy by cause: their sum is `changed_j`."""
+    """Changes of energy by cause, which add up to `changed_j`."""
     start_kg_m_s: Float64 = field(default_factory=lambda: np.zeros(3))
     moved_kg_m_s: Float64 = field(default_factory=lambda: np.zeros(3))
     momentum_kg_m_s: dict[str, Float64] = field(default_factory=_no_momentum)
     """Changes of linear momentum by cause, (3,) each; 0 while the base cannot move."""
     covered: bool = True
-    """Whether the law has a sum for all steps: else causes are not known."""
+    """Whether the law has a sum for all steps; otherwise the causes are not known."""
     _last: _End | None = None
 
     @property
@@ -88,7 +88,7 @@ class Totals:
 
     @property
     def explained(self) -> int:
-        """How many samples are explained."""
+        """The number of explained samples."""
         return self.samples - int(self.segments[UNEXPLAINED])
 
     def add(self, judged: Judged) -> None:
@@ -110,7 +110,7 @@ class Totals:
             self._add(steps)
 
     def _jump_to(self, steps: BodySteps) -> None:
-        """Add what changed between two intervals: calls set it, or another body has the number."""
+        """Add the change between two intervals, by calls or because another body has the number."""
         begin, last = _End.first(steps), self._last
         if last is not None and last.same(begin):
             return
@@ -143,7 +143,7 @@ class Totals:
 
 @dataclass(frozen=True, eq=False)
 class _End:
-    """Where an interval begins or ends."""
+    """The beginning or the end of an interval."""
 
     law: DampedTree
     state: States
@@ -152,14 +152,14 @@ class _End:
 
     @staticmethod
     def first(steps: BodySteps) -> _End:
-        """Return where the first step begins."""
+        """Return the beginning of the first step."""
         one, whole = np.array([steps.rows.start]), steps.whole
         return _End(steps.law, whole.before.at(one), whole.reported.gravity_m_s2[one])
 
     @staticmethod
     def last(steps: BodySteps) -> _End:
-        """Return where the last step ends."""
-        one, whole = np.array([steps.rows.stop - 1]), steps.whole  # no view of all
+        """Return the end of the last step."""
+        one, whole = np.array([steps.rows.stop - 1]), steps.whole  # copies, so the batch is freed
         return _End(steps.law, whole.after.at(one), whole.reported.gravity_m_s2[one])
 
     def energy(self) -> tuple[float, Float64]:
@@ -168,7 +168,7 @@ class _End:
         return float(energy[0]), momentum[0]
 
     def same(self, other: _End) -> bool:
-        """Whether nothing lies between them, to the bit."""
+        """Return whether both are the same, to the bit."""
         names = "position_m", "orientation", "joints", "velocity"
         return (
             self.law is other.law

@@ -1,4 +1,4 @@
-"""How energy and momentum of a body change in its steps, by cause, and by what calls set."""
+"""How the energy and momentum of a body change: by causes in its steps, and by calls between."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from drop_physics.physics.tree import BASE, States
 
 @dataclass(frozen=True, eq=False)
 class Transitions:
-    """What leads from each of m + 1 states to the next: n steps, and what calls set between."""
+    """What leads from each of m + 1 states to the next: n steps, and calls that set a state."""
 
     real: Flags
-    """Whether it is a step, shape (m,)."""
+    """Whether a transition is a step, shape (m,)."""
     gravity_m_s2: Float64
-    """Change of each step, shape (n, 3)."""
+    """Gravity in each step, shape (n, 3)."""
 
     @property
     def where(self) -> Int64:
@@ -31,11 +31,11 @@ class Transitions:
 
     @property
     def gravity_then(self) -> Float64:
-        """Gravity in each transition, shape (m, 3): until the next step that of the last one."""
+        """Gravity in each transition, shape (m, 3); between steps it is that of the step before."""
         return np.asarray(self.gravity_m_s2[np.maximum(np.cumsum(self.real) - 1, 0)])
 
     def spread(self, values: Float64) -> Float64:
-        """Return values of the n steps, shape (n, …), as rows of all m transitions: else 0."""
+        """Return values of steps, shape (n, …), as those of all transitions: 0 in the others."""
         out = np.zeros((len(self.real), *values.shape[1:]))
         out[self.real] = values
         return out
@@ -43,23 +43,23 @@ class Transitions:
 
 @dataclass(frozen=True, eq=False)
 class Changes:
-    """Changes in n steps and between them."""
+    """Changes of energy and momentum in n steps and between them."""
 
     energy_j: Mapping[str, Float64]
     """Changes of kinetic and potential energy by cause, shape (n,) each."""
     given_j: Mapping[str, float]
-    """The same in all of the steps together."""
+    """The same, summed over the steps."""
     set_j: float
-    """What calls changed of it between these steps: states, and gravity."""
+    """Change of energy between these steps by calls that set states or gravity."""
     changed_j: float
-    """The whole change."""
+    """Change of energy in total."""
     momentum_kg_m_s: Mapping[str, Float64]
     """Changes of linear momentum by cause, shape (n, 3) each; empty if the base cannot move."""
     given_kg_m_s: Mapping[str, Float64]
-    """The same in all of the steps together, shape (3,) each."""
+    """The same, summed over the steps, shape (3,) each."""
     set_kg_m_s: Float64
     moved_kg_m_s: Float64
-    """The whole change, shape (3,)."""
+    """Change of linear momentum in total, shape (3,)."""
     begin_j: float
     """Kinetic and potential energy before the first step; heights count from the origin."""
     after_j: Float64
@@ -75,8 +75,8 @@ def changes_of(
 ) -> list[Changes]:
     """Return how energy and momentum change in each part of the transitions.
 
-    Without a sum all of it is the remainder's. `parts`: which transitions, and which of the steps,
-    belong together; what leads from one part to the next is left out.
+    Without a sum, all changes are the remainder's. `parts` has the transitions and the steps of
+    each part; the transition from one part to the next is left out.
     """
     if added is None:
         changed, moved = _changed(law, states, steps)
@@ -98,7 +98,7 @@ def changes_of(
     for row, (transitions, its) in enumerate(parts):
         real, start_j, weighed = steps.real[transitions], float(begin_j[row]), all_weighed[its]
         whole, way = changed[transitions], moved[transitions]
-        # Gravity that changes counts from the step on that it acts in.
+        # A change of gravity counts from the first step in which the new gravity acts.
         after_j = start_j + np.cumsum(whole)[real] + np.cumsum(weighed)
         change = Changes(
             energy_j={name: each[its] for name, each in energy.items()},
@@ -150,9 +150,9 @@ def _potential(kin: Kinematics, gravity_m_s2: Float64) -> Float64:
 
 
 def _weighed(law: DampedTree, states: States, steps: Transitions, starts: Int64) -> Float64:
-    """Return what setting gravity before each step changed of the potential energy [J], (n,).
+    """Return the change of potential energy by setting gravity before each step [J], shape (n,).
 
-    `starts`: the steps before which nothing is known.
+    `starts`: the first step of each part, before which gravity is not known.
     """
     turned = np.diff(steps.gravity_m_s2, axis=0, prepend=0.0)
     turned[starts] = 0.0

@@ -1,10 +1,10 @@
-"""What calls asked of joints: motors, which stay, torques of one step, and PD_CONTROL.
+"""The commands in effect for joints: motors, which stay; torques for one step; and PD_CONTROL.
 
-PyBullet keeps a motor's limit as an impulse: force × the timestep at the call, whatever the
-timestep is later. Each revolute and prismatic joint begins with a velocity motor that may give
-1 N m s in a step, whatever file it came from (`PhysicsServerCommandProcessor.cpp`,
-createJointMotors). Nothing but another call of that mode changes PD_CONTROL: PyBullet keeps it by
-the body's id, beyond other modes, `removeBody` and `resetSimulation` (`pdControlPlugin.cpp`).
+PyBullet stores a motor's limit as an impulse, force × the timestep at the call, whatever the
+timestep is later. Each revolute and prismatic joint begins with a velocity motor that may exert
+1 N m s per step, whatever its file says (`PhysicsServerCommandProcessor.cpp`, createJointMotors).
+Only another call of PD_CONTROL changes PD_CONTROL: PyBullet stores it under the body's id, and it
+survives other modes, `removeBody` and `resetSimulation` (`pdControlPlugin.cpp`).
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ from drop_physics.trace.history import Piece, Seen
 from drop_physics.trace.motors import PD, POSITION, TORQUE, VELOCITY, Command
 
 DEFAULT = -1
-"""How a joint is driven that has the motor that it was loaded with."""
+"""Mode of a joint whose motor no call has set since its body was loaded."""
 LOADED, BEFORE = -2, -3
-"""In place of a call's mode: its body was loaded; what was asked before the piece."""
+"""Pseudo-modes: the body was loaded here; the value is carried over from the previous piece."""
 DEFAULT_IMPULSES = {1: 1.0, 3: 1000.0}
-"""The largest of the motor that a joint begins with, by its degrees of freedom [N s or N m s]."""
+"""Impulse limit of the motor that a joint begins with, by its degrees of freedom [N s or N m s]."""
 TIMESTEP_S = 1 / 240
 
 
 @dataclass(frozen=True, eq=False)
 class Commanded(Rowed):
-    """What was asked of the joints in n steps; shape (n, joint_rates) each."""
+    """The commands in effect for the joints in n steps; shape (n, joint_rates) each."""
 
     mode: Float64
     """Mode of the motor: DEFAULT, VELOCITY, POSITION."""
@@ -49,19 +49,19 @@ class Commanded(Rowed):
     kp: Float64
     kd: Float64
     impulse: Float64
-    """The largest that the motor may give in a step [N s or N m s]."""
+    """Largest impulse of the motor in a step [N s or N m s]."""
     force: Float64
-    """Force as the call gave it [N or N m]; nan of a motor that no call set."""
+    """Force limit in the call [N or N m]; nan if no call set the motor."""
     max_velocity: Float64
-    """nan if it is not limited."""
+    """Velocity limit of a position motor; nan without one."""
     site: Float64
     """Number of the call's site; nan if no call set the motor."""
     began: Float64
-    """The step at which the latest call with other numbers set the motor."""
+    """The step at which a call last changed the motor's numbers."""
     told: Float64
-    """The step at which the latest call of all set the motor."""
+    """The step at which a call last set the motor, even to the same numbers."""
     torque_since: Float64
-    """The step of the first TORQUE_CONTROL since that of another mode; nan if there is none."""
+    """The step of the first TORQUE_CONTROL since a call of another mode; nan if there is none."""
     torque_site: Float64
     pd: Float64
     """Whether PD_CONTROL acts: 1 or nan."""
@@ -72,9 +72,9 @@ class Commanded(Rowed):
     pd_force: Float64
 
     def motors(self, tree: Tree, reported: Float64) -> Float64:
-        """Return the motors' efforts, of those reported, shape (n, joint_rates).
+        """Return the reported efforts of the motors, without those that are off, (n, joint_rates).
 
-        Of a motor that was switched off PyBullet goes on to report the last effort.
+        PyBullet keeps reporting the last effort of a motor that was switched off.
         """
         if not tree.joint_rates:
             return reported
@@ -107,27 +107,27 @@ BEGAN_AT, TORQUE_AT, PD_AT = map(NAMES.index, ("began", "torque_since", "pd"))
 
 @dataclass(eq=False)
 class _JointCommands:
-    """What calls ask of one joint of a body; PD_CONTROL, of one joint of an id of the engine."""
+    """The commands of one joint of a body; for PD_CONTROL, of one joint of an id of the engine."""
 
     now: Float64
-    """Shape (NAMES, width of the joint): at the end of the piece."""
+    """The commands at the end of the piece, shape (NAMES, width of the joint)."""
     calls: list[tuple[Float64, Float64]] = field(default_factory=list)
-    """Of the piece: when each counts, as step, call and its own number, and its mode, shape (4, m);
-    what it asks, shape (m, NAMES, width)."""
+    """The calls of the piece: step and call from which each counts, its own number and its mode,
+    shape (4, m); and its columns, shape (m, NAMES, width)."""
     steps: Int64 | None = None
-    """Step from which each row of `columns` counts, if there are any."""
+    """Step from which each row of `columns` counts; None if the piece has no calls."""
     columns: Float64 = field(default_factory=lambda: np.empty(0))
-    """What was asked before the piece, and after each call; shape (1 + m, NAMES, width)."""
+    """The commands before the piece, and after each call; shape (1 + m, NAMES, width)."""
     torques: list[tuple[Int64, Int64, Float64]] = field(default_factory=list)
-    """Of TORQUE_CONTROL: numbers of calls and steps before them, shape (m,), efforts (m, width)."""
+    """Calls of TORQUE_CONTROL: their numbers and steps, shape (m,), and efforts, (m, width)."""
 
     def begin(self, first: int) -> None:
-        """Forget what no step to sample `first` or a later one needs."""
+        """Drop torques that no step to sample `first` or a later one needs."""
         self.steps = None
         self.torques = [each for each in self.torques if each[1][-1] + 1 >= first]
 
     def take(self) -> None:
-        """Put the calls of a piece in order, and fill in what each left as it was."""
+        """Sort the calls of a piece, and fill in the columns that each left unchanged."""
         if not self.calls:
             return
         moments, columns = (
@@ -142,7 +142,7 @@ class _JointCommands:
         self.now = self.columns[-1].copy()
 
     def at(self, ends: Int64, which: slice) -> Float64:
-        """Return columns in the steps to samples, shape (columns, n or 1, width)."""
+        """Return some columns in the steps to samples, shape (columns, n or 1, width)."""
         if self.steps is None:
             return self.now[which, None]
         rows = np.searchsorted(self.steps, ends - 1, side="right") - 1
@@ -150,7 +150,7 @@ class _JointCommands:
 
 
 def _fill(steps: Int64, modes: Float64, columns: Float64) -> None:
-    """Fill in what each call left as it was; rows in order, the first is that before them."""
+    """Fill in the columns that each call left unchanged; the first row precedes all calls."""
     number = np.arange(len(modes))
     sets = np.isin(modes, (BEFORE, LOADED, VELOCITY, POSITION))
     at = np.flatnonzero(sets)
@@ -175,7 +175,7 @@ def _fill(steps: Int64, modes: Float64, columns: Float64) -> None:
 
 
 class MotorCommands:
-    """What calls ask of the joints of all bodies; they come piece by piece."""
+    """The commands of the joints of all bodies; calls are added piece by piece."""
 
     def __init__(self, seen: Seen) -> None:
         self._came = [each for each in seen.appearances if each.came]
@@ -183,14 +183,14 @@ class MotorCommands:
         self._timesteps: dict[int, float] = {}
         """By client."""
         self._reports = list(seen.settings)
-        """What the engine reports of itself, in order, as far as no piece came to it."""
+        """The reports of settings that are later than the pieces so far, in order."""
         self._joints: dict[tuple[int, int], _JointCommands] = {}
-        """By body and link."""
+        """Motors and torques, by body and link."""
         self._servos: dict[tuple[int, int, int], _JointCommands] = {}
         """PD_CONTROL, by client, the engine's id and link."""
 
     def take(self, piece: Piece) -> None:
-        """Take the calls of a piece."""
+        """Add the calls of a piece."""
         joints = [*self._joints.values(), *self._servos.values()]
         for joint in joints:
             joint.begin(piece.first)
@@ -216,7 +216,7 @@ class MotorCommands:
             joint.take()
 
     def asked(self, body: Body, ends: Int64) -> Commanded:
-        """Return what was asked in the steps to samples of the piece, shape (n,)."""
+        """Return the commands in effect in the steps to samples of the piece, shape (n,)."""
         fresh, key = _fresh(_widths(body)), (body.client, body.engine_id)
         found = np.empty((len(NAMES), len(ends), fresh.shape[1]))
         found[:] = fresh[:, None]
@@ -245,12 +245,12 @@ class MotorCommands:
         return efforts
 
     def _command(self, came: Appearance, link: int, told: Command, timestep_s: Float64) -> None:
-        """Note calls for one joint."""
+        """Add calls for one joint."""
         body, widths = came.body, _widths(came.body)
         if not 0 <= link < len(widths) or not widths[link]:
             return
         width, modes = widths[link], told.values["controlMode"][:, 0]
-        # What calls did to a body before it was listed is dated to that moment.
+        # A call on a body that was not listed yet counts from the moment it was.
         early = (told.steps < came.at.step) | (
             (told.steps == came.at.step) & (told.calls < came.at.call)
         )
@@ -272,10 +272,10 @@ class MotorCommands:
             joint.calls.append((moments[:, servo], columns[servo]))
 
     def _timesteps_at(self, piece: Piece) -> dict[int, tuple[Int64, Float64]]:
-        """Return, by client, which calls changed the timestep; and those before and after each [s].
+        """Return the calls that changed the timestep, and the timesteps around them [s], by client.
 
-        A call sets it, and so does a simulation that begins under a client's number that an earlier
-        one had: the engine's report is what tells of that.
+        A call sets the timestep, and so does a new simulation under the client number of an earlier
+        one, which the engine's report shows.
         """
         told: dict[int, list[tuple[int, float]]] = {}
         for call in piece.calls.of(*SETS_TIMESTEP):
@@ -298,7 +298,7 @@ class MotorCommands:
         return found
 
     def _initially(self, piece: Piece, client: int) -> float:
-        """Return the timestep of a simulation before its first call."""
+        """Return the timestep of a simulation before the first call that sets it [s]."""
         first = self._first.get(client)
         if first is None or any(
             call.client == client and order(call.at) <= order(first.at)
@@ -314,7 +314,7 @@ def _timestep_s(report: Settings) -> float:
 
 
 def _columns(told: Command, steps: Int64, width: int, timestep_s: Float64) -> Float64:
-    """Return what calls of motors ask of a joint, shape (n, NAMES, width); the rest is nan."""
+    """Return the columns that calls set for a joint, shape (n, NAMES, width); the rest is nan."""
     mode, single = told.values["controlMode"], width == 1
     position, torque = mode == POSITION, mode == TORQUE
     force, target, rate = (
@@ -356,7 +356,7 @@ def _columns(told: Command, steps: Int64, width: int, timestep_s: Float64) -> Fl
 
 @cache
 def _fresh(widths: tuple[int, ...]) -> Float64:
-    """Return what is asked of the rates of a body that was just loaded, shape (NAMES, rates)."""
+    """Return the commands of a body that was just loaded, shape (NAMES, rates)."""
     motor = (DEFAULT, np.nan, 0.0, 0.0, 1.0, np.nan, np.nan, np.nan, np.nan, 0.0, 0.0)
     fresh = np.full((len(NAMES), sum(widths)), np.nan)
     fresh[: len(motor)] = np.array(motor)[:, None]

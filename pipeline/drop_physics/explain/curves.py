@@ -21,9 +21,9 @@ from drop_physics.trace.motors import POSITION, VELOCITY
 POINTS = 2000
 """Most points of a curve: more than a screen has pixels."""
 NUMBERS = 1 << 20
-"""Points of the same kind of curve of all bodies together."""
+"""Most points of all bodies together, for one kind of curve."""
 FORCES = (*CAUSES[1:], *OF_REPLAYS)
-"""What changes energy."""
+"""The causes that change energy."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,11 +33,11 @@ class Curves:
     steps: Int64
     """Shape (n,)."""
     columns: dict[str, Float64]
-    """Shape (n,), of joints (n, joint_rates); nan where there is nothing."""
+    """Values by name, shape (n,), for joints (n, joint_rates); nan where there is none."""
 
     @staticmethod
     def of(parts: Sequence[Curves], names: Iterable[str]) -> Curves:
-        """Return parts as one; what a part has no column of is 0 there."""
+        """Return consecutive parts as one; a column that a part lacks is 0 there."""
         columns = {
             name: np.concatenate(
                 [part.columns.get(name, np.zeros(len(part.steps))) for part in parts]
@@ -48,7 +48,7 @@ class Curves:
 
 
 class CurveTable:
-    """Grows piece by piece; of long recordings every second, third … step is kept."""
+    """The curves of all bodies; grows piece by piece. Long ones keep every second, third … step."""
 
     def __init__(self, seen: Seen, times: Mapping[int, StepTimes]) -> None:
         self._times = {
@@ -60,11 +60,11 @@ class CurveTable:
         self._every = 1 + max(seen.samples.values(), default=0) // points
         self._parts: dict[tuple[str, int, int], list[Curves]] = {}
         self._given: dict[int, Float64] = {}
-        """Energy that each of FORCES has given so far, by body."""
+        """Energy given by each of FORCES so far, by body."""
         self._start_j: dict[int, float] = {}
 
     def add(self, explained: ExplainedPiece, joints: JointTable, touches: TouchTable) -> None:
-        """Take a piece, after the tables of joints and touches have."""
+        """Add a piece, after it was added to the tables of joints and touches."""
         for number, judged in explained.bodies.items():
             self._energy(number, judged)
         for number, found in joints.latest.items():
@@ -133,7 +133,7 @@ class CurveTable:
                 given[:, k], so_far[k] = gave[due], gave[-1]
             columns = {name: given[:, k] for k, name in enumerate(FORCES) if given[:, k].any()}
             columns["whole"] = changes.after_j[due] - start_j
-            # What no step did, calls set between two of them.
+            # The rest was set by calls between two steps.
             columns["set"] = columns["whole"] - given.sum(axis=1)
             self._add(("energy", number, -1), steps.steps[due], columns)
 

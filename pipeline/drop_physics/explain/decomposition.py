@@ -26,7 +26,7 @@ Vector = tuple[float, float, float]
 
 TERMS = ("timestep", "damping", "interaction", "rounding")
 STIFF = 1e3
-"""How often drag could stop a throw within its flight: beyond, integrating it never ends."""
+"""How often drag could stop a throw within its flight; integrating a stiffer one takes too long."""
 
 
 @dataclass(frozen=True)
@@ -73,14 +73,14 @@ def decompose(
     law
         The discrete law that the engine follows.
     fall
-        The start and the drag: what the simulation was given.
+        The start and the drag of the simulation.
     simulated_m
         Simulated positions of consecutive samples [m], shape (samples, 3). All of them must be in
         the air.
     first
         Step number of the first of them; 0 is the start.
     path
-        The law's exact path, which has come to that sample; None begins it.
+        The law's exact path, advanced to that sample; None computes it from the start.
 
     Returns
     -------

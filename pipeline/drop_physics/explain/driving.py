@@ -1,4 +1,4 @@
-"""What actuators were given, as what is asked of the joints that they drive."""
+"""The controls of actuators, expressed as commands of the joints that they drive."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from drop_physics.trace.history import Piece
 from drop_physics.trace.motors import POSITION, VELOCITY
 
 LOUDER = {"motor": 0, "general": 0, "muscle": 0, "velocity": 1, "position": 2}
-"""The one of several actuators on a joint that says how it is driven."""
+"""Rank of an actuator's kind: of several on one joint, the highest is taken for its command."""
 
 
 def given_to(actuator: Actuator, body: Body, piece: Piece, ends: Int64) -> Float64:
-    """Return what an actuator was given in the steps to samples, shape (n,); nan if unknown."""
+    """Return the control of an actuator in the steps to samples, shape (n,); nan if unknown."""
     steps, values = piece.controls.get(body.client, (np.empty(0, np.int64), np.empty((0, 0))))
     given = np.full(len(ends), np.nan)
     if actuator.number >= values.shape[1]:
@@ -26,9 +26,9 @@ def given_to(actuator: Actuator, body: Body, piece: Piece, ends: Int64) -> Float
 
 
 def changed_at(actuator: Actuator, body: Body, piece: Piece, ends: Int64) -> Float64:
-    """Return the steps before what an actuator was given last changed, shape (n,); nan if unknown.
+    """Return the step at which an actuator's control last changed, shape (n,); nan if unknown.
 
-    Where that was before the piece, the last change of any actuator stands for it.
+    If that was before the piece, it is the step at which any actuator's control last changed.
     """
     steps, values = piece.controls.get(body.client, (np.empty(0, np.int64), np.empty((0, 0))))
     found = np.full(len(ends), np.nan)
@@ -42,21 +42,21 @@ def changed_at(actuator: Actuator, body: Body, piece: Piece, ends: Int64) -> Flo
 
 
 def taken(actuator: Actuator, given: Float64) -> Float64:
-    """Return what an actuator takes of what it is given: within its range."""
+    """Return an actuator's control, clamped to its range."""
     return given if actuator.ctrl_range is None else np.clip(given, *actuator.ctrl_range)
 
 
 def limit_of(actuator: Actuator) -> float:
-    """Return the largest force that an actuator gives to a joint [N] or [N m]."""
+    """Return the largest force that an actuator exerts on a joint [N] or [N m]."""
     if actuator.force_range is None:
         return np.inf
     return max(abs(each) for each in actuator.force_range) * abs(actuator.gear)
 
 
 def asked_of(body: Body, piece: Piece, ends: Int64, timestep_s: Float64) -> Commanded:
-    """Return what actuators ask of a body's joints in the steps to samples.
+    """Return the commands of a body's joints in the steps to samples, from their actuators.
 
-    A joint without one is one whose motor is off.
+    A joint without an actuator has a motor that is off.
     """
     n, rates = len(ends), sum(joint.widths[1] for joint in body.joints)
     columns = {name: np.full((n, rates), np.nan) for name in NAMES}

@@ -1,4 +1,4 @@
-"""Constraints between bodies: what calls said of them, and what they do to each of their bodies."""
+"""Constraints between bodies: how calls set them, and the forces on each of their bodies."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ Vector = tuple[float, ...]
 FIXED, POINT, GEAR = 4, 5, 6
 """`jointType` of `createConstraint`."""
 LIMIT_N_S = 500.0
-"""The largest impulse of a step of a constraint whose force no call set (`b3RigidBodyBase`)."""
+"""Default of the largest impulse of a constraint in a step (`b3RigidBodyBase`)."""
 TIMESTEP_S = 1 / 240
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 Poses = Callable[[int, Int64], tuple[Tree, States]]
-"""Returns a body and the states that its steps to some samples began with."""
+"""Returns a body and its states at the beginning of the steps to some samples."""
 
 
 @dataclass(frozen=True)
 class Held:
-    """A constraint, from a moment on."""
+    """A constraint as calls have set it, from a moment on."""
 
     at: At
     kind: int
@@ -41,51 +41,51 @@ class Held:
     """Numbers of parent and child."""
     links: tuple[int, int]
     pivots_m: tuple[Vector, Vector]
-    """In the axes of each link, or of the world."""
+    """The pivot in the axes of each link, or of the world."""
     orientations: tuple[Vector, Vector]
-    """Of both frames, in the axes of each link, or of the world: quaternions x, y, z, w."""
+    """Both frames in the axes of each link, or of the world: quaternions x, y, z, w."""
     made: Call
     """The call that created it."""
     moved: int
-    """Steps before the last call that moved one of its frames, or made it."""
+    """The step of the last call that moved one of its frames, or made it."""
     ratio: float = 1.0
     """Ratio of a gear."""
     limit_n_s: float = LIMIT_N_S
-    """The largest impulse of a step along an axis: a call's force × the timestep then."""
+    """The largest impulse of a step along an axis: a call's force × the timestep at that call."""
     limited: Call | None = None
-    """The last call that set another force."""
+    """The last call that changed the force."""
     limited_since: int = -1
-    """Steps before its force in newtons was another, or it was made."""
+    """The step since which its limit in newtons is what it is."""
 
 
 class Acting(NamedTuple):
-    """What constraints do to one body in its steps."""
+    """The effect of constraints on one body in n steps."""
 
     forces: Forces
     geared: Float64 | None
     """Impulses of gears, shape (n, joint_rates); None without gears."""
     unknown: Flags
-    """Steps in which one holds it that the law does not cover, shape (n,)."""
+    """Whether a constraint acts that the law does not cover, shape (n,)."""
 
 
 class Constraints:
-    """The constraints of a recording, whose calls come piece by piece."""
+    """The constraints of a recording; calls are added piece by piece."""
 
     def __init__(self, law: StepLaw | None) -> None:
         self._law = law
         self._told: dict[tuple[int, int], list[Held]] = {}
-        """By client and the engine's id, in order."""
+        """The versions of each constraint in order, by client and the engine's id."""
         self._forces: Mapping[tuple[int, int], tuple[Int64, Float64]] = {}
         self._timesteps_s: dict[int, float] = {}
         """By client."""
 
     def begin(self, forces: Mapping[tuple[int, int], tuple[Int64, Float64]]) -> None:
-        """Take the forces of a piece, and forget what no step of a further piece needs."""
+        """Set the forces of a piece, and drop versions that its steps no longer need."""
         self._forces = forces
         self._told = {key: told[-1:] for key, told in self._told.items()}
 
     def create(self, call: Call, at: At, bodies: tuple[int, int]) -> None:
-        """Note a call of `createConstraint`; `bodies` are the numbers of parent and child."""
+        """Add a call of `createConstraint`; `bodies` are the numbers of parent and child."""
         values = call.values
         roles = "parent", "child"
         parent, child = (int(values.get(f"{role}LinkIndex", (-1,))[0]) for role in roles)
@@ -105,7 +105,7 @@ class Constraints:
         self._told.setdefault((call.client, int(call.result)), []).append(held)
 
     def change(self, call: Call) -> None:
-        """Note a call of `changeConstraint`."""
+        """Add a call of `changeConstraint`."""
         values, step = call.values, call.at.step
         told = self._told.get((call.client, int(values.get("userConstraintUniqueId", (-1,))[0])))
         if not told:
@@ -129,7 +129,7 @@ class Constraints:
             told.append(replace(held, at=call.at))
 
     def set_timestep(self, call: Call) -> None:
-        """Note a call that may set the timestep, which divides the impulses of limits."""
+        """Add a call that may set the timestep, by which limits in newtons follow from impulses."""
         if call.timestep_s is None:
             return
         self._timesteps_s[call.client] = call.timestep_s
@@ -138,17 +138,17 @@ class Constraints:
                 told.append(replace(told[-1], at=call.at, limited_since=call.at.step))
 
     def timestep_s(self, client: int) -> float:
-        """Return the timestep of a simulation, as calls have set it so far."""
+        """Return the timestep of a simulation as calls have set it so far [s]."""
         return self._timesteps_s.get(client, TIMESTEP_S)
 
     def in_steps(self) -> Iterator[tuple[list[Held], Int64, Float64]]:
-        """Yield constraints of the latest piece, as they were told, steps, and forces in these."""
+        """Yield the versions of each constraint of the latest piece, its steps, and its forces."""
         for key, (steps, forces) in self._forces.items():
             if key in self._told and len(steps):
                 yield self._told[key], steps, forces
 
     def of_client(self, client: int) -> list[Held]:
-        """Return the constraints of a simulation as they were told last."""
+        """Return the latest version of each constraint of a simulation."""
         return [told[-1] for (of, _), told in self._told.items() if of == client]
 
     def is_only_one_on(self, body: int) -> bool:
@@ -157,7 +157,7 @@ class Constraints:
         return len([*islice(holds, 2)]) == 1
 
     def gears(self, body: int) -> bool:
-        """Return whether a gear holds a body, or did in the latest piece."""
+        """Return whether a gear acts on a body, or did in the latest piece."""
         held = (each for told in self._told.values() for each in told)
         return any(each.kind == GEAR and body in each.bodies for each in held)
 
@@ -173,7 +173,7 @@ class Constraints:
     def on(
         self, body: int, tree: Tree, ends: Int64, before: States, timestep_s: Float64, poses: Poses
     ) -> Acting:
-        """Return what constraints do to a body in the steps to samples `ends`, shape (n,)."""
+        """Return the effect of constraints on a body in the steps to samples `ends`, shape (n,)."""
         acting, geared, unknown = Forces(), None, np.zeros(len(ends), np.bool_)
         if self._law is None:
             return Acting(acting, geared, unknown)
@@ -181,7 +181,7 @@ class Constraints:
             if not any(body in held.bodies for held in told) or key not in self._forces:
                 continue
             sampled, forces = self._forces[key]
-            # A series has no number for what was not there.
+            # A constraint has no forces in steps in which it did not exist.
             found, rows = rows_of(sampled, ends)
             which = np.searchsorted([h.at.step for h in told], sampled[found], side="left") - 1
             for number, held in enumerate(told):
@@ -222,12 +222,12 @@ class Constraints:
 
 
 def _is_geared(tree: Tree, link: int) -> bool:
-    """Return whether a link has a joint of one rate, which a gear may act on."""
+    """Return whether a link has a joint with one degree of freedom, on which a gear may act."""
     return 0 <= link < tree.links and RATES[tree.joints[link]] == 1
 
 
 def _turned(orientation: Vector, default: Vector = UPRIGHT) -> Vector:
-    """Return a frame's orientation; PyBullet passes over one that is not four numbers."""
+    """Return a frame's orientation; PyBullet ignores one that is not four numbers."""
     return orientation if len(orientation) == 4 else default
 
 

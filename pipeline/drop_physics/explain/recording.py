@@ -1,4 +1,4 @@
-"""Goes through a recording piece by piece, and explains every body of it."""
+"""Explain every body of a recording, piece by piece."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ from drop_physics.trace.states import by_body
 Rows = NDArray[np.intp]
 
 MOST_STEPS, NUMBERS = 1 << 12, 1 << 17
-"""Steps in a piece, and degrees of freedom of all bodies over its steps: some 100 MB."""
+"""Most steps of a piece, and most degrees of freedom of all bodies over its steps: about 100 MB."""
 FORCES = ("normal_force_n", "friction_1_n", "friction_2_n")
 """The forces of a contact point."""
 NOBODY = -1
-"""In place of a body's number: the world."""
+"""Stands for the world where the number of a body is expected."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,24 +54,25 @@ class ExplainedPiece:
 
     piece: Piece
     bodies: Mapping[int, Judged]
-    """By number, of those that have samples in it."""
+    """The bodies that have samples in the piece, by number."""
     histories: Mapping[int, BodyHistory]
     """The states of the same bodies, which begin with the last ones of the piece before."""
     constraints: Constraints
-    """As they are told until its end."""
+    """The constraints as calls have set them by the end of the piece."""
     records: Records
     batches: Sequence[tuple[StepBatch, StepVerdicts]]
-    """The same steps as the bodies', those of equal bodies together."""
+    """The steps of `bodies` again; equal bodies share a batch."""
     frictions: Mapping[tuple[int, int, int, int], float] | None = None
-    """Coefficients of friction by two bodies and links, where the engine has one for each pair;
-    None where it is the product of both."""
+    """Coefficient of friction of each pair of bodies and links, if the engine has one per pair;
+    None if it is the product of both bodies' coefficients."""
 
     def steps_at(
         self, bodies: Int64, steps: Int64
     ) -> Iterator[tuple[StepBatch, StepVerdicts, Rows, Rows]]:
-        """Yield batches: which of some bodies and samples are theirs, and which of their steps.
+        """Find the steps that led to some samples of some bodies; both arguments have shape (n,).
 
-        `bodies` and `steps` have the shape (n,).
+        Yields each batch that has any of them, its verdicts, the indices of these samples in the
+        arguments, and the rows of their steps in the batch.
         """
         keys = bodies * STEPS + steps
         for (batch, verdict), places in zip(self.batches, self._places, strict=True):
@@ -82,16 +83,16 @@ class ExplainedPiece:
 
     @cached_property
     def _places(self) -> list[Int64]:
-        """Bodies and steps of the rows of each batch, as numbers that rise."""
+        """The body and step of each row of each batch, as one ascending number."""
         return [batch.body * STEPS + batch.whole.steps for batch, _ in self.batches]
 
 
 class Explanation:
-    """Explains a recording; `totals` grow as its pieces are taken.
+    """Explains a recording; `totals` grow as `pieces` yields.
 
-    What a call set before the recording, and the engine does not report, is taken for its default;
-    where that does not explain a step, so it says. `other` is the law of one body in flight in
-    another engine.
+    A property that was set before the recording began and that the engine does not report is
+    assumed to have its default; a step that this does not explain is marked accordingly. `other` is
+    the law of a single body in flight, for a drop in another engine than PyBullet.
     """
 
     frictions: Mapping[tuple[int, int, int, int], float] | None = None
@@ -108,13 +109,13 @@ class Explanation:
         self._pushes: dict[int, list[Push]] = {}
         self._lasts: dict[int, BodyHistory] = {}
         self.totals: dict[int, Totals] = {}
-        """What is known of each body, by its number."""
+        """Energy, momentum and counts of each body so far, by its number."""
 
     def pieces(self, steps: int = 0) -> Iterator[ExplainedPiece]:
-        """Yield the pieces of the recording, each once; of so many steps, if that is not 0."""
+        """Yield each piece of the recording once; `steps` sets its length unless it is 0."""
         substeps = max((substeps_of(each.values) for each in self.seen.settings), default=1)
         steps = steps or self.seen.piece_steps(MOST_STEPS, NUMBERS // substeps)
-        # `map` keeps no piece while the next is read.
+        # Unlike a loop variable, `map` does not keep a piece in memory while the next is read.
         yield from map(self._explained, self.seen.pieces(steps))
 
     def _explained(self, piece: Piece) -> ExplainedPiece:
@@ -152,7 +153,7 @@ class Explanation:
         )
 
     def begun(self, piece: Piece) -> Piece:
-        """Take the calls of a piece, and return it with all forces those of a whole step."""
+        """Process the calls of a piece, and return it with forces averaged over whole steps."""
         self._pushes = self._told(piece)
         return replace(piece, contacts=self._in_substeps(piece.contacts))
 
@@ -163,8 +164,8 @@ class Explanation:
         touching: Touching,
         histories: Mapping[int, tuple[BodyHistory, int]],
     ) -> list[tuple[StepBatch, StepVerdicts]]:
-        """Return the steps of a piece, those of equal bodies together, and what they are."""
-        assert self._law is not None  # else it is `Replayed`
+        """Return the steps of a piece with their verdicts; equal bodies share a batch."""
+        assert self._law is not None  # other engines are explained by `Replayed`
         around = Around(
             law=self._law,
             times=self.times,
@@ -177,7 +178,7 @@ class Explanation:
         return [(batch, self._verdict(batch, self._law)) for batch in batches_of(intervals, around)]
 
     def _verdict(self, batch: StepBatch, law: StepLaw) -> StepVerdicts:
-        """Return what the steps of a batch are."""
+        """Return the verdicts on the steps of a batch."""
         body = batch.bodies[0].body
         soft = any(each.body.client in self._soft for each in batch.bodies)
         return StepVerdicts.of(batch.whole, law, before=body.before, soft_there=soft)
@@ -201,7 +202,7 @@ class Explanation:
         return contacts
 
     def _histories(self, piece: Piece) -> dict[int, tuple[BodyHistory, int]]:
-        """Return the states of each body, and how many of them were in the piece before."""
+        """Return the states of each body, and how many of them are from the piece before."""
         bases, found = by_body(piece.bases), {}
         for number, record in self.records.items():
             last = self._lasts.get(number)
@@ -213,7 +214,7 @@ class Explanation:
     def _poses(
         self, histories: Mapping[int, tuple[BodyHistory, int]], number: int, ends: Int64
     ) -> tuple[Tree, States]:
-        """Return a body and the states that its steps to samples began with."""
+        """Return a body as a tree, and its states at the beginning of the steps to `ends`."""
         record = self.records[number]
         _, config = next(self._configs[number].of(ends[:1] - 1))
         tree = config.law.tree
@@ -229,7 +230,7 @@ class Explanation:
     # -- calls ------------------------------------------------------------------------------------
 
     def _told(self, piece: Piece) -> dict[int, list[Push]]:
-        """Take the calls of a piece; return the pushes that steps of it need, by body."""
+        """Process the calls of a piece; return the pushes that its steps need, by body."""
         pushes = {
             number: [each for each in held if each.at.step + 1 >= piece.first]
             for number, held in self._pushes.items()
@@ -246,7 +247,7 @@ class Explanation:
         return pushes
 
     def _join(self, call: Call, calls: Log) -> None:
-        """Note a call that makes or changes a constraint, or the timestep that it counts in."""
+        """Process a call that makes or changes a constraint, or sets the timestep."""
         if call.act in SETS_TIMESTEP:
             self._constraints.set_timestep(call)
         elif call.act is Act.CHANGE_CONSTRAINT:

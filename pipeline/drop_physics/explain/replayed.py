@@ -1,8 +1,8 @@
-"""A recording whose engine has computed each step again: what acted is recorded, not derived.
+"""Explain a recording whose engine replayed each step, so that the impulses are recorded.
 
-Each step is judged all the same: with the mass matrix from our own kinematics the recorded impulses
-must close its sum, and the velocities that it ends with must lead to its pose. `Replayed` is an
-`Explanation` whose batches come from what is recorded.
+Each step is still judged: with the mass matrix from our own kinematics, the recorded impulses must
+add up to the change of momentum, and the velocities at the end of the step must lead to its pose.
+`Replayed` is an `Explanation` that takes its terms from the recording instead of a law.
 """
 
 from __future__ import annotations
@@ -44,15 +44,15 @@ from drop_physics.trace.history import Piece, Seen
 
 ACTUATOR = "actuator"
 NAMED = (ACTUATOR, "tendon")
-"""The kinds of causes that are told apart by name."""
+"""The kinds of causes of which a body has several, told apart by name."""
 ALWAYS = (PULLED, MOVED, "damping", "applied", "contacts", "constraints", "stops")
-"""Causes that others ask for, whether they act or not."""
+"""Causes that every step has a term for, even where they do not act."""
 NEVER = REPLAYS.index("not replayed")
 RUNGE_KUTTA = 1.0
-"""The setting `integrator` of steps whose pose follows from velocities within them."""
+"""Value of the setting `integrator` for RK4, whose pose follows from velocities within the step."""
 MOVED_BY = 1e-12
-"""Largest distance [m, rad] of a pose from where the velocities lead that is rounding, of a body
-that is at most 1 m away; measured: 3e-15."""
+"""Largest deviation [m, rad] of a pose from where the velocities lead that counts as rounding, for
+a body within 1 m of the origin; measured: 3e-15."""
 SEGMENT_OF = (
     (DRIVEN, f"{ACTUATOR} "),
     (CONTACT, "contacts"),
@@ -60,23 +60,23 @@ SEGMENT_OF = (
     (CONSTRAINED, "tendon "),
     (PUSHED, "applied"),
 )
-"""What a step is where a cause whose name begins so acts; the last that does counts."""
+"""Kind of a step in which a cause acts whose name begins like this; the last match counts."""
 
 
 def cause_name(cause: ImpulseCause) -> str:
-    """Return what a term is called that a cause is part of."""
+    """Return the name of the term that a cause is part of."""
     return f"{cause.kind} {cause.name}" if cause.kind in NAMED else cause.kind
 
 
 class Replayed(Explanation):
-    """Explains a recording; `totals` grow as its pieces are taken."""
+    """Explains a recording from its recorded impulses."""
 
     def __init__(self, seen: Seen) -> None:
         super().__init__(seen)
         self.frictions = seen.frictions
 
     def begun(self, piece: Piece) -> Piece:
-        """Return a piece as it is: what acted, it says."""
+        """Return a piece unchanged: its calls are not needed to know what acted."""
         return piece
 
     def batches(
@@ -86,7 +86,7 @@ class Replayed(Explanation):
         touching: Touching,
         histories: Mapping[int, tuple[BodyHistory, int]],  # noqa: ARG002 - some need it
     ) -> list[tuple[StepBatch, StepVerdicts]]:
-        """Return the steps of each interval of a piece, and what they are."""
+        """Return the steps of each interval of a piece with their verdicts."""
         acted = {
             client: _Acted(parts, self.seen.causes)
             for client, parts in piece.impulses.items()
@@ -100,7 +100,7 @@ class Replayed(Explanation):
     def _steps(
         self, interval: Interval, piece: Piece, touching: Touching, acted: _Acted | None
     ) -> tuple[StepBatch, StepVerdicts]:
-        """Return the steps of a body under constant settings, and what each is."""
+        """Return the steps of a body under constant settings with their verdicts."""
         record, history, config = interval.record, interval.states, interval.config
         law, body = config.law, record.body
         tree, real = law.tree, history.stepped[1:].copy()
@@ -155,7 +155,7 @@ class Replayed(Explanation):
         return batch, _verdicts(whole, status, strays)
 
     def _by_stages(self, client: int, ends: Int64) -> Flags:
-        """Return which steps were made by RK4."""
+        """Return which steps RK4 made."""
         settings = self._settings[client]
         which = np.searchsorted([each.at.step for each in settings], ends - 1, side="right") - 1
         by = np.array([each.values.get("integrator") == RUNGE_KUTTA for each in settings])
@@ -163,7 +163,7 @@ class Replayed(Explanation):
 
 
 class _Acted:
-    """What acted in the steps of a piece of one simulation."""
+    """The impulses of one simulation in the steps of a piece."""
 
     def __init__(self, parts: Sequence[Impulses], causes: Mapping[int, ImpulseCause]) -> None:
         self._causes = causes
@@ -180,14 +180,14 @@ class _Acted:
         order = np.argsort(self._numbers, kind="stable")
         bounds = np.flatnonzero(np.diff(self._numbers[order], prepend=-1, append=-2))
         self._of: dict[int, list[tuple[ImpulseCause, Int64, Int64]]] = {}
-        """Each cause with the rows of its steps and where its values begin, by body."""
+        """By body: each cause, the rows of the steps in which it acts, where its values begin."""
         for a, b in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
             its = order[a:b]
             cause = causes[int(self._numbers[its[0]])]
             self._of.setdefault(cause.body, []).append((cause, rows[its], begin[its]))
 
     def status_of(self, ends: Int64) -> Int64:
-        """Return what became of the steps to some samples, as indices into REPLAYS."""
+        """Return the outcome of replaying the steps to some samples, as indices into REPLAYS."""
         found, at = rows_of(ends, self.steps)
         status = np.full(len(ends), NEVER)
         status[found] = self._status[at]
@@ -213,7 +213,7 @@ def _sum(
     terms: Mapping[str, Float64],
     turned: Float64 | None,
 ) -> Summed:
-    """Return transitions as sums; one that is no step has no terms."""
+    """Return transitions as sums; the terms of one that is no step are 0."""
     kin = kinematics(law.tree, states)
     matrices, where = mass_matrix(kin), rows.where
     spread = {name: rows.spread(term) for name, term in terms.items()}
@@ -227,7 +227,7 @@ def _sum(
 
 
 def _arms(record: Record, states: States) -> Float64:
-    """Return the ways from the frame of a base to its centre of mass [m], shape (n, 3)."""
+    """Return the vectors from a base's frame to its centre of mass [m], in world axes, (n, 3)."""
     reported = record.dynamics[-1].reported
     centre, axes = reported["inertial_position_m"][:1], reported["inertial_orientation"][:1]
     arm = np.tile(rotate_inverse(axes, centre), (len(states.position_m), 1))
@@ -235,11 +235,11 @@ def _arms(record: Record, states: States) -> Float64:
 
 
 def _frame_turn(record: Record, before: States, after: States) -> Float64:
-    """Return what the turning axes of a free base add to u' - u, shape (n, size).
+    """Return the difference between the engine's u' - u and ours, for a free base, shape (n, size).
 
-    The engine has its spin in its own axes, and the velocity of its frame's origin, at -a from the
-    centre of mass: with Q from its axes to the world's, r = Q a, and the same behind the step as
-    Q', r', its u' - u is ours and
+    The engine's u has the spin in the base's own axes, and the velocity of the frame's origin,
+    which is at -a from the centre of mass. With Q the rotation from the base's axes to the world's
+    before the step, r = Q a, and Q', r' the same after it, its u' - u is ours plus
 
         spin      (Q Q'ᵀ - 1) ω'
         velocity  (Q Q'ᵀ ω') × r - ω' × r'
@@ -255,9 +255,9 @@ def _frame_turn(record: Record, before: States, after: States) -> Float64:
 
 
 def _strays(record: Record, steps: Steps) -> Flags:
-    """Return which steps end in a pose that their last velocities do not lead to, shape (n,).
+    """Return which steps end in a pose that their final velocities do not lead to, shape (n,).
 
-    What moves by its velocity is the origin of a free base's frame (`mj_integratePos`).
+    A free base is moved by the velocity of its frame's origin (`mj_integratePos`).
     """
     tree, before, after = steps.law.tree, steps.before, steps.after
     if not tree.fixed:
@@ -273,7 +273,7 @@ def _strays(record: Record, steps: Steps) -> Flags:
 
 
 def _verdicts(steps: Steps, status: Int64, strays: Flags) -> StepVerdicts:
-    """Return what steps are: replayed, explained, and closed by our own kinematics."""
+    """Return the verdicts: a step is explained if its replay and our own kinematics agree."""
     n = len(steps)
     why = np.full(n, -1, np.int8)
     if steps.law.tree.size:

@@ -4,11 +4,11 @@
     v', ω'                follow from the law in flight, else from law and contacts (`balance`)
 
 The segment of a sample is that of the step which led to it, so it depends on two samples and the
-contacts between them. Not covered, so `unexplained`: contact in a timestep of several substeps, of
-which PyBullet reports only the last; rolling and spinning friction, which it does not report, or,
-without cone friction, in place of sliding friction; and the first step of a btRigidBody that
-touches something after it was turned or given another mass, since it is pushed with the inertia it
-was loaded with. Bodies with joints are not covered at all.
+contacts between them. Some steps are not covered, and so `unexplained`: contact in a timestep of
+several substeps, of which PyBullet reports only the last; rolling and spinning friction, which it
+does not report, or reports in place of sliding friction if cone friction is off; and the first
+contact step of a btRigidBody after it was turned or given another mass, which PyBullet computes
+with the inertia that the body was loaded with. Bodies with joints are not covered at all.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Segments:
     held: Flags
     """Whether the engine clamped a velocity in the step to each sample.
 
-    Where law and contacts do not lead to a sample: whether it reached the limit to the bit.
+    If law and contacts do not explain the sample: whether a velocity is exactly at the limit.
     """
 
 
@@ -77,8 +77,8 @@ def segments_of(
         What each step began with; None where that is the sample before.
     rolls
         In which samples contact may have given an unreported torque: these are `contact` or
-        `pushed` if their linear momentum balances, regardless of spin; None where that is not
-        enough.
+        `pushed` if their linear momentum balances, regardless of spin. None: spin must balance in
+        all samples.
     """
     before = motion.before() if before is None else before
     placed = np.arange(len(motion)) == 0 if placed is None else placed
@@ -118,7 +118,7 @@ def _of_block(
     several, bits = law.substeps > 1, law.bits(before)
     exactly, ulps = 0.0 if exact else FUSED, ULPS * law.epsilon
 
-    # With one step per sample its own velocities moved it, whatever their cause.
+    # With one step per sample, the sample's own velocities moved the body, whatever caused them.
     alone = balance.law
     moved = alone if several else law.moved(before, motion.velocity_m_s, motion.spin_rad_s)
     position, orientation = motion.position_m, same_way(motion.orientation, moved.orientation)
@@ -128,7 +128,7 @@ def _of_block(
     aside = np.where(exactly_there, 0.0, law.oriented)
     place_m, turn = _off(position, moved.position_m), _off(orientation, moved.orientation)
     way_m = law.timestep_s * terms_m_s
-    # An orientation that deviates leads aside.
+    # A deviating orientation turns the path aside.
     there = place_m <= (
         turns * (largest(position) + way_m) + aside * way_m + law.clock_s * terms_m_s
     )

@@ -1,4 +1,4 @@
-"""What each sample of a body is: the kind of step that led to it, or why nothing explains it."""
+"""The status of each sample: the kind of step that led to it, or why that step is unexplained."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ Segment = Literal[
     "set", "unexplained", "still", "pushed", "constrained", "contact", "driven", "flight"
 ]
 SEGMENTS: tuple[Segment, ...] = get_args(Segment)
-"""The first that applies to a sample."""
+"""The segments of samples; of several that apply, the first."""
 (SET, UNEXPLAINED, STILL, PUSHED, CONSTRAINED, CONTACT, DRIVEN, FLIGHT) = range(len(SEGMENTS))
 
 ALONE = {segments.FLIGHT: FLIGHT, segments.CONTACT: CONTACT, segments.PUSHED: PUSHED}
-"""What the law of a body alone calls a step, and what it is here."""
+"""Segments by the law of a body alone, and their names here."""
 
 Unsolved = Literal[
     "nothing moves",
@@ -40,7 +40,7 @@ Unsolved = Literal[
     "unknown",
     "not replayed",
 ]
-"""Why a step that its engine takes again has no sum (`trace.events.REPLAYS`)."""
+"""Why a replayed step has no sum (`trace.events.REPLAYS`)."""
 Why = Reason | Literal["timestep", "not finite", "before the recording", "remainder"] | Unsolved
 WHYS: tuple[Why, ...] = (
     *get_args(Reason),
@@ -50,7 +50,7 @@ WHYS: tuple[Why, ...] = (
     "remainder",
     *get_args(Unsolved),
 )
-"""Why a sample is unexplained: what the law says, from settings, before what was only seen."""
+"""Why a sample is unexplained: first the law's reasons, then what is found in the numbers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,12 +62,12 @@ class Judged:
     segment: Int8
     """Indices into SEGMENTS."""
     kind: Int8
-    """What acted in the step that led to it, whether calls had set its start or not: indices into
-    SEGMENTS; SET where no step did, or nothing but the velocity that a call had given it."""
+    """What acted in the step that led to the sample, even if calls had set its start: indices into
+    SEGMENTS; SET if no step led to it, or the body only kept the velocity that a call gave it."""
     why: Int8
-    """Indices into WHYS; -1 where it is explained."""
+    """Indices into WHYS; -1 if the sample is explained."""
     unexplained: Float64
-    """The remainder of the step that led to it, over the largest term; 0 where none did."""
+    """Remainder over the largest term of the step that led to the sample; 0 if no step did."""
     intervals: Sequence[BodySteps]
     """The steps that led to samples, in order, each under constant settings."""
 
@@ -79,30 +79,30 @@ class Judged:
 
 @dataclass(frozen=True, eq=False)
 class StepVerdicts:
-    """What the steps of a batch are, shape (n,) each."""
+    """The verdicts on the steps of a batch, shape (n,) each."""
 
     kind: Int8
     why: Int8
     unexplained: Float64
-    """The remainder over the largest term, but of what another law explains, and of what sleeps."""
+    """Remainder over the largest term; 0 if another law explains the step, or the body sleeps."""
     put: Flags
     """Whether calls had set the state that the step began with."""
 
     @staticmethod
     def of(steps: Steps, law: StepLaw, *, before: bool, soft_there: bool) -> StepVerdicts:
-        """Return what steps are.
+        """Return the verdicts on steps by an engine's law.
 
-        `before`: whether the bodies were there before the recording; `soft_there`: whether there
-        are soft bodies.
+        `before`: whether the bodies existed before the recording began; `soft_there`: whether the
+        simulation has soft bodies.
         """
         why = _whys(steps, law, before=before, soft_there=soft_there)
-        # What another law explains has no sum, and what sleeps need not close it.
+        # Another law's step has no sum, and that of a sleeping body need not close.
         other = (why < 0) & ~steps.closes
         return StepVerdicts(_kinds(steps), why, np.where(other, 0.0, steps.unexplained), steps.put)
 
     @cached_property
     def segment(self) -> Int8:
-        """What the samples are that the steps led to: indices into SEGMENTS."""
+        """Segments of the samples that the steps led to: indices into SEGMENTS."""
         held = np.where(self.put, SET, self.kind)
         return np.where(self.why >= 0, UNEXPLAINED, held).astype(np.int8)
 
@@ -110,7 +110,7 @@ class StepVerdicts:
 def judged(
     body: Body, sampled: Int64, intervals: Sequence[tuple[BodySteps, StepVerdicts]]
 ) -> Judged:
-    """Return what each of some samples of a body is, given the verdicts on their batches."""
+    """Return the status of samples of a body, given the verdicts on their steps."""
     segment, kind = np.full((2, len(sampled)), SET, np.int8)
     why = np.full(len(sampled), -1, np.int8)
     unexplained = np.zeros(len(sampled))
@@ -137,7 +137,7 @@ def _kinds(steps: Steps) -> Int8:
         for name in names:
             if name in steps.terms:
                 kinds[steps.terms[name].any(axis=1)] = kind
-    if steps.covered:  # even those that cancel
+    if steps.covered:  # pushes that cancel count, too
         applied = steps.reported.applied
         acts = applied.force_n.any(axis=1) | applied.torque_n_m.any(axis=1)
         kinds[applied.step[acts]] = PUSHED
@@ -146,7 +146,7 @@ def _kinds(steps: Steps) -> Int8:
 
 
 def stands(steps: Steps) -> Flags:
-    """Return where nothing moved: the same state, to the bit, without velocity."""
+    """Return in which steps nothing moved: the state is the same to the bit, without velocity."""
     before, after = steps.before, steps.after
     moved = before.velocity.any(axis=1) | after.velocity.any(axis=1)
     for name in ("position_m", "orientation", "joints"):
@@ -160,12 +160,12 @@ def _whys(steps: Steps, law: StepLaw, *, before: bool, soft_there: bool) -> Int8
     same, reasons = stands(steps), steps.config.reasons
     outright = next((each for each in reasons if each in WITHOUT_SUM), None)
     off = ~steps.closes
-    if not steps.law.tree.size:  # it cannot move, but for the velocity that a call gave it
+    if not steps.law.tree.size:  # it moves only by a velocity that a call gave it
         outright, off = "massless", off & ~same
     elif outright is not None:
         off = ~(_followed(steps) | same)
     else:
-        if steps.substeps == 1:  # those of several are part of what closes
+        if steps.substeps == 1:  # with several, `closes` covers the pose, too
             timestep_s, most_rad = steps.reported.timestep_s, law.most_turn_rad
             off |= ~moved_on(steps.law.tree, steps.before, steps.after, timestep_s, most_rad)
         if steps.alone is not None:  # in flight to the bit, as the law of a body alone is
@@ -196,7 +196,7 @@ def _whys(steps: Steps, law: StepLaw, *, before: bool, soft_there: bool) -> Int8
         why[off & holds] = WHYS.index(reason)
     if steps.law.tree.size:
         why[~timely] = WHYS.index("timestep")
-    if not steps.config.cone_friction:  # a torque that is not reported may hide what is wrong
+    if not steps.config.cone_friction:  # an unreported torque may hide an error
         rolls = np.zeros(len(steps), np.bool_)
         rolls[steps.reported.contacts.step[steps.reported.contacts.rolling]] = True
         why[rolls] = WHYS.index("rolling unreported")

@@ -31,21 +31,21 @@ from drop_physics.trace.calls import Push
 from drop_physics.trace.events import Body, order
 
 NEVER, TRIALS = 1 << 30, 8
-"""After how many of a step's pushes a call refreshed the poses of links: not at all, or after less
-than so many; which calls did is not recorded."""
+"""Which calls refreshed the poses of links is not recorded. It is assumed to be none (NEVER), or
+one after each of the first TRIALS pushes in a step, whichever explains the step best."""
 WITHOUT_SUM: frozenset[Reason] = frozenset(
     ("engine", "substeps", "soft", "maximal", "massless", "planar")
 )
-"""Where the law has no sum. Elsewhere the sum holds until what the reason names happens."""
+"""Reasons for which the law has no sum. With others, the sum holds until the reason applies."""
 SUBSTEPS: Reason = "substeps"
 
 
 @dataclass(frozen=True, eq=False)
 class Around:
-    """What was seen of a piece, of all bodies."""
+    """What is known of all bodies of a piece."""
 
     law: StepLaw
-    """How the engine steps them."""
+    """The law of the engine that stepped them."""
     times: Mapping[int, StepTimes]
     """By client."""
     commands: MotorCommands
@@ -58,17 +58,17 @@ class Around:
 
 @dataclass(frozen=True, eq=False)
 class Interval:
-    """States of one body under constant settings; a step begins with the first of them."""
+    """Consecutive states of one body under constant settings; the first one begins a step."""
 
     record: Record
     whole: BodyHistory
-    """The states of the body in the piece."""
+    """All states of the body in the piece."""
     first: int
     end: int
-    """Which of them these are."""
+    """The interval is states `first` up to `end` of these."""
     config: BodyConfig
     pushes: Sequence[Push] = ()
-    """Those that calls gave the body in the piece."""
+    """All pushes of the body in the piece."""
 
     @property
     def states(self) -> BodyHistory:
@@ -76,7 +76,7 @@ class Interval:
         return self.whole.at(slice(self.first, self.end))
 
     def kind(self, around: Around) -> Hashable:
-        """Return what is equal of intervals that may be one batch; itself if none may."""
+        """Return a key that intervals share if they may be one batch."""
         config, body = self.config, self.record.body
         if self.pushes or {*config.reasons} & WITHOUT_SUM:
             return id(self)
@@ -109,17 +109,17 @@ class Steps:
 
     config: BodyConfig
     law: DampedTree
-    """As configured, unless the law does not know its joints: then as if they did not move."""
+    """The configured tree, with all joints fixed if the law does not cover them."""
     steps: Int64
-    """The samples that they led to."""
+    """The sample that each step led to."""
     before: States
     after: States
     put: Flags
     """Whether calls had set the state that a step began with."""
     asked: Commanded
-    """What calls asked of the joints."""
+    """The motor commands in effect."""
     reported: Reported
-    """What is known of them; a row of Forces names its step by its row here."""
+    """What the engine reports; `step` of a row of Forces is the row of its step here."""
     sides: Sides
     """The contact points, in the order of `reported.contacts`."""
     terms: Mapping[str, Float64]
@@ -127,15 +127,15 @@ class Steps:
     remainder: Float64
     """What the terms do not explain, shape (n, size)."""
     largest: Float64
-    """The largest entry of any term, or impulse of a single force."""
+    """The largest entry of any term, or the largest impulse of a single force if that is larger."""
     unexplained: Float64
     """The largest entry of the remainder over `largest`; infinite where the law has no sum."""
     closes: Flags
-    """Whether that is no more than rounding, or than what substeps may leave."""
+    """Whether `unexplained` is within rounding, or within what substeps may leave."""
     unknown: Flags
-    """Where a constraint acts that the law does not cover."""
+    """Whether a constraint acts that the law does not cover."""
     alone: Int8 | None
-    """What they are by the law of a body without links (`alone`); None of other bodies."""
+    """Segments by the law of a body without links (`alone`); None for other bodies."""
 
     def __len__(self) -> int:
         """Return the number of steps."""
@@ -143,7 +143,7 @@ class Steps:
 
     @property
     def substeps(self) -> int:
-        """How many substeps each step has, at least 1."""
+        """The number of substeps of each step, at least 1."""
         return self.config.substeps
 
     @property
@@ -153,7 +153,7 @@ class Steps:
 
     @cached_property
     def point_energy_j(self) -> Float64:
-        """What each contact point gave of the body's energy: ½ (u' + u)·P, shape (points,)."""
+        """The energy that each contact point gave the body: ½ (u' + u)·P, shape (points,)."""
         contacts, tree = self.reported.contacts, self.law.tree
         if not len(contacts) or not tree.size:
             return np.zeros(len(contacts))
@@ -166,13 +166,13 @@ class Steps:
 
     @cached_property
     def contact_j(self) -> Float64:
-        """What all contact points gave of it in each step."""
+        """The energy that all contact points together gave the body in each step."""
         step = self.reported.contacts.step
         return np.bincount(step, self.point_energy_j, minlength=len(self)).astype(np.float64)
 
 
 class BodySteps(Steps):
-    """Steps of one body, as rows of a batch: a column is cut when it is asked for."""
+    """Steps of one body, as rows of a batch; a column is sliced on first access."""
 
     def __init__(
         self, whole: Steps, rows: slice, config: BodyConfig, body: Body, changes: Changes
@@ -186,11 +186,11 @@ class BodySteps(Steps):
     changes: Changes
     """How energy and momentum change, by cause."""
     whole: Steps
-    """Those of the batch that they are part of."""
+    """The steps of the whole batch."""
     rows: slice
-    """Their rows in it."""
+    """The rows of these steps in the batch."""
     points: slice
-    """The rows of their contact points in it."""
+    """The rows of their contact points in the batch."""
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - a column of the batch
         vars(self)[name] = cut = self._cut(getattr(self.whole, name))
@@ -211,12 +211,12 @@ class BodySteps(Steps):
 
     @cached_property
     def point_energy_j(self) -> Float64:
-        """What each contact point gave of the body's energy: ½ (u' + u)·P, shape (points,)."""
+        """The energy that each contact point gave the body: ½ (u' + u)·P, shape (points,)."""
         return self.whole.point_energy_j[self.points]
 
     @cached_property
     def contact_j(self) -> Float64:
-        """What all contact points gave of it in each step."""
+        """The energy that all contact points together gave the body in each step."""
         return self.whole.contact_j[self.rows]
 
 
@@ -245,7 +245,7 @@ def columns_of(added: Summed | None, real: Flags, size: int) -> dict[str, Any]:
 
 
 def batches_of(intervals: Iterable[Interval], around: Around) -> list[StepBatch]:
-    """Return the steps of intervals, those of equal bodies together."""
+    """Return the steps of intervals; equal bodies share a batch."""
     groups: dict[Hashable, list[Interval]] = {}
     kept = [part for each in intervals for part in _known_apart(each, around)]
     for each in kept:
@@ -254,7 +254,7 @@ def batches_of(intervals: Iterable[Interval], around: Around) -> list[StepBatch]
 
 
 def _known_apart(interval: Interval, around: Around) -> Iterator[Interval]:
-    """Yield the parts of an interval, those whose substeps are known apart from others."""
+    """Split an interval into runs of steps whose substeps are known, and runs of the others."""
     config = interval.config
     if {*config.reasons} & WITHOUT_SUM != {SUBSTEPS} or not config.law.tree.size:
         yield interval
@@ -269,7 +269,7 @@ def _known_apart(interval: Interval, around: Around) -> Iterator[Interval]:
 
 
 def _closes(steps: Steps) -> Flags:
-    """Return which steps close; what is in flight without links must do so to the bit."""
+    """Return which steps close; a body without links must follow its law of flight to the bit."""
     if steps.alone is None:
         return steps.closes
     acting = ("applied", "contacts", "rolling", "constraints")
@@ -387,24 +387,24 @@ def _batch(group: Sequence[Interval], around: Around) -> StepBatch:
 def _coasts(
     tree: Tree, begins: BodyHistory, ends: BodyHistory, timestep_s: Float64, most_turn_rad: float
 ) -> Flags:
-    """Return in which steps a base that nothing pushes keeps its velocity, and moves with it."""
+    """Return in which steps a base without mass keeps its velocity and moves with it."""
     free = replace(tree, fixed=False)
     before, after = begins.states(free), ends.states(free)
     kept = (before.velocity == after.velocity).all(axis=1)
     return np.asarray(kept & moved_on(free, before, after, timestep_s, most_turn_rad))
 
 
-# -- pushes, whose pose is not known --------------------------------------------------------------
+# -- pushes of links, whose pose is not recorded --------------------------------------------------
 
 
 def _pushes(interval: Interval) -> list[Push]:
-    """Return the pushes of a body in its present life."""
+    """Return the pushes since the body of this interval was added."""
     came = order(interval.record.came[interval.config.life].at)
     return [each for each in interval.pushes if order(each.at) >= came]
 
 
 def _pushed(interval: Interval, rows: Transitions, refreshed: Int64) -> Forces:
-    """Return what pushes do in the steps of an interval."""
+    """Return the forces of pushes in the steps of an interval."""
     begins = interval.first + rows.where
     return pushed(
         _pushes(interval),
@@ -426,9 +426,9 @@ def _closing(
     states: States,
     found: Reported,
 ) -> tuple[Summed, Reported]:
-    """Return the sum, with pushes at those poses of links with which each step closes best.
+    """Return the sum, with pushes acting at the poses of links with which each step closes best.
 
-    Of a batch of several bodies none is pushed; `one` is its first.
+    `one` is the first interval of the batch: bodies that are pushed are not batched with others.
     """
     config, pushes = one.config, _pushes(one)
 
@@ -460,7 +460,7 @@ def _closing(
 
 
 def _spread(reported: Reported, rows: Transitions) -> Reported:
-    """Return the same for all transitions of an interval; one that is no step takes no time."""
+    """Return reports of steps as rows of all transitions; one that is no step takes no time."""
     if rows.real.all():
         return reported
     where, spread = rows.where, rows.spread
@@ -482,7 +482,7 @@ def _spread(reported: Reported, rows: Transitions) -> Reported:
 
 
 def _still(law: DampedTree) -> DampedTree:
-    """Return a body as if none of its joints moved."""
+    """Return a body with all of its joints fixed."""
     nothing = np.empty(0)
     tree = replace(law.tree, joints=tuple("fixed" for _ in law.tree.joints))
     return replace(law, tree=tree, joint_damping=nothing, lower=nothing, upper=nothing)
