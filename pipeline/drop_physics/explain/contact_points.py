@@ -1,4 +1,4 @@
-"""Contact points of a piece, both sides of each, and what they come to per pair of bodies."""
+"""The contact points of a piece with both of their sides, and sums over them by pair of bodies."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from drop_physics.physics.vectors import distinct, groups, lengths
 from drop_physics.trace.states import Rows
 
 COMMON = 0.99
-"""Normals share a line if the cosine of the angle between them is at least this."""
+"""Least cosine of the angle between two normals that share a line."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,29 +34,30 @@ class Points:
     """Numbers of the bodies on both sides, shape (k, 2)."""
     link: Int64
     at_m: Float64
-    """Where it is on each side, shape (k, 2, 3)."""
+    """The point on each side, shape (k, 2, 3)."""
     normal: Float64
-    """Towards side 0, shape (k, 3)."""
+    """Unit vector towards side 0, shape (k, 3)."""
     distance_m: Float64
-    """Negative where they overlap, as the step began."""
+    """Distance as the step began, negative where the sides overlap."""
     normal_n: Float64
     tangential_n: Float64
-    """Friction on side 0, shape (k, 3)."""
+    """Friction force on side 0, shape (k, 3)."""
     friction: Float64
-    """Coefficient: the product of both sides'."""
+    """Coefficient of friction, the product of both sides' coefficients."""
     restitution: Float64
-    """Coefficient of restitution: the product, too."""
+    """Coefficient of restitution, the product of both sides' coefficients."""
     began_m_s: Float64
-    """Velocities of both sides' points as the step began, shape (k, 2, 3)."""
+    """Velocities of the points on both sides as the step began, shape (k, 2, 3)."""
     ended_m_s: Float64
-    """Velocities as it ended, shape (k, 2, 3)."""
+    """Velocities as the step ended, shape (k, 2, 3)."""
     carried_m_s: Float64
-    """The same, with links turned on as they then are: what a point of a wheel was given."""
+    """Velocities as the step ended, of the points turned with their links: as of a point of a
+    wheel."""
     timestep_s: Float64
     explained: Flags
-    """Whether the step of each side is explained, shape (k, 2); so is what cannot move."""
+    """Whether the step of each side is explained, shape (k, 2); True for what cannot move."""
     moves: Flags
-    """Whether time can move that side, shape (k, 2)."""
+    """Whether each side can move, shape (k, 2)."""
 
     def __len__(self) -> int:
         """Return the number of points."""
@@ -69,19 +70,19 @@ class Points:
 
     @property
     def energy_j(self) -> Float64:
-        """Given to each side: force · mean velocity · timestep, shape (k, 2)."""
+        """Energy given to each side: force · mean velocity · timestep, shape (k, 2)."""
         mean = 0.5 * (self.began_m_s + self.ended_m_s)
         worked = np.einsum("ki,ksi->ks", self.force_n, mean) * self.timestep_s[:, None]
         return np.where(self.moves, worked * [1.0, -1.0], 0.0)
 
     @cached_property
     def approach_m_s(self) -> Float64:
-        """How fast the sides approached along the normal as the step began, shape (k,)."""
+        """Speed at which the sides approached along the normal as the step began, shape (k,)."""
         return -_along(self.began_m_s[:, 0] - self.began_m_s[:, 1], self.normal)
 
     @cached_property
     def parting_m_s(self) -> Float64:
-        """How fast the sides part along the normal as the step ended, shape (k,)."""
+        """Speed at which the sides parted along the normal as the step ended, shape (k,)."""
         return _along(self.ended_m_s[:, 0] - self.ended_m_s[:, 1], self.normal)
 
     @cached_property
@@ -91,18 +92,18 @@ class Points:
 
     @cached_property
     def slipped_m_s(self) -> Float64:
-        """The same as the step began."""
+        """Tangential velocity of side 0 relative to side 1 as the step began, shape (k, 3)."""
         return _across(self.began_m_s[:, 0] - self.began_m_s[:, 1], self.normal)
 
 
 @dataclass(frozen=True, eq=False)
 class PairGroups:
-    """Rows by a key: g groups of them, in the order of their keys, each in that of its rows."""
+    """Rows grouped by a key: g groups in ascending order of the key, rows in their own order."""
 
     order: Int64
-    """The rows, those of one key after the other."""
+    """The rows, one group after the other."""
     starts: Int64
-    """Where in that order each group begins, shape (g,)."""
+    """Where each group begins in `order`, shape (g,)."""
 
     @staticmethod
     def of(keys: Int64) -> PairGroups:
@@ -112,23 +113,23 @@ class PairGroups:
 
     @property
     def firsts(self) -> Int64:
-        """The first row of each."""
+        """The first row of each group."""
         return self.order[self.starts]
 
     def rows(self) -> Iterator[Int64]:
-        """Yield the rows of each."""
+        """Yield the rows of each group."""
         yield from np.split(self.order, self.starts[1:]) if len(self.order) else ()
 
     def summed(self, values: Float64) -> Float64:
-        """Return the sums of a number of each row, shape (g, …)."""
+        """Return the sum of each group's values, shape (g, …)."""
         return np.asarray(np.add.reduceat(values[self.order], self.starts, axis=0))
 
     def most(self, values: Float64) -> Float64:
-        """Return the greatest of a number of each row, shape (g,)."""
+        """Return the greatest of each group's values, shape (g,)."""
         return np.asarray(np.maximum.reduceat(values[self.order], self.starts))
 
     def last_of_most(self, values: Float64) -> Int64:
-        """Return of each the last row that has the greatest value, shape (g,)."""
+        """Return the last row of each group that has its greatest value, shape (g,)."""
         greatest = np.repeat(self.most(values), np.diff([*self.starts, len(self.order)]))
         places = np.where(values[self.order] == greatest, np.arange(len(self.order)), -1)
         return np.asarray(self.order[np.maximum.reduceat(places, self.starts)])
@@ -136,11 +137,11 @@ class PairGroups:
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """m steps of pairs of bodies, ordered by step and pair; sums over their points."""
+    """The contact points of pairs of bodies, summed per step; m rows, ordered by step and pair."""
 
     points: Points
     starts: Int64
-    """The first point of each, shape (m,)."""
+    """The first point of each row, shape (m,)."""
 
     @cached_property
     def step(self) -> Int64:
@@ -154,12 +155,12 @@ class Pairs:
 
     @cached_property
     def timestep_s(self) -> Float64:
-        """Shape (m,)."""
+        """The timestep of each row, shape (m,)."""
         return self.points.timestep_s[self.starts]
 
     @cached_property
     def row(self) -> Int64:
-        """The pair of these to which each point belongs, shape (k,)."""
+        """The row that each point belongs to, shape (k,)."""
         counts = np.diff([*self.starts, len(self.points)])
         return np.repeat(np.arange(len(self.starts)), counts)
 
@@ -170,37 +171,37 @@ class Pairs:
 
     @cached_property
     def available_n(self) -> Float64:
-        """Σ μN, shape (m,)."""
+        """The largest possible friction, Σ μN, shape (m,)."""
         return self.summed(self.points.friction * self.points.normal_n)
 
     @cached_property
     def tangential_n(self) -> Float64:
-        """Friction on side 0, shape (m, 3)."""
+        """Friction force on side 0, shape (m, 3)."""
         return self.summed(self.points.tangential_n)
 
     @cached_property
     def force_n(self) -> Float64:
-        """Return the force on side 0, shape (m, 3)."""
+        """Force on side 0, shape (m, 3)."""
         return self.summed(self.points.force_n)
 
     @cached_property
     def pressed_n(self) -> Float64:
-        """Sum of the normal forces as vectors, shape (m, 3): 0 in a grip from two sides."""
+        """Vector sum of the normal forces, shape (m, 3): 0 in a grip from two sides."""
         return self.summed(self.points.normal * self.points.normal_n[:, None])
 
     @cached_property
     def energy_j(self) -> Float64:
-        """Given to each body, shape (m, 2)."""
+        """Energy given to each body, shape (m, 2)."""
         return self.summed(self.points.energy_j)
 
     @cached_property
     def depth_m(self) -> Float64:
-        """The deepest overlap, shape (m,); 0 where there is none."""
+        """The deepest overlap, shape (m,); 0 without any."""
         return np.maximum(self.most(-self.points.distance_m), 0.0)
 
     @cached_property
     def line(self) -> Float64:
-        """The normal of the point that is pressed most, shape (m, 3)."""
+        """The normal of the point with the largest normal force, shape (m, 3)."""
         if not len(self.starts):
             return np.zeros((0, 3))
         greatest = self.most(self.points.normal_n)[self.row]
@@ -217,52 +218,52 @@ class Pairs:
 
     @cached_property
     def slip_m_s(self) -> Float64:
-        """How fast the points slip as the step ended: mean over their normal forces, (m,)."""
+        """Slip speed as the step ended: the mean over points, weighted by normal force, (m,)."""
         return self._weighted(lengths(self.points.slip_m_s))
 
     @cached_property
     def began_slip_m_s(self) -> Float64:
-        """The same as the step began."""
+        """Slip speed as the step began, weighted in the same way."""
         return self._weighted(lengths(self.points.slipped_m_s))
 
     @cached_property
     def approach_m_s(self) -> Float64:
-        """How fast they approach along the normals as the step began, likewise."""
+        """Speed of approach along the normals as the step began, weighted in the same way."""
         return self._weighted(self.points.approach_m_s)
 
     @cached_property
     def parting_m_s(self) -> Float64:
-        """How fast they part as the step ended, likewise."""
+        """Speed of parting along the normals as the step ended, weighted in the same way."""
         return self._weighted(self.points.parting_m_s)
 
     @cached_property
     def gap_m(self) -> Float64:
-        """How far from each other their points still were as the step began, likewise."""
+        """Gap between the sides as the step began, weighted in the same way."""
         return self._weighted(np.maximum(self.points.distance_m, 0.0))
 
     @cached_property
     def centre_m(self) -> Float64:
-        """Where they touch, on each side, likewise, shape (m, 2, 3)."""
+        """The centre of contact on each side, weighted in the same way, shape (m, 2, 3)."""
         return self._weighted(self.points.at_m)
 
     @cached_property
     def began_m_s(self) -> Float64:
-        """How each side moves there as the step began, likewise, shape (m, 2, 3)."""
+        """Velocity of each side as the step began, weighted in the same way, shape (m, 2, 3)."""
         return self._weighted(self.points.began_m_s)
 
     @cached_property
     def ended_m_s(self) -> Float64:
-        """The same, given the velocities with which it ended."""
+        """Velocity of each side as the step ended, weighted in the same way."""
         return self._weighted(self.points.ended_m_s)
 
     @cached_property
     def carried_m_s(self) -> Float64:
-        """The same, where the points have then gone."""
+        """`Points.carried_m_s`, weighted in the same way."""
         return self._weighted(self.points.carried_m_s)
 
     @cached_property
     def held_n_m(self) -> Float64:
-        """The moment that friction can give about the contact, on each side, shape (m, 2)."""
+        """The largest moment of friction about the centre of contact, by side, shape (m, 2)."""
         points = self.points
         arms_m = np.cross(points.at_m - self.centre_m[self.row], points.normal[:, None])
         return self.summed(
@@ -271,7 +272,7 @@ class Pairs:
 
     @cached_property
     def restitution(self) -> Float64:
-        """The greatest product of both sides' coefficients, shape (m,)."""
+        """The largest coefficient of restitution, shape (m,)."""
         return self.most(self.points.restitution)
 
     @cached_property
@@ -281,18 +282,18 @@ class Pairs:
 
     @cached_property
     def of_body(self) -> dict[int, Int64]:
-        """The points at which each body touches others, by its number."""
+        """The points at which each body touches others, by the body's number."""
         sides = np.flatnonzero(self.points.body[:, 0] != self.points.body[:, 1])
         bodies = self.points.body[sides]
         return {number: np.sort(sides[its // 2]) for number, its in groups(bodies.reshape(-1))}
 
     @cached_property
     def grouped(self) -> PairGroups:
-        """The steps of each pair, in the order of their numbers."""
+        """The rows of each pair of bodies, in ascending order of their numbers."""
         return PairGroups.of(self.body @ [self.body.max(initial=0) + 1, 1])
 
     def by_pair(self, which: Flags | None = None) -> Iterator[tuple[int, int, Int64]]:
-        """Yield the numbers of each pair, the lower first, and its rows, or those of `which`."""
+        """Yield the numbers of each pair, the lower first, and its rows, limited to `which`."""
         for rows in self.grouped.rows():
             its = rows if which is None else rows[which[rows]]
             if len(its):
@@ -300,13 +301,13 @@ class Pairs:
                 yield first, second, its
 
     def summed(self, values: Float64) -> Float64:
-        """Return the sums of a number of each point, shape (m, …)."""
+        """Return the sum of the points' values in each row, shape (m, …)."""
         if not len(self.starts):
             return np.zeros((0, *values.shape[1:]))
         return np.asarray(np.add.reduceat(values, self.starts, axis=0))
 
     def most(self, values: Float64) -> Float64:
-        """Return the greatest of a number of each point, shape (m,)."""
+        """Return the greatest of the points' values in each row, shape (m,)."""
         if not len(self.starts):
             return np.zeros(0)
         return np.asarray(np.maximum.reduceat(values, self.starts))
@@ -318,7 +319,7 @@ class Pairs:
 
 
 def pairs_of(explained: ExplainedPiece) -> Pairs:
-    """Return the contact points of a piece, per pair of bodies."""
+    """Return the contact points of a piece, by pair of bodies."""
     points = _points(explained)
     keys = np.column_stack((points.step, points.body))
     new = np.ones(len(keys), np.bool_)
@@ -381,14 +382,14 @@ def _points(explained: ExplainedPiece) -> Points:
 
 
 def _by_side(table: Rows, what: str, unit: str, swapped: Flags) -> NDArray[Any]:
-    """Return a number of both sides of each point, the body with the lower number first."""
+    """Return a column of both sides of each point, that of the body with the lower number first."""
     both = np.stack([table[f"{what}_{side}{unit}"] for side in "ab"], axis=1)
     both[swapped] = both[swapped, ::-1]
     return both
 
 
 class _Sides:
-    """How both sides of k contact points move: shapes (k, 2, …)."""
+    """How both sides of k contact points move; arrays have the shapes (k, 2, …)."""
 
     def __init__(
         self, explained: ExplainedPiece, ends: Int64, bodies: Int64, at_m: Float64
@@ -402,7 +403,7 @@ class _Sides:
         self.moves = np.zeros((count, 2), np.bool_)
 
     def move(self, explained: ExplainedPiece, places: Int64, swapped: Flags) -> None:
-        """Find how they move; `places` are those of the engine's points among these."""
+        """Compute the velocities; `places` has the row here of each of the engine's points."""
         for batch, verdict in explained.batches:
             if len(batch.whole.sides.step) and batch.whole.law.tree.size:
                 self._take(batch.whole, verdict.why < 0, places, swapped)

@@ -1,4 +1,4 @@
-"""The joints of a recording: how each was driven, where it got, and what that takes."""
+"""The joints of a recording: commands, positions, torques, and the torques that poses need."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ Control = Literal["position", "velocity", "torque", "pd", "default", "off", "unk
 
 REST_STEPS = 10
 REST_SHARE, REST, NEVER_MOVED = 1e-3, 1e-3, 1e-5
-"""A joint is at rest with a rate below that share of the greatest in the run, or below REST [SI] if
-that is less; one that was never above NEVER_MOVED is."""
+"""A joint is at rest while its rate is below REST_SHARE of its greatest rate, or below REST [SI] if
+that is less; a joint whose rate never exceeded NEVER_MOVED is at rest, too."""
 WAY_POSES = 32
-"""Number of poses on the way to a target at which it is computed what holding takes."""
+"""Number of poses on the way to a target at which the static torque is computed."""
 AT_LIMIT = 1 - 1e-6
 STOPPED = 1e-6
-"""A stop whose impulse is below this share of the step's largest does nothing."""
+"""A stop whose impulse is below this share of the step's largest is not counted."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,21 +44,22 @@ class JointRow:
     kind: str
     """`revolute`, `prismatic` or `spherical`."""
     control: Control
-    """What drives it: the last call's mode; `default` is the motor that PyBullet gives it."""
+    """Mode of the last call that commanded it; `default` is the motor that PyBullet gives it."""
     target: float | None
-    """[rad] or [m]; of a velocity motor [rad/s] or [m/s]."""
+    """Target [rad] or [m]; for a velocity motor [rad/s] or [m/s]."""
     reached: float | None
     """Position or rate that it reached, in the target's unit."""
     off: float | None
     """Reached minus target."""
     torque: float | None
-    """Its motor's in the last step; of several substeps, in the last of them."""
+    """Torque of its motor in the last step; with several substeps, in the last of them."""
     force_limit: float | None
-    """Its motor's largest in the last step; PyBullet lets it act in each of several substeps."""
+    """Largest torque of its motor in the last step; PyBullet allows it in each of several
+    substeps."""
     needs: float | None
-    """What holding the last pose takes; None where that is not defined."""
+    """Torque that holding the last pose takes; None where that is not defined."""
     needs_at_target: float | None
-    """The same where the joint is at its target."""
+    """Torque that holding takes with the joint at its target."""
     at_force_limit_steps: int
     """Number of steps in which its motor was at its limit."""
     at_stop_steps: int
@@ -78,42 +79,42 @@ class JointRow:
 
 @dataclass(frozen=True, eq=False)
 class Driven:
-    """The joints of a body in n of its steps; shape (n, joint_rates) if not said otherwise."""
+    """The joints of a body in n steps; shape (n, joint_rates) unless stated otherwise."""
 
     body: Body
     steps: BodySteps
     before: Float64
-    """Positions of the joints [rad] or [m] before each step; nan of spherical joints."""
+    """Positions of the joints [rad] or [m] before each step; nan for spherical joints."""
     after: Float64
     rate: Float64
-    """After each step."""
+    """Rates after each step."""
     torque: Float64
     """Torques of the motors."""
     limit: Float64
-    """The largest that each motor could give in the step, of several substeps in each."""
+    """Largest torque of each motor; with several substeps, the sum over all of them."""
     at_limit: Flags
     at_stop: Flags
-    """Whether a stop pushed."""
+    """Whether a joint limit pushed."""
     resting: Flags
-    """Whether the joint was at rest: the last ten steps were."""
+    """Whether the joint has been at rest for the last ten steps."""
     all_resting: Flags
-    """Whether the body was, shape (n,)."""
+    """Whether all degrees of freedom of the body are at rest, shape (n,)."""
 
     @property
     def asked(self) -> Commanded:
-        """What calls asked of them."""
+        """The commands in effect."""
         return self.steps.asked
 
 
 @dataclass(eq=False)
 class _Track:
-    """A body so far."""
+    """What is known of a body so far."""
 
     body: Body
     greatest: Float64
-    """The greatest rate of each entry of u."""
+    """The greatest rate so far of each entry of u."""
     quiet: Int64
-    """Number of steps that each has been at rest."""
+    """Number of steps since each came to rest."""
     at_limit: Int64
     at_stop: Int64
     last: Driven | None = None
@@ -124,7 +125,7 @@ class _Track:
 
 
 class JointTable:
-    """Grows piece by piece."""
+    """The table of joints; grows piece by piece."""
 
     def __init__(self, seen: Seen) -> None:
         self._seen = seen
@@ -135,7 +136,7 @@ class JointTable:
         """Joints of the latest piece, by the body's number."""
 
     def add(self, explained: ExplainedPiece) -> None:
-        """Take a piece."""
+        """Add a piece."""
         self._sites = explained.piece.calls.sites
         self._explained, self.latest = explained, {}
         for number, judged in explained.bodies.items():
@@ -159,7 +160,7 @@ class JointTable:
         return None if np.isnan(number) else self._sites.get(int(number))
 
     def holding(self, driven: Driven, row: int) -> Holding:
-        """Return what holds a body after a step of the latest piece."""
+        """Return what holds a body's pose after a step of the latest piece."""
         assert self._explained is not None
         return holding(
             self._explained,
@@ -171,10 +172,11 @@ class JointTable:
         )
 
     def on_the_way(self, body: int, joint_rate: int) -> float:
-        """Return what a motor at its limit would need on the way from its pose to its target.
+        """Return the largest torque that a motor at its limit would need on the way to its target.
 
-        The most that holding takes against that way, or at its end [N] or [N m]: from the last
-        sample on straight to the targets of all joints. NaN where it is not known, or at rest.
+        The way goes straight from the last pose to the targets of all joints; the torque is that of
+        holding a pose on it against the motion, or holding the last one [N] or [N m]. It is nan
+        where that is not known, and at rest.
         """
         return float(self._tracks[body].on_the_way[joint_rate])
 
@@ -203,7 +205,7 @@ class JointTable:
         return driven
 
     def _end(self, track: _Track, driven: Driven) -> None:
-        """Note how the joints are at the end of a piece."""
+        """Record the state of the joints at the end of a piece."""
         row = len(driven.steps) - 1
         tree = driven.steps.law.tree
         held, target = self.holding(driven, row), target_of(driven)[row]
@@ -225,7 +227,7 @@ class JointTable:
 
 
 def target_of(driven: Driven) -> Float64:
-    """Return the positions that are asked for, nan where none is, shape (n, joint_rates)."""
+    """Return the position targets, nan where there is none, shape (n, joint_rates)."""
     asked = driven.asked
     motor = np.where((asked.mode == POSITION) & (asked.impulse > 0), asked.target, np.nan)
     return np.where(asked.pd == 1, asked.pd_target, motor)
@@ -270,7 +272,7 @@ def _driven(body: Body, steps: BodySteps, track: _Track) -> Driven:
 
 
 def _coordinates(tree: Tree) -> list[int | None]:
-    """Return where the position of each rate is among those of the joints; None if nowhere."""
+    """Return the index of each rate's coordinate among those of the joints; None if it has none."""
     found: list[int | None] = []
     for rates, at in zip(tree.rates, tree.coordinates, strict=True):
         width = rates.stop - rates.start

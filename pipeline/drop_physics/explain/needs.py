@@ -1,8 +1,8 @@
 """What it takes to hold a pose: the torque of each joint's motor that keeps a body as it is.
 
-Minus gravity, what calls apply, and what a body carries by constraints or contacts. What the pose
-would not need is left out: a table or a stop that the body leans on. Where a load has other
-supports too, or is pressed from several sides, what a joint must give is not determined.
+It balances gravity, forces that calls apply, and what the body carries by constraints or contacts.
+What the pose does not need is left out: a table or a stop that the body leans on. If a load has
+other supports, too, or is pressed from several sides, the torque of a joint is not determined.
 """
 
 from __future__ import annotations
@@ -28,54 +28,54 @@ Place = tuple[int, int]
 """Number of a body, and its link."""
 
 PASSIVE = "spring", "gravity compensation", "tendon "
-"""Beginnings of the names of causes that act by themselves."""
+"""Beginnings of the names of causes that depend on the pose alone."""
 ACTS = 1e-9
-"""A force below this share of the largest is none."""
+"""A force below this share of the largest counts as none."""
 
 
 @dataclass(eq=False)
 class Load:
-    """Bodies that hang together and can move, and that a body carries."""
+    """Bodies that hang together, can move, and are carried by another body."""
 
     bodies: set[int]
     anchored: bool = False
-    """Whether something else holds them too."""
+    """Whether anything else supports them, too."""
     links: set[int] = field(default_factory=set)
-    """Of the body that carries them: where they touch it or are joined to it."""
+    """The links of the carrying body that they touch or are joined to."""
     joined: dict[int, int] = field(default_factory=dict)
-    """The links that constraints join them to, each with the constraint's kind."""
+    """The links of the carrying body that constraints join them to, with the constraint's kind."""
 
 
 @dataclass(frozen=True, eq=False)
 class Holding:
-    """What holds a body in its pose after a step; shape (joint_rates,) if not said otherwise."""
+    """What holds a body in its pose after a step; shape (joint_rates,) unless stated otherwise."""
 
     needs: Float64
-    """[N] or [N m]; nan where it is not determined."""
+    """Static torques [N] or [N m]; nan where they are not determined."""
     contacts: Mapping[int, Float64]
-    """What the contacts of each other body do, by its number."""
+    """Torques by the contacts with each other body, by its number."""
     constraints: Float64
     stops: Float64
     _steps: Steps
     _row: int
     _passive: bool
-    """Whether springs or the like hold it, which give something else in another pose."""
+    """Whether springs or the like act, whose force would differ in another pose."""
     _loads: tuple[Load, ...]
     _masses: Mapping[int, tuple[float, Float64]]
-    """Mass and centre of mass of each load's bodies together, by its place in the tuple."""
+    """Total mass and centre of mass of each load, by its index in `_loads`."""
 
     def from_one_side(self, body: int, joint_rate: int) -> Load | None:
-        """Return a body's load if only links that the joint moves, and what is fixed, hold it."""
+        """Return a body's load if only links that the joint moves, and fixed bodies, support it."""
         tree = self._steps.law.tree
         moved = _beyond(tree, tree.first_rate + joint_rate)
         its = (load for load in self._loads if body in load.bodies and load.links <= moved)
         return next(its, None)
 
     def weighs(self, joint_rate: int) -> float:
-        """Return what the weight that a joint alone bears takes in this pose.
+        """Return the torque that the weight on a joint takes in this pose.
 
-        That of what touches the links that it moves included; nan where something else bears that
-        too, whether it is at rest or trembles.
+        It includes the weight of what touches the links that the joint moves; nan if something else
+        bears a part of that weight, whether it is at rest or trembles.
         """
         tree, row = self._steps.law.tree, np.array([self._row])
         moved = _beyond(tree, tree.first_rate + joint_rate)
@@ -92,13 +92,13 @@ class Holding:
         return -float(acting[tree.first_rate + joint_rate])
 
     def at(self, positions: Float64) -> Float64:
-        """Return what holding other positions of the joints takes, shape (joint_coordinates,)."""
+        """Return the static torques at other joint positions, shape (joint_coordinates,)."""
         return np.asarray(self.along(positions[None])[0])
 
     def along(self, positions: Float64) -> Float64:
-        """Return the same of several poses, with the loads that are joined; the base as it is.
+        """Return the static torques in several poses, with joined loads, and the base where it is.
 
-        `positions` have the shape (n, joint_coordinates), and this (n, joint_rates).
+        `positions` have the shape (n, joint_coordinates), the torques (n, joint_rates).
         """
         tree, row = self._steps.law.tree, np.array([self._row])
         state = _still(self._steps.after.at(row))
@@ -186,7 +186,7 @@ def holding(
 
 
 def _passive(steps: Steps, row: int) -> Float64:
-    """Return the impulses of what acts by itself in a pose: springs, compensation of gravity."""
+    """Return the impulses of causes that depend on the pose alone, such as springs."""
     found = [term[row] for name, term in steps.terms.items() if name.startswith(PASSIVE)]
     return np.sum(found, axis=0) if found else np.zeros(steps.law.tree.size)
 
@@ -199,7 +199,7 @@ def _alone(
     *,
     resting: bool,
 ) -> Flags:
-    """Return which rates alone carry what acts on them, shape (size,)."""
+    """Return which rates carry the loads on them alone, shape (size,)."""
     sizes = [np.abs(each).max(initial=0.0) for each in (constraints, *contacts.values())]
     least = ACTS * max(float(max(sizes)), 1e-300)
     alone, pulled = np.ones(tree.size, np.bool_), np.abs(constraints) > least
@@ -221,7 +221,7 @@ def _still(state: States) -> States:
 
 
 def _touching(steps: Steps, row: int) -> tuple[Float64, Int64]:
-    """Return what each contact point of a step does to the rates, and the other body."""
+    """Return the generalised force of each contact point of a step, and the other body of each."""
     contacts, sides = steps.reported.contacts, steps.sides
     first, end = np.searchsorted(contacts.step, (row, row + 1))
     kin = kinematics(steps.law.tree, steps.before.at(np.array([row])))
@@ -232,7 +232,7 @@ def _touching(steps: Steps, row: int) -> tuple[Float64, Int64]:
 def _loads(
     explained: ExplainedPiece, bodies: Mapping[int, Body], number: int, sample: int
 ) -> tuple[list[Load], bool]:
-    """Return what a body carries, and whether anything fixed touches it."""
+    """Return the loads of a body, and whether anything fixed touches it."""
     edges, fixed = _edges(explained, sample), False
     groups: dict[int, Load] = {}
     for (a, link_a), (b, link_b), kind in edges:
@@ -262,7 +262,7 @@ def _loads(
 
 
 def _edges(explained: ExplainedPiece, sample: int) -> Iterable[tuple[Place, Place, int | None]]:
-    """Return what touches or is joined in the step to a sample; a constraint with its kind."""
+    """Return the pairs that touch or are joined in the step to a sample; and constraints' kinds."""
     here = between(explained.piece.contacts, sample, sample + 1)
     force = np.abs(here["normal_force_n"])
     names = ["body_a", "link_a", "body_b", "link_b"]
@@ -282,7 +282,7 @@ def _moves(bodies: Mapping[int, Body], number: int, link: int) -> bool:
 
 
 def _beyond(tree: Tree, rate: int) -> set[int]:
-    """Return the links that a rate moves; all of them if it is the base's."""
+    """Return the links that a rate moves: all of them for a rate of the base."""
     if rate < tree.first_rate:
         return {BASE, *range(tree.links)}
     joint = next(one for one, at in enumerate(tree.rates) if at.start <= rate < at.stop)
@@ -308,7 +308,7 @@ def _pulled(kin: Kinematics, link: int, force: Float64, point_m: Float64) -> Flo
 def _masses(
     explained: ExplainedPiece, loads: Iterable[Load], sample: int
 ) -> dict[int, tuple[float, Float64]]:
-    """Return mass and centre of mass of each load that is known, by its place."""
+    """Return the mass and centre of mass of each load for which they are known, by its index."""
     found = {}
     for number, load in enumerate(loads):
         mass, moment = 0.0, np.zeros(3)

@@ -1,8 +1,9 @@
-"""Whether two convex shapes overlap, from their poses alone: no engine has to touch them.
+"""Whether two convex shapes overlap, from their poses alone, without an engine.
 
-They overlap by a distance d if a ball of that diameter fits into both. Its centre is looked for by
-projections onto both shapes in turn, each shrunk by d/2: these converge to a point of both where
-there is one (Bregman 1965). So what is found is sure; a narrow overlap may be missed.
+They overlap by a distance d if a ball of that diameter fits into both. Its centre is searched for
+by projecting a point onto both shapes in turn, each shrunk by d/2: this converges to a point of
+both if there is one (Bregman 1965). So an overlap that is found is real; a narrow one may be
+missed.
 """
 
 from __future__ import annotations
@@ -18,11 +19,11 @@ from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.trace.events import Collision
 
 TURNS = 400
-"""Projections onto each shape."""
+"""Number of projections onto each shape."""
 NEARLY = 0.9
-"""Share of the shrinking at which a point counts as inside: projections only approach it."""
+"""Share of the shrinking by which a point must be inside: projections only approach it."""
 DEEP_INSIDE_M = 1e6
-"""How far a plane reaches down."""
+"""Depth of a plane, taken as a half space."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,12 +37,12 @@ class PlacedShape:
     """Quaternions x, y, z, w, shape (n, 4)."""
 
     def only(self, rows: Int64) -> PlacedShape:
-        """Return it in some of these samples."""
+        """Return the shape in some of the samples."""
         return PlacedShape(self.shape, self.position_m[rows], self.orientation[rows])
 
     @cached_property
     def radius_m(self) -> float:
-        """Radius of a ball around its centre that it fits into."""
+        """Radius of a ball around its centre that contains it."""
         size, kind = np.abs(self.shape.size_m), self.shape.kind
         if kind == "plane":
             return DEEP_INSIDE_M
@@ -57,7 +58,7 @@ class PlacedShape:
     def outside(self, points_m: Float64) -> tuple[Float64, Float64]:
         """Return how far points are outside, negative inside, and which way is out.
 
-        Shapes (n,) and (n, 3); the way is the gradient of that distance.
+        The shapes are (n,) and (n, 3); the way is the gradient of that distance.
         """
         local = rotate_inverse(self.orientation, points_m - self.position_m)
         distance_m, way = outside(self.shape, local)
@@ -65,12 +66,12 @@ class PlacedShape:
 
 
 def is_convex(shape: Collision) -> bool:
-    """Return whether a shape is one that `overlaps` knows."""
+    """Return whether `overlaps` supports a shape."""
     return shape.kind in OUTSIDE and (shape.kind != "mesh" or len(shape.hull_m) >= 12)
 
 
 def overlaps(one: PlacedShape, two: PlacedShape, by_m: float) -> Flags:
-    """Return in which samples two shapes overlap by a distance [m], shape (n,)."""
+    """Return in which samples two shapes overlap by at least `by_m`, shape (n,)."""
     found = np.zeros(len(one.position_m), np.bool_)
     apart_m = np.linalg.norm(one.position_m - two.position_m, axis=1)
     near = np.flatnonzero(apart_m < one.radius_m + two.radius_m)

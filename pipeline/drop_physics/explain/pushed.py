@@ -83,7 +83,7 @@ def pushed(
 
 
 def _numbers(rows: Int64, link: Int64) -> Int64:
-    """Return how many pushes of links precede each in its step; rows in ascending order."""
+    """Return the number of pushes of links before each in its step; `rows` ascend."""
     before = np.cumsum(link != BASE) - (link != BASE)
     return np.asarray(before - before[np.searchsorted(rows, rows)])
 
@@ -91,9 +91,9 @@ def _numbers(rows: Int64, link: Int64) -> Int64:
 def _poses(
     told: Sequence[Push], record: Record, history: BodyHistory, begins: Int64, late: Flags
 ) -> BodyHistory:
-    """Return the states whose poses pushes use.
+    """Return the states at which pushes act.
 
-    The state that the body had at the call, or that with which the step before it began.
+    That is the state that the body had at the call, or with which the step before it began.
     """
     steps = np.array([each.at.step for each in told], np.int64)
     sampled = np.flatnonzero(history.sampled)

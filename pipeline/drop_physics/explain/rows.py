@@ -1,4 +1,4 @@
-"""The table of samples: what each is, where, how far off free fall, and its energy."""
+"""The table of samples: segment, position, deviation from free fall, and energy of each."""
 
 from __future__ import annotations
 
@@ -24,29 +24,31 @@ COLUMNS = {
     "error_x_m": "Float64", "error_y_m": "Float64", "error_z_m": "Float64",
     "energy_j": "Float64", "contact_j": "Float64", "remainder": "Float64",
 }  # fmt: skip
-"""Columns of the table, and Polars' types of them.
+"""Columns of the table, and their types in Polars.
 
-An error is that of the flight with the sample, else null; the remainder is that of the step that
-led to it, over its largest term."""
+An error is null except in a flight; the remainder is that of the step that led to the sample, over
+its largest term.
+"""
 MOST_ROWS = 1 << 17
-"""Rows that a table has at most, but for changes, without being asked for."""
+"""Most rows of a table that was not asked to be complete, besides rows at which something
+changes."""
 SHOWN_PER_S = 60.0
-"""Rows of a body that are kept at most where not all are."""
+"""Most rows per second of a body where not all are kept."""
 
 
 @dataclass(frozen=True, eq=False)
 class SampleRows:
-    """Some samples of a body, n of them."""
+    """Table rows of n samples of a body."""
 
     body: Body
     columns: dict[str, NDArray[Any]]
-    """Those of COLUMNS but for body and label, and those of joints and terms, shape (n,) each.
+    """Columns of shape (n,): those of COLUMNS except body and label, and those of joints and terms.
 
-    The segment is its number in SEGMENTS.
+    `segment` has indices into SEGMENTS.
     """
 
     def shown(self, *, per_s: float) -> SampleRows:
-        """Return the rows that a curve or a state shows: so many a second, and changes."""
+        """Return at most so many rows a second, besides those where segment or flight change."""
         if np.isinf(per_s):
             return self
         due = np.floor(self.columns["time_s"] * per_s + 1e-9)
@@ -59,7 +61,7 @@ class SampleRows:
 
 
 def joined(parts: Sequence[SampleRows]) -> list[SampleRows]:
-    """Return the rows of each body as one, by body and step; a column that a part lacks is nan."""
+    """Return one set of rows for each body, by number; a column that a part lacks is nan there."""
     of_bodies: dict[int, list[SampleRows]] = {}
     for part in parts:
         of_bodies.setdefault(part.body.number, []).append(part)
@@ -80,7 +82,7 @@ def _joined(parts: Sequence[SampleRows]) -> SampleRows:
 
 
 def table_of(bodies: Sequence[SampleRows]) -> pl.DataFrame:
-    """Return the rows of bodies as one table; what a body lacks is null."""
+    """Return the rows of all bodies as one table; a column that a body lacks is null there."""
     import polars as pl  # slow to load, and few need it
 
     more = dict.fromkeys(name for each in bodies for name in each.columns if name not in COLUMNS)
@@ -115,8 +117,8 @@ def rows_of(
 ) -> SampleRows:
     """Return a row for each sample of a body in a piece.
 
-    `base_m`: where its base is, shape (n, 3); `errors_m`: how far off free fall it is, by row;
-    `detailed`: whether each joint and each term has its columns (`details_of`).
+    `base_m`: position of its base, shape (n, 3); `errors_m`: deviation from free fall, by row;
+    `detailed`: whether to add columns for each joint and each term (`details_of`).
     """
     n = len(judged.steps)
     error_m = np.full((n, 3), np.nan)
@@ -144,9 +146,9 @@ def rows_of(
 
 
 def details_of(judged: Judged) -> dict[str, Float64]:
-    """Return further columns: each joint's position and motor, and the energy that each term gave.
+    """Return further columns: position and motor of each joint, and energy given by each term.
 
-    Of a joint that turns about a point there is none.
+    Spherical joints are left out.
     """
     columns: dict[str, Float64] = {}
     for steps in judged.intervals:

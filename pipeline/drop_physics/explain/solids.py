@@ -1,6 +1,6 @@
-"""Convex shapes that overlap: how deep at least, from points of one that lie within the other.
+"""How deep convex shapes overlap at least, from points of one that lie inside the other.
 
-A point of A that is d deep in B has to go d to leave it, so A and B overlap by at least d. The
+A point of A that is d deep in B has to move by d to leave it, so A and B overlap by at least d. The
 points are chosen (corners, axes, centres), so the real overlap may be deeper, and is never less.
 """
 
@@ -18,11 +18,11 @@ from drop_physics.physics.columns import rotation
 from drop_physics.trace.events import Collision
 
 LEVELS = (-1.0, -0.5, 0.0, 0.5, 1.0)
-"""Where along its edges or its axis points of a shape are, as shares of its half."""
+"""Where points lie along the edges or the axis of a shape, as shares of half its length."""
 ROUND = 8
-"""Points around an axis."""
+"""Number of points around an axis."""
 MOST_CORNERS = 64
-"""Points of a hull."""
+"""Most points of a hull."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class Solid:
 
     collision: Collision
     points_m: Float64
-    """Points of it, shape (m, 3); none of a half space."""
+    """Points of the shape, shape (m, 3); none for a half space."""
     radius_m: float
     """Radius of a ball around its centre that holds it; infinite for a half space."""
 
@@ -48,7 +48,7 @@ class Solid:
 
 
 def solid_of(collision: Collision) -> Solid | None:
-    """Return the shape of a collision; None where it has none that is known."""
+    """Return a collision shape with points; None for a kind that is not supported."""
     kind, size = collision.kind, np.array(collision.size_m)
     if kind == "plane":
         return Solid(collision, np.empty((0, 3)), np.inf)
@@ -80,9 +80,9 @@ def solid_of(collision: Collision) -> Solid | None:
 def overlap_m(
     a: Solid, at_a: tuple[Float64, Float64], b: Solid, at_b: tuple[Float64, Float64]
 ) -> Float64:
-    """Return by how much two shapes overlap, at least, 0 where nothing tells, shape (n,).
+    """Return by how much two shapes overlap at least; 0 where no point is inside, shape (n,).
 
-    `at_a`, `at_b`: where the axes of their links are, positions (n, 3) and rotations (n, 3, 3).
+    `at_a`, `at_b`: poses of their links, positions (n, 3) and rotations (n, 3, 3).
     """
     poses = [_placed(solid, *at) for solid, at in ((a, at_a), (b, at_b))]
     (place_a, turn_a), (place_b, turn_b) = poses
@@ -101,7 +101,7 @@ def overlap_m(
 
 
 def _placed(solid: Solid, position_m: Float64, turn: Float64) -> tuple[Float64, Float64]:
-    """Return where a shape's centre and axes are, from those of its link."""
+    """Return position and rotation of a shape, from those of its link."""
     collision = solid.collision
     local = rotation(np.array(collision.orientation, np.float64)[:, None])[:, :, 0]
     return position_m + turn @ np.array(collision.position_m), turn @ local
@@ -118,6 +118,6 @@ def _directions() -> Iterator[tuple[float, float, float]]:
 
 
 def _ring() -> Iterator[tuple[float, float]]:
-    """Yield directions around an axis."""
+    """Yield unit vectors around an axis."""
     for angle in np.arange(ROUND) * (2 * np.pi / ROUND):
         yield float(np.cos(angle)), float(np.sin(angle))

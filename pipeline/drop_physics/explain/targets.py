@@ -20,48 +20,48 @@ from drop_physics.explain.joints import REST_STEPS, Driven, target_of
 from drop_physics.trace.motors import POSITION, VELOCITY
 
 KEYS = ("target", "target_velocity", "kp", "kd", "mode", "pd")
-"""A target with any other of these is another one."""
+"""Two targets are the same one if all of these are equal."""
 SETTLED_STEPS, SETTLED = 60, 1e-3
-"""A joint that stays within so much [rad] or [m] over so many steps is at rest too: it may bounce
-off its stop, or creep."""
+"""A joint that stays within SETTLED [rad] or [m] over SETTLED_STEPS is at rest, too, even if it
+bounces off its stop, or creeps."""
 
 
 @dataclass(frozen=True, eq=False)
 class Stood:
-    """Targets of one rate of a body that stood, one after the other, m of them; shape (m,)."""
+    """Successive targets of one rate of a body, m of them; arrays have the shape (m,)."""
 
     k: int
-    """The rate, among those of all joints."""
+    """Index of the rate among those of all joints."""
     first: Int64
-    """The first sample that each led to."""
+    """The first sample after each target was set."""
     last: Int64
     row: Int64
-    """Of the last, in the steps at hand; -1 if it is not among them."""
+    """Row of the last step in the steps at hand; -1 if it is not among them."""
     steps: Int64
     at_limit: Int64
-    """Number of these steps in which its motor was at its limit."""
+    """Number of these steps in which the motor was at its limit."""
     target: Float64
-    """Where PyBullet sends the joint: a target beyond its limits is moved to them."""
+    """The target that PyBullet uses: one beyond the joint's limits is clamped to them."""
     gap: Float64
-    """Position minus target at the last."""
+    """Position minus target after the last step."""
     before: Float64
-    """Position minus target when it was given."""
+    """Position minus target when the target was set."""
     lawful: Float64
-    """The gap that the motor's law leaves of it; nan where it is not known."""
+    """The gap that the motor's law would leave; nan where that is not known."""
     kp: Float64
     rate: Float64
-    """At the last."""
+    """Rate after the last step."""
     resting: Flags
-    """Whether the joint came to rest while it stood."""
+    """Whether the joint came to rest while the target was in effect."""
     left: Flags
-    """Whether calls put the joint where it began, and gave the target before, not again."""
+    """Whether calls reset the joint where this target begins, and did not set the target again."""
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of targets."""
         return len(self.first)
 
     def only(self, which: Int64) -> Stood:
-        """Return some of them."""
+        """Return some of the targets."""
         return Stood(
             **{name: value if name == "k" else value[which] for name, value in vars(self).items()}
         )
@@ -69,16 +69,16 @@ class Stood:
 
 @dataclass(eq=False)
 class _OpenTarget:
-    """The target that stands at the end of the steps so far."""
+    """The target that is in effect at the end of the steps so far."""
 
     key: Float64
     first: int
     last: int
     position: float
-    """When it was given."""
+    """Position of the joint when the target was set."""
     at_limit: int
     placed: bool
-    """Whether a call had put the joint there."""
+    """Whether a call had reset the joint."""
 
 
 class Targets:
@@ -87,14 +87,14 @@ class Targets:
     def __init__(self) -> None:
         self._open: dict[int, _OpenTarget] = {}
         self._tail = np.empty((0, 0))
-        """Positions before these steps."""
+        """The last positions before these steps."""
         self._tail_step = -1
         self._path = self._tail
 
     def see(self, driven: Driven) -> Iterator[tuple[Stood, bool]]:
-        """Yield, per rate, the targets that ended before or in some steps, and the last of them.
+        """Yield, for each rate, the targets that ended in some steps, and the one in effect.
 
-        The last one comes by itself, with True: it may go on.
+        The latter comes with True: it may go on.
         """
         asked, steps = driven.asked, driven.steps
         target = target_of(driven)
@@ -117,7 +117,7 @@ class Targets:
         self._tail, self._tail_step = self._path[-SETTLED_STEPS:].copy(), int(steps.steps[-1])
 
     def _settled(self, stood: Stood, end: int) -> Flags:
-        """Return whether each joint hardly moved before its target ended; `end` of these steps."""
+        """Return whether each joint hardly moved before its target ended, in `end` steps."""
         settled = stood.resting.copy()
         for i in np.flatnonzero(~settled & (stood.steps >= SETTLED_STEPS)).tolist():
             last = len(self._path) - end + int(stood.row[i]) + 1
@@ -214,7 +214,7 @@ def rings_with(kp: Float64, kd: Float64) -> Flags:
 
 
 def flips(driven: Driven) -> Flags:
-    """Return where the gains of a motor turn its joint around with every step, (n, joint_rates)."""
+    """Return where the gains of a motor reverse its joint in every step, shape (n, joint_rates)."""
     kp, kd = driven.asked.kp, driven.asked.kd
     position = rings_with(kp, kd) & (driven.asked.mode == POSITION) & (kp + kd > 2)
     velocity = (driven.asked.mode == VELOCITY) | (driven.asked.mode == POSITION)

@@ -32,7 +32,7 @@ class StepTimes:
         return self._timesteps_s[which], self._gravity_m_s2[which]
 
     def _latest(self, ends: Int64) -> NDArray[np.intp]:
-        """Return which settings the steps to samples began with, shape (n,)."""
+        """Return the index of the settings with which the steps to samples began, shape (n,)."""
         return np.maximum(0, np.searchsorted(self._steps, ends - 1, side="right") - 1)
 
     def of_all(self, steps: Int64) -> Float64:
@@ -47,17 +47,17 @@ class StepTimes:
 
     @property
     def falls(self) -> bool:
-        """Whether there ever was gravity."""
+        """Whether gravity ever acted."""
         return bool(self._gravity_m_s2.any())
 
     @property
     def changes(self) -> list[tuple[int, float, float]]:
-        """The steps after which the timestep changed, and what it was before and after [s]."""
+        """Each step after which the timestep changed, and the timesteps before and after it [s]."""
         around = zip(self._steps[1:], self._timesteps_s[:-1], self._timesteps_s[1:], strict=True)
         return [(int(step), float(a), float(b)) for step, a, b in around if a != b]
 
     def nearest(self, time_s: float, first: int, last: int) -> int | None:
-        """Return the step from `first` to `last` nearest to a time; None if that is outside."""
+        """Return the step from `first` to `last` nearest to a time; None if the time is outside."""
         if not self.of(first) <= time_s <= self.of(last):
             return None
         low = bisect.bisect_left(range(first, last + 1), time_s, key=self.of) + first

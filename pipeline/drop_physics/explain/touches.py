@@ -1,4 +1,4 @@
-"""Pairs of bodies that touched: friction used and needed, what slid, what it gave."""
+"""Pairs of bodies that touched: friction used and needed, sliding distance, energy and impulse."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from drop_physics.physics.vectors import lengths
 from drop_physics.trace.history import Seen
 
 WHOLE = ("gravity", "damping", "applied", "constraints", "contacts")
-"""The forces on a whole tree, from outside."""
+"""The terms that act on a whole tree from outside."""
 PRESSED = 1e-9
-"""A force below this is none [N]."""
+"""A force below this counts as none [N]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Touch:
-    """What happened between a body and another that it touched."""
+    """A body's contact with another body."""
 
     other: str
     """Label of the other body, in JSON `with`."""
@@ -33,7 +33,7 @@ class Touch:
     used: float | None
     """Largest share of Σ μN that the pair used."""
     available_n: float | None
-    """Σ μN at the step that needs most."""
+    """Σ μN at the step that needs most friction."""
     needed_n: float | None
     """What friction would have to be to balance all other forces on the body."""
     friction_needed: float | None
@@ -56,7 +56,7 @@ class _Total:
 
     steps: int = 0
     coefficients: tuple[float, float] = (np.inf, -np.inf)
-    """The lowest and the highest."""
+    """The lowest and the highest coefficient of friction."""
     used: float = -1.0
     needed_n: float = -1.0
     """Friction needed at the step that needs most."""
@@ -68,10 +68,10 @@ class _Total:
     energy_j: float = 0.0
     energy_of_pair_j: float = 0.0
     whole: bool = True
-    """Whether the forces of all steps are known, not only those of a last substep."""
+    """Whether the forces of all steps are known; False if some are of a last substep only."""
 
     def add(self, numbers: Mapping[str, Float64], row: int, side: int, *, itself: bool) -> None:
-        """Add what the forces of the pair came to in a piece (`_numbers`)."""
+        """Add the totals of the pair in a piece (`_numbers`)."""
         now = {name: each[row] for name, each in numbers.items()}
         low, high = self.coefficients
         self.steps += int(now["steps"])
@@ -86,7 +86,7 @@ class _Total:
         self.whole &= not now["hidden"]
 
     def need(self, needs: _Needs, row: int) -> None:
-        """Note the step of a piece in which friction would have to be largest, if it is so far."""
+        """Keep the step of a piece that needs most friction, if it needs most so far."""
         needed_n = float(needs.needed_n[row])
         if needed_n >= 0 and _digits(needed_n) >= _digits(self.needed_n):
             self.needed_n = needed_n
@@ -95,21 +95,21 @@ class _Total:
 
 
 class TouchTable:
-    """Grows piece by piece."""
+    """The table of touching pairs; grows piece by piece."""
 
     def __init__(self, seen: Seen) -> None:
         self._seen = seen
         self._totals: dict[int, dict[int, _Total]] = {}
-        """Totals by the numbers of a body and of the other."""
+        """Totals by the number of a body and of the other one."""
         self.pairs: Pairs
-        """The contact points of the latest piece, until that is forgotten."""
+        """The contact points of the latest piece, until `forget`."""
 
     def forget(self) -> None:
         """Free the latest piece."""
         del self.pairs
 
     def add(self, explained: ExplainedPiece) -> None:
-        """Take a piece."""
+        """Add a piece."""
         pairs = self.pairs = pairs_of(explained)
         if not len(pairs.starts):
             return
@@ -152,7 +152,7 @@ class TouchTable:
 
 
 def _hidden(explained: ExplainedPiece, pairs: Pairs) -> Flags:
-    """Return whether only a last substep's forces are known of a body in each step, (m,)."""
+    """Return in which rows only a last substep's forces are known of either body, shape (m,)."""
     hidden = np.zeros(len(pairs.starts), np.bool_)
     if any(batch.whole.substeps > 1 for batch, _ in explained.batches):
         for side in (0, 1):
@@ -162,7 +162,7 @@ def _hidden(explained: ExplainedPiece, pairs: Pairs) -> Flags:
 
 
 def _numbers(pairs: Pairs, hidden: Flags) -> dict[str, Float64]:
-    """Return what the forces of each pair come to in a piece, shape (pairs, …)."""
+    """Return the totals of each pair in a piece, shape (pairs, …)."""
     grouped, dt = pairs.grouped, pairs.timestep_s
     pressed, friction = pairs.points.normal_n > PRESSED, pairs.points.friction
     acts = pairs.normal_n > PRESSED
@@ -183,19 +183,19 @@ def _numbers(pairs: Pairs, hidden: Flags) -> dict[str, Float64]:
 
 @dataclass(frozen=True, eq=False)
 class _Needs:
-    """The steps in which friction would have to be largest to balance all other forces on a side.
+    """The step of each pair that needs most friction to balance all other forces on one side.
 
-    One for each pair, shape (pairs,) each.
+    Arrays have the shape (pairs,).
     """
 
     needed_n: Float64
-    """Negative where nothing is known."""
+    """Friction needed; negative where it is not known."""
     available_n: Float64
     normal_n: Float64
 
     @staticmethod
     def of(explained: ExplainedPiece, pairs: Pairs, side: int) -> _Needs:
-        """Return them for the bodies on one side of each pair of a piece."""
+        """Return these steps for the bodies on one side of each pair of a piece."""
         needed = np.full(len(pairs.starts), -1.0)
         known = pairs.one_line & pairs.explained[:, side] & (pairs.normal_n > PRESSED)
         rows, sign = np.flatnonzero(known), -1.0 if side else 1.0
@@ -214,5 +214,5 @@ class _Needs:
 
 
 def _digits(value: float | Float64) -> Float64:
-    """Return what is equal for numbers that agree to three digits."""
+    """Return a number that values share if they agree to three digits."""
     return np.floor(1e3 * np.log(np.maximum(value, PRESSED)))

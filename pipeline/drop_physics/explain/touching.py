@@ -17,7 +17,7 @@ from drop_physics.physics.tree import BASE
 from drop_physics.trace.states import Rows
 
 STEPS = 1 << 40
-"""The number of a body times this, and a step, are one number: no recording has as many."""
+"""A factor larger than any step: body × STEPS + step is a unique key."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,17 +41,17 @@ class Sides(Rowed):
 
 @dataclass(frozen=True)
 class Touches(Rowed):
-    """The contact points of one part, one row each; vectors in world axes, (points, 3)."""
+    """The contact points of one link, one row each; vectors in world axes, (points, 3)."""
 
     step: Int64
     position_m: Float64
-    """Force on this part."""
+    """Where the force on this link acts."""
     force_n: Float64
-    """Normal force and both frictions on this part."""
+    """Sum of normal force and both frictions on this link."""
     distance_m: Float64
-    """Negative where they overlap, (points,)."""
+    """Distance, negative where the bodies overlap, (points,)."""
     other_body: Int64
-    """The other body, (points,)."""
+    """Number of the other body, (points,)."""
     other_link: Int64
 
     def since(self, first: int, points: slice) -> Touches:
@@ -61,7 +61,7 @@ class Touches(Rowed):
 
 
 class Touching:
-    """The contact points of a piece, and what each does to its sides that are of some bodies."""
+    """The contact points of a piece, with the force on each side that belongs to some bodies."""
 
     def __init__(self, contacts: Rows, records: Records, bodies: Collection[int]) -> None:
         step, a, b, link_a, link_b = (
@@ -104,9 +104,10 @@ class Touching:
         )
 
     def of(self, bodies: Sequence[int], which: Int64, ends: Int64) -> tuple[Sides, Int64]:
-        """Return the contact points of bodies in some of their steps, and the rows of these.
+        """Return the contact points of bodies in some of their steps, and the rows of these steps.
 
-        `which` of the bodies the steps are of, and the samples that they led to, both rise; (n,).
+        `which` has the index of the body of each step, `ends` the sample that it led to, shape
+        (n,); both ascend.
         """
         held = self.sides
         first, end = (np.searchsorted(held.body, bodies, side) for side in ("left", "right"))
@@ -120,14 +121,14 @@ class Touching:
         return held.at(points), rows
 
     def forces(self, sides: Sides, row: Int64) -> Forces:
-        """Return what some contact points do to their body; `row` are their steps."""
+        """Return the forces at contact points on their body; `row` has the row of each step."""
         rows: slice | Int64 = sides.row
         if len(row) and sides.row[-1] - sides.row[0] == len(row) - 1:
             rows = slice(int(sides.row[0]), int(sides.row[-1]) + 1)
         return replace(self._forces.at(rows), step=row)
 
     def touches(self, sides: Sides, forces: Forces) -> Touches:
-        """Return contact points, and the forces at them, as those of a body alone."""
+        """Return contact points with their forces, as those of a body without links."""
         return Touches(
             step=forces.step,
             position_m=forces.point_m,
@@ -143,7 +144,7 @@ class Touching:
 
 
 def touches_of(contacts: Rows, body: int, link: int = BASE) -> Touches:
-    """Return the contact points of one part of a body, in their order."""
+    """Return the contact points of one link of a body, in their order."""
     touching = Touching(contacts, Records(), [body])
     sides = touching.sides
     sides = sides.at(np.flatnonzero(sides.link == link))
@@ -151,14 +152,14 @@ def touches_of(contacts: Rows, body: int, link: int = BASE) -> Touches:
 
 
 def among(numbers: Collection[int], bodies: Int64) -> Flags:
-    """Return which bodies have one of some numbers."""
+    """Return which bodies are among some numbers."""
     are = np.zeros(max([*numbers, int(bodies.max(initial=0))]) + 1, np.bool_)
     are[[*numbers]] = True
     return np.asarray((bodies >= 0) & are[bodies])
 
 
 def _rolls(records: Records, step: Int64, body: Int64, link: Int64) -> Flags:
-    """Return which links resist rolling or spinning, in the steps that led to these samples."""
+    """Return which links have rolling or spinning friction in the steps to some samples."""
     rolls = np.zeros(len(step), np.bool_)
     for name in ("rolling_friction", "spinning_friction"):
         if records.any(name):
@@ -168,7 +169,7 @@ def _rolls(records: Records, step: Int64, body: Int64, link: Int64) -> Flags:
 
 
 def rows_of(steps: Sequence[int] | Int64, ends: Int64) -> tuple[NDArray[np.intp], Int64]:
-    """Return which of some samples are among others, and where; `ends` in ascending order."""
+    """Return which of some samples are among `ends`, which ascends, and their rows there."""
     asked = np.asarray(steps, np.int64)
     rows = np.minimum(np.searchsorted(ends, asked), len(ends) - 1)
     found = np.flatnonzero(ends[rows] == asked) if len(ends) else np.empty(0, np.intp)
