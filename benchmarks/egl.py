@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from drop_physics import Camera
-from drop_physics.engines.pybullet.camera_frames import Photographer, Poses
+from drop_physics.arrays import Float64
+from drop_physics.engines.pybullet.camera_frames import Photographer
 
 from benchmarks.harness import Measured, done, paired, slow_fall
 
@@ -29,6 +30,6 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:  # noqa: ARG001
     )
 
 
-def _draw(photographer: Photographer, poses: Poses) -> None:
+def _draw(photographer: Photographer, poses: Float64) -> None:
     for _ in photographer.draw(poses):
         pass

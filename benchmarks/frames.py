@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from drop_physics import Camera, Scenario
-from drop_physics.engines.pybullet.camera_frames import Photographer, Poses
+from drop_physics.arrays import Float64
+from drop_physics.engines.pybullet.camera_frames import Photographer
 from drop_physics.engines.pybullet.pose_renderer import encoded
 from drop_physics.engines.pybullet.visible_world import VisibleWorld
 
@@ -41,12 +42,12 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:  # noqa: ARG001
     yield Measured(f"{len(few)} frames, floor drawn once", "each whole", ratios, detail=detail)
 
 
-def _draw(scenario: Scenario, camera: Camera, poses: Poses, *, workers: bool) -> None:
+def _draw(scenario: Scenario, camera: Camera, poses: Float64, *, workers: bool) -> None:
     with Photographer(scenario, camera, frames=len(poses) if workers else 0) as photographer:
         assert len(list(photographer.draw(poses))) == len(poses)
 
 
-def _draw_whole(scenario: Scenario, camera: Camera, poses: Poses) -> None:
+def _draw_whole(scenario: Scenario, camera: Camera, poses: Float64) -> None:
     with contextlib.closing(VisibleWorld(scenario, "tiny")) as world:
         for pose in poses:
             world.place(pose[:3], pose[3:])

@@ -16,7 +16,7 @@ from importlib import metadata
 from pathlib import Path
 
 from drop_physics import Scenario
-from drop_physics.engines.pybullet.camera_frames import Poses
+from drop_physics.arrays import Float64
 from drop_physics.engines.pybullet.world import World
 from drop_physics.trace.states import BODY
 from drop_physics.workers import cores
@@ -160,7 +160,7 @@ def done(work: Callable[[], object]) -> Ran:
     return Ran(time.perf_counter() - began, math.nan, math.nan)
 
 
-def slow_fall(count: int) -> tuple[Scenario, Poses]:
+def slow_fall(count: int) -> tuple[Scenario, Float64]:
     """Return a fall and its first poses, shape (count, 7), each a different picture."""
     scenario = Scenario(timestep_s=1 / 2400)
     with World(scenario) as world:

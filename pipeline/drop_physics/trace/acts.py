@@ -17,11 +17,11 @@ class Act(Enum):
     """
 
     LOAD = ("loadURDF", "loadSDF", "loadMJCF", "loadBullet", "loadSoftBody")
-    """Makes bodies from a file."""
+    """Loads bodies from a file."""
     MAKE = ("createMultiBody",)
     REMOVE = ("removeBody",)
     CLEAR = ("resetSimulation",)
-    """Removes everything, and sets the engine back."""
+    """Removes everything, and resets the engine."""
     SAVE = ("saveState",)
     RESTORE = ("restoreState",)
     SET_POSE = ("resetBasePositionAndOrientation",)
@@ -49,7 +49,7 @@ class Act(Enum):
     FILTER_PAIR = ("setCollisionFilterPair",)
     FILTER_GROUP = ("setCollisionFilterGroupMask",)
     SOLVE_IK = ("calculateInverseKinematics",)
-    """Asks where joints have to be for a link to be somewhere."""
+    """Asks for the joint positions at which a link is at a given place."""
     SOLVE_SEVERAL_IK = ("calculateInverseKinematics2",)
     READ_LINK = ("getLinkState", "getLinkStates")
     READ_VELOCITY = ("getBaseVelocity",)
@@ -62,11 +62,11 @@ class Act(Enum):
     READ_CONTACTS = ("getContactPoints", "getClosestPoints", "getOverlappingObjects")
     """Asks whether bodies touch."""
     SET_BODY_FORCE = ("xfrc_applied",)
-    """Gives a body a force and a torque, which stay."""
+    """Gives a body a force and a torque, which act until they are set again."""
     SET_JOINT_FORCE = ("qfrc_applied",)
-    """Gives a joint a force, which stays."""
+    """Gives a joint a force, which acts until it is set again."""
     SET_CONTROL = ("ctrl",)
-    """Gives actuators what they act by, which stays."""
+    """Gives actuators their controls, which act until they are set again."""
     SET_STATE = ("qpos",)
     RESET_STATE = (
         "mj_resetData",
@@ -76,22 +76,22 @@ class Act(Enum):
         "mj_copyState",
         "mj_copyData",
     )
-    """Sets the whole state: positions, velocities, and what stays."""
+    """Sets the whole state: positions, velocities, controls and forces."""
     SET_MASS = ("body_mass",)
     """Edits masses of a model in place."""
     SET_DERIVED = ("body_invweight0", "mj_setConst")
-    """Computes what a model derives from its masses anew."""
+    """Recomputes what a model derives from its masses."""
     OTHER = ()
 
     @property
     def function(self) -> str:
-        """The function that does it, as a text names it."""
+        """The function that does it, as texts name it."""
         functions: tuple[str, ...] = self.value
         return functions[0]
 
 
 ACTS: Mapping[str, Act] = {function: act for act in Act for function in act.value}
-"""Acts by the name of a function."""
+"""The act of each function, by the function's name."""
 PUSHES = Act.PUSH, Act.TWIST
 MAKES = Act.LOAD, Act.MAKE
 FILTERS = Act.FILTER_PAIR, Act.FILTER_GROUP

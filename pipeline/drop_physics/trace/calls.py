@@ -21,35 +21,35 @@ WORLD_FRAME = 2
 """The flag of `applyExternalForce`: its vectors are in the world's axes."""
 BODY_NAMES = ("bodyUniqueId", "objectUniqueId", "bodyIndex")
 MOST_WHOLE = 2**53
-"""Larger whole numbers are not all the same as doubles."""
+"""Largest magnitude up to which all whole numbers are exact as doubles."""
 WORDS = re.compile(r"(?:^|, )(\w+)=(True|False)(?=, |$)")
-"""Arguments of a form that are no numbers to it, and are to the engine."""
+"""Arguments True and False in a form, which the engine takes as numbers."""
 
 
 @dataclass(frozen=True)
 class Call:
-    """What the script did to the world."""
+    """A call of the engine by the script."""
 
     at: At
     """When it was made."""
     client: int
-    """Number of its client."""
+    """Number of the client that it was made on."""
     site: Site
     numbers: tuple[float, ...]
     """All numbers in its arguments, in order."""
     result: float = math.nan
-    """What it returned, where that is a number."""
+    """The returned number; nan if it returned none."""
     raised: str = ""
-    """What it raised."""
+    """The error that it raised; empty if it raised none."""
 
     @property
     def function(self) -> str:
-        """Its name."""
+        """Name of the function that was called."""
         return self.site.function
 
     @property
     def act(self) -> Act:
-        """What it does."""
+        """What the call does."""
         return self.site.act
 
     @property
@@ -75,14 +75,14 @@ class Call:
 
     @cached_property
     def values(self) -> dict[str, tuple[float, ...]]:
-        """The numbers of each argument; of True or False given by name 1 or 0."""
+        """The numbers of each argument; True and False by name are 1 and 0."""
         words = {name: (float(word == "True"),) for name, word in WORDS.findall(self.site.form)}
         return words | {name: self.numbers[place] for name, place in self.site.places.items()}
 
 
 @dataclass(frozen=True)
 class Push:
-    """A force or torque from outside, for one step."""
+    """A force or torque from outside that acts for one step."""
 
     at: At
     body: Body
@@ -91,7 +91,7 @@ class Push:
     vector: tuple[float, ...]
     """Force [N] or torque [N m]."""
     position_m: tuple[float, ...]
-    """Where the force acts; nan for a torque."""
+    """Point at which the force acts; nan for a torque."""
     in_world_axes: bool
 
 

@@ -15,27 +15,27 @@ from drop_physics.trace.events import Body
 
 @dataclass(frozen=True)
 class Cure:
-    """What would change it: an intervention, which a trial can make."""
+    """A proposed change that a trial can make: an intervention with its target and value."""
 
     name: str
-    """Of the intervention: `force`, `gains`, `timestep-first` …"""
+    """Name of the intervention: `force`, `gains`, `timestep-first` …"""
     target: str | None = None
-    """The body or joint that it is made on; None if on the whole run."""
+    """The body or joint that is changed; None if it is the whole run."""
     value: float | None = None
-    """What is given; None where the intervention has no number."""
+    """The new value; None if the intervention has no number."""
     call: str = field(default="", compare=False)
-    """What its user would write; the engine writes it where a rule leaves it empty."""
+    """The call that a user would write; the engine words it if a rule leaves it empty."""
     form: str = field(default="", metadata={"json": False})
-    """Which way of making it is meant, where there are several."""
+    """Which form of the intervention, if there are several."""
     given: Mapping[str, Any] = field(default_factory=dict, hash=False, metadata={"json": False})
-    """What the call and the trial are given besides: numbers and names by argument."""
+    """Further numbers and names for the call and the trial, by argument."""
     bodies: tuple[str, ...] = field(default=(), metadata={"json": False})
-    """Labels of the bodies that it is made on, where that is not the finding's own."""
+    """Labels of the bodies that are changed, if they are not those of the finding."""
 
 
 @dataclass(frozen=True)
 class Scope:
-    """What an intervention is made on."""
+    """The part of a run that an intervention changes."""
 
     bodies: Sequence[Body]
     joint: str | None = None
@@ -49,12 +49,12 @@ class Scope:
     commanded: frozenset[tuple[int, int]] = frozenset()
     """Numbers of bodies and links of the joints whose motors a call commands."""
     timestep_s: float = 1 / 240
-    """The last one of the run."""
+    """The last timestep of the run."""
     whole: bool = False
-    """Whether it is all of the run, because nothing else is named."""
+    """Whether this is the whole run, because nothing else is named."""
 
     def links(self, body: Body) -> list[int]:
-        """Return the joints that are meant, of those that move, by their links."""
+        """Return the links of the moving joints that are meant."""
         return [
             joint.link
             for joint in body.joints
@@ -64,21 +64,21 @@ class Scope:
 
 @dataclass(frozen=True)
 class ChangedRun:
-    """What a run does otherwise."""
+    """How a run differs from the recorded one."""
 
     operations: list[dict[str, Any]] = field(default_factory=list)
     """The operations, as the engine's hooks take them."""
     below: dict[str, Any] = field(default_factory=dict)
     """What differs in the engine, unseen by the script: the arguments of a `Variation`, and
-    `draws`, a seed in place of the script's own."""
+    `draws`, a seed that replaces the script's own."""
 
     @property
     def finer(self) -> int:
-        """Return the steps of the engine for each of the script's."""
+        """The number of engine steps per step of the script."""
         return int(self.below.get("finer", 1))
 
     def __add__(self, other: ChangedRun) -> ChangedRun:
-        """Return a run that does both otherwise."""
+        """Return a run with the differences of both."""
         below = {**self.below, **other.below}
         if self.finer > 1 and other.finer > 1:
             below["finer"] = self.finer * other.finer
@@ -86,27 +86,27 @@ class ChangedRun:
 
 
 def whole_number(value: float) -> float:
-    """Return a number as an engine takes it: one that is whole as an integer."""
+    """Return a number as an engine takes it: a whole number as an integer."""
     return int(value) if float(value).is_integer() else value
 
 
 NUDGE = 1e-9
 """How far bodies and joints are moved before the first step [m, rad]."""
 FACTOR, FACTORS = "factor", ("gravity", "friction", "mass")
-"""The form of a cure whose value changes the whole run, and the names of those: a factor of all
-friction or masses, or the magnitude of gravity [m/s2]."""
+"""The form of a cure that changes a factor of the whole run, and the names of such cures: a factor
+of all friction or masses, or the magnitude of gravity [m/s²]."""
 BELOW: dict[str, tuple[str, float | None]] = {
     "timestep": ("finer", 2),
     "iterations": ("iterations", 4),
     "nudge": ("nudge", NUDGE),
     "seed": ("draws", None),
 }
-"""Cures that any engine makes, unseen by the script; how a run names them, and what is given
-without a value."""
+"""Cures that any engine can make, unseen by the script: their names in a run, and the default
+value."""
 
 
 def below(cure: Cure) -> ChangedRun | None:
-    """Return a run in which any engine differs, unseen by the script; None of another cure."""
+    """Return the run with a cure that any engine can make, unseen by the script, or None."""
     if cure.form == FACTOR:
         return ChangedRun(below={cure.name: cure.value})
     if cure.name not in BELOW:
@@ -117,15 +117,15 @@ def below(cure: Cure) -> ChangedRun | None:
 
 
 class EngineCures(Protocol):
-    """What an engine's room knows of cures."""
+    """An engine's knowledge of cures."""
 
     def call_of(self, cure: Cure) -> str:
         """Return the call or attribute that its user would write."""
 
     def applied(self, cure: Cure, scope: Scope) -> ChangedRun | None:
-        """Return what a run with it does otherwise; None if the engine has none such."""
+        """Return the run with a cure; None if the engine does not support it."""
 
     def left_out(
         self, function: str, file: str, line: int, argument: str | None
     ) -> ChangedRun | None:
-        """Return a run without a call, or without an argument of it; None if it cannot be."""
+        """Return a run without a call, or without one of its arguments; None if that cannot be."""

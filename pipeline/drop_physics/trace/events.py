@@ -1,4 +1,4 @@
-"""What was observed of a simulation run by another program, whatever its engine."""
+"""The events of a simulation run by another program, whatever its engine."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from drop_physics.trace.states import Joints, Rows
 
 @dataclass(frozen=True)
 class At:
-    """When something was seen."""
+    """The moment of an event."""
 
     step: int
-    """Steps of its simulation before it."""
+    """Number of steps of its simulation before it."""
     time_s: float
     """Simulated time: the sum of these steps' timesteps."""
     call: int
-    """Calls of the script before it."""
+    """Number of calls of the script before it."""
 
 
 def order(at: At) -> tuple[int, int]:
@@ -38,19 +38,19 @@ def order(at: At) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class Shape:
-    """What is drawn of a link."""
+    """The visible shape of a link."""
 
     link: int
     kind: str
     """`box`, `sphere`, `ellipsoid`, `cylinder`, `capsule`, `mesh`, `plane`, or the engine's
     number."""
     size_m: tuple[float, ...]
-    """Whole lengths of a box or an ellipsoid; radius of a sphere; length and radius; the scale of a
-    mesh; of a plane of which only a part is drawn, its two sides."""
+    """Whole lengths of a box or an ellipsoid; radius of a sphere; length and radius; scale of a
+    mesh; for a plane of which only a part is drawn, its two sides."""
     file: str
-    """Of a mesh; empty if it has none."""
+    """File of a mesh; empty if it has none."""
     position_m: tuple[float, ...]
-    """Of its centre from the link's centre of mass, in the axes of the link's inertia."""
+    """Position of its centre from the link's centre of mass, in the axes of the link's inertia."""
     orientation: tuple[float, ...]
     """Quaternion x, y, z, w, in the same axes."""
     rgba: tuple[float, ...]
@@ -78,7 +78,7 @@ Pose = tuple[tuple[float, ...], tuple[float, ...]]
 
 @dataclass(frozen=True)
 class Joint:
-    """What connects a link to its parent."""
+    """The joint between a link and its parent."""
 
     link: int
     name: str
@@ -87,43 +87,43 @@ class Joint:
     parent: int
     """The parent link; -1 is the base."""
     widths: tuple[int, int, int]
-    """How many positions, velocities and efforts it has; none if it is fixed."""
+    """Number of positions, velocities and efforts; all 0 for a fixed joint."""
     limits: tuple[float, float] = (0.0, -1.0)
     """Lowest and highest position [rad] or [m]; without limits, the highest is below the lowest."""
     axis: tuple[float, ...] = (0.0, 0.0, 0.0)
-    """Direction that it turns about or moves along, in the axes of its link's inertia."""
+    """Direction that it turns about or slides along, in the axes of its link's inertia."""
     parent_position_m: tuple[float, ...] = (0.0, 0.0, 0.0)
     """From the parent's centre of mass to the joint, in the axes of the parent's inertia."""
     parent_orientation: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)
-    """What turns the axes of the parent's inertia into those of its link's, at position 0."""
+    """Rotation from the axes of the parent's inertia to those of its link's, at position 0."""
     damping: float = 0.0
     """[N m s/rad] or [N s/m]."""
     friction: float = 0.0
     effort: float = 0.0
-    """The largest of the real joint, which its file gives [N m] or [N]; 0 if it gives none."""
+    """Largest effort of the real joint, by its file [N m] or [N]; 0 if the file gives none."""
     velocity: float = 0.0
-    """Likewise [rad/s] or [m/s]."""
+    """Largest velocity of the real joint, by its file [rad/s] or [m/s]; 0 likewise."""
 
 
 @dataclass(frozen=True)
 class Collision:
-    """What is touched of a link."""
+    """The collision shape of a link."""
 
     link: int
     kind: str
-    """As of a `Shape`."""
+    """The same kinds as of a `Shape`."""
     size_m: tuple[float, ...]
-    """As the engine reports it: whole lengths of a box; length and radius; the scale of a mesh."""
+    """Size as the engine reports it: whole lengths of a box; length and radius; scale of a mesh."""
     file: str
-    """Of a mesh, without its folder; empty if there is none."""
+    """File of a mesh, without its folder; empty if there is none."""
     position_m: tuple[float, ...]
-    """Of its centre from the link's centre of mass, in the axes of the link's inertia."""
+    """Position of its centre from the link's centre of mass, in the axes of the link's inertia."""
     orientation: tuple[float, ...]
     hull_m: tuple[float, ...] = ()
-    """Corners of the convex hull that the engine holds in place of a mesh, three numbers each."""
+    """Corners of the convex hull that the engine uses in place of a mesh, three numbers each."""
     bits: tuple[int, int] | None = None
-    """What it is and what it touches, bit by bit: two touch if one is what the other touches. None
-    where the engine has no such filter."""
+    """Collision group and mask: two shapes may touch if one's group and the other's mask share a
+    bit. None if the engine has no such filter."""
 
 
 @dataclass(frozen=True)
@@ -132,18 +132,18 @@ class FileLink:
 
     name: str
     mass_kg: float
-    """nan if it says nothing: there is no `<inertial>`."""
+    """Mass; nan if the file has no `<inertial>`."""
     inertia_kg_m2: tuple[float, ...]
     """xx, xy, xz, yy, yz, zz about the centre of mass; empty if it says nothing."""
     position_m: tuple[float, ...] = (0.0, 0.0, 0.0)
-    """Of the centre of mass, in the link's frame."""
+    """Position of the centre of mass in the link's frame."""
     rpy_rad: tuple[float, ...] = (0.0, 0.0, 0.0)
-    """Of the axes of that inertia."""
+    """Orientation of the axes of that inertia."""
 
 
 @dataclass(frozen=True)
 class Mimic:
-    """A joint that its file wants to follow another."""
+    """A joint that should follow another one, by its file."""
 
     joint: str
     of: str
@@ -153,47 +153,47 @@ class Mimic:
 
 @dataclass(frozen=True)
 class FileRequests:
-    """What a body's file asks for that an engine may not do."""
+    """What a body's file asks for that an engine may ignore."""
 
     scale: float = 1.0
-    """By which a call scaled the whole body."""
+    """Factor by which a call scaled the whole body."""
     links: tuple[FileLink, ...] = ()
     mimics: tuple[Mimic, ...] = ()
 
 
 @dataclass(frozen=True)
 class Actuator:
-    """What drives joints by a law of its own, which the engine evaluates in each step."""
+    """A motor with a law of its own, which the engine evaluates in each step."""
 
     name: str
     number: int
-    """Its number in its simulation."""
+    """Its number in the simulation."""
     kind: str
     """`motor`, `position`, `velocity`, `muscle` or `general`."""
     acts_on: str
     """`joint`, `tendon`, `site`, `slider-crank` or `body`."""
     target: str
-    """Name of that."""
+    """Name of the joint, tendon, site or body that it acts on."""
     gear: float
     kp: float
-    """Gain of what it is given: of a position servo its stiffness."""
+    """Gain of its control; for a position servo its stiffness."""
     kv: float
-    """Damping, where its force has such a part."""
+    """Damping, if its force has such a part."""
     ctrl_range: tuple[float, float] | None
-    """What it is given is clamped to this; None: it is not."""
+    """The control is clamped to this range; None if it is not."""
     force_range: tuple[float, float] | None
-    """What its force is clamped to; None: it is not."""
+    """The force is clamped to this range; None if it is not."""
 
 
 @dataclass(frozen=True)
 class Keyframe:
-    """A pose that a model has a name for."""
+    """A named pose of a model."""
 
     name: str
     joints: tuple[float, ...]
-    """Positions of a body's joints there."""
+    """Positions of the body's joints."""
     given: tuple[float, ...]
-    """What each of its actuators is given there."""
+    """Controls of its actuators."""
 
 
 @dataclass(frozen=True)
@@ -201,17 +201,17 @@ class Body:
     """A body as it was added to the simulation."""
 
     number: int
-    """In the recording: the engine's own id, unless another body had it before."""
+    """Number in the recording: the engine's own id, unless another body had it before."""
     label: str
     """Name and number, as a part of an entity's path."""
     name: str
     engine_id: int
     client: int
     links: tuple[str, ...]
-    """Names of base and links, in this order: link -1 is the first."""
+    """Names of base and links, in this order: the first is that of link -1."""
     joints: tuple[Joint, ...]
     moving: tuple[int, ...]
-    """The links that time can move; -1 is the base."""
+    """The links that can move in a step; -1 is the base."""
     soft: bool
     shapes: tuple[Shape, ...]
     can_sleep: bool = False
@@ -224,9 +224,9 @@ class Body:
     collisions: tuple[Collision, ...] = ()
     asked: FileRequests = FileRequests()
     flags: int = 0
-    """That it was loaded with; 0 where they are unknown."""
+    """The flags that it was loaded with; 0 if they are unknown."""
     before: bool = False
-    """Whether it was there before the recording: what calls set on it is not known."""
+    """Whether it existed before the recording began; what calls had set on it is not known."""
     actuators: tuple[Actuator, ...] = ()
     keyframes: tuple[Keyframe, ...] = ()
     apart: tuple[tuple[int, int, int], ...] = ()
@@ -234,17 +234,17 @@ class Body:
 
     @cached_property
     def coordinates(self) -> tuple[slice, ...]:
-        """Where the coordinates of each joint are among those of all joints."""
+        """The slice of each joint's coordinates among those of all joints."""
         return places(joint.widths[0] for joint in self.joints)
 
     @cached_property
     def rates(self) -> tuple[slice, ...]:
-        """Where the rates of each joint are among those of all joints."""
+        """The slice of each joint's rates among those of all joints."""
         return places(joint.widths[1] for joint in self.joints)
 
     @property
     def base_moves(self) -> bool:
-        """Whether time can move its base: its state is then sampled."""
+        """Whether its base can move in a step; its state is then sampled."""
         return -1 in self.moving
 
 
@@ -262,8 +262,8 @@ class Appearance:
 
 
 GIVEN = {"linear_damping": "linearDamping", "angular_damping": "angularDamping"}
-"""What the Dynamics of a drop's body also hold: what it was given, and no engine reports, by the
-argument that gives it."""
+"""Properties in the Dynamics of a drop's body that it was given, and that no engine reports, with
+the argument that sets each."""
 
 
 @dataclass(frozen=True)
@@ -273,7 +273,7 @@ class Dynamics:
     at: At
     body: Body
     reported: Mapping[str, Float64]
-    """Of base and links, shape (links + 1,) or (links + 1, k)."""
+    """Values of base and links, shape (links + 1,) or (links + 1, k)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,24 +282,24 @@ class Surface:
 
     at: At
     body: int
-    """Its number."""
+    """Number of the body."""
     shape: int
-    """Which of its collisions it is."""
+    """Index of the shape among its collisions."""
     corners_m: Float64
-    """In the axes of the link's inertia, shape (n, 3)."""
+    """Corners in the axes of the link's inertia, shape (n, 3)."""
     triangles: Int64
-    """Which corners each has, shape (m, 3)."""
+    """Indices of the corners of each triangle, shape (m, 3)."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What the engine reports about itself, and settings it was given but never reports."""
+    """The engine's reported settings, and settings that it was given but never reports."""
 
     at: At
     client: int
     values: Mapping[str, float | Sequence[float]]
     engine: str = ""
-    """Name and version of the engine; empty of PyBullet."""
+    """Name and version of the engine; empty for PyBullet."""
 
 
 def located(file: str, line: int) -> str:
@@ -309,19 +309,19 @@ def located(file: str, line: int) -> str:
 
 @dataclass(frozen=True)
 class Site:
-    """A place that calls a function of the engine with arguments of one form."""
+    """A line of the script that calls a function of the engine, with arguments of one form."""
 
     number: int
-    """In the recording, in order of the first calls."""
+    """Number in the recording, in the order of the first calls."""
     function: str
     file: str
     """File of the call, without folders of this machine; a notebook's cell is `In[3]`."""
     line: int
-    """Counted from 1."""
+    """Line number, from 1."""
     form: str
-    """The arguments as written, with `{}` for each number; what is no number stands in it."""
+    """The arguments as written, with `{}` for each number; other arguments are left in it."""
     names: tuple[str, ...]
-    """The argument that each number belongs to; a vector's numbers have the same one."""
+    """The argument that each number belongs to; the numbers of a vector share a name."""
     whole: tuple[bool, ...]
     """Whether each number was a whole one in the first call."""
 
@@ -337,7 +337,7 @@ class Site:
 
     @cached_property
     def places(self) -> Mapping[str, slice]:
-        """Where the numbers of each argument are."""
+        """The slice of each argument's numbers."""
         places: dict[str, slice] = {}
         for k, name in enumerate(self.names):
             places[name] = slice(places[name].start if name in places else k, k + 1)
@@ -350,17 +350,17 @@ class Calls:
 
     client: int
     steps: Int64
-    """Steps of the simulation before each, shape (m,)."""
+    """Number of steps of the simulation before each, shape (m,)."""
     times_s: Float64
     """Shape (m,)."""
     calls: Int64
-    """Calls of the script before each, shape (m,)."""
+    """Number of calls of the script before each, shape (m,)."""
     sites: Int64
     """Number of the site of each, shape (m,)."""
     numbers: Float64
     """The numbers in all their arguments, one call after the other."""
     results: Float64
-    """What each returned, where that is a number; else nan."""
+    """The returned numbers; nan for calls that returned none."""
 
 
 def widths_of(seen: Calls, sites: Mapping[int, Site]) -> Int64:
@@ -371,10 +371,10 @@ def widths_of(seen: Calls, sites: Mapping[int, Site]) -> Int64:
 
 @dataclass(frozen=True)
 class Raised:
-    """A call failed."""
+    """A failed call."""
 
     at: At
-    """Its own."""
+    """The moment of the call."""
     error: str
     """Type and message."""
 
@@ -386,11 +386,11 @@ class SolverStop:
     at: At
     client: int
     iterations: int
-    """Its limit."""
+    """The iteration limit."""
     looked: int
-    """Steps with that limit whose solver was queried: every eighth."""
+    """Number of steps with that limit whose solver was queried: every eighth."""
     steps: int
-    """Of these, steps that used all iterations, and changed a velocity by over 0.01 in the last."""
+    """How many of these used all iterations, and changed a velocity by over 0.01 in the last."""
     first_step: int
     last_change: float
     """The largest change of a velocity in a last iteration [m/s or rad/s]."""
@@ -406,13 +406,13 @@ class Put:
     base: Float64
     """Position, orientation, velocity, spin: shape (13,)."""
     position: Float64
-    """Of its joints [rad] or [m], shape (positions,)."""
+    """Positions of its joints [rad] or [m], shape (positions,)."""
     velocity: Float64
-    """Likewise [rad/s] or [m/s]."""
+    """Velocities of its joints [rad/s] or [m/s]."""
     effort: Float64
-    """Likewise [N m] or [N]."""
+    """Efforts of its joints [N m] or [N]."""
     counts: bool
-    """Whether the next step starts from it; not so if the first sample of all follows it."""
+    """Whether the next step starts from it; False if the first sample of all follows it."""
 
     @property
     def joints(self) -> Joints:
@@ -423,22 +423,22 @@ class Put:
 
 @dataclass(frozen=True)
 class Image:
-    """What the script's camera saw."""
+    """A picture by the script's camera."""
 
     at: At
     client: int
     camera: str
-    """File and line that asked for it, and its size: images with the same ones form a sequence."""
+    """File and line of the call, and the size: images that share these form a sequence."""
     rgba: NDArray[np.uint8]
     """Shape (height, width, 4)."""
     view: tuple[float, ...]
-    """Column by column, 16 numbers; empty if none was given."""
+    """View matrix column by column, 16 numbers; empty if none was given."""
     projection: tuple[float, ...]
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Consecutive samples of one simulation, in which the same bodies move."""
+    """Consecutive samples of one simulation, with the same moving bodies."""
 
     client: int
     steps: Int64
@@ -446,25 +446,25 @@ class Samples:
     times_s: Float64
     """Shape (n,)."""
     call: int
-    """Calls of the script before the last sample."""
+    """Number of calls of the script before the last sample."""
     bases: Mapping[int, Float64]
-    """By body number, of those whose base can move: position, orientation (x, y, z, w), velocity,
-    spin; shape (n, 13)."""
+    """States of the bases that can move, by body number: position, orientation (x, y, z, w),
+    velocity, spin; shape (n, 13)."""
     joints: Mapping[int, Joints]
-    """By body number."""
+    """Joints by body number."""
     contacts: Rows
     """The contact points, of dtype `CONTACT`."""
     constraints: Mapping[int, Float64]
-    """By the engine's id, the forces of each [N] or [N m], shape (n, k)."""
+    """Forces of each constraint [N] or [N m], shape (n, k), by the engine's id."""
 
 
 @dataclass(frozen=True)
 class ImpulseCause:
-    """What gives impulses to a body, as its engine has named it."""
+    """A source of impulses on a body, as its engine names it."""
 
     at: At
     number: int
-    """In the recording."""
+    """Number in the recording."""
     client: int
     body: int
     """The number of the body that it acts on."""
@@ -473,7 +473,7 @@ class ImpulseCause:
     name: str
     """Name of the actuator, tendon, joint or equality; label of the other body in a contact."""
     places: tuple[int, ...]
-    """The degrees of freedom that it acts on, in the body's generalised velocity."""
+    """The degrees of freedom that it acts on, as indices into the body's generalised velocity."""
 
 
 @dataclass(frozen=True)
@@ -487,39 +487,39 @@ class PairFriction:
     body_b: int
     link_b: int
     friction: float
-    """nan where several points of them have different ones."""
+    """Coefficient of friction; nan if several points of the pair have different ones."""
     solref: tuple[float, ...] = ()
-    """How soft they touch: time constant [s] and damping ratio, or stiffness and damping."""
+    """Softness of the contact: time constant [s] and damping ratio, or stiffness and damping."""
     solimp: tuple[float, ...] = ()
-    """Share of the force that holds them apart: at first, at last, over which depth [m] …"""
+    """Impedance of the contact: first and last value, depth [m] over which it rises …"""
     condim: int = 3
-    """Dimensions of their force: 1 without friction, 3 with sliding, 4 spinning, 6 rolling."""
+    """Dimensions of the contact force: 1 without friction, 3 sliding, 4 spinning, 6 rolling."""
     rolling: float = 0.0
-    """The coefficient of rolling friction that the model gives them [m]."""
+    """Coefficient of rolling friction in the model [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Impulses:
-    """What acted in n consecutive steps of a simulation, as its engine has computed it again."""
+    """The impulses in n consecutive steps of a simulation, as its engine replayed them."""
 
     client: int
     steps: Int64
-    """The samples that they led to, shape (n,)."""
+    """The samples that the steps led to, shape (n,)."""
     times_s: Float64
     """Shape (n,)."""
     status: Int64
     """Indices into REPLAYS, shape (n,)."""
     remainder: Float64
-    """What its causes leave of each step, over the largest impulse, as its engine has the mass
-    matrix, shape (n,)."""
+    """The remainder of each step over its largest impulse, with the engine's own mass matrix,
+    (n,)."""
     counts: Int64
-    """How many causes acted in each, shape (n,)."""
+    """Number of causes that acted in each step, shape (n,)."""
     widths: Int64
     """How many numbers these have, shape (n,)."""
     causes: Int64
-    """Their numbers, step by step."""
+    """The numbers of the causes, step by step."""
     values: Float64
-    """Their impulses [N s or N m s], one cause after the other, each on its places."""
+    """The impulses [N s or N m s], one cause after the other, each on its places."""
 
     def between(self, first: int, end: int) -> Impulses:
         """Return the steps that led to samples from `first` to before `end`."""
@@ -543,17 +543,17 @@ REPLAYS = (
     *("explained", "remainder", "nothing moves", "integrator", "version", "flex", "plugin"),
     *("plastic", "sleep", "delay", "auto-reset", "stale", "unknown", "not replayed"),
 )
-"""What became of a step that was taken again: its causes close its sum, or why they do not; the
-last: it led elsewhere."""
+"""The outcomes of replaying a step: its causes add up, or the reason why they do not; the last
+means that the replay led elsewhere."""
 
 
 @dataclass(frozen=True, eq=False)
 class Controls:
-    """What actuators were given in n consecutive steps of a simulation."""
+    """The controls of actuators in n consecutive steps of a simulation."""
 
     client: int
     steps: Int64
-    """The samples that they led to, shape (n,)."""
+    """The samples that the steps led to, shape (n,)."""
     times_s: Float64
     """Shape (n,)."""
     names: tuple[str, ...]
@@ -563,11 +563,11 @@ class Controls:
 
 @dataclass(frozen=True, eq=False)
 class ContactRows:
-    """Contact points of steps whose samples were told before."""
+    """The contact points of steps whose samples were sent earlier."""
 
     client: int
     steps: Int64
-    """The samples of which these are all points, shape (n,)."""
+    """The samples whose contact points these are, all of them, shape (n,)."""
     times_s: Float64
     """Shape (n,)."""
     contacts: Rows
@@ -576,26 +576,26 @@ class ContactRows:
 
 @dataclass(frozen=True)
 class EngineWarning:
-    """What an engine warned of, over a whole run."""
+    """A warning of the engine, over a whole run."""
 
     at: At
-    """The first."""
+    """The moment of the first."""
     client: int
     kind: str
     """`contacts full`, `constraints full`, `bad position`, `bad velocity`, `bad acceleration`, `bad
     control` or `inertia`."""
     count: int
-    """How often."""
+    """How often it was given."""
     steps: int
-    """The number of steps."""
+    """The number of steps in which it was given."""
     last_step: int
     info: int
-    """What the engine said with the first: the number of a degree of freedom, of contacts …"""
+    """The engine's number with the first: of a degree of freedom, of contacts …"""
 
 
 @dataclass(frozen=True)
 class Equality:
-    """Two links that are held together, from the beginning on."""
+    """Two links that the model holds together, from the beginning on."""
 
     at: At
     client: int
@@ -607,7 +607,7 @@ class Equality:
     body_b: int
     link_b: int
     solref: tuple[float, ...]
-    """How soft: time constant [s] and damping ratio, or stiffness and damping if negative."""
+    """Softness: time constant [s] and damping ratio, or stiffness and damping if negative."""
 
 
 Event = (
@@ -642,7 +642,7 @@ ENDED = {
     "interrupted": Message("stopped by Ctrl-C"),
     "failed": Message("failed"),
 }
-"""How a script ends, in words."""
+"""How a script ended, in words."""
 
 
 @dataclass
@@ -652,14 +652,15 @@ class Ending:
     how: str = ""
     """`finished`, `steps`, `duration`, `idle`, `disk`, `interrupted` or `failed`."""
     error: str = ""
-    """What failed, in a line."""
+    """The failure, in a line."""
     printed: str = ""
-    """What of it the program has printed itself."""
+    """What the program itself printed of the failure."""
     site: str = ""
-    """File and line of the script's own that failed."""
+    """File and line of the script that failed."""
     main_sha256: str | None = None
-    """Digest of the text of the file that ran as `__main__`, a module or a script."""
+    """Digest of the text of the file that ran as `__main__`, a module or a script; None if
+    unknown."""
     notes: list[str] = field(default_factory=list)
-    """What is worth knowing about the recording."""
+    """Remarks on the recording."""
     made_with: dict[str, Any] = field(default_factory=dict)
     """Versions, and whether time was virtual."""

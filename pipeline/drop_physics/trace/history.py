@@ -1,4 +1,4 @@
-"""Everything that was observed of simulations, in order, as analysis asks for it."""
+"""Everything that was recorded of simulations, in order, as analysis needs it."""
 
 from __future__ import annotations
 
@@ -45,60 +45,60 @@ from drop_physics.trace.states import (
 T = TypeVar("T")
 
 PIECE, LEAST, NUMBERS = 1 << 13, 1 << 5, 1 << 18
-"""Most and least steps in a piece, and degrees of freedom of all bodies over its steps."""
+"""Most and least steps of a piece, and most degrees of freedom of all bodies over its steps."""
 DEFAULT_ENGINE = "PyBullet"
 """The engine of a recording that names none."""
 
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """Everything sampled of consecutive steps, of all simulations, and the calls between them."""
+    """The samples of consecutive steps of all simulations, and the calls between them."""
 
     first: int
     """The first of these steps."""
     end: int
-    """One more than the last."""
+    """One more than the last of these steps."""
     bases: Rows
-    """Of dtype `BASE_STATE`: one row per step and base that can move, in step order."""
+    """States of bases, of dtype `BASE_STATE`: one row per step and moving base, in step order."""
     joints: Mapping[int, Joints]
-    """By body number."""
+    """Joints by body number."""
     forces: Mapping[tuple[int, int], tuple[Int64, Float64]]
-    """Of each constraint, by client and the engine's id: steps, and its forces then."""
+    """Steps and forces of each constraint, by client and the engine's id."""
     contacts: Rows
-    """Of dtype `CONTACT`: one row per contact point, in step order."""
+    """Contact points, of dtype `CONTACT`, in step order."""
     calls: Log
     impulses: Mapping[int, Sequence[Impulses]] = field(default_factory=dict)
-    """What acted in the steps, by client, where the engine has computed it again."""
+    """The impulses in the steps, by client, if the engine replayed them."""
     controls: Mapping[int, tuple[Int64, Float64]] = field(default_factory=dict)
-    """By client, what actuators were given: from which steps on, and what; from the last row
-    before the piece on."""
+    """Steps and controls of actuators, by client; the first row is the last one before the
+    piece."""
 
 
 class Sampled(Protocol):
-    """Where the samples are: a recording that is read piece by piece."""
+    """A source of samples that is read piece by piece."""
 
     @property
     def first(self) -> int:
-        """The first step of which there is anything; 0 if there is none."""
+        """The first step with any sample; 0 if there is none."""
 
     @property
     def last(self) -> int:
-        """The last step of which there is anything; -1 if there is none."""
+        """The last step with any sample; -1 if there is none."""
 
     def piece(self, first: int, end: int) -> Piece:
-        """Return what was sampled of the steps from `first` to before `end`."""
+        """Return the samples of the steps from `first` to before `end`."""
 
 
 @dataclass(frozen=True)
 class HeldSamples:
-    """Samples in memory, that no recording holds."""
+    """Samples in memory, without a recording."""
 
     bases: Rows
-    """Of dtype `BASE_STATE`, in step order."""
+    """States of dtype `BASE_STATE`, in step order."""
     contacts: Rows
-    """Of dtype `CONTACT`, in step order."""
+    """Contact points of dtype `CONTACT`, in step order."""
     joints: Mapping[int, Joints] = field(default_factory=dict)
-    """By body number."""
+    """Joints by body number."""
 
     @classmethod
     def of(cls, parts: Sequence[Samples]) -> HeldSamples:
@@ -107,7 +107,7 @@ class HeldSamples:
             np.concatenate([rows_of_bases(each) for each in parts]),
             np.concatenate([each.contacts for each in parts]),
             {
-                number: Joints.joined(each.joints[number] for each in parts)
+                number: Joints.joined([each.joints[number] for each in parts])
                 for number in parts[0].joints
             },
         )
@@ -123,7 +123,7 @@ class HeldSamples:
         return int(self.bases["step"][-1])
 
     def piece(self, first: int, end: int) -> Piece:
-        """Return what was sampled of the steps from `first` to before `end`."""
+        """Return the samples of the steps from `first` to before `end`."""
         joints = {
             number: each.at((each.steps >= first) & (each.steps < end))
             for number, each in self.joints.items()
@@ -138,47 +138,48 @@ Softness = tuple[tuple[float, ...], tuple[float, ...]]
 
 @dataclass(frozen=True)
 class Seen:
-    """Everything observed of simulations; lists in the order of events."""
+    """Everything that was recorded of simulations; lists in the order of events."""
 
     bodies: Mapping[int, Body]
-    """By number, each as last seen."""
+    """Bodies by number, each in its latest form."""
     appearances: list[Appearance]
     surfaces: list[Surface]
-    """Of meshes that are held as their hulls, where they are hollow."""
+    """Surfaces of hollow meshes that the engine replaces by their hulls."""
     dynamics: list[Dynamics]
     settings: list[Settings]
     solvers: list[SolverStop]
-    """One for each simulation and iteration limit whose solver stopped early."""
+    """One entry for each simulation and iteration limit whose solver stopped early."""
     readings: list[Reading]
-    """The places in the script that read."""
+    """The lines of the script that read."""
     puts: list[Put]
     samples: Mapping[int, int]
     """Number of samples of each simulation, by client; empty if unknown."""
     sampled: Sampled
     real_time: bool
-    """Whether the script asked for real-time simulation, and was stepped by a clock instead."""
+    """Whether the script asked for real-time simulation, and was stepped by a virtual clock
+    instead."""
     unseeded: tuple[str, ...]
-    """Where it drew unseeded random numbers."""
+    """The lines that drew unseeded random numbers."""
     machine: str
     """Kind of processor; empty if unknown."""
     causes: Mapping[int, ImpulseCause] = field(default_factory=dict)
-    """What gives impulses, by its number in the recording."""
+    """Sources of impulses, by their number in the recording."""
     frictions: Mapping[tuple[int, int, int, int], float] = field(default_factory=dict)
-    """Coefficients of friction by two bodies and links, where the engine has one for each pair."""
+    """Coefficients of friction by two bodies and links, if the engine has one for each pair."""
     softness: Mapping[tuple[int, int, int, int], Softness] = field(default_factory=dict)
-    """Likewise, `solref` and `solimp` of a `PairFriction`."""
+    """`solref` and `solimp` of each such pair."""
     condims: Mapping[tuple[int, int, int, int], tuple[int, float]] = field(default_factory=dict)
-    """Likewise, `condim` and `rolling`."""
+    """`condim` and `rolling` of each such pair."""
     warnings: Sequence[EngineWarning] = ()
     equalities: Sequence[Equality] = ()
 
     @property
     def engine(self) -> str:
-        """Name and version of the engine; of PyBullet its name."""
+        """Name and version of the engine; for PyBullet, its name."""
         return next((each.engine for each in self.settings if each.engine), DEFAULT_ENGINE)
 
     def soft(self, bodies: Sequence[int], links: Sequence[int]) -> Softness | None:
-        """Return how soft two links touch, if the engine says so."""
+        """Return the softness of the contact of two links, if the engine reports it."""
         (a, b), (i, k) = bodies, links
         return self.softness.get((a, i, b, k), self.softness.get((b, k, a, i)))
 
@@ -188,7 +189,7 @@ class Seen:
         return self.condims.get((a, i, b, k), self.condims.get((b, k, a, i), (3, 0.0)))
 
     def piece_steps(self, most: int = PIECE, numbers: int = NUMBERS) -> int:
-        """Return how many steps a piece has: at most so many, and numbers of all bodies."""
+        """Return the number of steps of a piece, limited by `most` and by all bodies' numbers."""
         freedoms = sum(
             6 * body.base_moves + sum(joint.widths[1] for joint in body.joints)
             for body in self.bodies.values()
@@ -197,7 +198,7 @@ class Seen:
         return min(most, max(LEAST, numbers // max(freedoms, 1)))
 
     def pieces(self, steps: int = 0) -> Iterator[Piece]:
-        """Yield what was sampled, so many steps at a time, or as many as fit into memory."""
+        """Yield the samples in pieces of `steps` steps, or of as many as fit into memory."""
         steps = steps or self.piece_steps()
         for first in range(self.sampled.first, self.sampled.last + 1, steps):
             yield self.sampled.piece(first, first + steps)
@@ -208,27 +209,27 @@ class Seen:
 
     @property
     def bases(self) -> Rows:
-        """Of dtype `BASE_STATE`: one row per step and base that can move, in step order."""
+        """States of dtype `BASE_STATE`: one row per step and moving base, in step order."""
         return self._whole.bases
 
     @property
     def joints(self) -> Mapping[int, Joints]:
-        """Of all steps, by body number."""
+        """Joints in all steps, by body number."""
         return self._whole.joints
 
     @property
     def contacts(self) -> Rows:
-        """Of dtype `CONTACT`: one row per contact point, in step order."""
+        """Contact points of dtype `CONTACT`, in step order."""
         return self._whole.contacts
 
     @property
     def calls(self) -> Log:
-        """Everything that the script did."""
+        """All calls of the script."""
         return self._whole.calls
 
     @cached_property
     def states(self) -> Rows:
-        """Of dtype `STATE`: one row per step and part, in the order of body, link and step."""
+        """States of dtype `STATE`, one row per step and part, ordered by body, link and step."""
         parts: dict[tuple[int, int], list[Rows]] = {}
         for piece in self.pieces():  # contacts of all steps would take four times as much
             for part, states in self.parts_of(piece).items():
@@ -289,7 +290,7 @@ def rows_of_bases(seen: Samples) -> Rows:
 
 
 def seen_in(events: Iterable[Event]) -> Seen:
-    """Return what was observed of one simulation, from all of its events, which no file holds."""
+    """Return the record of one simulation, from all of its events in memory."""
     told = [*events]
 
     def those(kind: type[T]) -> list[T]:

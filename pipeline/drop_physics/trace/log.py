@@ -1,4 +1,4 @@
-"""The calls that a script made between some steps, and which body each is about."""
+"""The calls of a script between some steps, and the body that each is about."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Log:
         self._rows = [(row, widths_of(row, self.sites)) for row in rows]
         self._errors = {each.at.call: each.error for each in raised}
         self._came: dict[tuple[int, int], list[Appearance]] = {}
-        """By client and the engine's id, the bodies that had it."""
+        """The bodies that had an id, by client and the engine's id."""
         for each in appearances:
             if each.came:
                 key = each.body.client, each.body.engine_id
@@ -49,7 +49,7 @@ class Log:
         self._lives: dict[tuple[int, int], list[tuple[int, int | None]]] | None = None
 
     def between(self, first: int, end: int) -> Log:
-        """Return the calls after so many steps, and before so many."""
+        """Return the calls made after at least `first` and fewer than `end` steps."""
         log = Log((), self.sites)
         log._errors, log._came = self._errors, self._came
         log._rows = [
@@ -65,7 +65,7 @@ class Log:
         yield from self._made({*self.sites})
 
     def of(self, *acts: Act) -> list[Call]:
-        """Return the calls that do any of these and did not fail; without acts all."""
+        """Return the successful calls that do any of these acts; without acts all of them."""
         sites = {n for n, site in self.sites.items() if not acts or site.act in acts}
         return [call for call in self._made(sites) if not call.raised]
 
@@ -74,7 +74,7 @@ class Log:
         return self._made({n for n, site in self.sites.items() if site.function == function})
 
     def with_argument(self, *names: str) -> list[Call]:
-        """Return the calls that give any of some arguments and did not fail."""
+        """Return the successful calls that give any of these arguments."""
         sites = {n for n, site in self.sites.items() if {*names} & site.places.keys()}
         return [call for call in self._made(sites) if not call.raised]
 
@@ -83,7 +83,7 @@ class Log:
         return [call for call in self if call.raised] if self._errors else []
 
     def commands(self) -> Iterator[Command]:
-        """Yield what calls that did not fail ask of joints: per site, not in order."""
+        """Yield what successful calls command joints to do: by site, not in order."""
         failed = [*self._errors]
         for row, widths in self._rows:
             for each in commands_of(row, self.sites, widths):
@@ -129,7 +129,7 @@ class Log:
                 yield call, max(call.at, came.at, key=order), came
 
     def body_at(self, call: Call, engine_id: int) -> Appearance | None:
-        """Return the body that had an id at a call, or got it with the step after it."""
+        """Return the body that had an id at a call, or got it by the next step."""
         came, (which,) = self.bodies_at(call.client, engine_id, np.array([call.at.call]))
         return None if which < 0 else came[which]
 
@@ -158,7 +158,7 @@ class Log:
         return came, which
 
     def _life(self) -> dict[tuple[int, int], list[tuple[int, int | None]]]:
-        """Return, by client and the engine's id, the calls that made a body and removed it."""
+        """Return the calls that made and removed each body, by client and the engine's id."""
         if self._lives is None:
             self._lives = {}
             for call in self.of(*MAKES, Act.REMOVE, Act.CLEAR):
@@ -176,7 +176,7 @@ class Log:
     # -- what they asked for ----------------------------------------------------------------------
 
     def pushes(self) -> Iterator[Push]:
-        """Yield the forces and torques from outside."""
+        """Yield the forces and torques that calls applied."""
         for call, at, came in self.of_bodies(*PUSHES):
             values = call.values
             torque = call.act is Act.TWIST
@@ -189,7 +189,7 @@ class Log:
                 yield Push(at, came.body, int(link[0]), torque, vector, where, in_world_axes=world)
 
     def given(self) -> Iterator[Given]:
-        """Yield properties of bodies that calls have set."""
+        """Yield the properties of bodies that calls set."""
         for call, at, came in self.of_bodies(Act.SET_PROPERTY):
             values: dict[str, float | Sequence[float]] = {
                 name: held[0] if len(held) == 1 else list(held)

@@ -1,4 +1,4 @@
-"""Calls that command joints: motors of any kind, torques, PD_CONTROL; a row of numbers each."""
+"""Calls that command joints: motors, torques and PD_CONTROL, as rows of numbers."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from drop_physics.trace.events import Calls, Site
 T = TypeVar("T")
 
 VELOCITY, TORQUE, POSITION, PD = 0, 1, 2, 3
-"""How they drive a joint: `controlMode`."""
+"""Values of `controlMode`."""
 FORCE = 100000.0
-"""PyBullet's default of a motor's limit [N m] or [N]."""
+"""PyBullet's default limit of a motor [N m] or [N]."""
 DEFAULTS_TO_FORCE = ("setJointMotorControl2", "setJointMotorControlArray")
-"""Calls of TORQUE_CONTROL that give a torque of FORCE where none is given."""
+"""Functions whose TORQUE_CONTROL exerts a torque of FORCE if none is given."""
 DEFAULTS = {
     "targetPosition": 0.0,
     "targetVelocity": 0.0,
@@ -28,7 +28,7 @@ DEFAULTS = {
     "velocityGain": 1.0,
     "maxVelocity": 0.0,
 }
-"""What PyBullet takes for an argument that is not given; a velocity of 0 is no limit."""
+"""PyBullet's defaults of arguments; a maxVelocity of 0 is no limit."""
 ARGUMENTS = {
     "targetPosition": "targetPositions",
     "targetVelocity": "targetVelocities",
@@ -37,23 +37,23 @@ ARGUMENTS = {
     "velocityGain": "velocityGains",
     "maxVelocity": "maxVelocities",
 }
-"""Arguments of a call for one joint, and of one for several."""
+"""The arguments of a call for one joint, and their names in a call for several."""
 
 
 class Command(NamedTuple):
-    """What n calls from one place ask of a joint each."""
+    """n calls from one site that command a joint each."""
 
     client: int
     site: Site
     calls: Int64
-    """Their numbers, shape (n,)."""
+    """Numbers of the calls, shape (n,)."""
     steps: Int64
     times_s: Float64
     bodies: Int64
-    """The engine's ids."""
+    """The engine's ids of the bodies."""
     joints: Int64
     values: Mapping[str, Float64]
-    """By argument of a call for one joint, shape (n, k)."""
+    """Arguments by their name in a call for one joint, shape (n, k)."""
 
     def given(self, name: str, width: int = 1) -> Float64:
         """Return the numbers of an argument, shape (n, width) or, where all are one, (n, 1).
@@ -67,14 +67,14 @@ class Command(NamedTuple):
 
     @property
     def torques(self) -> Float64 | None:
-        """What calls of TORQUE_CONTROL give [N m] or [N], shape (n, k); None if they give none."""
+        """The torques of calls of TORQUE_CONTROL [N m] or [N], shape (n, k); None without any."""
         given = self.values.get("force")
         if given is None and self.site.function in DEFAULTS_TO_FORCE:
             return np.full((len(self.calls), 1), FORCE)
         return given
 
     def only(self, which: Flags) -> Command:
-        """Return some of them."""
+        """Return some of the calls."""
         held = {name: values[which] for name, values in self.values.items()}
         return Command(
             self.client,

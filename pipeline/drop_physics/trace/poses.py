@@ -1,4 +1,4 @@
-"""Where the links of bodies are: forward kinematics of what was recorded of base and joints."""
+"""Poses of links: forward kinematics from the recorded base and joints."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def tree_of(joints: Sequence[Joint], frames: Float64) -> Tree:
 
 
 def inertial_frames(reported: Mapping[str, Float64]) -> Float64:
-    """Return where the inertia of base and links is in their own frames, shape (links + 1, 7)."""
+    """Return the frames of inertia of base and links in their own frames, shape (links + 1, 7)."""
     frames = np.hstack((reported["inertial_position_m"], reported["inertial_orientation"]))
     # Those of a btRigidBody are not known, and of a base not needed.
     return np.where(np.isfinite(frames), frames, 0.0)

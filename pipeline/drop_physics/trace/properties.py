@@ -42,13 +42,13 @@ ORDER: Mapping[str, bool] = {
 `sleepThreshold` writes none.
 """
 PROPERTIES = ORDER.keys() | {"jointUpperLimit", "contactDamping", "sleepThreshold"}
-"""All that a call of `changeDynamics` can give."""
+"""All properties that a call of `changeDynamics` can set."""
 OF_BODIES = frozenset(
     ("linearDamping", "angularDamping", "maxJointVelocity", "activationState", "sleepThreshold")
 )
-"""Properties that a btMultiBody has once: they arrive whatever link is named."""
+"""Properties that a btMultiBody has once: they take effect whatever link is named."""
 OF_JOINTS = frozenset(("jointDamping", "jointLowerLimit", "jointUpperLimit", "jointLimitForce"))
-"""Properties that a base does not have: a call that lands there loses them."""
+"""Properties that a base does not have: a call that reaches the base loses them."""
 REPORTED: Mapping[str, str] = {
     "mass": "mass_kg",
     "lateralFriction": "lateral_friction",
@@ -72,11 +72,11 @@ REPORTED_SETTINGS: Mapping[str, str] = {
     "gravZ": "gravityAccelerationZ",
     "enableRealTimeSimulation": "useRealTimeSimulation",
 }
-"""Arguments that `getPhysicsEngineParameters` reports under another name."""
+"""Names by which `getPhysicsEngineParameters` reports arguments, if they differ."""
 SETTERS = Act.SET_GRAVITY, Act.SET_TIMESTEP, Act.SET_REAL_TIME, Act.SET_ENGINE
-"""The calls with such arguments."""
+"""Acts whose calls have such arguments."""
 VECTORS = frozenset(("anisotropicFriction", "localInertiaDiagonal"))
-"""Arguments that have a setter whatever their numbers are."""
+"""Arguments that have a setter whatever their values are."""
 
 
 def takes(name: str, values: Mapping[str, Sequence[float]]) -> bool:
@@ -103,7 +103,7 @@ def link_reached(values: Mapping[str, Sequence[float]]) -> int:
 
 
 def arrives(name: str, named: int, reached: int) -> bool:
-    """Return whether a property that PyBullet takes gets to the link that its call names."""
+    """Return whether a property that PyBullet accepts reaches the link that the call names."""
     if name in OF_BODIES:
         return True
     return named == reached and not (name in OF_JOINTS and reached == BASE)

@@ -12,21 +12,21 @@ from drop_physics.trace.acts import Act, act_of
 
 @dataclass(frozen=True)
 class Subject:
-    """A body that is read, or a link of it, or what is between these and others."""
+    """A body that is read, or a link of it, or its contact with others."""
 
     body: int
     """Its number in the recording."""
     link: int | None
     """-1 is the base; None where the reading names no link."""
     other: int | None = None
-    """The number of the other body, where pairs are read."""
+    """Number of the other body, if pairs are read."""
     other_link: int | None = None
-    """The link of that one."""
+    """Link of the other body."""
 
 
 @dataclass(frozen=True)
 class Lens:
-    """What a camera sees, as it was given: column by column, 16 numbers; empty if it was not."""
+    """The matrices of a camera, column by column, 16 numbers each; empty if none was given."""
 
     size_px: tuple[int, ...]
     """Width and height."""
@@ -59,40 +59,40 @@ class Lens:
 
 @dataclass(frozen=True)
 class Reading:
-    """A place that reads, with arguments of one form."""
+    """A line of the script that reads, with arguments of one form."""
 
     number: int
-    """Its number in the recording, in the order in which places first read."""
+    """Number in the recording, in the order of the first readings."""
     client: int
-    """Whose simulation it reads."""
+    """The simulation that it reads."""
     function: str
-    """What it reads with."""
+    """The function that it calls."""
     file: str
     """File of the call, without folders of this machine."""
     line: int
-    """Counted from 1."""
+    """Line number, from 1."""
     arguments: tuple[str, ...]
-    """Those that are given, but for the client."""
+    """The arguments that are given, except the client."""
     flags: dict[str, int | None]
-    """Values of those that change what is read; None of what is no whole number."""
+    """Values of the arguments that change what is read; None if it is not a whole number."""
     first_step: int
-    """Steps of the simulation before the first reading."""
+    """Number of steps of the simulation before the first reading."""
     last_step: int
-    """Before the last that was looked at."""
+    """Number of steps before the last reading that was observed."""
     count: int
-    """How often it read; an estimate unless it is `exact`."""
+    """Number of readings; an estimate unless it is `exact`."""
     exact: bool
-    """Whether each reading was looked at: after 256 steps it may be those of every 61st."""
+    """Whether every reading was observed: after 256 steps it may be those of every 61st step."""
     targets: tuple[Subject, ...]
-    """What it read, each once; none where it reads all bodies, or none."""
+    """What it read, each once; empty if it reads all bodies, or none."""
     constraints: tuple[int, ...]
     """The constraints that it read, by the engine's id."""
     complete: bool
-    """Whether `targets` are all; at most 1024 are kept."""
+    """Whether `targets` is complete; at most 1024 are kept."""
     camera: Lens | None = None
-    """The lens of the first picture that it took."""
+    """The camera of its first picture."""
 
     @property
     def act(self) -> Act:
-        """What it reads."""
+        """What its function reads."""
         return act_of(self.function)

@@ -31,35 +31,35 @@ from drop_physics.trace.properties import (
 )
 
 ROUNDING = 1e-9
-"""By which share a report may differ from what was asked for: the mass of a btRigidBody is 1 / (1 /
-m)."""
+"""Relative difference up to which a report agrees with a request: the mass of a btRigidBody is 1 /
+(1 / m)."""
 Row = TypeVar("Row", Dynamics, Settings)
 Numbers = tuple[float, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """One property that a call asked for, of a link or of the engine itself."""
+    """A property that a call set, of a link or of the engine itself."""
 
     call: Call
     name: str
-    """The argument."""
+    """Name of the argument."""
     asked: Numbers
     body: Body | None = None
-    """None of the engine's settings."""
+    """The body; None for a setting of the engine."""
     link: int = BASE
     """The link that the call names."""
     reached: int = BASE
-    """The link that it reached."""
+    """The link that the call reached."""
     ignored: bool = False
-    """Whether the engine takes such a number for none."""
+    """Whether the engine ignores such a value."""
     before: Numbers | None
-    """What the engine reported of the named link before the call; None if it reports none, or if
-    the body was not listed yet."""
+    """The report on the named link before the call; None if there is none, or the body was not
+    listed yet."""
     got: Numbers | None
-    """Likewise before the next step."""
+    """The report on the named link before the next step."""
     elsewhere: Numbers | None = None
-    """Likewise of the link that the call reached, if that is another."""
+    """The report on the link that the call reached, if that is another one."""
 
     @property
     def taken(self) -> bool:

@@ -5,13 +5,13 @@ Rows of named numbers. A *part* is a body's link; link -1 is its base. World axe
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.arrays import Flags, Float64, Int64
+from drop_physics.arrays import Float64, Int64
+from drop_physics.physics.rowed import Rowed
 from drop_physics.physics.vectors import groups
 
 Rows = NDArray[np.void]
@@ -20,9 +20,9 @@ Rows = NDArray[np.void]
 BODY, FLOOR = 0, 1
 """Numbers of the two bodies of a drop."""
 BODY_LABEL, FLOOR_LABEL = "box", "floor"
-"""What they are called in its recording."""
+"""The bodies' labels in the recording of a drop."""
 BASE = -1
-"""The link that every body has."""
+"""The link that every body has: its base."""
 
 STATE = np.dtype(
     [
@@ -35,17 +35,17 @@ STATE = np.dtype(
         ("spin_rad_s", "<f8", (3,)),
     ]
 )
-"""One part before a step: its centre of mass, and its axes as a quaternion x, y, z, w. The parts of
-a step are ordered by body and link."""
+"""One part before a step: position of its centre of mass, and orientation of its axes as a
+quaternion x, y, z, w. The parts of a step are ordered by body and link."""
 
 BASE_STATE = np.dtype([(name, STATE[name]) for name in STATE.names or () if name != "link"])
-"""One base before a step: a part that is a body's base."""
+"""A state of a base: a part without the number of its link."""
 
 MOTION = {
     "position_m": slice(0, 3), "orientation": slice(3, 7), "velocity_m_s": slice(7, 10),
     "spin_rad_s": slice(10, 13),
 }  # fmt: skip
-"""Where the numbers of a state are among its 13."""
+"""Slices of a state's 13 numbers."""
 STATE_COLUMNS = {
     "position_m": ("x_m", "y_m", "z_m"),
     "orientation": ("qx", "qy", "qz", "qw"),
@@ -88,8 +88,8 @@ CONTACT_COLUMNS = {
 
 
 @dataclass(frozen=True)
-class Joints:
-    """The joints of a body that move, at n samples."""
+class Joints(Rowed):
+    """The moving joints of a body at n samples."""
 
     steps: Int64
     times_s: Float64
@@ -98,29 +98,11 @@ class Joints:
     velocity: Float64
     """[rad/s] or [m/s], shape (n, velocities)."""
     effort: Float64
-    """Of the motors: [N m] or [N], shape (n, efforts)."""
-
-    def at(self, rows: Flags | slice) -> Joints:
-        """Return some of the samples."""
-        return Joints(
-            self.steps[rows],
-            self.times_s[rows],
-            self.position[rows],
-            self.velocity[rows],
-            self.effort[rows],
-        )
-
-    @classmethod
-    def joined(cls, pieces: Iterable[Joints]) -> Joints:
-        """Return consecutive samples as one."""
-        columns = zip(
-            *((j.steps, j.times_s, j.position, j.velocity, j.effort) for j in pieces), strict=True
-        )
-        return cls(*map(np.concatenate, columns))
+    """Efforts of the motors [N m] or [N], shape (n, efforts)."""
 
 
 def in_step_order(rows: Rows) -> Rows:
-    """Return rows in the order of their steps, the same rows where they are."""
+    """Return the rows in step order, uncopied if they already are."""
     steps = rows["step"]
     if (steps[1:] >= steps[:-1]).all():
         return rows

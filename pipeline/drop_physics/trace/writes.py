@@ -15,23 +15,23 @@ from drop_physics.arrays import Float64, Int64
 from drop_physics.trace.calls import Call
 
 INDEX, BEFORE = "index", "before"
-"""Names of the arguments beside the field's own."""
+"""Names of the arguments besides the field's own."""
 COMPUTED = re.compile(r"; then (\w+)")
-"""In a form, the function that a write was followed by, but for a step."""
+"""Matches the function in a form that was called right after the write, unless it was a step."""
 
 
 class WrittenElements(NamedTuple):
-    """Elements of a field; shape (n,) each."""
+    """Elements of a field that were written; shape (n,) each."""
 
     indices: Int64
-    """Into the flat field."""
+    """Indices into the flattened field."""
     values: Float64
     before: Float64
-    """What was there; nan where it is not told."""
+    """The previous values; nan if they are not recorded."""
 
 
 def written_by(call: Call) -> WrittenElements:
-    """Return what a call by the name of a field wrote into it."""
+    """Return the elements that a call, named after a field, wrote into it."""
     names, numbers = np.array(call.site.names), np.array(call.numbers)
     values = numbers[names == call.function]
     indices = numbers[names == INDEX].astype(np.int64)
@@ -44,6 +44,6 @@ def written_by(call: Call) -> WrittenElements:
 
 
 def computed_by(call: Call) -> str:
-    """Return the function that computed what depends on it right after; empty if none did."""
+    """Return the function that was called right after, to recompute what depends; empty if none."""
     found = COMPUTED.search(call.site.form)
     return found[1] if found else ""
