@@ -14,10 +14,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from drop_physics.arrays import Float64
 from drop_physics.engines.mujoco.described import base_of, described, reported_of
 from drop_physics.engines.mujoco.held import softness_of
 from drop_physics.engines.mujoco.watch.followed import constants_of
-from drop_physics.engines.session import Float64, Numbers, PrimitiveShape, RigidBody, Session
+from drop_physics.engines.session import Numbers, PrimitiveShape, RigidBody, Session
 from drop_physics.physics.rotations import rotate_inverse
 from drop_physics.scenario import Scenario
 
