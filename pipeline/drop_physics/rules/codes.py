@@ -77,6 +77,9 @@ CODES: dict[str, str] = {
         "A hand is off its point although its joints are on their targets: inverse kinematics "
         "gave an answer that is off."
     ),
+    "gain-per-step": (
+        "A gain is a share per step: at a short timestep it asks for more than the motor can give."
+    ),
     "gear": "A position actuator divides what it is given by its gear.",
     "impossible-inertia": "No body can have the inertia that a file gives.",
     "inertia-from-shape": (

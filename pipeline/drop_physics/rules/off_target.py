@@ -30,6 +30,8 @@ from drop_physics.rules.thresholds import (
     LIMITED_OFTEN,
     SLOW,
     SMALL_GAIN,
+    STIFF,
+    USUAL_STIFFNESS_HZ,
 )
 from drop_physics.trace.motors import VELOCITY
 
@@ -189,6 +191,9 @@ def still_moves(targets: TargetColumns) -> Match | None:
     lasts = {**targets.numbers, "alone": alone, "lawful": targets.lawful / targets.gap}
     lasts |= {"away": targets.rate * targets.gap > 0}
     lasts |= {"rate": targets.rate, "at_limit": targets.at_limit, "steps_stood": targets.steps}
+    timestep_s = targets.driven.steps.reported.timestep_s[-1]
+    lasts["stiffness"] = targets.kp / timestep_s
+    lasts["as_usual"] = np.full(len(where), USUAL_STIFFNESS_HZ * timestep_s)
     return Match(where, targets.off, lasts=lasts, sums={"moved": targets.ended & moved})
 
 
@@ -225,6 +230,17 @@ def _(worst: Worst) -> Said:
             why = Message("{weak}; the target takes {need}", weak=weak, need=need)
         return _missed(worst, give_at_least(why, takes, worst.effort, worst.force))
     why = Message("{why}, and {weak}", why=why, weak=weak)
+    if worst.away and worst.stiffness > STIFF * USUAL_STIFFNESS_HZ:
+        softer = float(f"{worst.as_usual:.2g}")
+        advice = Message(
+            "a gain is a share of the gap per step, and at this timestep {kp:.4g} is {times:.3g} "
+            "times as stiff as 0.1 at 1/240 s: {call}"
+        )
+        cure = Cure("gains", worst.joint, softer, given={"positionGain": softer})
+        said = _missed(worst, Cause(why, advice, cure))
+        values = {"kp": worst.kp, "times": worst.stiffness / USUAL_STIFFNESS_HZ}
+        values = {**said.values, **values}
+        return replace(said, values=values, reason="gain-per-step", proposed=True)
     advice = MORE_FORCE
     if takes <= worst.limit and not worst.away:
         advice = Message("give it more force, or each target more steps")

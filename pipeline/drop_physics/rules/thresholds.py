@@ -68,6 +68,12 @@ Needed by: contacts with a stiffness of their own."""
 SWALLOWED = 0.5
 """Share of the requested rebound below which a body does not bounce. Unit: share. Needed by:
 overlap alone lifts a little."""
+USUAL_STIFFNESS_HZ = 24
+"""What PyBullet's positionGain of 0.1 closes of a gap per second, at its timestep of 1/240 s. Unit:
+1/s. Needed by: fine_timestep."""
+STIFF = 2
+"""Least factor over that of a gain too stiff for a motor's force. Unit: 1. Needed by:
+fine_timestep, 20."""
 SMALL_GAIN = 0.05
 """Largest positionGain that counts as small; PyBullet's is 0.1. Unit: share. Needed by: slow
 arms."""
