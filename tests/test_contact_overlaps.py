@@ -136,6 +136,24 @@ def test_what_stays_inside_is_broken(tmp_path: Path) -> None:
     assert {each.level for each in found(plate, tmp_path, "deep-penetration")} <= {"model"}
 
 
+PLATE = (
+    BOX
+    + """
+p.setGravity(0, 0, -9.81)
+plate = box(0, [0, 0, .5], (.5, .5, .01), {turned})
+b = ball(1, [0, 0, {z}], .05)
+p.resetBaseVelocity(b, [0, 0, -3.6])
+"""
+)
+
+
+@pytest.mark.parametrize("turned", ["", "turned=[0, .4, 0]"])
+def test_the_thinner_one_may_be_what_stays(turned: str, tmp_path: Path) -> None:
+    scene = run(PLATE.format(turned=turned, z=0.57), 20)
+    (one,) = found(scene, tmp_path, "deep-penetration")
+    assert f"{bare(scene)['deepest'] / 0.02:.0%} of the thinner one" in one.message
+
+
 TUMBLES = FLOOR + BOX + "b = box(1, [0, 0, .4], turned=[.6, .3, 0])\nsteps(480)"
 
 

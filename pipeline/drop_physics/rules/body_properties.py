@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from drop_physics.explain.overlap import is_convex
 from drop_physics.rules.arguments import site_of
 from drop_physics.trace.acts import MAKES, Act
 from drop_physics.trace.calls import Call
-from drop_physics.trace.events import Appearance, Body
+from drop_physics.trace.events import Appearance, Body, Collision
 from drop_physics.trace.history import Piece, Seen
 
 
@@ -80,6 +81,29 @@ def size_m(body: Body) -> float:
     """Return the longest edge of the box around a body, as it was added; 1 if it is unknown."""
     boxes = np.reshape(body.bounds_m, (-1, 2, 3))
     return float(np.max(boxes[:, 1] - boxes[:, 0], initial=0.0)) or 1.0
+
+
+def thickness_m(body: Body, link: int) -> float:
+    """Return the shortest edge of a link: of its shape, or of the box around several [m].
+
+    It is inf of planes, and of what is not convex: such a shape has no inside.
+    """
+    shapes = [each for each in body.collisions if each.link == link]
+    if any(each.kind == "plane" or not is_convex(each) for each in shapes):
+        return np.inf
+    if len(shapes) == 1:
+        return _thickness_m(shapes[0])
+    boxes = np.reshape(body.bounds_m, (-1, 2, 3))[link + 1 : link + 2]
+    return float((boxes[:, 1] - boxes[:, 0]).min(initial=np.inf))
+
+
+def _thickness_m(shape: Collision) -> float:
+    size = shape.size_m
+    if shape.kind == "mesh":
+        return float(np.ptp(np.reshape(shape.hull_m, (-1, 3)), axis=0).min())
+    if shape.kind == "cylinder":
+        return min(size[0], 2 * size[1])
+    return min(size) if shape.kind == "box" else 2 * size[-1]  # a ball, or a capsule
 
 
 def strained_by(seen: Seen, bodies: Collection[Body]) -> float:

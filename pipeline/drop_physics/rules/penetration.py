@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from drop_physics.messages import Message, joined
 from drop_physics.rules.answer import Cure, Effect
-from drop_physics.rules.body_properties import part_named, size_m, strained_by
+from drop_physics.rules.body_properties import part_named, size_m, strained_by, thickness_m
 from drop_physics.rules.rule import Match, Said, Worst, pair_rule
 from drop_physics.rules.tables import PairColumns
 from drop_physics.rules.thresholds import (
@@ -54,9 +54,9 @@ def deep_penetration(pair: PairColumns) -> Match:
 
 @deep_penetration.says
 def _(worst: Worst) -> Said | None:
-    if (worst.placed and worst.carried <= 1) or not _edges_m(worst):
+    thin_m = max(_thin_m(worst), 1e-9)
+    if (worst.placed and worst.carried <= 1) or not np.isfinite(thin_m):
         return None  # the first is `starts-in-contact`
-    thin_m = max(min(_edges_m(worst)), 1e-9)
     took, share = worst.deepest - worst.first, worst.size / thin_m
     cause, advice, cure = _cause(worst, took)
     # What comes fast goes deeper; without a cause, only what is no physics any more is said.
@@ -135,15 +135,10 @@ def _cause(worst: Worst, took: int) -> tuple[Message | None, Message | None, Cur
     return None, None, None
 
 
-def _edges_m(worst: Worst) -> list[float]:
-    """Return the shortest edge of each part that overlaps and can move."""
-    edges = []
+def _thin_m(worst: Worst) -> float:
+    """Return the shortest edge of the parts that overlap; inf if neither has one that is known."""
     links = worst.links if worst.at == worst.subject.number else worst.links[::-1]
-    for body, link in zip((worst.subject, worst.partner), links, strict=True):
-        boxes = np.reshape(body.bounds_m, (-1, 2, 3))
-        if body.number in worst.scene.ends and link + 1 < len(boxes):
-            edges.append(float((boxes[link + 1, 1] - boxes[link + 1, 0]).min()))
-    return edges
+    return min(map(thickness_m, (worst.subject, worst.partner), links))
 
 
 def _presses(pair: PairColumns, rows: NDArray[np.intp]) -> dict[str, Float64]:

@@ -51,7 +51,7 @@ def _compared(inputs: Inputs, first: Episode, second: Episode) -> Said | None:
     begins = first.begin.at.step, second.begin.at.step
     asked = first.calls.items() ^ second.calls.items()
     until = min(
-        first.end - begins[0], second.end - begins[1], *(since + 1 for since, _ in asked), 1 << 40
+        first.end - begins[0], second.end - begins[1], *(since for since, _ in asked), 1 << 40
     )
     apart = _apart(scene, begins, until, first.begin.client)
     if not apart:
