@@ -8,6 +8,8 @@ begins to grow.
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -416,6 +418,37 @@ def test_a_spring_rests_where_its_weight_takes_it(wrong: dict[str, Finding]) -> 
     for _ in range(6):
         off = 9.81 * 0.15 * np.cos(0.3 + off) / 50
     assert effect.value == pytest.approx(off, abs=1e-4)
+
+
+PRESSED = """
+import mujoco, sys
+
+body = '<body pos="0 0 %s"><freejoint/><geom type="box" size="%s" mass="%s" solref="%s 1"/></body>'
+model = mujoco.MjModel.from_xml_string(
+    '<mujoco><worldbody><geom type="plane" size="2 2 1" solref="%s 1"/>' % sys.argv[1]
+    + body % ("0.02", "0.3 0.3 0.02", 0.05, sys.argv[1])
+    + body % ("0.14", "0.1 0.1 0.1", 20, sys.argv[1])
+    + "</worldbody></mujoco>")
+data = mujoco.MjData(model)
+for k in range(2000):
+    mujoco.mj_step(model, data)
+sys.stderr.write(str(-1e3 * data.contact.dist.min()))
+"""
+
+
+def test_the_depth_that_a_shorter_time_constant_leaves(tmp_path: Path) -> None:
+    # It is within the width of solimp, where the impedance grows with the depth.
+    script = tmp_path / "pressed.py"
+    script.write_text(PRESSED, encoding="utf-8")
+    mended = subprocess.run(
+        [sys.executable, script, "0.004"], check=True, capture_output=True, text=True
+    )
+    recorded = record_script(str(script), ["0.02"], out=tmp_path / "pressed.rrd")
+    (found,) = analyze(recorded.recording).findings
+    assert found.code == "deep-penetration"
+    left = re.search(r"leaves (\S+) mm", str(found.advice))
+    assert left is not None
+    assert float(left[1]) == pytest.approx(float(mended.stderr), rel=0.02)  # it settles
 
 
 SERVOS = [

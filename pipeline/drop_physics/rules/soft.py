@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
+from drop_physics.physics.laws.mujoco.contact import impedance, rest_depth_m, shortest_s
 from drop_physics.rules.answer import Cure, Effect
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import effort
@@ -75,7 +76,7 @@ def _(worst: Worst) -> Said | None:
         text = " ".join(f"{each:g}" for each in solimp[:3])
         name, usual = "solimp", "0.9 0.95 0.001"
     elif not solref[0] > USUAL_S:
-        return _carries(worst, solref)
+        return _carries(worst, *soft)
     return Said(
         message=Message(
             "{body} gets {depth:.3g} mm into {other}, under {force} then: their contact has "
@@ -94,11 +95,10 @@ def _(worst: Worst) -> Said | None:
     )
 
 
-def _carries(worst: Worst, solref: tuple[float, ...]) -> Said | None:
+def _carries(worst: Worst, solref: Sequence[float], solimp: Sequence[float]) -> Said | None:
     """Return what is said of a contact of usual softness that carries much more than a body weighs.
 
-    Its stiffness is that of the time constant for the mass of the bodies, whatever lies on them:
-    the depth is proportional to the load over the mass, and to the square of the time constant.
+    Its stiffness is that of the time constant for the mass of the bodies, whatever lies on them.
     """
     both = worst.subject, worst.partner
     masses_kg = {
@@ -112,15 +112,16 @@ def _carries(worst: Worst, solref: tuple[float, ...]) -> Said | None:
     ratio = worst.force / (STANDARD_M_S2 * max(masses_kg[light], 1e-300))
     if ratio < CARRIES:
         return None
-    least_s = 2 * worst.timestep
-    advice = Message(
-        "{call} of both <geom>s, the least for this timestep, leaves {left:.2g} mm; or give "
-        "{light} more mass"
-    )
-    cure = Cure("solref", worst.body, least_s, form="contact")
-    if not 0 < least_s < solref[0]:
-        advice = Message("give {light} more mass")
-        cure = Cure("mass", worst.scene.body(light).label)
+    advice, left_m = Message("give {light} more mass"), 0.0
+    cure = Cure("mass", worst.scene.body(light).label)
+    least_s = shortest_s(worst.timestep)
+    if 0 < least_s < solref[0]:
+        advice = Message(
+            "{call} of both <geom>s, the least for this timestep, leaves {left:.2g} mm; or give "
+            "{light} more mass"
+        )
+        cure = Cure("solref", worst.body, least_s, form="contact")
+        left_m = _left_m(worst.size, solref, solimp, least_s)
     return Said(
         message=Message(
             "{body} gets {depth:.3g} mm into {other}, under {force} then, {ratio:.3g} times what "
@@ -133,13 +134,22 @@ def _carries(worst: Worst, solref: tuple[float, ...]) -> Said | None:
             "ratio": ratio,
             "light": worst.scene.body(light).label,
             "mass": masses_kg[light],
-            "left": worst.size * 1e3 * (least_s / solref[0]) ** 2,
+            "left": left_m * 1e3,
         },
         advice=advice,
         cure=cure,
         effect=Effect(worst.size, "m"),
         share=worst.size / worst.body_size_m,
     )
+
+
+def _left_m(
+    depth_m: float, solref: Sequence[float], solimp: Sequence[float], constant_s: float
+) -> float:
+    """Return the depth of a contact under the same load with another time constant [m]."""
+    d, square = impedance(depth_m, solimp), (solimp[1] * solref[0] * solref[1]) ** 2
+    load_m_s2 = depth_m * d**2 / ((1 - d) * square)  # of a body that one point carries
+    return rest_depth_m(load_m_s2, 1, (constant_s, 1.0), solimp) or 0.0
 
 
 def _follows(bodies: BodyColumns) -> Iterator[tuple[Equality, int, int]]:
