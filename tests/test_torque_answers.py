@@ -207,6 +207,29 @@ def test_episodes_begun_by_hand_that_are_the_same(
     )
 
 
+FASTER = (
+    FLOOR
+    + """
+r = p.loadURDF("r2d2.urdf", [0, 0, 0.5])
+steps(100)
+s = p.saveState()
+for episode in range(3):
+    p.restoreState(s)
+    for i in range(20):
+        for j in (2, 3, 6, 7):
+            p.setJointMotorControl2(r, j, p.VELOCITY_CONTROL, targetVelocity={target}, force=20)
+        steps(1)
+"""
+)
+
+
+@pytest.mark.parametrize("target", ["5 + episode", "5 + 0.01 * (20 * episode + i)"])
+def test_a_command_that_grows_from_episode_to_episode_is_another_run(
+    target: str, tmp_path: Path
+) -> None:
+    assert not said("restore-differs", FASTER.format(target=target), tmp_path)
+
+
 ANEW = """
 for episode in range(2):
     p.resetSimulation()
