@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.messages import Message, joined
+from drop_physics.physics.tree import BASE
 from drop_physics.rules.answer import Cure, Effect, Scene, Span, so_many
 from drop_physics.rules.arguments import given, site_of
 from drop_physics.rules.inputs import Inputs, Use
@@ -471,15 +472,18 @@ def pose_set_each_step(inputs: Inputs) -> Iterator[Said]:
         made = inputs.scene.seen.samples.get(call.client, 1) - 1 - call.at.step
         if body is None or len(use.steps) < HALF_THE_STEPS * max(made, 1):
             continue
-        depths = inputs.deepest[body.number]
-        deep = {step: d for step, d in depths.items() if step - 1 in use.steps and d > DEEP_M}
+        number = int(call.values.get("jointIndex", (BASE,))[0])
+        deep = {
+            step: depth_m
+            for step, (depth_m, link) in inputs.deepest[body.number].items()
+            if step - 1 in use.steps and number in (BASE, *_branch(body, link))
+        }
         if len(deep) < OVERLAPS_STEPS:
             continue
         most = max(deep.values())
         joint = advice = cure = None
         if call.act is Act.SET_JOINT:
-            number = int(call.values.get("jointIndex", (0,))[0])
-            joint = body.joints[number].name if number < len(body.joints) else None
+            joint = body.joints[number].name if number >= 0 else None
             cure = Cure("without", joint or body.label, form="driven")
         else:
             advice = Message("move it by a force, a velocity, or a constraint")
@@ -503,6 +507,13 @@ def pose_set_each_step(inputs: Inputs) -> Iterator[Said]:
             effect=Effect(most, "m"),
             share=most / DEEP_M,
         )
+
+
+def _branch(body: Body, link: int) -> Iterator[int]:
+    """Yield the links from one down to the base."""
+    while link >= 0:
+        yield link
+        link = body.joints[link].parent
 
 
 @input_rule("overwritten", "asked", "drive-lags")

@@ -24,6 +24,7 @@ from drop_physics.rules.arguments import number as number_of
 from drop_physics.rules.episodes import Episodes
 from drop_physics.rules.ik_answers import SentAnswers
 from drop_physics.rules.lasting import Lasting
+from drop_physics.rules.thresholds import DEEP_M
 from drop_physics.trace.acts import FILTERS, PUSHES, Act
 from drop_physics.trace.calls import BODY_NAMES, Call
 from drop_physics.trace.events import At, Body, Dynamics, Site
@@ -173,8 +174,9 @@ class Inputs:
     """Grows chunk by chunk; complete when the rules are asked."""
 
     scene: Scene
-    uses: dict[tuple[int, int, int | None], Use] = field(default_factory=dict)
-    """Uses by the number of a site, its client, and the number of the body that its calls name."""
+    uses: dict[tuple[int, int, int | None, float], Use] = field(default_factory=dict)
+    """Uses by the number of a site, its client, the number of the body that its calls name, and the
+    joint that they set."""
     requests: list[Request] = field(default_factory=list)
     commanded: defaultdict[int, dict[int, Call | None]] = field(
         default_factory=lambda: defaultdict(dict)
@@ -201,8 +203,11 @@ class Inputs:
     """Bodies that a constraint joined."""
     filtered: set[int] = field(default_factory=set)
     """Clients in which calls give groups, or take back that bodies pass each other."""
-    deepest: defaultdict[int, dict[int, float]] = field(default_factory=lambda: defaultdict(dict))
-    """Samples of a body that calls place, and its deepest overlap then [m], by its number."""
+    deepest: defaultdict[int, dict[int, tuple[float, int]]] = field(
+        default_factory=lambda: defaultdict(dict)
+    )
+    """Of bodies that calls place, by number: steps in which they are deep in others, how deep [m],
+    and which link is."""
     lasting: Lasting = field(default_factory=Lasting)
     overridden: dict[tuple[int, int, int], tuple[Site, Site, set[int]]] = field(
         default_factory=dict
@@ -263,12 +268,15 @@ class Inputs:
         for first, second, rows in pairs.by_pair(pairs.normal_n > 0):
             key = first, second
             self.touched[key] = self.touched.get(key, 0) + len(rows)
-            for number in placed.intersection(key):
-                deepest = self.deepest[number]
-                for step, depth in zip(
-                    pairs.step[rows].tolist(), pairs.depth_m[rows].tolist(), strict=True
-                ):
-                    deepest[step] = max(depth, deepest.get(step, 0.0))
+        points = pairs.points
+        for number in placed & pairs.of_body.keys():
+            its = pairs.of_body[number]
+            its = its[(points.distance_m[its] < -DEEP_M) & (pairs.normal_n[pairs.row[its]] > 0)]
+            links = points.link[its, (points.body[its, 1] == number).astype(int)]
+            told = np.column_stack([points.step[its], -points.distance_m[its], links]).tolist()
+            for step, depth_m, link in told:
+                now = self.deepest[number].get(int(step), (0.0, 0))
+                self.deepest[number][int(step)] = max(now, (depth_m, int(link)))
 
     def _bodies_of(self, *acts: Act) -> set[int]:
         """Return the numbers of the bodies that calls of some acts have named so far."""
@@ -376,7 +384,8 @@ class Inputs:
 
     def _use(self, call: Call) -> None:
         came = self.scene.body_of(call)
-        key = call.site.number, call.client, None if came is None else came.number
+        joint = number_of(call, "jointIndex", -1.0) if call.act is Act.SET_JOINT else -1.0
+        key = call.site.number, call.client, None if came is None else came.number, joint
         self.uses.setdefault(key, Use(call, came)).add(call)
 
     def of(self, *acts: Act) -> Iterator[Use]:
