@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from asked import COMPLETE
+from asked import COMPLETE, findings
 from conftest import some
 from drop_physics.analysis.story import Story
 from drop_physics.rules.answer import Finding
@@ -83,3 +83,30 @@ def test_what_calls_alone_move_is_not_said_to_stand_still(tmp_path: Path) -> Non
 def test_what_is_true_of_nearly_every_run_stands_beside_nothing_graver(tmp_path: Path) -> None:
     """Damping takes 84 J of the box that slipped out, whose cause is the friction."""
     assert "default-damping" not in {each.code for each in found("friction_to_base", tmp_path)}
+
+
+LEGS = """
+s = p.createCollisionShape(
+    p.GEOM_BOX, halfExtents=[.1, .02, .02], collisionFramePosition=[.1, 0, 0])
+a = p.createMultiBody(0, -1, -1, [0, 0, 1], linkMasses=[1] * 2, linkCollisionShapeIndices=[s] * 2,
+    linkVisualShapeIndices=[-1] * 2, linkPositions=[[0, .2, 0], [0, -.2, 0]],
+    linkOrientations=[[0, 0, 0, 1]] * 2, linkInertialFramePositions=[[.1, 0, 0]] * 2,
+    linkInertialFrameOrientations=[[0, 0, 0, 1]] * 2, linkParentIndices=[0] * 2,
+    linkJointTypes=[p.JOINT_REVOLUTE] * 2, linkJointAxis=[[0, 0, 1]] * 2)
+p.createMultiBody(0, p.createCollisionShape(p.GEOM_BOX, halfExtents=[.05] * 3), -1, [.15, -.35, 1])
+def put(j, q): p.resetJointState(a, j, q)
+put(0, 0)
+for i in range(240):
+    {other}
+    put(1, -i / 240)
+    steps(1)
+"""
+
+
+@pytest.mark.parametrize("other", ["pass", "put(0, i / 500)"])
+def test_the_joint_that_is_set_into_something_is_named(other: str, tmp_path: Path) -> None:
+    its = findings(LEGS.format(other=other), tmp_path / "run.rrd")
+    (first,) = (each for each in its if each.reason == "pose-set-each-step")
+    assert first.joint == "joint2"
+    # A base's velocity is no advice for a joint.
+    assert "p.resetBaseVelocity" not in " ".join(str(each.advice) for each in its)

@@ -40,11 +40,10 @@ def deep_penetration(pair: PairColumns) -> Match:
     # A body that came with the step before may be listed as touching only now.
     late = placing.moved(bodies, steps[:, None] - 1).any(axis=1) & (depth_m > JUMPED * came_m)
     still = ~points.began_m_s[pair.starts[rows]].any(axis=2)
-    order = np.lexsort((points.distance_m, pair.row))  # in each pair the deepest is first
     return Match(
         rows,
         depth_m,
-        {"deepest": steps, "links": points.link[order[pair.starts[rows]]]},
+        {"deepest": steps, "links": pair.links[rows]},
         {"came": came_m, "carried": (moved & still).any(axis=1).astype(float)},
         {"fastest": came_m, **_presses(pair, rows)},
         {"placed": moved.any(axis=1) | late, "began": depth_m, "at": bodies[:, 0]},
@@ -104,7 +103,9 @@ def _cause(worst: Worst, took: int) -> tuple[Message | None, Message | None, Cur
     more = Cure("solver", value=500.0)
     if worst.carried > (worst.last - worst.first) / 2:
         why = Message("a call moves one of them in each step, and it has no velocity")
-        return why, None, Cure("support-velocity", bodies=(worst.body, worst.other))
+        posed = any(use.body in both for use in worst.scene.inputs.of(Act.SET_POSE))
+        cure = Cure("support-velocity", bodies=(worst.body, worst.other))
+        return why, None, cure if posed else None  # a joint's is `overwritten`
     if grows and worst.constraints:
         why = Message(
             "a constraint presses them together, and the solver ends before it can "
