@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import time
+from glob import glob
 from pathlib import Path
 
 ENGINE = re.compile(rb"^(\S+) .*/(?:pybullet|libmujoco)[^/]*\.so[^/]*$", re.MULTILINE)
@@ -48,9 +49,9 @@ class OtherProcesses:
 def _started_by(process: int) -> list[int]:
     """Return the processes that one has started, and those that they have; Linux tells them."""
     found: list[int] = []
-    for tasks in Path("/proc").glob(f"{process}/task/*/children"):
+    for tasks in glob(f"/proc/{process}/task/*/children"):  # Path.glob raises where it has ended
         try:
-            children = [*map(int, tasks.read_text().split())]
+            children = [*map(int, Path(tasks).read_text().split())]
         except OSError:  # it has ended
             continue
         found += children + [other for child in children for other in _started_by(child)]
