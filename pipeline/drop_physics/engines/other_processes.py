@@ -49,12 +49,14 @@ class OtherProcesses:
 def _started_by(process: int) -> list[int]:
     """Return the processes that one has started, and those that they have; Linux tells them."""
     found: list[int] = []
-    for tasks in glob(f"/proc/{process}/task/*/children"):  # Path.glob raises where it has ended
+    # Where a process ends meanwhile, `Path.glob` raises an error.
+    for tasks in glob(f"/proc/{process}/task/*/children"):  # noqa: PTH207
         try:
-            children = [*map(int, Path(tasks).read_text().split())]
+            children = Path(tasks).read_text().split()
         except OSError:  # it has ended
             continue
-        found += children + [other for child in children for other in _started_by(child)]
+        for child in map(int, children):
+            found += [child, *_started_by(child)]
     return found
 
 
