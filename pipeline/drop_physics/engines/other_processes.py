@@ -55,8 +55,7 @@ def _started_by(process: int) -> list[int]:
             children = Path(tasks).read_text().split()
         except OSError:  # it has ended
             continue
-        for child in map(int, children):
-            found += [child, *_started_by(child)]
+        found += [each for child in map(int, children) for each in (child, *_started_by(child))]
     return found
 
 
