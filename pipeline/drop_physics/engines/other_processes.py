@@ -52,10 +52,10 @@ def _started_by(process: int) -> list[int]:
     # Where a process ends meanwhile, `Path.glob` raises an error.
     for tasks in glob(f"/proc/{process}/task/*/children"):  # noqa: PTH207
         try:
-            children = Path(tasks).read_text().split()
+            for child in map(int, Path(tasks).read_text().split()):
+                found += [child, *_started_by(child)]
         except OSError:  # it has ended
             continue
-        found += [each for child in map(int, children) for each in (child, *_started_by(child))]
     return found
 
 
