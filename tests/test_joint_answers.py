@@ -597,6 +597,20 @@ def test_the_rate_beyond_its_limit(tmp_path: Path) -> None:
     assert said("beyond-urdf", load + drive.format(1.99) + "steps(240)\n", tmp_path) == []
 
 
+def test_the_greatest_rate_is_told_in_whichever_step_it_was(tmp_path: Path) -> None:
+    scene = two("", tmp_path) + (
+        "p.setJointMotorControl2(k, 0, p.POSITION_CONTROL, 1, force=1e4)\nrates = []\n"
+        "for i in range(60):\n    steps(1)\n    rates.append(p.getJointState(k, 0)[1])\n"
+    )
+    file = tmp_path / "two.urdf"
+    file.write_text(file.read_text().replace('effort="10"', 'effort="0"'))
+    names = run(scene)
+    names["p"].disconnect()
+    (found,) = said("beyond-urdf", scene, tmp_path)
+    assert f"ja reaches {max(names['rates']):.3g} rad/s where" in found.message
+    assert max(names["rates"]) == names["rates"][0]
+
+
 def test_the_force_of_substeps_is_not_that_of_a_call(tmp_path: Path) -> None:
     substeps = "p.setPhysicsEngineParameter(numSubSteps=4)\n"
     scene = substeps + ARM + "go(0.8, 20, 100, maxVelocity=5)\n"

@@ -193,16 +193,20 @@ def beyond_urdf(joints: JointColumns) -> Match:
         joints.of_joints(lambda each: each.effort * (each.widths[1] == 1)),
     ]
     limit, most = np.stack(limits, axis=2), np.abs(np.stack([joints.rate, joints.torque], axis=2))
-    # A motor of position closes a share of its first gap in one step, however fast that is.
-    speeds = told & (joints.torque * joints.rate > 0) & (joints.step > 1)[:, None]
+    speeds = told & (joints.torque * joints.rate > 0)
     drives = np.stack([speeds, told], axis=2)
     beyond = told[:, :, None] & (limit > 0) & (most > (1 + BEYOND) * limit)
     # A motor for rates has no maxVelocity: its target is the limit.
     goal = np.where(joints.mode == VELOCITY, np.abs(joints.target_velocity), np.nan)
     substeps = np.full_like(joints.torque, joints.steps.substeps)
-    numbers = {"most": most, "limit": limit, "force": FORCE, "goal": goal, "substeps": substeps}
+    numbers = {"limit": limit, "force": FORCE, "goal": goal, "substeps": substeps}
     # It is beyond in the steps in which its motor brakes it, too.
-    return Match(beyond, np.where(drives, 1 - limit / most, 0.0), numbers)
+    return Match(beyond, np.where(drives, 1 - limit / most, 0.0), numbers, most={"most": most})
+
+
+@beyond_urdf.counts
+def _(runs: Runs, _: Scene) -> NDArray[np.float64]:
+    return np.where(runs.size > 0, 1 - runs.limit / runs.most, 0.0)
 
 
 @beyond_urdf.says
