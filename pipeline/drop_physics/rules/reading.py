@@ -75,10 +75,19 @@ def static(inputs: Inputs) -> Iterator[Said]:
 
 @input_rule("reading", "note", "reading-torque")
 def torque(inputs: Inputs) -> Iterator[Said]:
-    """`getJointState` gives the torque of the motor, and not that of TORQUE_CONTROL."""
+    """`getJointState` gives the torque of the motor, and not that of TORQUE_CONTROL.
+
+    A torque that changes may follow from the positions that are read, and only these be used.
+    """
+    varied = {
+        use.body.number
+        for use in inputs.of(Act.COMMAND)
+        if use.body and not (use.constant("force") or use.constant("forces"))
+    }
     said = set[int]()
     for each, body, link in _read(inputs, Act.READ_JOINT):
-        if (body.number, link) in inputs.torque_alone and each.number not in said:
+        alone = (body.number, link) in inputs.torque_alone and body.number not in varied
+        if alone and each.number not in said:
             said.add(each.number)
             yield Said(
                 subject=body,
@@ -96,10 +105,13 @@ def torque(inputs: Inputs) -> Iterator[Said]:
 
 @input_rule("reading", "note", "reading-depth")
 def depth(inputs: Inputs) -> Iterator[Said]:
-    """The depth buffer of a camera with perspective is not linear in the distance."""
+    """The depth buffer of a camera with perspective is not linear in the distance.
+
+    A camera that takes more than one picture may only film.
+    """
     for each in inputs.scene.seen.readings:
         lens = each.camera
-        if lens is None or lens.near_far_m is None or lens.projection[11] == 0:
+        if lens is None or lens.near_far_m is None or lens.projection[11] == 0 or each.count > 1:
             continue
         near, far = lens.near_far_m
         if 0 < near < far < np.inf:
