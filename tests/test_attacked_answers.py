@@ -186,13 +186,13 @@ READ = {
         "for j in (0, 1): p.setJointMotorControl2(c, j, p.VELOCITY_CONTROL, force=0)\n"
         "for _ in range(60):\n    x, v, _, _ = p.getJointState(c, 0)\n"
         "    p.setJointMotorControl2(c, 0, p.TORQUE_CONTROL, force=9 * (1 - x) - 9 * v)\n"
-        "    steps(1)",
+        "    steps(1)"
     ),
     "a camera that films": (
         FLOOR + "p.loadURDF('cube_small.urdf', [1, 0, .1])\n"
         "eye = p.computeViewMatrix([0, 0, .5], [1, 0, .1], [0, 0, 1])\n"
         "lens = p.computeProjectionMatrixFOV(60, 1, .1, 10)\n"
-        "for _ in range(3):\n    steps(10)\n    p.getCameraImage(8, 8, eye, lens)",
+        "for _ in range(3):\n    steps(10)\n    p.getCameraImage(8, 8, eye, lens)"
     ),
 }
 """Scenes that read more than they use."""
