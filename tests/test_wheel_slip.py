@@ -192,8 +192,9 @@ def test_locked_wheels_slide_on(tmp_path: Path) -> None:
     assert one.share == pytest.approx(goes / rolled - 1, rel=0.3)
 
 
-def test_a_turn_on_the_spot_drags_wheels_sideways(tmp_path: Path) -> None:
-    (one,) = slips(husky(left=-5, right=5), tmp_path)
+@pytest.mark.parametrize(("mu", "left", "right"), [(1, -5, 5), (0.2, -40, 40), (0.3, 2, 10)])
+def test_a_turn_drags_wheels_sideways(mu: float, left: int, right: int, tmp_path: Path) -> None:
+    (one,) = slips(husky(mu=mu, left=left, right=right), tmp_path)
     assert "sideways" in one.message
     assert one.advice is None  # more friction does not help
 

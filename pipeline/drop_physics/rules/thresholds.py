@@ -275,9 +275,6 @@ WHEEL_ALIKE = 0.95
 WHEEL_HELD = 0.1
 """Least share of the friction available to the wheels with which something else holds a robot.
 Unit: share. Needed by: wheels."""
-WHEEL_SIDEWAYS = 0.2
-"""Least share of the slip that goes across a wheel that the robot's turn drags. Unit: share. Needed
-by: skid_turn."""
 ROLLING = 1e-4
 """Rolling friction that MuJoCo gives each geometry by itself. Unit: m. Needed by: mujoco:
 rolls_on."""

@@ -20,7 +20,6 @@ from drop_physics.rules.thresholds import (
     WHEEL_AT_LIMIT,
     WHEEL_HELD,
     WHEEL_LYING,
-    WHEEL_SIDEWAYS,
     WHEEL_SLIPS,
     WHEEL_TURN_RAD,
 )
@@ -35,8 +34,9 @@ SUMS = ("rolled", "slipped", "limited", "across", "available", "normal", "second
 """What a wheel rolls, what of it slips, the same where friction is at its limit, what it slips
 across [m]; friction available, normal impulse [N s]; time [s]."""
 
-DRAGGED = "robots with dragged wheels"
-"""Key of the robots of which some wheels slip the other way: the more friction, the more so."""
+DRAGGED, TURNED = "robots with dragged wheels", "robots that turn on dragged wheels"
+"""Keys of the robots of which some wheels slip the other way, or all across: the more friction, the
+more so."""
 ADVICE = Message("{call} of the wheels or the ground, or change the wheels' speed more slowly")
 OF_BOTH = {PYBULLET: Message("the product of both"), MUJOCO: Message("the larger of both")}
 """Which coefficient of a pair counts, by engine."""
@@ -98,16 +98,18 @@ def _(runs: Runs, scene: Scene) -> Float64:
     in_all = runs.rolled * runs.turned_in_all / runs.turned
     robot = np.unique(runs.keys[:, 0], return_inverse=True)[1]
     # Of one that slips forwards and one that slips backwards, the robot loses nothing.
-    rolled, slipped, limited, free, held = (
+    rolled, slipped, limited, sideways, free, held = (
         np.float64(1.0) * np.bincount(robot, each)[robot]
         for each in (
             *(np.where(turns, each, 0.0) for each in (in_all, runs.slipped, runs.limited)),
+            runs.across - WHEEL_SLIPS * np.abs(runs.rolled),
             runs.count.astype(float),
             runs.held,
         )
     )
     dragged = (runs.slipped * slipped < 0) & (abs(runs.slipped) > WHEEL_SLIPS * in_all)
     scene.kept[DRAGGED] = {*runs.keys[dragged, 0].tolist()}
+    scene.kept[TURNED] = {*runs.keys[sideways > 0, 0].tolist()}
     loses = turns & (held < free) & (_share(rolled, slipped, limited) > WHEEL_SLIPS)
     return np.where(loses, _share(runs.rolled, runs.slipped, runs.limited), 0.0)
 
@@ -120,7 +122,7 @@ def _(worst: Worst) -> Said:
         "{joint} spins at {rolls:.3g} m/s (rim) on {ground} but travels at {goes:.3g} m/s: "
         "friction is at its limit (coefficient {friction:.3g}, {of})"
     )
-    turns = worst.across > WHEEL_SIDEWAYS * slipped
+    turns = worst.subject.number in scene.kept[TURNED]
     if turns:
         message = Message(
             "{joint} spins at {rolls:.3g} m/s (rim) on {ground} but travels at {goes:.3g} m/s: "
