@@ -384,6 +384,14 @@ for i in range(60):
         p.resetJointState(k, j, 0.005 * i + 0.1 * j)
     p.stepSimulation()
 """,
+    "set in each step to where it is": DOWN
+    + BARE
+    + """
+for i in range(60):
+    for j in range(7):
+        p.resetJointState(k, j, 0.2 * j)
+    p.stepSimulation()
+""",
     "gravity compensation": KUKA
     + HOLD
     + """

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.explain.commands import DEFAULT
 from drop_physics.messages import Message
+from drop_physics.physics.tree import BASE
 from drop_physics.rules.answer import Cure, Effect, Scene
-from drop_physics.rules.joint import effort
+from drop_physics.rules.arguments import number
+from drop_physics.rules.joint import effort, link_of
 from drop_physics.rules.rule import Match, Said, Worst, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import HALF_THE_STEPS, HOLDS, MOVES, NO_TERM, ROLLS
+from drop_physics.trace.acts import Act
 
 CAUSES = ("gravity", "contacts", "applied", "constraints")
 """Terms that ask a joint to move."""
@@ -28,8 +33,6 @@ def default_motor(joints: JointColumns) -> Match | None:
     sent = ~default & ~torqued
     on = (joints.impulse > 0) & (joints.asked.pd != 1) & steps.closes[:, None]
     on &= steps.covered and not joints.body.before
-    moved = joints.before != joints.previous("default-motor after", joints.after)
-    turned = joints.rate_before != joints.previous("default-motor rate", joints.rate)
     own = on & ~torqued & default & ~sent.any(axis=0)
     carried = steps.law.tree.fixed or bool(np.any(steps.terms.get("constraints", 0)))
     terms = {name: joints.term(name) for name in steps.terms if name != "motors"}
@@ -43,7 +46,6 @@ def default_motor(joints: JointColumns) -> Match | None:
         "taken": np.minimum(-motor * sign, acting).clip(0),
         "time": steps.reported.timestep_s[:, None] * np.abs(sign),
     }
-    sums["set"] = sums["time"] * (steps.put[:, None] & (moved | turned))
     planes = np.stack([own, on & torqued], axis=2)
     since = np.nan_to_num(joints.torque_since)
     most = {"most": np.abs(joints.torque), "since": since, "since_not": -since}
@@ -77,10 +79,20 @@ def _pressed(joints: JointColumns) -> NDArray[np.float64]:
     return np.asarray(pressed[:, None] * alone)
 
 
+def _resets(runs: Runs, scene: Scene) -> NDArray[np.int64]:
+    """Return how often calls set each joint, shape (runs,)."""
+    often = Counter[tuple[int, int]]()
+    for use in scene.inputs.of(Act.SET_JOINT):
+        if use.body is not None:
+            often[use.body.number, int(number(use.first, "jointIndex", BASE))] += use.count
+    joints = runs.keys[:, :2].tolist()
+    return np.array([often[body, link_of(scene.body(body), k)] for body, k in joints])
+
+
 @default_motor.counts
-def _(runs: Runs, _: Scene) -> NDArray[np.float64]:
+def _(runs: Runs, scene: Scene) -> NDArray[np.float64]:
     holds = (runs.acting > MOVES * runs.inertia) & (runs.taken > HOLDS * runs.acting)
-    holds &= runs.set < HALF_THE_STEPS * runs.time  # else calls hold it
+    holds &= _resets(runs, scene) < HALF_THE_STEPS * runs.count  # else calls hold it
     # Where torques began several times, it got a motor between them.
     holds &= runs.since == -runs.since_not
     # What carries a body that stands is not told apart from what should move it, but for a wheel:
