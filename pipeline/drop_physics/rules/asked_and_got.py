@@ -52,9 +52,7 @@ def _(worst: Worst) -> Said:
     return Said(
         message=Message(
             '{joint} coasts: PyBullet never uses the <dynamics friction="{friction:g}"/> of its '
-            "file",
-            joint=worst.joint,
-            friction=worst.friction,
+            "file"
         ),
         advice=Message("a velocity motor of that force resists: {call}"),
         cure=Cure("force", worst.joint, worst.friction),
@@ -107,9 +105,7 @@ def _(worst: Worst) -> Said:
     return Said(
         message=Message(
             "{joint} stays where it is, though its targetVelocity is {asked:.3g} rad/s: the motor "
-            "of a ball joint has no velocity target",
-            joint=worst.joint,
-            asked=worst.asked,
+            "of a ball joint has no velocity target"
         ),
         advice=Message(
             "switch its motor off with p.setJointMotorControlMultiDof(…, "

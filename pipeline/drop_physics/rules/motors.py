@@ -51,15 +51,15 @@ def _(worst: Worst) -> Said:
         reason="units" if degrees else None,
         message=Message(
             "{joint}{more} is sent to {target:.4g} {unit}, beyond its {side} limit of {limit:.4g} "
-            "{unit}: PyBullet takes the limit as the target",
-            joint=worst.joint,
-            more=worst.more,
-            target=worst.target,
-            unit=unit,
-            side=Message("upper") if over else Message("lower"),
-            limit=high if over else low,
+            "{unit}: PyBullet takes the limit as the target"
         ),
-        values={"low": low, "high": high, "in_radians": in_radians},
+        values={
+            "side": Message("upper") if over else Message("lower"),
+            "limit": high if over else low,
+            "low": low,
+            "high": high,
+            "in_radians": in_radians,
+        },
         advice=Message(
             "targets are in radians: if this is in degrees, math.radians({target:.4g}) is "
             "{in_radians:.4g}"

@@ -149,88 +149,65 @@ def _blown(grown: Flags, before: Float64, after: Float64, closes: Flags) -> Flag
 
 @turned_around.says
 def _(worst: Worst) -> Said:
-    effect = Effect(worst.size, "1")
-    if np.isnan(worst.inertia):
-        return Said(
-            message=Message(
-                "{joint} turns around with every step, {growth:.3g} times as fast, until the state "
-                "is reset or no longer a number; what turns it is {term}, by what the script gives "
-                "it",
-                joint=worst.joint,
-                growth=worst.size,
-                term=worst.turner,
-            ),
-            advice=Message(
-                "smaller gains in the script, a shorter timestep, or armature=… of the <joint>"
-            ),
-            cure=Cure("armature", worst.joint),
-            effect=effect,
-        )
     spring = worst.stiffness > 0 and np.isfinite(worst.kp)
     unit = "kg" if worst.unit == "m" else "kg m²"
-    values = {
-        "joint": worst.joint,
-        "term": worst.turner,
-        "growth": worst.size,
-        "stiffness": worst.stiffness,
-        "damping": worst.damping,
-        "inertia": f"{worst.inertia:.2g} {unit}",
-        "timestep": worst.timestep * 1e3,
-        "kp": worst.kp,
-        "kv": worst.kv,
-        "shorter": worst.least_timestep * 1e3,
-        "armature": f"{worst.armature:.2g} {unit}",
-        "ratio": worst.stiffness * worst.timestep**2 / worst.inertia,
-        "share": worst.damping * worst.timestep / worst.inertia,
-        "most": (worst.kp * worst.timestep**2 if spring else worst.kv * worst.timestep)
-        / worst.inertia,
-    }
-    if spring:
+    if np.isnan(worst.inertia):
+        message = Message(
+            "{joint} turns around with every step, {growth:.3g} times as fast, until the state "
+            "is reset or no longer a number; what turns it is {term}, by what the script gives it"
+        )
+        advice = Message(
+            "smaller gains in the script, a shorter timestep, or armature=… of the <joint>"
+        )
+        cure = Cure("armature", worst.joint)
+    elif spring:
         message = Message(
             "{joint} turns around with every step and grows, by {term}: kp = {stiffness:.3g} on an "
             "inertia of {inertia} in steps of {timestep:.3g} ms has kp h²/I = {ratio:.3g}, "
-            "and above {most:.3g} it grows",
-            **values,
+            "and above {most:.3g} it grows"
         )
         advice = Message(
             "kp below {kp:.2g}, timestep below {shorter:.2g} ms, or armature above {armature} "
-            "hold it, each alone",
-            **values,
+            "hold it, each alone"
         )
-        return Said(
-            message=message,
-            advice=advice,
-            cure=Cure("gains", worst.joint, worst.kp, form="kp-below"),
-            effect=effect,
-        )
-    if worst.turner.startswith("actuator "):
+        cure = Cure("gains", worst.joint, worst.kp, form="kp-below")
+    elif worst.turner.startswith("actuator "):
         message = Message(
             "{joint} turns around with every step and grows, by {term}: kv = {damping:.3g} on an "
             "inertia of {inertia} in steps of {timestep:.3g} ms has kv h/I = {share:.3g}, and "
-            "above {most:.3g} it grows",
-            **values,
+            "above {most:.3g} it grows"
         )
         advice = Message(
             "kv below {kv:.2g}, timestep below {shorter:.2g} ms, armature above {armature}, or "
-            'integrator="implicitfast" hold it, each alone',
-            **values,
+            'integrator="implicitfast" hold it, each alone'
         )
-        return Said(
-            message=message,
-            advice=advice,
-            cure=Cure("gains", worst.joint, worst.kv, form="kv-below"),
-            effect=effect,
+        cure = Cure("gains", worst.joint, worst.kv, form="kv-below")
+    else:
+        message = Message(
+            "the rate of {joint} grows with every step, by its damping: damping = {damping:.3g} on "
+            "an inertia of {inertia} in steps of {timestep:.3g} ms has damping h/I = {share:.3g}, "
+            "and above 2.79 steps of Runge and Kutta grow, which take it at their beginning"
         )
-    message = Message(
-        "the rate of {joint} grows with every step, by its damping: damping = {damping:.3g} on an "
-        "inertia of {inertia} in steps of {timestep:.3g} ms has damping h/I = {share:.3g}, and "
-        "above 2.79 steps of Runge and Kutta grow, which take it at their beginning",
-        **values,
+        advice = Message(
+            'integrator="Euler" or "implicitfast" takes it at the end; else damping below '
+            "{kv:.2g}, timestep below {shorter:.2g} ms or armature above {armature}"
+        )
+        cure = Cure("damping", worst.joint, worst.kv, form="below")
+    h, inertia = worst.timestep, worst.inertia
+    return Said(
+        message=message,
+        values={
+            "term": worst.turner,
+            "growth": worst.size,
+            "inertia": f"{inertia:.2g} {unit}",
+            "timestep": h * 1e3,
+            "shorter": worst.least_timestep * 1e3,
+            "armature": f"{worst.armature:.2g} {unit}",
+            "ratio": worst.stiffness * h**2 / inertia,
+            "share": worst.damping * h / inertia,
+            "most": (worst.kp * h**2 if spring else worst.kv * h) / inertia,
+        },
+        advice=advice,
+        cure=cure,
+        effect=Effect(worst.size, "1"),
     )
-    advice = Message(
-        'integrator="Euler" or "implicitfast" takes it at the end; else damping below {kv:.2g}, '
-        "timestep below {shorter:.2g} ms or armature above {armature}",
-        **values,
-    )
-    cure = Cure("damping", worst.joint, worst.kv, form="below")
-    return Said(message=message, advice=advice, cure=cure, effect=effect)
