@@ -10,6 +10,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.actuators import ActuatorTable
 from drop_physics.explain.bodies import Record
 from drop_physics.explain.joined import Constraints
@@ -36,7 +37,6 @@ from drop_physics.trace.cures import Cure as Cure  # part of a finding
 from drop_physics.trace.events import Body, Site
 from drop_physics.trace.history import Piece, Seen
 
-Int64 = NDArray[np.int64]
 Rows = NDArray[np.intp]
 Level = Literal["broken", "asked", "model", "repeat", "note"]
 LEVELS: tuple[Level, ...] = get_args(Level)
@@ -210,9 +210,7 @@ class Scene:
         self.placing.see(self.piece)
         self.inputs.see()
 
-    def came(
-        self, steps: Steps, parts: Iterable[tuple[int, BodySteps]], name: str
-    ) -> NDArray[np.float64]:
+    def came(self, steps: Steps, parts: Iterable[tuple[int, BodySteps]], name: str) -> Float64:
         """Return a column of the states after the step before each step of bodies.
 
         nan where there was none, or where the body was loaded since; shape (n, k). `parts`: the
@@ -263,7 +261,7 @@ class Scene:
                 if len(steps):
                     yield self.judged[number], steps
 
-    def touching(self, bodies: Int64, steps: Int64) -> NDArray[np.bool_]:
+    def touching(self, bodies: Int64, steps: Int64) -> Flags:
         """Return whether each body has a contact point in its step of the latest piece."""
         pairs = self.touches.pairs
         return np.isin(bodies * STEPS + steps, pairs.body * STEPS + pairs.step[:, None])
@@ -278,7 +276,7 @@ class Scene:
 
     def placed(
         self, number: int, link: int, samples: Int64, *, after: bool = True
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    ) -> tuple[Float64, Float64]:
         """Return where a link is at samples [m], and its axes; shapes (n, 3) and (n, 3, 3).
 
         With `after` not given, as the steps begin that lead to these. What no step moves is where

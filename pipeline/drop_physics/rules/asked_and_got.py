@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.messages import Message, joined
 from drop_physics.physics.tree import BASE
 from drop_physics.rules.answer import Cure, Effect, Scene, Span, so_many
@@ -70,7 +70,7 @@ def without_force(joints: JointColumns) -> Match:
 
 
 @without_force.counts
-def _(runs: Runs, _: Scene) -> NDArray[np.float64]:
+def _(runs: Runs, _: Scene) -> Float64:
     # One that stands may be there to turn the motor off.
     return np.where(runs.high + runs.low > AT_TARGET_RAD, runs.size, 0.0)
 
@@ -101,7 +101,7 @@ def ball_velocity(joints: JointColumns) -> Match:
 
 
 @ball_velocity.says
-def _(worst: Worst) -> Said:
+def _(_: Worst) -> Said:
     return Said(
         message=Message(
             "{joint} stays where it is, though its targetVelocity is {asked:.3g} rad/s: the motor "

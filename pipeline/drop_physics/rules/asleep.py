@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags
 from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Effect
@@ -47,7 +47,7 @@ def _(worst: Worst) -> Said:
     )
 
 
-def _off_target(bodies: BodyColumns) -> NDArray[np.bool_]:
+def _off_target(bodies: BodyColumns) -> Flags:
     """Return in which steps motors have something to do, and force to do it."""
     off = np.zeros(len(bodies.step), np.bool_)
     for driven in bodies.driven:
@@ -58,7 +58,7 @@ def _off_target(bodies: BodyColumns) -> NDArray[np.bool_]:
     return off
 
 
-def _still(bodies: BodyColumns) -> NDArray[np.bool_]:
+def _still(bodies: BodyColumns) -> Flags:
     """Return which steps leave the state to the bit; not those that a call set anew."""
     moves = bodies.put | bodies.after.velocity.any(axis=1)
     for name in ("position_m", "orientation", "joints", "velocity"):

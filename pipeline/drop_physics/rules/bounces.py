@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.explain.changes import energy_of
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene
@@ -122,8 +123,6 @@ def _(worst: Worst) -> Said | None:
 
 # -- energy-gained --------------------------------------------------------------------------------
 
-
-Float64 = NDArray[np.float64]
 
 FINER = 4.0
 """By what a timestep is divided to be tried."""

@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.joined import FIXED, POINT, Held
 from drop_physics.physics.rotations import matrix
 from drop_physics.rules.answer import Scene
 from drop_physics.rules.body_properties import size_m
 from drop_physics.trace.events import Body
 
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 Rows = NDArray[np.intp]
 
 
@@ -63,7 +62,7 @@ class ConstraintColumns:
                 sizes.append(diagonal or size_m(body))
         return min(sizes)
 
-    def of_held(self, name: str) -> NDArray[np.float64]:
+    def of_held(self, name: str) -> Float64:
         """Return a number of what was told, as it was in each step, shape (n,)."""
         return np.array([getattr(each, name) for each in self._told], np.float64)[self._which]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import Counter
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.commands import DEFAULT
 from drop_physics.messages import Message
 from drop_physics.physics.tree import BASE
@@ -66,7 +66,7 @@ def default_motor(joints: JointColumns) -> Match | None:
     )
 
 
-def _pressed(joints: JointColumns) -> NDArray[np.float64]:
+def _pressed(joints: JointColumns) -> Float64:
     """Return what contacts press a body with, times the radius of each link about its joint."""
     steps, body = joints.steps, joints.body
     if steps.law.tree.fixed or "contacts" not in steps.terms or not body.bounds_m:
@@ -79,7 +79,7 @@ def _pressed(joints: JointColumns) -> NDArray[np.float64]:
     return np.asarray(pressed[:, None] * alone)
 
 
-def _resets(runs: Runs, scene: Scene) -> NDArray[np.int64]:
+def _resets(runs: Runs, scene: Scene) -> Int64:
     """Return how often calls set each joint, shape (runs,)."""
     often = Counter[tuple[int, int]]()
     for use in scene.inputs.of(Act.SET_JOINT):
@@ -90,7 +90,7 @@ def _resets(runs: Runs, scene: Scene) -> NDArray[np.int64]:
 
 
 @default_motor.counts
-def _(runs: Runs, scene: Scene) -> NDArray[np.float64]:
+def _(runs: Runs, scene: Scene) -> Float64:
     holds = (runs.acting > MOVES * runs.inertia) & (runs.taken > HOLDS * runs.acting)
     holds &= _resets(runs, scene) < HALF_THE_STEPS * runs.count  # else calls hold it
     # Where torques began several times, it got a motor between them.

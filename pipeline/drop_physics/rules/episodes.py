@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.rules.arguments import given
 from drop_physics.trace.acts import FILTERS, MAKES, PUSHES, Act
 from drop_physics.trace.calls import Call
@@ -16,7 +16,6 @@ from drop_physics.trace.calls import Call
 if TYPE_CHECKING:
     from drop_physics.rules.answer import Scene
 
-Float64 = NDArray[np.float64]
 
 STATES = Act.SAVE, Act.RESTORE, Act.CLEAR
 """Each begins an episode,"""

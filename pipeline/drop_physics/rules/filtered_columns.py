@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.solids import Solid, overlap_m, solid_of
 from drop_physics.physics.columns import rotation
 from drop_physics.physics.kinematics import Kinematics, kinematics
@@ -15,9 +15,6 @@ from drop_physics.physics.tree import BASE
 from drop_physics.rules.answer import Scene
 from drop_physics.rules.engines import NO_CONTACT, is_off
 from drop_physics.trace.events import Body, Collision
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 MOST_PAIRS = 200
 """Pairs of shapes that are looked at: in a world of more, filters are a design."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.changes import energy_of
 from drop_physics.explain.step_status import FLIGHT
 from drop_physics.messages import Message
@@ -16,9 +16,6 @@ from drop_physics.rules.rule import Match, Said, Worst, body_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import DAMPED, DRIFTS, FREE_STEPS, OF_ALL_MOVED, STOPS
-
-Float64 = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 OUTSIDE = "contacts", "constraints", "rolling", "clamp"
 

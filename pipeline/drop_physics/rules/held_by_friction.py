@@ -8,8 +8,8 @@ it slides.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.contact_points import COMMON
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene
@@ -33,9 +33,6 @@ from drop_physics.rules.thresholds import (
     STEEP,
     STRAIGHT,
 )
-
-Float64 = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 @body_rule("slides", "asked", consecutive=True, subject=1, engines=MUJOCOS)

@@ -7,8 +7,8 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.explain.joints import Driven, target_of
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
@@ -21,8 +21,6 @@ from drop_physics.rules.rule import Match, Said, Worst, body_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import HAND_M, IK_AGAIN, IK_ENOUGH, IK_JOINTS
-
-Float64 = NDArray[np.float64]
 
 
 @body_rule("ik-off", "asked", subject=1)

@@ -13,8 +13,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.explain.step_status import FLIGHT
 from drop_physics.explain.steps import BodySteps
 from drop_physics.physics.kinematics import kinematics, motion
@@ -36,7 +36,6 @@ from drop_physics.trace.states import Rows, between, by_body
 if TYPE_CHECKING:
     from drop_physics.rules.answer import Scene
 
-Float64 = NDArray[np.float64]
 Place = tuple[int, int]
 """Number of a body, and its link."""
 _NAMES: dict[Act, tuple[Sequence[str], Sequence[str]]] = {

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.explain.joints import Driven, target_of
 from drop_physics.trace.events import Body, Joint
 
@@ -17,7 +17,7 @@ def link_of(body: Body, k: int) -> int:
     return next(link for link, at in enumerate(body.rates) if at.start <= k < at.stop)
 
 
-def aimed(driven: Driven, row: int) -> NDArray[np.float64]:
+def aimed(driven: Driven, row: int) -> Float64:
     """Return the coordinates after a step with each joint at its target, (joint_coordinates,)."""
     positions, aims = driven.steps.after.joints[row].copy(), target_of(driven)[row]
     tree = driven.steps.law.tree

@@ -9,13 +9,11 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import Call
 from drop_physics.trace.writes import WrittenElements, computed_by, written_by
-
-Float64 = NDArray[np.float64]
 
 WIDTHS = {Act.SET_BODY_FORCE: 6, Act.SET_JOINT_FORCE: 1}
 """How many elements of a field belong together: force and torque of a body, one of a joint."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.explain.commands import DEFAULT
 from drop_physics.explain.targets import flips, rings_with
 from drop_physics.messages import Message
@@ -205,7 +205,7 @@ def beyond_urdf(joints: JointColumns) -> Match:
 
 
 @beyond_urdf.counts
-def _(runs: Runs, _: Scene) -> NDArray[np.float64]:
+def _(runs: Runs, _: Scene) -> Float64:
     return np.where(runs.size > 0, 1 - runs.limit / runs.most, 0.0)
 
 
@@ -265,7 +265,7 @@ def joint_damping(joints: JointColumns) -> Match:
 
 
 @joint_damping.counts
-def _(runs: Runs, _: Scene) -> NDArray[np.float64]:
+def _(runs: Runs, _: Scene) -> Float64:
     share = np.where(runs.driven > MOVES * runs.inertia, runs.taken / runs.driven, 0.0)
     steady = np.abs(runs.net) > SAME_SIGN * runs.driven
     return np.where(share > np.where(steady, DAMPS_STEADY, DAMPS_ANY), share, 0.0)
@@ -318,7 +318,7 @@ def mimic_ignored(joints: JointColumns) -> Match | None:
     rests = joints.resting[:, own] & joints.resting[:, leads]
     drives = (joints.mode != DEFAULT) & (joints.asked.force != 0)
 
-    def column(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def column(values: Float64) -> Float64:
         """Return values of the followers as a column of all joints."""
         found = np.zeros(joints.after.shape)
         found[:, own] = values
@@ -341,7 +341,7 @@ def mimic_ignored(joints: JointColumns) -> Match | None:
 
 
 @mimic_ignored.counts
-def _(runs: Runs, _: Scene) -> NDArray[np.float64]:
+def _(runs: Runs, _: Scene) -> Float64:
     moved = np.maximum(runs.high - runs.began, runs.low + runs.began)
     share = np.maximum(runs.rested, runs.now) / runs.extent
     return np.where((moved > FOLLOWS * runs.extent) & (share > FOLLOWS), share, 0.0)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Span
@@ -55,7 +55,7 @@ def _(worst: Worst) -> Said:
     )
 
 
-def _wrong(numbers: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _wrong(numbers: Float64) -> Flags:
     return np.asarray(~np.isfinite(numbers).all(axis=1))
 
 

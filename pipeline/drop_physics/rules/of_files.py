@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.explain.joints import AT_LIMIT
 from drop_physics.explain.steps import BodySteps
 from drop_physics.messages import Message
@@ -32,8 +32,6 @@ from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body, FileLink
 from drop_physics.trace.properties import link_reached
-
-Float64 = NDArray[np.float64]
 
 FROM_FILE = 2
 """`URDF_USE_INERTIA_FROM_FILE`, of the flags of `loadURDF`."""

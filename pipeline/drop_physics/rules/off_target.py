@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.joints import REST_STEPS
 from drop_physics.explain.targets import flips, rings_with
 from drop_physics.messages import Message
@@ -34,9 +34,6 @@ from drop_physics.rules.thresholds import (
     USUAL_STIFFNESS_HZ,
 )
 from drop_physics.trace.motors import VELOCITY
-
-Flags = NDArray[np.bool_]
-Float64 = NDArray[np.float64]
 
 
 @target_rule("off-target", "asked")
@@ -275,7 +272,7 @@ def too_slow(joints: JointColumns) -> Match:
 
 
 @too_slow.counts
-def _(runs: Runs, _: Scene) -> NDArray[np.float64]:
+def _(runs: Runs, _: Scene) -> Float64:
     slow = runs.weak & (runs.rate / runs.goal < SLOW)
     return np.where(slow & (runs.count > HALF_THE_STEPS * runs.told), runs.count * 1.0, 0.0)
 

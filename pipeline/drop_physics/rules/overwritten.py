@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Effect, Scene
@@ -21,8 +21,6 @@ from drop_physics.rules.thresholds import (
     TELEPORTED_M_S,
 )
 from drop_physics.trace.acts import Act
-
-Float64 = NDArray[np.float64]
 
 
 @pair_rule("overwritten", "asked", reason="pose-set-each-step", engines=MUJOCOS)

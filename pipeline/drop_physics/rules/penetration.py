@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.messages import Message, joined
 from drop_physics.rules.answer import Cure, Effect
 from drop_physics.rules.body_properties import part_named, size_m, strained_by, thickness_m
@@ -25,8 +26,6 @@ from drop_physics.rules.thresholds import (
     STANDARD_M_S2,
 )
 from drop_physics.trace.acts import Act
-
-Float64 = NDArray[np.float64]
 
 
 @pair_rule("deep-penetration", "model", consecutive=True)

@@ -5,16 +5,13 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.touching import STEPS
 from drop_physics.rules.arguments import site_of
 from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body
 from drop_physics.trace.history import Piece, Seen
-
-Int64 = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 PLACES = Act.LOAD, Act.MAKE, Act.SET_POSE, Act.SET_JOINT, Act.RESTORE
 """What places bodies."""
@@ -36,9 +33,9 @@ class Placing:
         self._bodies, self._puts = seen.bodies, seen.puts
 
     @cached_property
-    def animated(self) -> dict[int, tuple[Int64, NDArray[np.float64]]]:
+    def animated(self) -> dict[int, tuple[Int64, Float64]]:
         """Where calls put bodies that they put often, by number: steps, and bases then."""
-        puts: dict[int, dict[int, NDArray[np.float64]]] = {}
+        puts: dict[int, dict[int, Float64]] = {}
         for each in self._puts:  # of several for a step, the last counts
             puts.setdefault(each.body.number, {})[each.at.step + 1] = each.base
         return {

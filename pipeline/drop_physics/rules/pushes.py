@@ -6,8 +6,8 @@ from collections import defaultdict
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import in_world, kinematics, motion
 from drop_physics.physics.tree import BASE
@@ -22,8 +22,6 @@ from drop_physics.rules.thresholds import NEGLIGIBLE, SAME_POINT_M, SOON_STEPS
 from drop_physics.trace.acts import PUSHES, Act
 from drop_physics.trace.calls import WORLD_FRAME
 from drop_physics.trace.motors import TORQUE
-
-Float64 = NDArray[np.float64]
 
 FORCES = "forceObj", "torqueObj", "force", "forces"
 """Arguments that hold forces and torques."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Level, Scene
 from drop_physics.rules.engines import MUJOCOS
@@ -49,7 +49,7 @@ def left_targets(joints: JointColumns, anew: Collection[int] = ()) -> Match:
     )
 
 
-def driven_off(runs: Runs, _: Scene) -> NDArray[np.float64]:
+def driven_off(runs: Runs, _: Scene) -> Float64:
     """Return how far motors drove joints; those put back to where they began count first."""
     off = runs.put & (runs.until_work > 0) & (runs.size >= runs.least)
     return np.where(off, runs.size + 1e6 * runs.back, 0.0)

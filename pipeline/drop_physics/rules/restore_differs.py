@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene, Span
 from drop_physics.rules.arguments import given
@@ -21,8 +21,6 @@ from drop_physics.trace.acts import MAKES, SETS_TIMESTEP, Act
 from drop_physics.trace.calls import Call
 from drop_physics.trace.history import PIECE
 from drop_physics.trace.states import by_body
-
-Float64 = NDArray[np.float64]
 
 
 @input_rule("restore-differs", "asked")
@@ -152,7 +150,7 @@ def _apart(scene: Scene, begins: tuple[int, int], until: int, client: int) -> di
 
 def _places(
     scene: Scene, first: int, end: int, client: int
-) -> dict[Key, tuple[NDArray[np.int64], Float64, list[str]]]:
+) -> dict[Key, tuple[Int64, Float64, list[str]]]:
     """Return steps, positions of base and joints, and units of base and joints, of what moves."""
     piece = scene.seen.sampled.piece(first, end)
     bases, found = by_body(piece.bases), {}

@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.messages import Message
 from drop_physics.rules.answer import (
     Cure,
@@ -48,8 +49,6 @@ from drop_physics.rules.thresholds import MINOR
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body
 
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 Numbers = Mapping[str, NDArray[Any]]
 
 
@@ -77,9 +76,9 @@ class Match:
 
     counts: Int64 | None = None
     """Number of steps of each row in which it holds; None for all."""
-    begins: NDArray[np.bool_] | None = None
+    begins: Flags | None = None
     """Rows in which a run begins anew, also where one goes on."""
-    holds: NDArray[np.bool_] | None = None
+    holds: Flags | None = None
     """Rows in which it holds, where that is known late; None for all."""
 
     def runs(self, table: RuleTable) -> Runs:

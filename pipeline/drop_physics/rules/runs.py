@@ -8,7 +8,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-Int64 = NDArray[np.int64]
+from drop_physics.arrays import Flags, Float64, Int64
+
 Kind = Literal["at", "first", "last", "sum", "until", "most"]
 """What of a column is kept of several rows: the value of the largest row, of the first, of the
 last; the sum of all, that until the largest row; the greatest."""
@@ -41,7 +42,7 @@ class Runs:
             raise AttributeError(f"the rule noted no {name}") from None
 
     @property
-    def ends(self) -> NDArray[np.bool_]:
+    def ends(self) -> Flags:
         """Whether each row is the last of its key, of rows that are in order and not none."""
         return np.append((np.diff(self.keys, axis=0) != 0).any(axis=1), True)
 
@@ -88,7 +89,7 @@ class Runs:
         }
         return Runs(them.keys[starts], columns)
 
-    def greatest(self, sizes: NDArray[np.float64]) -> Runs:
+    def greatest(self, sizes: Float64) -> Runs:
         """Return of each key the row with the greatest of some sizes."""
         them = self.at(np.lexsort((-self.count, -sizes, *self.keys.T[::-1])))
         return them.at(np.append(True, them.ends[:-1]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.steps import BodySteps, Steps
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import lengths
@@ -40,7 +41,6 @@ from drop_physics.rules.thresholds import (
     TREMBLES_M_S,
 )
 
-Float64 = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 
@@ -147,7 +147,7 @@ def _(worst: Worst) -> Said:
     )
 
 
-def _slips(pair: PairColumns, slips: NDArray[np.bool_]) -> Match:
+def _slips(pair: PairColumns, slips: Flags) -> Match:
     """Return the steps in which single bodies slip on others, and nothing else pushes them.
 
     Sums: of slip [m] and way of the centre [m], time [s]; normal, available, used impulse [N s],
@@ -269,7 +269,7 @@ def friction_pyramid(pair: PairColumns) -> Match | None:
 
 
 @friction_pyramid.counts
-def _(runs: Runs, _: Scene) -> NDArray[np.float64]:
+def _(runs: Runs, _: Scene) -> Float64:
     straight = (runs.began * runs.ended).sum(axis=1) > np.cos(PYRAMID_TURNS_RAD)
     return np.where((2 * runs.count > runs.all) | ~straight, runs.size, 0.0)
 

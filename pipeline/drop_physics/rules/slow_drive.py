@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.joints import REST_STEPS
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene
@@ -30,15 +31,13 @@ from drop_physics.rules.thresholds import (
     TAKES_DRIVE,
 )
 
-Float64 = NDArray[np.float64]
-
 HELD = "contacts", "constraints", "stops", "spring", "tendon", "joint force range"
 """Where one of these acts on a joint, it is not the joint itself that decides."""
 TAKERS = "damped", "rubbed", "swung"
 """The names under which it is summed what takes the drive: damping, dry friction, armature."""
 
 
-def _alone(joints: JointColumns) -> NDArray[np.bool_]:
+def _alone(joints: JointColumns) -> Flags:
     return np.asarray(~np.any([joints.term(name) != 0 for name in HELD], axis=0))
 
 

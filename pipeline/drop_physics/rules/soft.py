@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.laws.mujoco.contact import impedance, rest_depth_m, shortest_s
@@ -26,13 +26,11 @@ from drop_physics.rules.thresholds import (
 )
 from drop_physics.trace.events import Equality
 
-Float64 = NDArray[np.float64]
-
 USUAL_S, USUAL_SHARE = 0.02, 0.9
 """MuJoCo's own time constant of `solref`, and the share of `solimp` from the first touch on."""
 
 
-def _steady(values: Float64) -> NDArray[np.bool_]:
+def _steady(values: Float64) -> Flags:
     """Return where the last SINKS_STEPS of some values, (n,) or (n, k), hardly changed, (n,)."""
     columns = values if values.ndim > 1 else values[:, None]
     found = np.zeros(len(columns), np.bool_)

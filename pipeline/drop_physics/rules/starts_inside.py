@@ -7,8 +7,8 @@ they have let go.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.engines import MUJOCOS
@@ -18,8 +18,6 @@ from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import PairColumns
 from drop_physics.rules.thresholds import DEEP_M, EACH_STEP, STANDARD_M_S2, THROWN_M
 from drop_physics.trace.events import Body
-
-Float64 = NDArray[np.float64]
 
 BASE = -1
 

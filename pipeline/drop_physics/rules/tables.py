@@ -9,6 +9,7 @@ from typing import Any, Literal, Protocol, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int8, Int64
 from drop_physics.explain.driving import given_to
 from drop_physics.explain.joints import Driven, target_of
 from drop_physics.explain.step_status import StepVerdicts
@@ -25,9 +26,6 @@ from drop_physics.rules.unpaired_columns import unpaired_columns
 from drop_physics.trace.events import Joint
 from drop_physics.trace.motors import POSITION
 
-Flags = NDArray[np.bool_]
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 Rows = NDArray[np.intp]
 
 TableName = Literal[
@@ -277,7 +275,7 @@ class BodyColumns:
         )
 
     @property
-    def segment(self) -> NDArray[np.int8]:
+    def segment(self) -> Int8:
         """What each sample is: indices into `SEGMENTS`."""
         return self.verdict.segment
 

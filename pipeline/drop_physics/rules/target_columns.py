@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.joints import Driven
 from drop_physics.explain.targets import Stood, Targets
 from drop_physics.rules.answer import Scene
@@ -16,10 +17,6 @@ from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.held_off import holds_off
 from drop_physics.rules.joint import units_of
 from drop_physics.rules.thresholds import AT_TARGET_M, AT_TARGET_RAD, HALF_THE_STEPS
-
-Flags = NDArray[np.bool_]
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 
 def target_columns(scene: Scene) -> Iterator[TargetColumns]:

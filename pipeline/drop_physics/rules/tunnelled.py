@@ -6,8 +6,8 @@ import math
 from collections import Counter
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.steps import BodySteps
 from drop_physics.fields import fraction
 from drop_physics.messages import Message
@@ -22,10 +22,6 @@ from drop_physics.rules.thresholds import ENDLESS_M, LONG_S
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body, Collision
 from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 SHAPE = {
     PYBULLET: Message("give it one: p.createCollisionShape(…), in a URDF <collision>"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64
 from drop_physics.messages import Message
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.kinematics import kinematics
@@ -16,9 +17,6 @@ from drop_physics.rules.rule import Match, Said, Worst, joint_rule
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import CROSSINGS, DOUBLES
 from drop_physics.trace.events import Actuator
-
-Flags = NDArray[np.bool_]
-Float64 = NDArray[np.float64]
 
 FOURTH_ORDER, AT_THE_END = 1, (2, 3)
 """Of `opt.integrator`: Runge and Kutta's, and those that take actuators' damping at the end."""

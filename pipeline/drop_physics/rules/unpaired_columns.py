@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from itertools import combinations, product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.overlap import PlacedShape, is_convex, overlaps
 from drop_physics.physics.rotations import products, quaternions, rotate
 from drop_physics.physics.tree import BASE
@@ -20,8 +20,6 @@ from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body, Collision
 
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 Pair = tuple[Place, Place]
 Shapes = dict[Place, list[Collision]]
 """Shapes that are convex, by link."""

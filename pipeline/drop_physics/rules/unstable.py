@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.explain.targets import flips
 from drop_physics.messages import Message
@@ -24,9 +24,6 @@ from drop_physics.rules.thresholds import (
     TURNS_TOO,
 )
 from drop_physics.trace.motors import POSITION
-
-Flags = NDArray[np.bool_]
-Float64 = NDArray[np.float64]
 
 FULL = 1 - 1e-9
 """Share of the clamp's limit at which a rate is there."""

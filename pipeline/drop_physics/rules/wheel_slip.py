@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.contact_points import Points
 from drop_physics.explain.steps import Steps
 from drop_physics.messages import Message
@@ -26,9 +27,7 @@ from drop_physics.rules.thresholds import (
 from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 from drop_physics.trace.motors import VELOCITY
 
-Float64 = NDArray[np.float64]
 Rows = NDArray[np.intp]
-Flags = NDArray[np.bool_]
 
 SUMS = ("rolled", "slipped", "limited", "across", "available", "normal", "seconds")
 """What a wheel rolls, what of it slips, the same where friction is at its limit, what it slips
