@@ -49,7 +49,7 @@ def default_motor(joints: JointColumns) -> Match | None:
     planes = np.stack([own, on & torqued], axis=2)
     since = np.nan_to_num(joints.torque_since)
     most = {"most": np.abs(joints.torque), "since": since, "since_not": -since}
-    most["stands"] = np.full(on.shape, float(not carried))
+    most["stands"] = float(not carried)
     sums |= {"turned_by": joints.term("contacts"), "pressed": _pressed(joints)}
     lasts = {"sent": sent, "limit": joints.limit, "own": default, "motor_site": joints.asked.site}
     lasts |= {"inertia": joints.inertia, "torque_site": joints.torque_site}
@@ -58,7 +58,7 @@ def default_motor(joints: JointColumns) -> Match | None:
     return Match(
         where,
         np.zeros(where.shape),
-        {"torque": TORQUE, "site": np.full(sent.shape, np.nan)},
+        {"torque": TORQUE, "site": np.nan},
         {name: each[:, :, None] * planes for name, each in sums.items()},
         most,
         lasts=lasts,

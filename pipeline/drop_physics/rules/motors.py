@@ -151,8 +151,8 @@ def _(worst: Worst) -> Said:
 @joint_rule("substeps-scale-motors", "asked")
 def substeps_scale_motors(joints: JointColumns) -> Match:
     """A motor gives up to force × timestep in each substep, with `numSubSteps`."""
-    substeps = np.full_like(joints.torque, joints.steps.substeps)
-    given, force = np.abs(joints.torque), joints.limit / substeps
+    substeps, given = joints.steps.substeps, np.abs(joints.torque)
+    force = joints.limit / substeps
     share = given / force - 1
     numbers = {"given": given, "force": force, "substeps": substeps}
     return Match((substeps > 1) & (share > OTHER_FORCE) & joints.motor, share, numbers)
@@ -198,8 +198,7 @@ def beyond_urdf(joints: JointColumns) -> Match:
     beyond = told[:, :, None] & (limit > 0) & (most > (1 + BEYOND) * limit)
     # A motor for rates has no maxVelocity: its target is the limit.
     goal = np.where(joints.mode == VELOCITY, np.abs(joints.target_velocity), np.nan)
-    substeps = np.full_like(joints.torque, joints.steps.substeps)
-    numbers = {"limit": limit, "force": FORCE, "goal": goal, "substeps": substeps}
+    numbers = {"limit": limit, "force": FORCE, "goal": goal, "substeps": joints.steps.substeps}
     # It is beyond in the steps in which its motor brakes it, too.
     return Match(beyond, np.where(drives, 1 - limit / most, 0.0), numbers, most={"most": most})
 
@@ -327,7 +326,7 @@ def mimic_ignored(joints: JointColumns) -> Match | None:
     return Match(
         column(np.ones(apart.shape)) > 0,
         column(np.abs(apart)),
-        {"site": np.full(joints.after.shape, np.nan)},
+        {"site": np.nan},
         most={
             "high": column(apart),
             "low": column(-apart),

@@ -15,9 +15,8 @@ from drop_physics.rules.unpaired_columns import UnpairedColumns
 @unpaired_rule("no-contact", "asked", least_count=OVERLAPS_STEPS)
 def no_contact(pair: UnpairedColumns) -> Match:
     """Links overlap of which the engine makes no contacts: the others push."""
-    n = len(pair.step)
-    numbers = {"why": np.full(n, pair.reason, object), "switch": np.full(n, pair.call, object)}
-    return Match(np.ones(n, np.bool_), np.ones(n), numbers)
+    every = np.ones(len(pair.step))
+    return Match(every > 0, every, {"why": pair.reason, "switch": pair.call})
 
 
 @no_contact.says

@@ -49,14 +49,16 @@ from drop_physics.rules.thresholds import MINOR
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body
 
-Numbers = Mapping[str, NDArray[Any]]
+Numbers = Mapping[str, Any]
+"""Columns by name, or one number for all rows."""
 
 
 @dataclass(frozen=True, eq=False)
 class Match:
     """Where a rule holds in a table; all arrays have the shape of the table's columns.
 
-    They may also have that of `where`, if that is the numbers of rows.
+    They may also have that of `where`, if that is the numbers of rows. What is one number, or the
+    same in a plane, is that of all rows.
     """
 
     where: NDArray[Any]

@@ -59,10 +59,10 @@ def stays_slow(joints: JointColumns) -> Match:
     taken = [-each * np.sign(net) for each in losses]
     taken.append(armature * (joints.rate - joints.rate_before) * np.sign(net))
     sums = {"net": net, "driven": np.abs(net)}
-    sums["time"] = np.broadcast_to(steps.reported.timestep_s[:, None], shape)
+    sums["time"] = steps.reported.timestep_s[:, None]
     numbers = {
         "rotor": armature,
-        "slow": np.broadcast_to(np.where(slides, SLOW_M_S, SLOW_RAD_S), shape),
+        "slow": np.where(slides, SLOW_M_S, SLOW_RAD_S),
         "inertia": joints.inertia,
     }
     return Match(

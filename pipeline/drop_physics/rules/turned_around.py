@@ -58,7 +58,7 @@ def turned_around(joints: JointColumns) -> Match:
         driven_by = np.array([name.startswith("actuator ") for name in turner], np.bool_)
         where[rows, k] = blown[rows] & driven_by
         size[rows, k] = np.abs(after[rows, k] / before[rows, k])
-    timestep = np.broadcast_to(steps.reported.timestep_s[:, None], nowhere.shape)
+    timestep = steps.reported.timestep_s[:, None]
     return Match(where, size, {"turner": named.astype(np.str_), "timestep": timestep, **numbers})
 
 

@@ -85,11 +85,10 @@ def unstable(bodies: BodyColumns) -> Match | None:
     none, applied = np.zeros(size.shape), bodies.terms["applied"]
     sums = {name: against.get(name, none) for name in (*ADVICE, "motors")}
     sums["all"] = sum((each.clip(0) for each in against.values()), none)
-    first_rate = np.full(size.shape, bodies.law.tree.first_rate)
     return Match(
         turns,
         size,
-        {"first_rate": first_rate},
+        {"first_rate": bodies.law.tree.first_rate},
         sums=sums,
         most={"high": applied, "low": -applied, "least": -np.abs(applied), "greatest": greatest},
     )
@@ -141,12 +140,11 @@ def velocity_clamped(bodies: BodyColumns) -> Match | None:
     fastest = np.maximum(np.abs(bodies.before.velocity), np.abs(bodies.after.velocity))
     held = (fastest >= FULL * limit) & (taken > 1e-9 * bodies.largest[:, None])
     held &= _own(bodies) & (bodies.verdict.why < 0)[:, None]
-    numbers = {"limit": limit, "first_rate": bodies.law.tree.first_rate}
-    numbers = {name: np.full(taken.shape, each) for name, each in numbers.items()}
-    numbers["placed"] = np.zeros(taken.shape, np.bool_)
+    placed, first = np.zeros(taken.shape, np.bool_), bodies.law.tree.first_rate
     for driven in bodies.driven:
-        placed = (driven.asked.mode == POSITION) & (driven.asked.impulse > 0)
-        numbers["placed"][driven.steps.rows, bodies.law.tree.first_rate :] = placed
+        its = (driven.asked.mode == POSITION) & (driven.asked.impulse > 0)
+        placed[driven.steps.rows, first:] = its
+    numbers = {"limit": limit, "first_rate": first, "placed": placed}
     return Match(held, taken, numbers, sums={"taken": taken})
 
 

@@ -74,7 +74,7 @@ def wheel_slip(joints: JointColumns) -> Match | None:
     return Match(
         drives,
         sums[:, :, 1],
-        {"site": np.full(drives.shape, np.nan)},
+        {"site": np.nan},
         sums={
             **{name: sums[:, :, k] for k, name in enumerate(SUMS)},
             "turned": turned_rad * rolls,
