@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import time
-from glob import glob
+from contextlib import suppress
 from pathlib import Path
 
 ENGINE = re.compile(rb"^(\S+) .*/(?:pybullet|libmujoco)[^/]*\.so[^/]*$", re.MULTILINE)
@@ -49,13 +49,10 @@ class OtherProcesses:
 def _started_by(process: int) -> list[int]:
     """Return the processes that one has started, and those that they have; Linux tells them."""
     found: list[int] = []
-    # Where a process ends meanwhile, `Path.glob` raises an error.
-    for tasks in glob(f"/proc/{process}/task/*/children"):  # noqa: PTH207
-        try:
-            for child in map(int, Path(tasks).read_text().split()):
+    with suppress(OSError):  # one has ended: it is looked at again
+        for tasks in Path("/proc").glob(f"{process}/task/*/children"):
+            for child in map(int, tasks.read_text().split()):
                 found += [child, *_started_by(child)]
-        except OSError:  # it has ended
-            continue
     return found
 
 
