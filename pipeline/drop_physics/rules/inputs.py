@@ -205,8 +205,8 @@ class Inputs:
     deepest: defaultdict[int, dict[int, tuple[float, int]]] = field(
         default_factory=lambda: defaultdict(dict)
     )
-    """Of bodies that calls place, by number: steps in which they are deep in others, how deep [m],
-    and which link is."""
+    """The steps in which bodies that calls place are deep in others, by number: how deep [m], and
+    which link is."""
     lasting: Lasting = field(default_factory=Lasting)
     overridden: dict[tuple[int, int, int], tuple[Site, Site, set[int]]] = field(
         default_factory=dict
