@@ -1,4 +1,4 @@
-"""From a recording to the verdict: every body explained, then every question answered."""
+"""Go from a recording to the verdict: explain every body, ask every rule."""
 
 from __future__ import annotations
 

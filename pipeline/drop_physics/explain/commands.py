@@ -181,7 +181,7 @@ class MotorCommands:
         self._came = [each for each in seen.appearances if each.came]
         self._first = {each.client: each for each in reversed(seen.settings)}
         self._timesteps: dict[int, float] = {}
-        """By client."""
+        """Timestep of each client [s]."""
         self._reports = list(seen.settings)
         """The reports of settings that are later than the pieces so far, in order."""
         self._joints: dict[tuple[int, int], _JointCommands] = {}

@@ -77,7 +77,7 @@ class Constraints:
         """The versions of each constraint in order, by client and the engine's id."""
         self._forces: Mapping[tuple[int, int], tuple[Int64, Float64]] = {}
         self._timesteps_s: dict[int, float] = {}
-        """By client."""
+        """Timestep of each client [s]."""
 
     def begin(self, forces: Mapping[tuple[int, int], tuple[Int64, Float64]]) -> None:
         """Set the forces of a piece, and drop versions that its steps no longer need."""

@@ -180,7 +180,8 @@ class _Acted:
         order = np.argsort(self._numbers, kind="stable")
         bounds = np.flatnonzero(np.diff(self._numbers[order], prepend=-1, append=-2))
         self._of: dict[int, list[tuple[ImpulseCause, Int64, Int64]]] = {}
-        """By body: each cause, the rows of the steps in which it acts, where its values begin."""
+        """Each cause of a body, the rows of the steps in which it acts, and where its values
+        begin."""
         for a, b in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
             its = order[a:b]
             cause = causes[int(self._numbers[its[0]])]

@@ -31,8 +31,8 @@ from drop_physics.trace.calls import Push
 from drop_physics.trace.events import Body, order
 
 NEVER, TRIALS = 1 << 30, 8
-"""Which calls refreshed the poses of links is not recorded. It is assumed to be none (NEVER), or
-one after each of the first TRIALS pushes in a step, whichever explains the step best."""
+"""The number of pushes in a step before the poses of links were refreshed: NEVER, or less than
+TRIALS. It is not recorded, so the one that explains the step best is taken."""
 WITHOUT_SUM: frozenset[Reason] = frozenset(
     ("engine", "substeps", "soft", "maximal", "massless", "planar")
 )
@@ -47,7 +47,7 @@ class Around:
     law: StepLaw
     """The law of the engine that stepped them."""
     times: Mapping[int, StepTimes]
-    """By client."""
+    """Times of each client's steps."""
     commands: MotorCommands
     constraints: Constraints
     touching: Touching

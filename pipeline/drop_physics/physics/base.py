@@ -38,7 +38,7 @@ class Drag(NamedTuple):
 
 @dataclass(frozen=True)
 class Motion:
-    """The motion of one rigid part, one row per sample; vectors in world axes, (samples, 3)."""
+    """The motion of one rigid part, a row per sample; vectors in world axes, (samples, 3)."""
 
     position_m: Float64
     """Position of the centre of mass."""

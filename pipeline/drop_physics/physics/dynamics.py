@@ -50,7 +50,7 @@ Composite = tuple[float, Float64, Float64]
 
 
 def _composites(kin: Kinematics) -> list[Composite]:
-    """Return of base and links, each with all that hangs on it, mass, centre and inertia."""
+    """Return mass, centre and inertia of base and links, each with all that hangs on it."""
     tree = kin.tree
     found: list[Composite] = []
     for mass, inertia, turned, centre in zip(
@@ -178,9 +178,9 @@ def angular_momenta(kin: Kinematics, moved: LinkVelocities) -> dict[int, Float64
 
 
 def lifted_j(kin: Kinematics, gravity_m_s2: Float64) -> Float64:
-    """Return what gravity takes from one state to the next [J], shape (n - 1,).
+    """Return the change of potential energy from each state to the next [J], shape (n - 1,).
 
-    The change of potential energy, -Σ m g·(c' - c), with the gravity of each step, (n - 1, 3).
+    It is -Σ m g·(c' - c), with the gravity of each step, shape (n - 1, 3).
     """
     tree, pull = kin.tree, gravity_m_s2.T
     out = np.zeros(len(kin) - 1)

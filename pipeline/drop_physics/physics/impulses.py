@@ -22,9 +22,9 @@ from drop_physics.physics.tree import RATES, Tree
 from drop_physics.physics.vectors import largest, lengths, summed
 
 MOVED = "bias"
-"""The term that becomes the integrator's share once the pose has moved."""
+"""Term that counts as the integrator's once the pose has moved."""
 SOLVED = "integrator"
-"""The term by which an engine's integrator differs from the forces that it begins with."""
+"""Term by which an engine's integrator differs from the forces at the beginning of a step."""
 PULLED = "gravity"
 """The term whose energy is potential energy."""
 
@@ -42,7 +42,7 @@ class Forces(Rowed):
     """Forces and torques on single links, one row each, in world axes, for one step."""
 
     step: Int64 = field(default_factory=_no_rows)
-    """Number of the step, shape (k,)."""
+    """Index of the step, shape (k,)."""
     link: Int64 = field(default_factory=_no_rows)
     """Link that the force acts on, shape (k,); `tree.BASE` for the base."""
     force_n: Float64 = field(default_factory=_no_vectors)
@@ -51,7 +51,7 @@ class Forces(Rowed):
     torque_n_m: Float64 = field(default_factory=_no_vectors)
     """Torque in addition to the force's moment, shape (k, 3)."""
     rolling: Flags = field(default_factory=lambda: np.empty(0, np.bool_))
-    """Whether bodies resist rolling or spinning at a contact, which is not in the force."""
+    """Whether the contact has rolling or spinning friction, which is not in the force."""
 
     def between(self, first: int, last: int) -> Forces:
         """Return the rows of the steps from `first` up to `last`, counted from 0."""
@@ -108,7 +108,7 @@ EXPLAINED = 1e-9
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Summed:
-    """What n steps of a tree are as sums of impulses; arrays have one row per step."""
+    """n steps of a tree as sums of impulses, with changes of energy and momentum by cause."""
 
     terms: Mapping[str, Float64]
     """Impulses by cause [N s, N m s], shape (n, size) each."""
@@ -119,19 +119,19 @@ class Summed:
     unexplained: Float64
     """The largest entry of the remainder over `largest`, shape (n,)."""
     allowed: Float64
-    """Up to which share a remainder is what numbers leave, shape (n,)."""
+    """Largest share that counts as rounding, or as what substeps leave, shape (n,)."""
     energy_j: Mapping[str, Float64]
     """Changes of kinetic and potential energy by cause, shape (n,) each."""
     changed_j: Float64
-    """The whole change, shape (n,)."""
+    """Change of energy in total, shape (n,)."""
     momentum_kg_m_s: Mapping[str, Float64]
     """Changes of linear momentum by cause, shape (n, 3) each; empty if the base cannot move."""
     moved_kg_m_s: Float64
-    """The whole change, shape (n, 3)."""
+    """Change of linear momentum in total, shape (n, 3)."""
 
 
 ROUNDED = 1e-6
-"""Share of a momentum that counts as a term: its last bits, 1e-15 of it, are 1e-9 of this."""
+"""Share of the momentum that counts as a term: rounding is 1e-15 of it, which is 1e-9 of this."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +180,7 @@ class Sum:
         )
 
     def summed(self, *, fixed: bool) -> Summed:
-        """Return what it comes to; `fixed`: whether the base never moves."""
+        """Return the sums, with energy and momentum; `fixed`: whether the base never moves."""
         n = len(self.remainder)
         return Summed(
             terms=self.terms,

@@ -1,4 +1,4 @@
-"""Where the links of a tree are, how they move, and what a force on a link does to the tree.
+"""Poses and velocities of a tree's links, and the effect of forces on links on the tree.
 
 Source: Featherstone, *Rigid Body Dynamics Algorithms* (2008), chapters 4 and 5, with the vectors in
 world axes and about each link's centre of mass. Vectors have the steps last (`columns`).
@@ -147,10 +147,10 @@ def across(kin: Kinematics, u: Float64, link: int) -> tuple[Float64 | None, Floa
 def generalised(
     kin: Kinematics, forces: Mapping[int, Float64], torques: Mapping[int, Float64]
 ) -> Float64:
-    """Return what forces at the centres of mass and torques do to the tree, shape (n, size).
+    """Return the generalised force of forces at centres of mass, and torques, shape (n, size).
 
     Jᵀ f of each link, summed from the outermost links to the base (Featherstone, table 5.1). Both
-    map links to vectors of shape (3, n); what is missing is 0.
+    map links to vectors of shape (3, n); missing links have none.
     """
     tree, n = kin.tree, len(kin)
     out = np.zeros((tree.size, n))
@@ -174,7 +174,7 @@ def generalised(
 
 
 def _on_joint(kin: Kinematics, link: int, force: Float64, moment: Float64) -> list[Float64]:
-    """Return what a force, with its moment about the pivot, does to each rate of a joint."""
+    """Return the effort of a force, with its moment about the pivot, on each rate of a joint."""
     acting = force if kin.tree.joints[link] == "prismatic" else moment
     return [dot(axis, acting) for axis in kin.axes[link]]
 
@@ -182,7 +182,7 @@ def _on_joint(kin: Kinematics, link: int, force: Float64, moment: Float64) -> li
 def generalised_at_points(
     kin: Kinematics, step: Int64, link: Int64, force: Float64, point_m: Float64, torque: Float64
 ) -> Float64:
-    """Return what single forces do to the tree, shape (k, size).
+    """Return the generalised force of each of k forces, shape (k, size).
 
     Jᵀ f at the points where they act, and Jᵀ τ. Row i acts in the state `step[i]` on `link[i]`;
     force, point and torque, in world axes, have the shape (k, 3).
@@ -207,7 +207,7 @@ def generalised_at_points(
 
 
 def link_numbers(links: Int64) -> list[int]:
-    """Return the links that there are, in order."""
+    """Return the distinct links in ascending order."""
     if len(links) and links.min() == links.max():  # as of bodies without joints
         return [int(links[0])]
     return [int(one) for one in np.unique(links)]

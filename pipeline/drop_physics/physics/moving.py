@@ -62,7 +62,7 @@ def moved_on(
 
 
 def way_between(tree: Tree, states: States, others: States) -> Float64:
-    """Return the way from states to others nearby, as u has it per second, shape (n, size)."""
+    """Return the displacement from states to others nearby, in the order of u, shape (n, size)."""
     way = np.zeros((len(states), tree.size))
     if not tree.fixed:
         way[:, :3] = _turn_between(states.orientation, others.orientation)

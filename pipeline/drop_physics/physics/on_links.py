@@ -1,4 +1,4 @@
-"""Contacts, pushes and frames as forces on links: which side, in which axes, at which point."""
+"""Contacts, pushes and frames as forces on links, in world axes."""
 
 from __future__ import annotations
 
@@ -60,9 +60,9 @@ def pushes(
     in_link_frame: Flags,
     pose: Int64,
 ) -> Forces:
-    """Return what forces and torques from outside do, shape (k,) rows.
+    """Return forces and torques from outside as forces on links, k rows.
 
-    `pose` is the state whose pose of the link counts: the force acts at the centre of mass where
+    `pose` has the state whose pose of the link counts: the force acts at the centre of mass where
     the link is, but its frame and its moment are those of that pose.
     """
     force, point, torque = force_n.copy(), point_m.copy(), torque_n_m.copy()

@@ -1,4 +1,4 @@
-"""Arrays that belong together: a row of each is one thing."""
+"""Arrays that belong together: one row of each describes one thing."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ Float64 = NDArray[np.float64]
 HALVINGS = 60
 """Bisections of a limit: as many as a double has digits."""
 RANGE = 1e12
-"""A limit is looked for up to so many times, or down to that part, of what there is."""
+"""A limit is searched for between the current value divided by this and multiplied by this."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,15 +45,15 @@ class Servo:
     stiffness: float
     """[N m/rad] or [N/m]."""
     ends: float = 0.0
-    """Damping that is taken at the end of a step [N m s/rad] or [N s/m]."""
+    """Damping evaluated at the end of a step [N m s/rad] or [N s/m]."""
     begins: float = 0.0
-    """Damping that is taken at its beginning."""
+    """Damping evaluated at its beginning."""
     fourth_order: bool = False
-    """Whether Runge and Kutta's steps are made, and not Euler's."""
+    """Whether steps are Runge and Kutta's instead of Euler's."""
 
     @property
     def growth(self) -> float:
-        """Return by what a step multiplies a gap, in the long run."""
+        """The factor by which a step multiplies a gap, in the long run."""
         h, damping = self.timestep_s, self.ends + self.begins
         if self.fourth_order:
             z = h * np.roots([self.inertia, damping, self.stiffness])
@@ -64,7 +64,7 @@ class Servo:
 
     @property
     def grows(self) -> bool:
-        """Return whether gaps grow: more than rounding makes of them."""
+        """Whether gaps grow by more than rounding."""
         return self.growth > 1 + 1e-9
 
     def limit(self, name: str) -> float | None:
@@ -91,7 +91,7 @@ def pd_effort(
     position: Float64,
     velocity: Float64,
 ) -> Float64:
-    """Return what a servo that acts at the beginning of a step gives, shape (n,).
+    """Return the effort of a servo that acts at the beginning of a step, shape (n,).
 
     clip(kp (q* - q) + kd (q̇* - q̇), ± force); `gains` are kp and kd.
     """
@@ -101,7 +101,7 @@ def pd_effort(
 
 
 def _first(holds: Callable[[float], bool]) -> float | None:
-    """Return from which factor on, of at least 1, something holds."""
+    """Return the least factor, at least 1, from which on something holds; None without any."""
     low, high = 1.0, 2.0
     while not holds(high):
         low, high = high, high * high

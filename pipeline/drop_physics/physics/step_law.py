@@ -1,4 +1,4 @@
-"""What is known of the steps of a tree of links, and what an engine's law says of them."""
+"""The known facts of a tree's steps, and the interface of an engine's law."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from drop_physics.physics.tree import States, Tree
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DampedTree:
-    """A tree, with what damps it and what limits it."""
+    """A tree with damping and limits."""
 
     tree: Tree
     joint_damping: Float64
@@ -31,7 +31,7 @@ class DampedTree:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Reported:
-    """Everything known of n steps besides the states; each row of Forces names its step."""
+    """Everything known of n steps besides the states; a row of Forces has its step's index."""
 
     timestep_s: Float64
     """Shape (n,)."""
@@ -44,7 +44,7 @@ class Reported:
     pd: Float64
     """Efforts of servos that act before the solver, shape (n, joint_rates)."""
     applied: Forces = field(default_factory=Forces)
-    """Pushes of calls."""
+    """Forces and torques that calls applied."""
     contacts: Forces = field(default_factory=Forces)
     """Forces of contact points."""
     constraints: Forces = field(default_factory=Forces)
@@ -52,7 +52,7 @@ class Reported:
     geared: Float64 | None = None
     """Impulses of gears [N m s], shape (n, joint_rates); None without gears."""
     damped: Float64 | None = None
-    """Rates that joint damping acts on, shape (n, joint_rates); None: those before each step."""
+    """Rates that joint damping acts on, shape (n, joint_rates); None for those before each step."""
 
     def at(self, rows: slice) -> Reported:
         """Return some of the steps in a row."""
@@ -85,29 +85,29 @@ class StepConditions:
     """Facts of engine and body that decide whether a step is the sum."""
 
     other_engine: bool = False
-    """Whether another engine steps it, whose law is its own."""
+    """Whether another engine steps the body, by a law of its own."""
     substeps: int = 0
-    """How many each step has; 0 means one, too."""
+    """Number of substeps per step; 0 means 1, too."""
     may_sleep: bool = False
-    """Whether the engine may stop stepping it while it rests."""
+    """Whether the engine may put the body to sleep."""
     maximal: bool = False
-    """Whether the engine has it in maximal coordinates."""
+    """Whether the engine uses maximal coordinates for it."""
     planar: bool = False
     """Whether it has a planar joint."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StepLaw:
-    """How an engine steps a tree, where it does not say itself what acted in a step."""
+    """The law of an engine's steps, if it does not report itself what acted in them."""
 
     damping: float
-    """Linear and angular, of a body for which nothing set another."""
+    """Default of linear and angular damping."""
     velocity_limit: float
-    """Likewise, of each entry of u."""
+    """Default limit of each entry of u."""
     least_timestep_s: float
-    """The engine takes no step below it."""
+    """Smallest timestep that the engine takes."""
     most_turn_rad: float
-    """The largest turn of a link in a step."""
+    """Largest rotation of a link in a step."""
     not_covered: Callable[[StepConditions, Tree | None], tuple[Reason, ...]]
     """Returns why a body's steps need not be the sum."""
     sum_of: Callable[
@@ -120,4 +120,4 @@ class StepLaw:
     constraint_forces: Callable[..., Forces]
     """Returns what a constraint does to one of its two bodies, from what the engine reports."""
     gear_impulses: Callable[..., Float64]
-    """Likewise of a gear between two joints."""
+    """Returns the impulses of a gear on one of its two joints, likewise."""

@@ -1,8 +1,8 @@
-"""A body of any kind: a tree of rigid links, of which a free body is the one without joints.
+"""A body as a tree of rigid links; a free body is a tree without joints.
 
 A link's axes are its principal axes of inertia, and its origin is its centre of mass. Links are
-numbered from 0, each after its parent; the base is `BASE`. Where several joints stand in a row
-between two links, the links between them have no mass.
+numbered from 0, each after its parent; the base is `BASE`. If several joints connect two links in a
+row, the links between them have no mass.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ Joint = Literal["fixed", "revolute", "prismatic", "spherical"]
 BASE = -1
 """The number of the base among the links."""
 RATES: dict[Joint, int] = {"fixed": 0, "revolute": 1, "prismatic": 1, "spherical": 3}
-"""Degrees of freedom of a joint; those of a spherical joint turn about the link's axes."""
+"""Degrees of freedom of each kind of joint; a spherical joint turns about the link's axes."""
 COORDINATES: dict[Joint, int] = RATES | {"spherical": 4}
-"""Numbers that give a joint's position: an angle, a distance, or a unit quaternion x, y, z, w."""
+"""Coordinates of each kind of joint: an angle, a distance, or a unit quaternion x, y, z, w."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -48,7 +48,7 @@ class Tree:
     inertias_kg_m2: Float64
     """Principal moments of base and links, shape (links + 1, 3)."""
     parents: tuple[int, ...] = ()
-    """Link that each link's joint hangs on."""
+    """Parent of each link."""
     joints: tuple[Joint, ...] = ()
     """Kind of each link's joint."""
     axes: Float64 = field(default_factory=lambda: np.empty((0, 3)))
@@ -115,7 +115,7 @@ class Tree:
 
     @property
     def joint_coordinates(self) -> int:
-        """The number of numbers that give the joints' positions."""
+        """The number of coordinates of the joints."""
         return self.coordinates[-1].stop if self.coordinates else 0
 
     @cached_property
@@ -150,5 +150,5 @@ class States(Rowed):
 
 
 def places(widths: Iterable[int], first: int = 0) -> tuple[slice, ...]:
-    """Return where each of several stretches lies, one after the other."""
+    """Return consecutive slices of these widths."""
     return tuple(slice(a, b) for a, b in pairwise(accumulate(widths, initial=first)))

@@ -22,19 +22,19 @@ DEPENDENT = 1e-13
 
 @dataclass(frozen=True, eq=False)
 class Unreported:
-    """Directions in which impulses may act that nobody reports, in n steps."""
+    """Directions in which unreported impulses may act, in n steps."""
 
     UP: ClassVar[int] = 1
     DOWN: ClassVar[int] = 2
 
     stops: Int64
-    """Ways in which a stop may push each entry of u: UP, DOWN, both or 0; shape (n, size)."""
+    """Directions in which a stop may push each entry of u: UP, DOWN, both or 0; shape (n, size)."""
     clamped: Flags
     """Entries of u that are at the engine's limit after the step, shape (n, size)."""
     step: Int64
-    """Steps of contacts that resist rolling, shape (k,)."""
+    """Steps of contacts with rolling friction, shape (k,)."""
     link: Int64
-    """Their links, shape (k,)."""
+    """Links of these contacts, shape (k,)."""
 
 
 class Shared(NamedTuple):
@@ -67,13 +67,13 @@ def shared_out(left: Float64, matrices: Float64, kin: Kinematics, may: Unreporte
 
 
 def _outwards(pushed: Float64, stops: Int64) -> Flags:
-    """Return which entries push in a way in which no stop pushes, shape (n, size)."""
+    """Return which entries push in a direction in which no stop pushes, shape (n, size)."""
     up, down = stops & Unreported.UP != 0, stops & Unreported.DOWN != 0
     return np.asarray(((pushed > 0) & ~up) | ((pushed < 0) & ~down))
 
 
 def _touching(may: Unreported, steps: int, links: int) -> Flags:
-    """Return which links may be kept from rolling in each step, shape (steps, links + 1)."""
+    """Return which links have rolling friction in each step, shape (steps, links + 1)."""
     touching = np.zeros((steps, links + 1), np.bool_)
     touching[may.step, may.link + 1] = True
     return touching

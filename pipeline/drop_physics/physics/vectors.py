@@ -47,14 +47,14 @@ def cross(a: Float64, b: Float64) -> Float64:
 
 
 def groups(numbers: Int64) -> Iterator[tuple[int, NDArray[np.intp]]]:
-    """Yield each number that there is, in order, and its rows in theirs."""
+    """Yield each distinct number in ascending order, with its rows."""
     order = np.argsort(numbers, kind="stable")
     found, starts = np.unique(numbers[order], return_index=True)
     yield from zip(found.tolist(), np.split(order, starts[1:]), strict=True) if len(found) else ()
 
 
 def distinct(numbers: Int64) -> tuple[Int64, Int64]:
-    """Return each run of equal numbers once, and in which run each number is."""
+    """Return the numbers without repetitions in a row, and the index of each number's run."""
     new = np.ones(len(numbers), np.bool_)
     new[1:] = numbers[1:] != numbers[:-1]
     return numbers[new], np.cumsum(new) - 1

@@ -39,9 +39,10 @@ if TYPE_CHECKING:
 
 ANALYZING = Message("analyzing")
 _PARTS = 3
-"""Reading the recording, explaining it, writing the results."""
+"""Number of parts for the progress bar: reading the recording, explaining it, writing the
+results."""
 DEFAULT_AT_S = (0.3,)
-"""When flights are broken down besides at their ends, unless other times are given."""
+"""Times at which flights are broken down, besides at their ends, unless other times are given."""
 
 
 def analyze(
@@ -138,14 +139,14 @@ def analyze(
 
 
 def _give_memory_back() -> None:
-    """Let the system have what was freed: what is written next comes from other allocators."""
+    """Return freed memory to the system: what is written next uses other allocators."""
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc's
     if trim is not None:
         trim(0)
 
 
 def _hulls(analysis: Analysis) -> frozenset[str]:
-    """Return the bodies of which it has to be seen what is touched."""
+    """Return the labels of bodies of which the viewer shows the collision hulls."""
     found = (each.body for each in analysis.findings if each.code == "collides-as-hull")
     return frozenset(label for label in found if label is not None)
 
@@ -157,7 +158,7 @@ def analysis_of(
     whole: bool = False,
     reports: Callable[[Finding], bool] = lambda _: True,
 ) -> Analysis:
-    """Return the analysis of a recording, which knows of no files; as `analyze`."""
+    """Return the analysis of a recording, as `analyze`, but without the files around it."""
     seen = read_back.seen
     if read_back.drop is not None:
         from drop_physics.drop.story import drop_analysis_of  # of drops alone
@@ -180,12 +181,12 @@ def analysis_of(
 
 
 def plot_of_recording(recording: Path) -> Plot:
-    """Return what the plot of a recording tells, which is read and analyzed for it."""
+    """Return the plot of a recording, which is read and analyzed for it."""
     return plot_of(analysis_of(read(recording)))
 
 
 def _shown(analysis: Analysis, seen: Seen) -> LayerShown:
-    """Return what the viewer shows of a script; it knows no dashes."""
+    """Return what the viewer shows of a script; it cannot draw dashed lines."""
     if analysis.kind == "drop":
         return LayerShown()
     widths = {"line": 2.0, "broad": 3.0, "wide": 4.0, "dashed": 1.0}
@@ -221,7 +222,7 @@ def _shown(analysis: Analysis, seen: Seen) -> LayerShown:
 def outputs_of(
     recording: Path, out: Path | str | None, table: Path | str | None, *, force: bool
 ) -> tuple[Path, list[Path]]:
-    """Return the layer and the tables to write, once it is checked that they can be.
+    """Return the layer and the tables to write, after checking that they can be written.
 
     Raises
     ------
@@ -243,7 +244,7 @@ def outputs_of(
 
 
 def _check_times(at_s: Sequence[float], seen: Seen) -> None:
-    """Raise an error if a given time is not within any simulation."""
+    """Raise an error if a given time is outside all simulations."""
     clients = {setting.client for setting in seen.settings}
     ends_s = [StepTimes(seen, client).of(seen.samples.get(client, 1) - 1) for client in clients]
     # Time may go back, where a timestep is below 0.

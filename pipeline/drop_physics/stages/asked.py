@@ -1,4 +1,4 @@
-"""What `--try` and `--vary` name: interventions of one table, as texts such as `force=35,70`."""
+"""Parse the interventions that `--try` and `--vary` name, as texts such as `force=35,70`."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from drop_physics.trace.cures import FACTORS, Cure
 
 SIGNS = {"timestep": "/", "iterations": "*"}
 MOST_TIMES = 1000
-"""The largest of the factors that a sign takes."""
+"""The largest factor after a sign."""
 UNNAMED = ("without", "parameter")
-"""Interventions that have no name of their own here."""
+"""Interventions that cannot be named here."""
 
 
 def cures_of(texts: Sequence[str], option: str, *, whole: bool) -> list[Cure]:

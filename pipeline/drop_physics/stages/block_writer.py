@@ -1,4 +1,4 @@
-"""The process that writes the recordings of blocks: of one, or of all in a run of pytest."""
+"""The process that writes the recordings of blocks: of one block, or of all in a run of pytest."""
 
 from __future__ import annotations
 

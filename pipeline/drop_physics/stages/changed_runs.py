@@ -25,20 +25,20 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 LONGEST = 10.0
-"""A run that takes so many times the script's own, and `LEAST_S`, is stopped."""
+"""A run is stopped after LEAST_S plus this many times the duration of the script's own run."""
 LEAST_S = 20.0
 SECOND = "own"
-"""The name of a second run of the script as it is, from which others part."""
+"""Name of a second, unchanged run of the script, from which others branch off."""
 
 
 def plain(name: str) -> str:
-    """Return the name of a run as a file may have it."""
+    """Return the name of a run with the characters that a file name may have."""
     return "".join(each if each.isalnum() or each in "=.-+" else "_" for each in name)
 
 
 @dataclass(frozen=True)
 class RunChanged(ABC, Generic[T]):
-    """Runs one candidate, called with its number; picklable while none is under way."""
+    """Runs one candidate, given its number; picklable while no run is under way."""
 
     program: Program
     candidates: Sequence[Candidate]
@@ -46,17 +46,18 @@ class RunChanged(ABC, Generic[T]):
     recording: Path
     """The recording of the script's own run."""
     base: Recording | None
-    """The same; None where it is to be read."""
+    """The same recording, read; None if it is still to be read."""
     took_s: float = math.inf
-    """Time that the script's own run took [s]; infinite where no run is stopped for its time."""
+    """Duration of the script's own run [s]; infinite if no run is to be stopped for its time."""
     drawn: bool = False
-    """Whether what is only for looking is recorded, too."""
+    """Whether to record what only the viewer needs, too."""
     written: Sequence[Path] = ()
-    """Files of the working directory that the script writes: it then runs in a copy of that."""
+    """Files of the working directory that the script writes: it then runs in a copy of that
+    folder."""
     runs: RunsUnderWay = field(default_factory=RunsUnderWay)
 
     def run_of(self, number: int) -> ChangedRun | None:
-        """Return what a run does otherwise; None if the engine has no such run."""
+        """Return the changes of a run; None if the engine does not support them."""
         return self.candidates[number].run
 
     def name_of(self, number: int) -> str:
@@ -65,11 +66,11 @@ class RunChanged(ABC, Generic[T]):
 
     @abstractmethod
     def made(self, number: int, ended: Ended) -> T:
-        """Return what a run came to, by its recording."""
+        """Return the result of a run, from its recording."""
 
     @abstractmethod
     def not_made(self, number: int) -> T:
-        """Return what stands for a run that was not made, or stopped, or raise an error."""
+        """Return the result of a run that was not made, or was stopped, or raise an error."""
 
     @abstractmethod
     def has_failed(self, made: T) -> bool:
@@ -95,27 +96,27 @@ class RunChanged(ABC, Generic[T]):
         return self.made(number, ended)
 
     def of_part(self, number: int, part: PartedTrial) -> T:
-        """Record a candidate that has parted from another run, and compare it."""
+        """Record a candidate that branched off from another run, and compare it."""
         until = self._until(number)
         part.tell = lambda: part.stop("interrupted") if time.time() > until else None
         return self.made(number, self.recorded(part, number))
 
     def is_late(self, number: int) -> bool:
-        """Return whether there is no time left for a candidate."""
+        """Return whether there is no time left to begin a candidate."""
         del number
         return False
 
     def stop(self) -> None:
-        """End what runs now."""
+        """Stop the run under way."""
         self.runs.stop()
 
     @property
     def patience_s(self) -> float:
-        """How long a run may take, of one step for each of the script's [s]."""
+        """Longest time that a run may take, with one step for each of the script's [s]."""
         return LEAST_S + LONGEST * self.took_s
 
     def program_of(self, number: int) -> Program:
-        """Return what runs, of a candidate that the engine has."""
+        """Return the program to run for a candidate that the engine supports."""
         run = self.run_of(number)
         assert run is not None
         variation, seed = dict(run.below), self.program.seed
@@ -127,7 +128,7 @@ class RunChanged(ABC, Generic[T]):
         )
 
     def path_of(self, number: int | None) -> Path:
-        """Return where a run is recorded; None is the second one, without a change."""
+        """Return the path of a run's recording; None stands for the second, unchanged run."""
         name = SECOND if number is None else self.name_of(number)
         return self.folder / f"{plain(name)}.rrd"
 
@@ -143,7 +144,7 @@ class RunChanged(ABC, Generic[T]):
         return self.base or read(self.recording)
 
     def recorded(self, process: Script | PartedTrial, number: int | None) -> Ended:
-        """Record a run that has begun; None is one without a change."""
+        """Record a run that has begun; None stands for the unchanged one."""
         name = SECOND if number is None else self.name_of(number)
         return self.runs.recorded(
             process,
@@ -154,7 +155,7 @@ class RunChanged(ABC, Generic[T]):
         )
 
     def finer(self, number: int) -> int:
-        """Return the steps of the engine for each of the script's."""
+        """Return the number of engine steps per step of the script."""
         run = self.run_of(number)
         return 1 if run is None else run.finer
 
@@ -163,5 +164,5 @@ class RunChanged(ABC, Generic[T]):
 
 
 def _from_home(program: Program) -> str:
-    """Return a script as it is named from anywhere."""
+    """Return the path of a script, valid in any folder."""
     return program.target if program.is_module else str(Path(program.target).absolute())

@@ -27,9 +27,9 @@ from drop_physics.recording.frames import frames, frames_of_cameras
 from drop_physics.recording.reader import Recording, is_recording, read
 
 Image = tuple[int, int, int]
-"""Step, camera, and how many images that took there before."""
+"""Step, camera, and the number of earlier images of this camera in this step."""
 WRITTEN = "Written by drop with this golden recording: what it holds."
-"""The line by which a description of a golden recording is known as ours."""
+"""The line that marks the description of a golden recording as ours."""
 NEITHER = Message("neither has images")
 
 
@@ -38,13 +38,13 @@ class FrameComparison:
     """How the pictures of two recordings compare."""
 
     compared: int
-    """How many were compared: those taken before a state differs."""
+    """Number of pictures compared: those taken before a state differs."""
     differing: int
-    """How many of these differ, or are in one only."""
+    """Number of these that differ, or are in one recording only."""
     first_step: int | None
-    """Step of the first that differ; None where none do, or they do not count."""
+    """Step of the first that differ; None if none do, or if pictures do not count."""
     why: str | None
-    """Why no more were compared; None where all were."""
+    """Why no more were compared; None if all were."""
 
 
 @dataclass(frozen=True)
@@ -58,19 +58,19 @@ class Check(Printable, reported_by="drop_physics.report.check"):
     tolerance_m: float
     """Largest difference that passes."""
     comparison: Comparison | None
-    """None where there was no golden recording yet."""
+    """Differences in numbers; None if there was no golden recording yet."""
     frames: FrameComparison | None
-    """How the pictures compare; None where there was no golden recording yet."""
+    """How the pictures compare; None if there was no golden recording yet."""
     engines: str | None = None
     """Where and why the engines part, if the drops differ in nothing else."""
     updated: bool = False
     """Whether the recording has been made the golden one."""
     lacks: tuple[str, ...] = ()
-    """What one of them does not hold, as it is of an earlier schema: that was not compared."""
+    """What one of them lacks because it has an earlier schema, and so was not compared."""
 
     @property
     def first(self) -> Difference | None:
-        """Return what differs first: a number, else a picture."""
+        """The first difference: of a number, else of a picture."""
         if self.comparison is not None and self.comparison.first is not None:
             return self.comparison.first
         if self.frames is not None and self.frames.first_step is not None:
@@ -79,7 +79,7 @@ class Check(Printable, reported_by="drop_physics.report.check"):
 
     @property
     def not_compared(self) -> list[str]:
-        """Return the bodies whose motion is not recorded."""
+        """The bodies whose motion is not recorded."""
         return [] if self.comparison is None else self.comparison.not_compared
 
     @property
@@ -225,7 +225,7 @@ def _check_replaceable(golden: Path, run: Recording) -> None:
 
 
 def _make_golden(run: Recording, golden: Path) -> None:
-    """Write a recording under the golden name; a drop's packed, if it reads back the same."""
+    """Write a recording under the golden name; that of a drop is packed, and read back to check."""
     with replaced(golden, force=False, ours=True) as part:
         if run.drop is None:
             shutil.copyfile(run.path, part)
@@ -242,9 +242,10 @@ def _make_golden(run: Recording, golden: Path) -> None:
 
 
 def _describe(golden: Path) -> None:
-    """Write in a few lines of Markdown what a golden recording holds, beside it.
+    """Write a description of a golden recording beside it, a few lines of Markdown.
 
-    Who reviews a change of it reads there what has changed. A file that is not such is left alone.
+    A reviewer of a changed golden recording sees there what has changed. Another file of that name
+    is left alone.
     """
     from drop_physics.stages.analyze import analysis_of  # loads every rule
 
@@ -262,7 +263,7 @@ def _describe(golden: Path) -> None:
 
 
 def _compare_frames(run: Recording, golden: Recording, *, until: int | None) -> FrameComparison:
-    """Compare the pictures that were taken until a state differs; later ones show other poses."""
+    """Compare the pictures taken until a state differs; later ones show other poses."""
     mine, theirs = _images(run), _images(golden)  # raises an error if damaged
     if (why := _incomparable(run, golden)) is not None:
         return FrameComparison(0, 0, None, why)
@@ -279,7 +280,7 @@ def _compare_frames(run: Recording, golden: Recording, *, until: int | None) -> 
 
 
 def _incomparable(run: Recording, golden: Recording) -> Message | None:
-    """Return why the pictures of two drops say nothing about their physics."""
+    """Return why the pictures of two drops cannot be compared; None if they can."""
     if run.drop is None or golden.drop is None:
         return None
     without = [each.path for each in (run, golden) if each.camera is None]

@@ -1,4 +1,4 @@
-"""The plot of a drop: the fall beside theory, as far as that goes, and the terms of its error."""
+"""The plot of a drop: the fall beside theory, where that applies, and the terms of its error."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ from drop_physics.scenario import Scenario
 from drop_physics.sweeping.plan import label_of
 
 BEFORE, AFTER = 4, 10
-"""Steps before and after an impact that are drawn enlarged."""
+"""Number of steps before and after an impact that are drawn enlarged."""
 FREE = 0.55, 0.3
-"""Share of the time, and of the height below which a drop stays from then on, to leave room."""
+"""The inset needs room: from this share of the time on, the drop must stay below this share of its
+height."""
 NOTHING_MM = 1e-9
-"""Errors of a drop below this are rounding, and have no panel."""
+"""Errors below this [mm] are rounding, and get no panel."""
 
 
 def plot_of_drop(analysis: FallAnalysis) -> Plot:
-    """Return the fall beside theory, as far as that goes, and the terms of its error."""
+    """Return the plot of a drop."""
     table, timestep_s = analysis.table, analysis.scenario["timestep_s"]
     times_s, simulated_m = table["time_s"].to_numpy(), table["simulated_m"].to_numpy()
     covered = table["timestep_m"].is_not_null().to_numpy()
@@ -71,7 +72,7 @@ def plot_of_drop(analysis: FallAnalysis) -> Plot:
 
 
 def _impact(analysis: FallAnalysis, timestep_s: float) -> Inset | None:
-    """Return the steps around the impact; None where that would hide what comes later."""
+    """Return the inset with the steps around the impact; None if it would hide later curves."""
     impact, heights_m = analysis.impact, analysis.table["simulated_m"].to_numpy()
     if impact is None or impact.time_simulated_s is None or impact.step is None:
         return None
@@ -91,7 +92,7 @@ def _dropped(analysis: FallAnalysis) -> Message:
 
 
 def _said_of_drop(analysis: FallAnalysis, timestep_s: float) -> Iterator[Message]:
-    """Yield what is not the default, one moment of the error, and how the fall ends."""
+    """Yield the settings that are not the default, one moment of the error, and how it ends."""
     standard, own = asdict(Scenario()), analysis.scenario
     shown = {"linear_damping": own["linear_damping"]}
     shown |= {name: value for name, value in own.items() if value != standard[name]}

@@ -1,4 +1,4 @@
-"""What happened when, a line each, for the viewer. It is recorded, and so always in English."""
+"""The events of an analysis, a line each, for the viewer. They are recorded, so in English."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ WIDTH = 44
 
 
 def events(analysis: Analysis) -> list[tuple[int, float, str]]:
-    """Return what happened when, in order: step, time [s] and a line each."""
+    """Return the events in order: step, time [s] and a line each."""
     if analysis.kind == "script":
         return sorted(_of_bodies(analysis))
     from drop_physics.drop.results import DropAnalysis
@@ -55,7 +55,7 @@ def _time_s(analysis: Analysis, step: int) -> float | None:
 
 
 def _of_drop(analysis: DropAnalysis) -> list[tuple[int, str]]:
-    """Return release, error breakdowns, impact, rest."""
+    """Return release, error breakdowns, impact and rest of a drop, with their steps."""
     height_m = analysis.table["simulated_m"][0]
     lines = [(0, f"release at {height_m:g} m")]
     lines += [(moment.step, _sum(moment)) for moment in analysis.at]

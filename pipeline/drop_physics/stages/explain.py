@@ -13,14 +13,14 @@ from drop_physics.rules.reference import Blank, CodeReference, reference_of, ref
 
 @dataclass(frozen=True)
 class CodeManual(Printable, reported_by="drop_physics.report.explain"):
-    """What codes and reasons of findings mean."""
+    """The meanings of codes and reasons of findings."""
 
     codes: list[CodeReference]
-    """One that was asked for, or all."""
+    """The code that was asked for, or all codes."""
 
 
 def explain(code: str | None = None, *, every: bool = False) -> CodeManual:
-    """Return what a code or a reason means, or what all do.
+    """Return the meaning of a code or a reason, or of all codes.
 
     Raises
     ------
@@ -34,7 +34,7 @@ def explain(code: str | None = None, *, every: bool = False) -> CodeManual:
 
 
 def _with_calls(code: CodeReference) -> CodeReference:
-    """Return what a code means with the calls that its cures come to."""
+    """Return the meaning of a code, with the calls of its cures."""
     said = {False: [*code.advises], True: [*code.proposes]}
     for engine, cure, proposed in code.cures:
         said[proposed].append(_blanked(call_of(engine)(cure)))
@@ -43,7 +43,7 @@ def _with_calls(code: CodeReference) -> CodeReference:
 
 
 def _blanked(call: str) -> str:
-    """Return a call with … in place of what depends."""
+    """Return a call with … in place of arguments that depend on the script."""
     if not isinstance(call, Message):
         return call.replace("nan", "…")
     blanks = {name: Blank("…") if each != each else each for name, each in call.values.items()}

@@ -1,4 +1,4 @@
-"""Write what a recording holds for other tools: tables of states, joints, contacts; or MCAP."""
+"""Export a recording for other tools: tables of states, joints and contacts; or MCAP."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ JOINT_COLUMNS = {
 }
 """Columns of the table of joints: a row per step and coordinate, [rad] or [m], [N m] or [N]."""
 TimesOf = Callable[[int, Int64], Float64]
-"""Gives the times [s] of a body's steps."""
+"""Returns the times [s] of a body's steps."""
 
 
 @dataclass(frozen=True)
 class Export(Printable, reported_by="drop_physics.report.export"):
-    """What was written of a recording."""
+    """The files that were exported."""
 
     recording: Path
     """The recording."""
     files: dict[str, int]
-    """Each file, and how many rows or messages it has."""
+    """Each file, and its number of rows or messages."""
 
 
 def export(recording: Path | str, out: Path | str | None = None, *, force: bool = False) -> Export:
@@ -171,7 +171,7 @@ def _driven(
 
 
 Coordinate = tuple[Float64 | None, Float64 | None, Float64 | None]
-"""Positions, velocities and efforts at all samples; None where a joint has not as many."""
+"""Positions, velocities and efforts at all samples; None if a joint has fewer of them."""
 
 
 def _coordinates(body: Body, joints: Joints) -> Iterator[tuple[Joint, list[Coordinate]]]:
@@ -188,7 +188,7 @@ def _coordinates(body: Body, joints: Joints) -> Iterator[tuple[Joint, list[Coord
 
 
 def _messages(recording: Recording, write: Write) -> int:
-    """Write poses, joints and contact points in the order of their times; return how many."""
+    """Write poses, joints and contact points in the order of their times; return their number."""
     times, seen, count = _times_of(recording), recording.seen, 0
     for piece in seen.pieces():
         found = [
@@ -203,11 +203,11 @@ def _messages(recording: Recording, write: Write) -> int:
 
 
 Timed = tuple[float, str, Any]
-"""When [s], on which topic, and what."""
+"""Time [s], topic and content of a message."""
 
 
 def _transforms(piece: Piece, seen: Seen, times: TimesOf) -> Iterator[Timed]:
-    """Yield the poses of all parts at a time: of centres of mass, with the axes of inertia."""
+    """Yield the poses of all parts at each time: centres of mass, with the axes of inertia."""
     at: dict[float, list[Any]] = defaultdict(list)
     for (number, link), rows in seen.parts_of(piece).items():
         body = seen.bodies[number]
@@ -228,7 +228,7 @@ def _transforms(piece: Piece, seen: Seen, times: TimesOf) -> Iterator[Timed]:
 
 
 def _joint_states(piece: Piece, seen: Seen, times: TimesOf) -> Iterator[Timed]:
-    """Yield joints of one coordinate, all of them at a time; of several robots by their labels."""
+    """Yield the joints with one coordinate at each time; of several robots by their labels."""
     at: dict[float, list[Any]] = defaultdict(list)
     several = len(seen.joints) > 1
     for body, joints in _driven(seen.bodies, piece.joints):

@@ -1,4 +1,4 @@
-"""The pictures of an animation: frames that were recorded, or recorded poses, drawn."""
+"""The pictures of an animation: recorded frames, or drawings of recorded poses."""
 
 from __future__ import annotations
 
@@ -35,27 +35,27 @@ DRAWN_PER_S = 20.0
 """Pictures drawn from poses per second of simulated time."""
 DRAW = "drop_physics.engines.pybullet.scene_pictures:drawn"
 PER_WORKER = 32
-"""About as many as are drawn while a process starts."""
+"""Number of pictures per worker, about as many as one draws while another starts."""
 MOST_DRAWN = 600
-"""Pictures in an animation at most; a longer one shows every second, third … of them."""
+"""Most pictures in an animation; a longer one shows every second, third … of them."""
 SHARE_OF_HEIGHT = 1 / 4
 """Share of a picture's height that a body takes up in a close view."""
 FAR_M = 10.0
-"""Bodies farther than this from the middle may be out of view."""
+"""Distance from the middle beyond which bodies may be out of view."""
 LEAST_M = 0.1
-"""The nearest that a camera goes."""
+"""Least distance of a camera."""
 ROOM = 1.06
-"""Times as far away as it must be to see all."""
+"""Factor by which a camera is farther away than it needs to be."""
 LEAVES, FOLLOWED = 4.5, 3.0
-"""A camera that would be so many times farther away to see the whole way goes along, so many times
-farther away than it must."""
+"""A camera that would have to be LEAVES times farther away to see the whole way moves along
+instead, FOLLOWED times farther away than it needs to be."""
 SHARES, INNER = np.linspace(0, 1, 101), 0.9
-"""Shares of the way that a camera may go along; by the rest, what moves is seen to move within
-this share of the picture."""
+"""Shares of the way that a camera may move along; within INNER of the picture, bodies are still
+seen to move."""
 
 
 def _axes() -> Float64:
-    """Return where right, up and back are for the standard camera."""
+    """Return the directions right, up and back of the standard camera, shape (3, 3)."""
     yaw, pitch = (math.radians(a) for a in (STANDARD_CAMERA.yaw_deg, STANDARD_CAMERA.pitch_deg))
     right = np.array([math.cos(yaw), math.sin(yaw), 0.0])
     back = np.array([math.sin(yaw), -math.cos(yaw), -math.tan(pitch)]) * math.cos(pitch)
@@ -67,7 +67,7 @@ AXES = _axes()
 
 @dataclass(frozen=True)
 class Film:
-    """Pictures to be made, one after the other."""
+    """Pictures to be made, in order."""
 
     pictures: Iterator[Image.Image]
     times_s: Sequence[float]
@@ -218,7 +218,7 @@ def beside_film(
 
 
 def _parts(held: Recording) -> list[Part]:
-    """Return what is drawn of a recording, or raise an error where that is nothing."""
+    """Return the parts that are drawn of a recording, or raise an error if there are none."""
     parts = parts_of(held.path, held.seen)
     if not parts:
         raise RecordingError(
@@ -251,7 +251,7 @@ def _drawn(
 
 
 def _end_s(seen: Seen, parts: Sequence[Part]) -> float:
-    """Return when the last sample was taken, or the last call moved what is drawn."""
+    """Return the time of the last sample, or of the last call that moved what is drawn [s]."""
     sampled_s = [StepTimes(seen, client).of(count - 1) for client, count in seen.samples.items()]
     return max(*sampled_s, *(float(part.times_s[-1]) for part in parts), 0.0)
 
@@ -259,7 +259,7 @@ def _end_s(seen: Seen, parts: Sequence[Part]) -> float:
 def _played(
     animation: Animation, most_fps: float, end_s: float, interval_s: float, most: int
 ) -> tuple[Playback, Float64]:
-    """Return how a film plays, and the time of each picture: evenly spaced, at most so many."""
+    """Return how a film plays, and the time of each picture: evenly spaced, at most `most`."""
     count = int(end_s / interval_s + 1e-9) + 1
     times_s = interval_s * np.arange(0, count, -(-count // most), dtype=np.float64)
     apart_s = float(times_s[1]) if len(times_s) > 1 else 1 / DRAWN_PER_S
@@ -297,10 +297,10 @@ def _cameras(
 
 
 def _framed(parts: Sequence[Part], numbers: Int64, poses: Float64) -> tuple[Float64, float]:
-    """Return what a standard camera looks at in each picture, shape (n, 3), and from how far.
+    """Return the target of a standard camera in each picture, shape (n, 3), and its distance.
 
-    It stands still, or goes along with what leaves, but only as far as it must to keep it in view:
-    what moves is seen to move.
+    The camera stands still. If bodies leave the view, it moves along, but no more than it must, so
+    that bodies are seen to move.
     """
     radii_m = np.array([part.radius_m for part in parts])
     moves = (np.fmax.reduce(poses) - np.fmin.reduce(poses) > 1e-4).any(axis=1)
@@ -331,7 +331,7 @@ def _framed(parts: Sequence[Part], numbers: Int64, poses: Float64) -> tuple[Floa
 
 
 def _distance_m(places_m: Float64, around_m: Float64) -> float:
-    """Return from how far the standard camera sees places, in its axes, with what is around."""
+    """Return from how far the standard camera sees places, in its axes, with radii around."""
     half = math.tan(math.radians(STANDARD_CAMERA.vertical_fov_deg) / 2)
     width, height = STANDARD_CAMERA.size_px
     spread_m = (np.abs(places_m[..., :2]) + around_m) / [half * width / height, half]
@@ -339,7 +339,7 @@ def _distance_m(places_m: Float64, around_m: Float64) -> float:
 
 
 def _held(places_m: Float64) -> Float64:
-    """Return places, shape (pictures, parts, 3); where none is, those before."""
+    """Return places, shape (pictures, parts, 3), with those before in place of missing ones."""
     there = np.any(np.isfinite(places_m[..., 0]), axis=1)
     if not there.any():
         return np.zeros_like(places_m)
@@ -384,7 +384,7 @@ def _marked(
     *,
     clock: bool,
 ) -> Image.Image:
-    """Return a picture with what is drawn over it."""
+    """Return a picture with marks and clock drawn over it."""
     if scene is not None:
         draw_marks(picture, [*scene.marks(camera, time_s)], theme)
     if clock:

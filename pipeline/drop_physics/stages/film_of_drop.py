@@ -1,4 +1,4 @@
-"""What the film of a drop shows beside the body: the body in free fall, and a ruler."""
+"""Additions to the film of a drop: the body in free fall, and a ruler."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
 
 BESIDE = 2.5
-"""How far right of the body its free fall is, and left of it the ruler, in its radii."""
+"""Distance of the free fall to the right of the body, and of the ruler to the left, in radii."""
 TICKS = 6
-"""About as many ticks of a ruler are in a picture."""
+"""Approximate number of ticks of a ruler in a picture."""
 TICK_PX = 6
 """Length of a tick [px]."""
 NAMES, BELOW = ("simulated", "free fall"), 1.15
-"""Names of the body and of the one in free fall, and how many radii they are below it."""
+"""Names of the body and of its free fall, and how many radii below it they are written."""
 
 
 class FallScene:
@@ -54,7 +54,7 @@ class FallScene:
         self._top_m = float(np.nanmax(body[0].poses[:, 2]))
         self._radius_m = max(part.radius_m for part in body)
         self.in_free_fall = [*self._in_free_fall(body, table)]
-        """The body as it would fall freely, right of it, for as long as theory covers the drop."""
+        """The body in free fall, to the right of it, for as long as theory applies."""
         self._named = [body[0], *self.in_free_fall[:1]]
 
     def _in_free_fall(self, body: Sequence[Part], table: pl.DataFrame) -> Iterator[Part]:
@@ -100,7 +100,7 @@ class FallScene:
 
 
 def _step(about_m: float) -> tuple[float, int]:
-    """Return a distance of ticks that reads well, at least this [m], and their labels' decimals."""
+    """Return a round distance of ticks, at least `about_m`, and the decimals of their labels."""
     exponent = math.floor(math.log10(about_m))
     step = next(step for step in (1, 2, 5, 10) if step * 10.0**exponent >= about_m)
     return step * 10.0**exponent, max(0, -exponent - (step == 10))

@@ -1,4 +1,4 @@
-"""The recording that is meant: the one named, that of a script, or the newest there is."""
+"""Find the recording that is meant: the one named, one of a script, or the newest."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from drop_physics.recording.first_look import check_file, recordings_in
 from drop_physics.stages.program import encodable
 
 FOLDER = Path("recordings")
-"""Where recordings go that are given no name, in the working directory."""
+"""Folder in the working directory for recordings without a given name."""
 SCRIPT_SUFFIX = ".py"
 _GOLDEN = re.compile(r"(?<![^\W_])golden(?![^\W_])", re.IGNORECASE)
 
 Origin = dict[str, Any]
-"""What a recording says of the script that it was made of; empty of a drop."""
+"""The properties of the script that a recording was made of; empty for a drop."""
 
 
 def recording_of(given: Path | None, note: Callable[[str], None] = lambda _: None) -> Path:
-    """Return the recording that is meant by what is given.
+    """Return the recording that is meant.
 
     Parameters
     ----------
     given
-        A recording; a script, for the newest that was made of it; None for the newest of all.
+        A recording; a script, for the newest recording of it; None for the newest of all.
     note
-        Called with a sentence that names the recording, where it was not named.
+        Called with a sentence that names the recording, if it was not named.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def is_of(origin: Origin, target: str, *, is_module: bool, where_unknown: bool =
 
 
 def name_of(target: str, *, is_module: bool) -> str:
-    """Return how a recording names a script, or a module."""
+    """Return the name of a script, or of a module, in recordings."""
     return encodable(f"-m {target}" if is_module else Path(target).name)
 
 
@@ -103,7 +103,7 @@ def stem_of(target: str) -> str:
 
 
 def path_digest(target: str) -> str:
-    """Return the digest of a script's resolved path, which names no folder."""
+    """Return a digest of a script's resolved path, which does not disclose its folders."""
     return hashlib.sha256(bytes(Path(target).resolve())).hexdigest()
 
 
@@ -129,7 +129,7 @@ def _recordings() -> Iterator[tuple[Path, Origin]]:
 
 
 def origin_of(path: Path) -> Origin | None:
-    """Return a recording's origin, empty of a drop; None if a file is no recording of ours."""
+    """Return a recording's origin, empty for a drop; None if a file is not a recording of ours."""
     from drop_physics.recording import schema  # which take half a second to load
     from drop_physics.recording.contents import ForeignError, beginning_of
 

@@ -1,4 +1,4 @@
-"""Where the file is that a script could not load."""
+"""Find the file that a script could not load."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from drop_physics.messages import Message
 _FIRST = re.compile(r"^(?:fileName=)?'([^']+)'")
 _MESH = re.compile(r"filename=[\"']([^\"']+)[\"']")
 LARGEST_BYTES = 1 << 24
-"""A larger file is not looked through."""
+"""A larger file is not searched."""
 SEARCH = Message("p.setAdditionalSearchPath(pybullet_data.getDataPath())")
 
 
@@ -63,12 +63,12 @@ def missing_file(arguments: str, target: str) -> Message | None:
 
 
 def _complete(file: Path) -> bool:
-    """Return whether all meshes that a file names are there."""
+    """Return whether all meshes that a file names exist."""
     return next(_lost_meshes(file), None) is None
 
 
 def _lost_meshes(file: Path) -> Iterator[str]:
-    """Yield the meshes that a file names and that are not below its folder, or where it is."""
+    """Yield the meshes that a file names, and that are neither there nor near the file."""
     if file.stat().st_size > LARGEST_BYTES:
         return
     for mesh in _MESH.findall(file.read_text(errors="replace")):
@@ -79,7 +79,7 @@ def _lost_meshes(file: Path) -> Iterator[str]:
 
 
 def _near(path: Path) -> Path | None:
-    """Return a file of that folder whose name is alike."""
+    """Return the file of a folder whose name is most similar; None if none is."""
     if not path.parent.is_dir():
         return None
     names = [each.name for each in path.parent.iterdir() if each.suffix == path.suffix]

@@ -25,30 +25,31 @@ from drop_physics.trace.events import Body
 
 MOST_CAUSES = 4
 TARGETS = {"rate": "target_rate", "position": "target"}
-"""Column of what a motor is given -> of what it is to reach."""
+"""Column of a motor's target -> column of the value that is to reach it."""
 OF_FILES = ("no-inertial", "inertia-from-shape", "impossible-inertia", "inertia-without-mass")
-"""Findings that no curve of a joint shows."""
+"""Findings that no curve of a joint can show."""
 NOISY, JUMPS, WINDOWS = 0.4, 0.05, 60
-"""A torque that turns around in more than this share of its samples, and jumps by more than this
-share of its range, is evened over this part of the time."""
+"""A torque that reverses in more than this share of its samples, and jumps by more than this share
+of its range, is averaged over this share of the time."""
 LEAST_SHARE = 0.02
-"""Causes that gave less of what was given are left out."""
+"""Causes that gave less than this share of the energy are left out."""
 FLIES = 0.1
-"""A body flies if a flight is at least this share of its samples."""
+"""A body counts as flying if a flight has at least this share of its samples."""
 WHOLE = 0.9
-"""A finding that covers more of the time than this is not marked."""
+"""A finding that covers more than this share of the time is not marked."""
 MOST_JOINTS = 4
-"""Joints side by side, in the viewer."""
+"""Most joints side by side in the viewer."""
 JOINT = 24
 """Characters of a joint's name that fit in the viewer's legends."""
 NEAR = 0.02
-"""A joint that came closer to a limit, as a share of its range, is shown with it."""
+"""A limit is shown if a joint came closer to it than this share of the joint's range."""
 FAR, REACHED = 3.0, 1.05
-"""A limit over so many times the largest torque is not drawn; of joints side by side, so many."""
+"""A limit more than this many times the largest torque is not drawn; the second number is for
+joints side by side."""
 
 
 class Drawable:
-    """What panels are drawn of: an analysis, its curves, and the bodies that matter."""
+    """The source of panels: an analysis, its curves, and the bodies that matter."""
 
     def __init__(self, analysis: Analysis) -> None:
         self.analysis = analysis
@@ -66,7 +67,7 @@ class Drawable:
         """The bodies that findings are about, the gravest first, and those that move."""
 
     def span_s(self, finding: Finding, body: BodyAnalysis) -> tuple[float, float] | None:
-        """Return the time that a finding covers; None where that is nearly all."""
+        """Return the time that a finding covers; None if that is nearly all of it."""
         steps = finding.steps
         if steps is None or steps.last - steps.first > WHOLE * self.analysis.samples:
             return None
@@ -98,11 +99,11 @@ class Drawable:
 
 
 Kind = Callable[[Drawable, BodyAnalysis, Finding | None], Iterator[Panel]]
-"""Draws a body, and what a finding says of it."""
+"""Draws the panels of a body, and of a finding about it."""
 
 
 def joint(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> Iterator[Panel]:
-    """Yield a joint and its motor: that of a finding, else the farthest off its target."""
+    """Yield the panels of a joint and its motor: a finding's, else the farthest off target."""
     rows = [row for row in body.joints if row.off is not None]
     if finding is not None:
         rows = [row for row in body.joints if row.name == finding.joint][:1]
@@ -142,7 +143,7 @@ def joint(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> Ite
 
 
 def friction(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> Iterator[Panel]:
-    """Yield the friction between the two bodies of a finding, and how much there could be."""
+    """Yield the friction between the two bodies of a finding, and its limit."""
     other = subject.bodies.get((finding and finding.other) or "")
     its = None if other is None else subject.curves.friction(body.id, other.id)
     if other is None or its is None or len(its.steps) < 2:
@@ -160,7 +161,7 @@ def friction(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> 
 
 
 def heights(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> Iterator[Panel]:  # noqa: ARG001
-    """Yield the height of a body that flies, beside free fall."""
+    """Yield the height of a flying body, beside free fall."""
     longest = max((each.last_step - each.first_step for each in body.flights), default=0)
     if longest <= FLIES * sum(body.segments.values()):
         return
@@ -178,7 +179,7 @@ def heights(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> I
 
 
 def energy(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> Iterator[Panel]:
-    """Yield what changed a body's energy; of no finding in particular."""
+    """Yield the causes of changes of a body's energy, whatever the finding."""
     its = subject.curves.energy(body.id)
     if its is None or finding is not None or body.energy is None:
         return
@@ -198,13 +199,13 @@ def energy(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> It
 
 
 KINDS: tuple[Kind, ...] = (joint, friction, heights, energy)
-"""All kinds; of those that show a finding the first does."""
+"""All kinds; the first that shows a finding is used."""
 
 
 def of_finding(
     subject: Drawable, finding: Finding, mark: str = "", done: frozenset[Kind] = frozenset()
 ) -> tuple[Kind | None, list[Panel]]:
-    """Return the first kind that shows a finding and is not done, and its panels."""
+    """Return the first kind that shows a finding and is not used yet, and its panels."""
     body = subject.bodies.get(finding.body or "")
     if body is None:
         return None, []
@@ -278,7 +279,7 @@ def _joint_of(curves: Curves, place: int) -> Curves:
 
 
 def _window(torque: Float64) -> int:
-    """Return over how many samples a torque is evened: 1 if it is smooth."""
+    """Return the number of samples over which a torque is averaged: 1 if it is smooth."""
     jumps = np.diff(torque)
     if len(torque) < 4 * WINDOWS or not np.isfinite(jumps).all():
         return 1
@@ -288,7 +289,7 @@ def _window(torque: Float64) -> int:
 
 
 def _limits(its: Curves, far: float = FAR) -> list[str]:
-    """Return the limits that a torque comes near, of which the lower one is added."""
+    """Return the limits that a torque comes near; the lower one is added to the curves."""
     torque, limit = its.columns["torque"], its.columns["limit"]
     most = float(np.nanmax(np.abs(torque), initial=0.0))
     if np.nanmin(limit, initial=np.inf) > far * most:
@@ -299,7 +300,7 @@ def _limits(its: Curves, far: float = FAR) -> list[str]:
 
 
 def _stops(its: Curves, body: Body, row: JointRow) -> list[str]:
-    """Return the ends of its range that a joint comes near, which are added."""
+    """Return the ends of its range that a joint comes near; they are added to the curves."""
     low, high = body.joints[row.index].limits
     at = its.columns["position"]
     its.columns.update(lowest=np.full(at.shape, low), highest=np.full(at.shape, high))

@@ -1,4 +1,4 @@
-"""The panels that show a recording: the same kinds for the plot, the film and the viewer."""
+"""The panels that show a recording, the same for plot, film and viewer."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 MOST_PANELS = 4
 """Most panels of a plot."""
 MOST_BODIES = 3
-"""Bodies whose energy is shown, in the viewer."""
+"""Most bodies whose energy the viewer shows."""
 
 
 def plot_of(analysis: Analysis | FallAnalysis) -> Plot:
-    """Return what the plot of a recording tells."""
+    """Return the plot of a recording."""
     if not isinstance(analysis, Analysis) or analysis.kind == "drop":
         from drop_physics.drop.results import FallAnalysis
         from drop_physics.stages.drop_plot import plot_of_drop
@@ -63,7 +63,7 @@ def _verdict(analysis: Analysis) -> Iterator[str]:
 
 
 def _panels(analysis: Analysis) -> Iterator[Panel]:
-    """Yield what the findings are about, the gravest first, then what is worth a look anyway."""
+    """Yield the panels of findings, the gravest first, then those that are worth a look anyway."""
     subject, done = Drawable(analysis), frozenset[Kind]()
     for number, finding in enumerate(analysis.findings, 1):
         kind, panels = of_finding(subject, finding, str(number), done)
@@ -77,9 +77,9 @@ def _panels(analysis: Analysis) -> Iterator[Panel]:
 
 
 def viewed(analysis: Analysis, bodies: Mapping[int, Body]) -> tuple[list[Panel], list[str]]:
-    """Return the panels of the viewer (joints, friction, flights, energy), and which bodies matter.
+    """Return the panels of the viewer, and the labels of the bodies that matter, in order.
 
-    These are labels, in order.
+    The panels show joints, friction, flights and energy.
     """
     subject = Drawable(analysis)
     panels, done = [*side_by_side(subject, bodies)], frozenset[Kind]()

@@ -25,10 +25,10 @@ from drop_physics.trace.cures import ChangedRun
 T = TypeVar("T")
 
 MOST = 24
-"""Runs that part from one: each has two open files, and a process until it is read."""
+"""Most runs that branch off from one: each has two open files, and a process until it is read."""
 WAIT_S = 0.005
 FORKS = sys.platform.startswith(("linux", "darwin"))
-"""Whether a process can part from another here."""
+"""Whether a process can fork another on this system."""
 
 
 def run_changed(
@@ -80,18 +80,18 @@ def run_changed(
 
 
 class Parting(Generic[T]):
-    """A second run, from which others part.
+    """A second run, from which others branch off.
 
     Parameters
     ----------
     work
         Runs a candidate on its own.
     numbers
-        The candidates that may part, by number.
+        The candidates that may branch off, by number.
     process
         The run, which has begun.
     own
-        What it comes to.
+        Its outcome, once it has ended.
     ends_early
         Whether it ends at its first step.
     """
@@ -110,7 +110,7 @@ class Parting(Generic[T]):
         self._stopped = False
 
     def __call__(self, number: int) -> T:
-        """Run a candidate: as it parts, or on its own where it does not, or fails only there."""
+        """Run a candidate: branched off, or on its own if that is not possible, or fails."""
         work = self._work
         if number in self._numbers and not work.is_late(number):
             part = self._parted(number)
@@ -123,12 +123,12 @@ class Parting(Generic[T]):
         return work.not_made(number) if self._stopped else work(number)
 
     def stop(self) -> None:
-        """End what runs now, and begin nothing more."""
+        """Stop the run under way, and begin no other."""
         self._stopped = True
         self._work.stop()
 
     def is_same(self) -> bool:
-        """Return whether the run is the recorded one, to the bit, as far as it goes."""
+        """Return whether the run repeats the recorded one to the bit, as far as it goes."""
         from drop_physics.experiments.run_distance import apart
         from drop_physics.recording.reader import read
 
@@ -142,7 +142,7 @@ class Parting(Generic[T]):
         return same and apart(base.seen, read(path).seen).same
 
     def _parted(self, number: int) -> running.PartedTrial | None:
-        """Return a candidate's run when it has parted; None if it does not."""
+        """Return the run of a candidate once it has branched off; None if it does not."""
         which = self._numbers.index(number)
         trial, decoder = self._process.trials[which], self._process.decoder
         while True:
@@ -155,7 +155,7 @@ class Parting(Generic[T]):
 
 @contextmanager
 def parting(work: RunChanged[T], numbers: Sequence[int]) -> Iterator[Parting[T]]:
-    """Begin a second run, from which candidates part."""
+    """Begin a second run, from which candidates branch off."""
     runs = {number: work.run_of(number) for number in numbers}
     able = [n for n, run in runs.items() if run is not None and "draws" not in run.below]
     early = all(map(parts_first, runs.values()))
@@ -185,7 +185,7 @@ def parting(work: RunChanged[T], numbers: Sequence[int]) -> Iterator[Parting[T]]
 
 
 def parts_first(run: ChangedRun | None) -> bool:
-    """Return whether a run differs before its first step, from where an engine is connected on."""
+    """Return whether a run differs before its first step, from the connection to an engine on."""
     if run is None or run.below:
         return True
     return any("connect" in each.get("functions", ()) for each in run.operations)

@@ -1,4 +1,4 @@
-"""What a script is run with, checked: itself, its arguments, and where it stops."""
+"""Check what a script is run with: its path, its arguments, and its limits."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from drop_physics.fields import outside, shown
 from drop_physics.messages import Message
 
 STOPPED = ("steps", "duration", "disk", "interrupted")
-"""How a script ended that would have gone on."""
+"""Endings of a script that would have gone on."""
 LARGEST_INT = 2**63 - 1
 """The largest whole number in a recording."""
 SEEDED_CLOCK_S = 1e9

@@ -1,4 +1,4 @@
-"""What is to be tried of a script: cures of its findings, what is asked for, what is left out."""
+"""What is tried of a script: cures of its findings, interventions asked for, calls left out."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from drop_physics.trace.history import Seen
 
 READING = "reading"
-"""The code of what is about a number that a script reads: no run can show it."""
+"""The code of findings about a number that a script reads, which no run can show."""
 SETTERS = (
     *PUSHES,
     *FILTERS,
@@ -33,22 +33,22 @@ SETTERS = (
     Act.SET_REAL_TIME,
     Act.SET_VELOCITY,
 )
-"""The calls that are left out by `--ablate`."""
+"""The acts whose calls `--ablate` leaves out."""
 NEEDED = re.compile(
     r"^(body\w*|object\w*|link\w*|joint\w*|controlMode|physicsClientId|flags|"
     r"userConstraint\w*|\w*Obj|grav[XYZ]|timeStep|mass)$"
 )
-"""Arguments that a call cannot do without, or that say what it is about."""
+"""Arguments that a call cannot do without, or that name its target."""
 ARGUMENT = re.compile(r"(?:^|, )(\w+)=")
 
 
 @dataclass
 class Candidate:
-    """An intervention that is to be tried, and the findings that propose it, by their places."""
+    """An intervention to be tried, and the indices of the findings that propose it."""
 
     intervention: Intervention
     run: ChangedRun | None
-    """None where the engine has no such intervention."""
+    """The changed run; None if the engine does not support the intervention."""
     findings: list[int] = field(default_factory=list)
 
 
@@ -72,7 +72,7 @@ class Proposals:
         self._commanded: frozenset[tuple[int, int]] | None = None
 
     def of_findings(self) -> list[Candidate]:
-        """Return the cures of the findings, in their order; the same thing is tried once."""
+        """Return the cures of the findings, in their order; each is tried once."""
         found: dict[Any, Candidate] = {}
         for place, finding in enumerate(self._findings):
             if finding.cure is None or finding.code == READING:  # not about what the bodies do
@@ -86,7 +86,7 @@ class Proposals:
     def always(self, *, damped: bool) -> list[Candidate]:
         """Return what is tried whatever is found, since every outcome may hang on it.
 
-        Damping is, where it acts on a body in free flight.
+        Damping is among it if it acts on a body in free flight.
         """
         cures = [Cure("timestep", value=2.0), Cure("solver", value=500.0)]
         if damped:
@@ -94,7 +94,7 @@ class Proposals:
         return [*map(self.whole, cures)]
 
     def asked(self, cures: Sequence[Cure], about: Sequence[int]) -> list[Candidate]:
-        """Return what is asked for, made on what the findings about are about."""
+        """Return the interventions asked for, applied to the subjects of the findings."""
         found: list[Candidate] = []
         named = [self._findings[place] for place in about]
         for cure in cures:
@@ -112,7 +112,7 @@ class Proposals:
         return found
 
     def left_out(self) -> list[Candidate]:
-        """Return each call of a setter, and each of its optional arguments, to be left out."""
+        """Yield each call of a setter, and each of its optional arguments, to be left out."""
         found: dict[tuple[str, str, int, str | None], Candidate] = {}
         for piece in self._seen.pieces():
             for call in piece.calls.of(*(SETTERS if self._seen.engine == PYBULLET else Act)):
@@ -131,7 +131,7 @@ class Proposals:
         return Candidate(intervention, self._cures.left_out(function, file, line, argument))
 
     def whole(self, cure: Cure) -> Candidate:
-        """Return a cure that is made on the whole run: there, some values are factors."""
+        """Return a cure that is applied to the whole run: there, some values are factors."""
         if cure.name in FACTORS and cure.value is not None and cure.value >= 0:
             cure = replace(cure, form=FACTOR)
         scope = Scope([*self._seen.bodies.values()], timestep_s=self._timestep_s, whole=True)

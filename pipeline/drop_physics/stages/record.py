@@ -49,58 +49,58 @@ if TYPE_CHECKING:
     from drop_physics.recording.recorder import Recorder
 
 NAMED_AFTER_S = 60.0
-"""A script without a limit that runs longer [s] may never end."""
+"""A script without a limit that runs longer than this [s] may never end."""
 CANNOT_LOAD = "pybullet.error: Cannot load"
 
 
 @dataclass(frozen=True)
 class ReplayedSteps:
-    """What became of steps that were taken again, in the script's interpreter."""
+    """The outcome of replaying steps in the script's interpreter."""
 
     steps: int
-    """All of them."""
+    """Number of steps that were replayed."""
     replayed: int
-    """Those that led to the recorded state, to the last bit."""
+    """Number of these that led to the recorded state, to the last bit."""
     explained: int
-    """Those of them whose named impulses close the sum."""
+    """Number of these whose named impulses close the sum."""
     remainder: float
-    """What these leave of it at most, over the largest impulse."""
+    """Their largest remainder, over the largest impulse."""
 
 
 @dataclass(frozen=True)
 class Recorded(Printable, reported_by="drop_physics.report.record"):
-    """What was recorded of a script."""
+    """The recording of a script."""
 
     recording: Path
     recording_id: str
     script: str
-    """The script, or the module's name."""
+    """The script's path, or the module's name."""
     ended: str
     """`finished`, `steps`, `duration`, `idle` (it waited for a user), `disk` (no room left),
     `interrupted` or `failed`."""
     error: str
     """The script's error in one line; empty if there was none."""
     failure: str
-    """The call that raised it and what is behind that, in a sentence; of the error, what the script
-    has not printed itself."""
+    """The call that raised the error and its reason, in a sentence; for other errors, the part that
+    the script has not printed itself."""
     samples: int
-    """States of a simulation: one more than its steps."""
+    """Number of states: one more than the steps of each simulation."""
     bodies: int
     frames: int
-    """Images that the script took."""
+    """Number of images that the script took."""
     bytes: int
     wall_s: float
     twice: bool
-    """Whether it was run a second time and compared."""
+    """Whether the script was run a second time and compared."""
     first_difference: int | None
     """The first step whose state differed in the second run; None if none did."""
     replay: ReplayedSteps | None = None
-    """What became of the steps of MuJoCo that were taken again; None of others."""
+    """The outcome of replaying the steps of MuJoCo; None for other engines."""
     beside: Recorded | None = None
     """The recording of the other engine, if the script steps two."""
     outside: tuple[tuple[str, str], ...] = ()
-    """What it reached beside its simulation, if that was noted: `connects`, `starts`, `writes`,
-    `removes`, or in its working directory `keeps`, and a name."""
+    """What the script did outside its simulation, if that was observed: `connects`, `starts`,
+    `writes`, `removes`, or in its working directory `keeps`, and a name."""
 
 
 def record_script(
@@ -245,7 +245,7 @@ def record_script(
 
 
 class Beside(NamedTuple):
-    """What was recorded of the other engine of a script that steps two."""
+    """The recording of the other engine of a script that steps two."""
 
     engine: str
     recorded: Recorded
@@ -259,16 +259,16 @@ def recorded_beside(
     name: str,
     placed: Callable[..., contextlib.AbstractContextManager[Target]],
 ) -> Beside | None:
-    """Record the other engine of a script that steps two; return None of any other script.
+    """Record the other engine of a script that steps two; return None for other scripts.
 
     Parameters
     ----------
     process
-        What has read all events of the first.
+        The script, all of whose events of the first engine have been read.
     recorder
-        What has recorded these.
+        The recorder of these events.
     name
-        The script.
+        The script's name.
     placed
         Returns the recording to write, given its `engine`.
     """
@@ -294,7 +294,7 @@ def recorded_beside(
 
 
 def _replay(decoder: Decoder) -> ReplayedSteps | None:
-    """Return what became of the steps of MuJoCo."""
+    """Return the outcome of replaying the steps of MuJoCo."""
     mujoco = decoder.mujoco
     if not mujoco.steps or not mujoco.samples:
         return None
@@ -302,7 +302,7 @@ def _replay(decoder: Decoder) -> ReplayedSteps | None:
 
 
 def _origin(program: Program, digest: str | None) -> dict[str, Any]:
-    """Return what says which script was run, and how."""
+    """Return the properties that say which script was run, and how."""
     target = program.target
     return {
         "kind": "script",
@@ -320,7 +320,7 @@ def _origin(program: Program, digest: str | None) -> dict[str, Any]:
 def _worth_knowing(
     process: running.Script, recorder: Recorder, ended: Ending, *, keep_sleeping: bool
 ) -> Iterator[str]:
-    """Yield what is worth knowing of a script that has ended."""
+    """Yield remarks on a script that has ended."""
     decoder = process.decoder
     if not recorder.samples and not decoder.cut_off and not decoder.mujoco.version:
         nothing = Message(

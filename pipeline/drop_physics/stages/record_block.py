@@ -35,7 +35,7 @@ class Block:
 
     watch: ScriptWatch
     written: dict[str, Any] | None = None
-    """The values of the result, once it has ended."""
+    """The values of the result, once the block has ended."""
 
     @property
     def recorded(self) -> Recorded | None:
@@ -46,12 +46,12 @@ class Block:
 
     @property
     def steps(self) -> int:
-        """Steps made so far."""
+        """Number of steps so far."""
         return self.watch.steps_made
 
 
 class BlockWriter(Worker):
-    """A process that writes what blocks do, one after the other; it finishes if we crash."""
+    """A process that writes the recordings of blocks, one by one, even if this one crashes."""
 
     def __init__(self) -> None:
         self._handing, taking = _socket.socketpair()
@@ -60,7 +60,7 @@ class BlockWriter(Worker):
         taking.close()
 
     def close(self) -> None:
-        """Let the process end, once it has finished."""
+        """Let the process end once it has finished writing."""
         super().close()
         self._handing.close()
 

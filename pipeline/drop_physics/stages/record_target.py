@@ -23,7 +23,7 @@ from drop_physics.stages.found import FOLDER, is_of, origin_of, stem_of
 
 @dataclass(frozen=True)
 class Earlier:
-    """A recording that may be replaced, as it was before the script ran."""
+    """A recording that may be replaced, in its state before the script ran."""
 
     path: Path
     status: os.stat_result
@@ -39,16 +39,16 @@ class Earlier:
 
 @dataclass(frozen=True)
 class Target:
-    """The recording to write."""
+    """Where the recording is written, and what it replaces."""
 
     path: Path
-    """Where it is written."""
+    """Path under which it is written."""
     earlier: list[Earlier] = field(default_factory=list)
-    """Recordings that it may replace, the one whose name it is to have first."""
+    """Recordings that it may replace, first the one whose name it will have."""
 
     @property
     def name(self) -> str:
-        """What the recording is called in Rerun's lists."""
+        """Name of the recording in Rerun's lists."""
         return (self.earlier[0].path if self.earlier else self.path).stem
 
     def settled(self, *, stepped: bool) -> Path:
@@ -122,7 +122,7 @@ def target_of(
 def _earlier(
     stem: str, free: Path, script: str, *, is_module: bool, force: bool
 ) -> Iterator[Earlier]:
-    """Yield what stands under the names before the free one and was made of the same script."""
+    """Yield the recordings of the same script under the names before the free one."""
     for path in numbered(FOLDER, stem):
         if path == free:
             return
@@ -135,7 +135,7 @@ def _earlier(
 
 
 def _has_step(path: Path) -> bool:
-    """Return whether a recording has a step; one that cannot be read counts as one that has."""
+    """Return whether a recording has a step; one that cannot be read counts as having one."""
     try:
         closing = properties_of(path).get(RECORDING_PROPERTY, {})
     except RecordingError:
@@ -145,7 +145,7 @@ def _has_step(path: Path) -> bool:
 
 
 def _replace(earlier: Path, path: Path) -> None:
-    """Give a recording an earlier one's name; the layer and the trials of that one are deleted."""
+    """Give a recording the name of an earlier one, whose layer and trials are deleted."""
     layer, theirs = layer_of(earlier), None
     with contextlib.suppress(RecordingError):
         theirs = recording_id(earlier)

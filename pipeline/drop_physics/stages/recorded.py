@@ -44,10 +44,10 @@ from drop_physics.trace.history import seen_in
 from drop_physics.trace.states import BASE, BODY, BODY_LABEL, FLOOR, FLOOR_LABEL
 
 BATCH = 8192
-"""Samples in one chunk of a recording: the most that a killed run loses. Longer chunks take memory
-while they are packed, shorter ones for the index at the end of the file."""
+"""Samples in one chunk of a recording: the most that a killed run loses. Longer chunks take more
+memory while they are packed, shorter ones take more of the index at the end of the file."""
 FLOOR_M = (1.5, 1.5)
-"""The part of the floor that the viewer draws."""
+"""Size of the part of the floor that the viewer draws."""
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 ORIGIN = np.array([[0.0, 0.0, 0.0, *UPRIGHT]])
 
@@ -104,13 +104,13 @@ def recorded(
 
 
 def case_of(world: World | OtherWorld, samples: Iterable[Samples]) -> Case:
-    """Return the drop of a world from its samples, which no recording holds."""
+    """Return the drop of a world from its samples, without a recording."""
     engine = made_with(world)
     return Case(world.scenario, engine, seen_in([*bodies_of(world, engine), *samples]))
 
 
 def bodies_of(world: World | OtherWorld, engine: EngineReport) -> Iterator[Event]:
-    """Yield what falls, on what, and the engine's settings."""
+    """Yield the events of the beginning: body, floor, and the engine's settings."""
     at, scenario = At(0, 0.0, 0), world.scenario
     joints = world.joints if isinstance(world, World) else ()
     rgb = bytes.fromhex(colours.ENGINES[scenario.engine].removeprefix("#"))
@@ -181,7 +181,7 @@ def bodies_of(world: World | OtherWorld, engine: EngineReport) -> Iterator[Event
 
 
 def made_with(world: World | OtherWorld, *, gl_renderer: str | None = None) -> EngineReport:
-    """Return what a world reports, with the versions of everything involved in a recording."""
+    """Return what an engine reports, with the versions of everything involved in a recording."""
     versions: dict[str, Any] = engine_versions() | library_versions()
     return replace(world.report(), gl_renderer=gl_renderer or None, **versions)
 

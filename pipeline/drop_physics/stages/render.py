@@ -1,4 +1,4 @@
-"""Render a recording: its frames or its poses as a gif, what it means as a plot."""
+"""Render a recording: its frames or poses as a gif, and its plot."""
 
 from __future__ import annotations
 
@@ -40,18 +40,18 @@ if TYPE_CHECKING:
 
 
 SHORT, SHORT_FPS = 32, 10.0
-"""Most pictures of a short film, and pictures per second."""
+"""Most pictures of a short film, and its pictures per second."""
 DRAW_PLOT = "drop_physics.figures.panel_plot:render"
 
 
 @dataclass(frozen=True)
 class Rendering(Printable, reported_by="drop_physics.report.run"):
-    """What was rendered; a path is None where there was nothing to render."""
+    """What was rendered; a path is None if there was nothing to render."""
 
     gif: Path | None
     """The gif; None without frames."""
     frames: int
-    """How many frames it shows; of equal ones in a row WebP and APNG keep the first."""
+    """Number of frames that it shows; WebP and APNG merge equal frames in a row."""
     fps: float
     """Frames per second."""
     plot: Path | None
@@ -188,7 +188,7 @@ def _targets(
     *,
     force: bool,
 ) -> tuple[Path, Path]:
-    """Return the files of the animation and of the plot, once it is checked that they can be."""
+    """Return the files of animation and plot, after checking that they can be written."""
     gif = path.with_suffix(".gif") if out is None else Path(out)
     plotted = path.with_suffix(".png") if plot is None else Path(plot)
     written = [(gif, out, b"GIF8"), (plotted, plot, b"\x89PNG")]
@@ -291,7 +291,7 @@ def _composed(
     progress: Progress,
     gif: Path,
 ) -> Iterator[Image.Image]:
-    """Yield the pictures with what is beside and below them, and report each."""
+    """Yield the pictures with additions beside and below them, and report each."""
     composition: Composition | None = None
     words, count = Message("writing {suffix}", suffix=gif.suffix[1:]), len(film.times_s)
     moments = zip(film.pictures, film.times_s, strict=True)
@@ -338,7 +338,7 @@ def check_film(film: Path, *, inputs: Sequence[Path], force: bool) -> None:
     Raises
     ------
     ScenarioError
-        If the suffix names no format that can be written.
+        If no format with this suffix can be written.
     OutputError
         If the file exists, or is one of the inputs.
     DropError

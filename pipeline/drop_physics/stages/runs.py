@@ -25,7 +25,7 @@ Progress = Callable[[int, int, int], None]
 
 
 def only_of(engine: str) -> Message:
-    """Return what is said of a script that steps another engine, too."""
+    """Return the remark about a script that steps another engine, too; None if it does not."""
     return Message(
         "the script steps two engines: only {engine}'s steps are compared", engine=engine
     )
@@ -33,23 +33,23 @@ def only_of(engine: str) -> Message:
 
 @dataclass(frozen=True)
 class Ended:
-    """How a run came to its end."""
+    """The end of a run."""
 
     how: str
-    """How it ended, as a recording says it; `interrupted` where it was stopped from here."""
+    """Its ending as in a recording; `interrupted` if it was stopped from here."""
     steps: int
-    """Steps of all its simulations."""
+    """Number of steps of all its simulations."""
     intervened: frozenset[int]
-    """The interventions that have changed something, by number."""
+    """The numbers of the interventions that have changed something."""
     also_steps: str
-    """The other engine, where the script steps two; else empty."""
+    """The other engine, if the script steps two; else empty."""
     outside: bool
-    """Whether the script reached something beside its simulation, where it was listened to."""
+    """Whether the script did anything outside its simulation, if that was observed."""
 
 
 @dataclass(frozen=True)
 class RunsUnderWay:
-    """Runs of this process; picklable while there is none."""
+    """The runs of this process; picklable while there is none."""
 
     under_way: set[running.Script | running.PartedTrial] = field(default_factory=set, compare=False)
 
@@ -120,7 +120,7 @@ class RunsUnderWay:
         )
 
     def stop(self) -> None:
-        """End what runs now."""
+        """Stop the runs under way."""
         for process in [*self.under_way]:
             process.stop("interrupted")
 

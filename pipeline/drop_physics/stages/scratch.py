@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 MOST_ENTRIES = 5000
-"""A folder with more files and folders is not copied."""
+"""A folder with more files and folders than this is not copied."""
 LEFT_OUT = (".git", "recordings", "__pycache__")
 """Folders that no run needs."""
 
@@ -32,7 +32,7 @@ def can_be_copied(folder: Path) -> bool:
 
 @contextmanager
 def scratch_copy(folder: Path, written: Collection[Path]) -> Iterator[Path]:
-    """Give a copy of a folder, in which the files that a script writes are its own."""
+    """Yield a copy of a folder, in which the files that a script writes are separate."""
     with tempfile.TemporaryDirectory(prefix="drop-") as name:
         copy = Path(name)
         for at, folders, files in os.walk(folder):

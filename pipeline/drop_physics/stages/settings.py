@@ -1,4 +1,4 @@
-"""What a project asks for in `[tool.drop]` of its pyproject.toml."""
+"""The settings of a project in `[tool.drop]` of its pyproject.toml."""
 
 from __future__ import annotations
 
@@ -32,25 +32,25 @@ KINDS: dict[str, tuple[Callable[[object], bool], Message]] = {
     "fail-on": (lambda value: isinstance(value, str), Message("a level")),
     "tolerance": (_is_number, Message("a number of metres")),
 }
-"""What each key takes, and how that is called."""
+"""The type of each key's value, and its name."""
 
 
 @dataclass(frozen=True)
 class ProjectSettings:
-    """The table of a project; empty where there is none."""
+    """The table of a project; empty if there is none."""
 
     path: Path
     table: dict[str, Any]
 
     @property
     def tolerance_m(self) -> float:
-        """The largest difference from a golden recording that passes."""
+        """Largest difference from a golden recording that passes [m]."""
         return float(self.table.get("tolerance", 0.0))
 
     def choice(
         self, select: str | None = None, ignore: str | None = None, fail_on: str | None = None
     ) -> Choice:
-        """Return which findings are reported; a command's options, as typed, count more.
+        """Return which findings are reported; options of a command outrank the project.
 
         Raises
         ------
@@ -72,12 +72,12 @@ def _listed(text: str | None) -> list[str] | None:
 
 
 def settings(folder: Path | None = None) -> ProjectSettings:
-    """Return the settings in the nearest pyproject.toml in or above a folder, the working one.
+    """Return the settings in the nearest pyproject.toml at or above a folder or the working one.
 
     Raises
     ------
     ScenarioError
-        If it cannot be read, or a value is none that its key takes.
+        If it cannot be read, or a value is not one that its key takes.
     """
     start = (folder or Path()).resolve()
     path = next((at / FILE for at in (start, *start.parents) if (at / FILE).is_file()), None)

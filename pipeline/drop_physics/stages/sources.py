@@ -1,6 +1,6 @@
-"""The files of a recorded script, where they are found with the text that was recorded.
+"""Find the files of a recorded script, if they still have the text that was recorded.
 
-A finding is spared by `# drop: ignore[CODE]` on the first line of a call.
+A comment `# drop: ignore[CODE]` on the first line of a call leaves a finding out.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from drop_physics.recording.reader import Recording
 COMMENT = re.compile(r"#\s*drop:\s*ignore\[([^\]]*)\]")
 
 Lines = Mapping[int, frozenset[str]]
-"""The codes of each line that has such a comment."""
+"""The codes in such comments, by line."""
 
 
 class Sources:
@@ -38,18 +38,18 @@ class Sources:
 
     @classmethod
     def of(cls, held: Recording, script: Path | None) -> Sources:
-        """Return those of a recording; `script` is where the script is, if that is known."""
+        """Return the sources of a recording; `script` is the script's path, if known."""
         path = held.path
         folders = [Path(), path.parent, path.parent.parent, (script or Path()).parent]
         return cls(held.origin_and_end.get("script_sha256"), folders)
 
     def files(self, names: Iterable[str]) -> dict[str, Path]:
-        """Return those of some files, named as in sites, that are found, by name."""
+        """Return the paths of those files that are found, by their names as in sites."""
         found = {name: self._file(name) for name in names}
         return {name: path for name, path in found.items() if path is not None}
 
     def ignored_at(self, site: str | None) -> frozenset[str]:
-        """Return the codes that a site, given as file:line, is spared."""
+        """Return the codes that comments leave out at a site, given as file:line."""
         name, _, line = (site or "").rpartition(":")
         if not line.isdecimal():
             return frozenset()
@@ -61,8 +61,8 @@ class Sources:
     def _file(self, name: str) -> Path | None:
         """Return a file of that name with the recorded text.
 
-        A recording may name anything: no name leads out of a folder, and a pipe or device there is
-        not waited for.
+        A recording may name anything: no name leads out of a folder, and a pipe or a device there
+        is not opened.
         """
         inside = not Path(name).is_absolute() and ".." not in Path(name).parts
         for folder in self._folders if self._digest is not None and inside else ():

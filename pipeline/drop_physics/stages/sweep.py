@@ -51,14 +51,14 @@ class Sweep(Printable, reported_by="drop_physics.report.sweep"):
     runs: int
     failed: int
     computed: int
-    """Runs of this call; the others were already there."""
+    """Number of runs of this call; the others were already there."""
     results: Path
     """One Parquet file, a row per run."""
     plot: Path | None
     studies: list[Group]
-    """One for each set of scenarios that differ in the timestep only."""
+    """One study for each set of scenarios that differ in the timestep only."""
     statistics: list[Group]
-    """One for each scenario that is sampled."""
+    """Statistics of each scenario that is sampled."""
     narrow_enough: bool | None
     """Whether `until_ci_m` was reached; None if it was not given."""
     at_samples: bool = True
@@ -227,7 +227,7 @@ def _run(
 
 
 def _check_any(ledger: Ledger, results: pl.LazyFrame) -> None:
-    """Make sure that one run did not fail."""
+    """Raise an error if a single run failed."""
     runs = sum(shard.runs for shard in ledger.kept)
     if sum(shard.failed for shard in ledger.kept) < runs:
         return

@@ -27,7 +27,7 @@ from drop_physics.sweeping.plan import Plan
 MOST_RUNS = 30
 """Most runs of a sweep over engines that are dropped again to compare the engines."""
 TIMED_STEPS, TIMED_FALLS = 1000, 3
-"""Steps that are timed at most, and how many times: the fastest counts."""
+"""Most steps that are timed, and how many times: the fastest counts."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What the rows of a sweep show together: how the error converges, and how it spreads."""
+"""What groups of rows of a sweep show: how the error converges, and how it spreads."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from drop_physics.sweeping.plan import Plan, label_of
 
 @dataclass(frozen=True)
 class Group:
-    """Scenarios that share the values of some fields, and what they show together."""
+    """Scenarios that share the values of some fields, and their result."""
 
     values: dict[str, Any]
-    """The shared values of those fields that differ within the sweep."""
+    """The shared values of the fields that vary within the sweep."""
     label: str
-    """The same in words."""
+    """The shared values in words."""
     study: Study | None = None
     left_out_s: tuple[float, ...] = ()
-    """Timesteps that the study leaves out, as their sample is at another time."""
+    """Timesteps that the study leaves out, because their sample is at another time."""
     statistics: tuple[Summary, ...] = ()
     """Statistics over the same samples: those in the air, or if there are none, all that did not
     fail."""

@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from drop_physics.recording.reader import Recording
 
 MOST_RUNS = 10_000
-"""Each run is a process, and a recording."""
+"""Most runs: each is a process, and a recording."""
 GIVEN = re.compile(r"([^=/*]+)(?:[=/*](.*))?")
-"""The name and the value of an intervention as it is asked for."""
+"""Matches the name and the value of an intervention, as it was typed."""
 
 Row = dict[str, Any]
 
@@ -45,17 +45,17 @@ class ScriptSweep(Printable, reported_by="drop_physics.report.sweep_script"):
 
     script: str
     recording: Path
-    """Its own run."""
+    """The recording of its own run."""
     tried: list[str]
-    """What differs between runs: the first columns of the table, by name."""
+    """The interventions that differ between runs: the names of the table's first columns."""
     rows: list[Row]
-    """One for each run: what is tried, how it ended, where its bodies and joints end."""
+    """One row for each run: interventions, ending, and final positions of bodies and joints."""
     results: Path
-    """The same in Parquet."""
+    """The Parquet file with the same rows."""
 
     @property
     def failed(self) -> int:
-        """Return how many runs failed."""
+        """The number of runs that failed."""
         return sum(row["ended"] == "failed" for row in self.rows)
 
 
@@ -183,14 +183,14 @@ def sweep_script(
 
 
 def _together(candidates: Sequence[Candidate]) -> Candidate:
-    """Return several interventions as one."""
+    """Return several interventions combined into one."""
     call = ", ".join(each.intervention.call for each in candidates)
     runs = (each.run for each in candidates if each.run is not None)
     return Candidate(Intervention(Cure("sweep", call=call)), functools.reduce(operator.add, runs))
 
 
 def _given(cure: Cure) -> tuple[str, float | str | bool]:
-    """Return the name and the value of what is tried; True where it has no value."""
+    """Return the name and the value of an intervention; True if it has no value."""
     found = GIVEN.fullmatch(cure.call)
     name, value = (cure.call, None) if found is None else found.groups()
     if value is None:
@@ -202,7 +202,7 @@ def _given(cure: Cure) -> tuple[str, float | str | bool]:
 
 
 def _ends(track: Track) -> list[tuple[str, float]]:
-    """Return where a body or a joint ends, by column; of an orientation nothing."""
+    """Yield the final position of a body or a joint, by column; nothing for an orientation."""
     if track.joint is not None and len(track.theirs) == 1:
         return [(f"{track.body} {track.joint}_{track.unit}", float(track.theirs[0]))]
     if track.unit != "m":

@@ -1,4 +1,4 @@
-"""The trials that `drop why` has left beside a recording: their verdicts go with its findings."""
+"""The trials of `drop why` beside a recording: their verdicts belong to its findings."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from drop_physics.recording.layer_file import VERDICTS, trials_of
 from drop_physics.rules.answer import Finding
 
 MOST_BYTES = 1 << 24
-"""Largest size of a file of verdicts; what is longer is none of ours."""
+"""Largest size of a file of verdicts; a longer one is not ours."""
 
 
 class Trials:
-    """What trials show of the findings of a recording; of another recording they show nothing.
+    """The verdicts of trials on the findings of a recording, if they are of this one.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Trials:
                 }
 
     def with_verdict(self, finding: Finding) -> Finding:
-        """Return a finding with what trials show of it."""
+        """Return a finding with the verdicts of its trials."""
         shown = self._by_message.get(str(finding.message))
         if shown is None:
             return finding
@@ -46,7 +46,7 @@ class Trials:
 
 
 def _is_trial(value: object) -> bool:
-    """Return whether a value of the file is a trial, as far as it is shown."""
+    """Return whether a value of the file is a trial, as far as it is used."""
     return isinstance(value, dict) and all(
         isinstance(value.get(name), str) for name in ("name", "call", "verdict")
     )

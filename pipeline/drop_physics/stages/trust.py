@@ -1,4 +1,4 @@
-"""Run a script again with variations, and tell what of its result stands."""
+"""Run a script again with variations, and say what holds in all of them."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ USUAL = (
     *("solver=CG", "solver=Newton", "cone=pyramidal", "cone=elliptic", "impratio=10"),
     *("nudge", "seed"),
 )
-"""The usual variations; an engine has some of them, and its model may have others already."""
+"""The usual variations; an engine supports some, and its model may already have others."""
 UNITS = {
     "m": (1.0, "m"),
     "cm": (1e-2, "m"),
@@ -60,27 +60,28 @@ LENGTH = re.compile(r"([^\s]*?[\d.])\s*([^\d\s.]+)?")
 
 @dataclass(frozen=True)
 class Trust(Printable, reported_by="drop_physics.report.trust"):
-    """What of a script's result stands."""
+    """What holds of a script's result."""
 
     script: str
     made: Made
     """Its own run."""
     variations: list[Varied]
     standing: list[Standing]
-    """What stands of each position that matters, the least first."""
+    """How each position that matters depends on the variations, the most dependent first."""
     growth: Growth | None
-    """How the nudge grows; None where it does not, or was left out."""
+    """How the nudge grows; None if it does not, or was left out."""
     converging: list[Converging]
-    """How each end position that depends on the timestep converges, where three were run."""
+    """How each final position that depends on the timestep converges, if three timesteps were
+    run."""
     findings: list[Finding]
 
     @property
     def recording(self) -> Path:
-        """Return the recording of its own run."""
+        """The recording of its own run."""
         return self.made.recording
 
     def ends_within(self, lengths: Mapping[str, float]) -> bool:
-        """Return whether all variations end as near as that, by unit, and none fails."""
+        """Return whether no variation fails, and all end within some lengths, by unit."""
         if any(each.made.ended == "failed" != self.made.ended for each in self.variations):
             return False
         ends = [end for each in self.variations for end in each.apart.end]
@@ -184,23 +185,23 @@ def trust(
 def candidates_of(
     seen: Seen, asked: Sequence[Cure], option: str, *, usual: bool
 ) -> list[Candidate]:
-    """Return what is asked for as its engine has it, on the whole run.
+    """Return the interventions that are asked for, as the engine supports them, on the whole run.
 
     Parameters
     ----------
     seen
         The script's own run.
     asked
-        What is asked for.
+        The interventions.
     option
-        By which option.
+        The option that names them.
     usual
-        Whether those of other engines, and what the model has already, are left out silently.
+        Whether to silently leave out those of other engines, and those that the model already has.
 
     Raises
     ------
     ScenarioError
-        If one is another engine's.
+        If the engine does not support one.
     """
     engine, settings = seen.engine, seen.settings[-1].values
     proposals, found = Proposals(seen, [], engine_cures(engine)), []

@@ -1,4 +1,4 @@
-"""What variations of a script show, as sentences."""
+"""The findings from variations of a script, as sentences."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def readable(value: float, unit: str) -> str:
 
 
 def part_of(body: str, joint: str | None, unit: str = "m") -> str:
-    """Return what a position is of."""
+    """Return the name of a position."""
     if joint is not None:
         return f"{body} {joint}"
     return body if unit == "m" else Message("{body}, orientation", body=body)
@@ -61,13 +61,13 @@ def part_of(body: str, joint: str | None, unit: str = "m") -> str:
 def findings_of(
     varied: Sequence[Varied], grown: Growth | None, found: list[Converging], base: Made
 ) -> list[Finding]:
-    """Return what was found, the gravest first."""
+    """Return the findings, the gravest first."""
     grows = [] if grown is None else [_grows(grown)]
     return sorted([*_ending(varied, base), *grows, *_converges(found)], key=lambda each: each.rank)
 
 
 def _ending(varied: Sequence[Varied], base: Made) -> Iterator[Finding]:
-    """Yield variations that end by themselves where the script did not, or fail."""
+    """Yield a finding for variations that end differently from the script, or fail."""
     for each in varied:
         if each.made.ended == "failed" != base.ended:
             yield Finding(

@@ -1,4 +1,4 @@
-"""What `drop trust` writes besides its recordings: a table and a plot."""
+"""The files of `drop trust` besides its recordings: a table and a plot."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ COLUMNS = ("variation", "body", "joint", "unit", "moved", "end", "end_s", "most"
            "from_s", "term")  # fmt: skip
 """Columns of the table: a row per variation and position, distances from its own run [m, rad]."""
 TEXTS = {"variation", "body", "joint", "unit", "term"}
-"""Those that are no numbers."""
+"""Columns that are not numbers."""
 COLOURS = (*colours.TERMS.values(), colours.SIMULATED, *colours.ENGINES.values())
 LEAST = 1e-17
-"""Distances below are 0 in the plot."""
+"""Smaller distances are drawn as 0."""
 
 
 def check_outputs(
@@ -67,7 +67,7 @@ def write_outputs(
 
 
 def distances_of(trust: Trust) -> Plot:
-    """Return the plot of how far variations are from the script's own run, over time."""
+    """Return the plot of the distances between variations and the script's own run over time."""
     title = Message("How far variations of {script} are from its own run", script=trust.script)
     lines = [each.message for each in trust.findings if each.code in ("one-of-many", "grows")]
     return Plot(title, lines, [*_panels(trust)])
@@ -97,7 +97,7 @@ def table_of(trust: Trust) -> pl.DataFrame:
 
 
 def _panels(trust: Trust) -> Iterator[Panel]:
-    """Yield the largest distances over time: of positions, and of angles."""
+    """Yield the largest distances over time: between positions, and between angles."""
     titles = {
         "m": Message("largest distance of a position"),
         "rad": Message("largest distance of an angle"),

@@ -36,52 +36,52 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 BASE = "base"
-"""The script's own run, among the variations."""
+"""Name of the script's own run among the variations."""
 MOST_BYTES = 1 << 16
 """Largest size of a description."""
 
 
 @dataclass(frozen=True)
 class Made:
-    """A run that was recorded."""
+    """A recorded run."""
 
     name: str
     recording: Path
     ended: str
     error: str
     steps: int
-    """Steps that the script made."""
+    """Number of steps that the script made."""
     engine: str
     """The engine that steps it."""
 
 
 @dataclass(frozen=True)
 class Varied:
-    """A run with a variation, and how far it is from the script's own."""
+    """A run with a variation, and its distance from the script's own."""
 
     made: Made
     apart: Apart
     term: str | None
-    """The term of the sum that made them differ first."""
+    """The term of the sum that first made them differ."""
 
     @property
     def name(self) -> str:
-        """Return the name of the variation."""
+        """The name of the variation."""
         return self.made.name
 
     @property
     def recording(self) -> Path:
-        """Return the recording of the run."""
+        """The recording of the run."""
         return self.made.recording
 
 
 @dataclass(frozen=True)
 class RunKept(RunChanged[T]):
-    """Runs one candidate, called with its number; one that is there already is read."""
+    """Runs one candidate, given its number; an existing recording is read instead."""
 
     @abstractmethod
     def compared(self, number: int, other: Recording) -> T:
-        """Return what a run came to, by its recording."""
+        """Return the result of a run, from its recording."""
 
     def not_made(self, number: int) -> T:
         """Say that a run was stopped, and how to go on."""
@@ -90,14 +90,14 @@ class RunKept(RunChanged[T]):
         )
 
     def __call__(self, number: int) -> T:
-        """Return a run that is there, or make it."""
+        """Return the result of an existing run, or make it."""
         path, name = self.path_of(number), self.name_of(number)
         if not os.path.lexists(path):
             return super().__call__(number)
         return self.compared(number, whole(path, self.id_of(name)))
 
     def made(self, number: int, ended: Ended) -> T:
-        """Return what a run came to, by its recording."""
+        """Return the result of comparing a run's recording with the script's own run."""
         from drop_physics.recording.reader import read
 
         if ended.how == "interrupted":
@@ -114,7 +114,7 @@ class RunVariation(RunKept[Varied]):
         return made.made.ended == "failed"
 
     def compared(self, number: int, other: Recording) -> Varied:
-        """Return what a variation came to, by its recording."""
+        """Return the comparison of a variation's recording with the script's own run."""
         from drop_physics.experiments.first_term import first_term
         from drop_physics.experiments.run_distance import apart
 
@@ -126,7 +126,7 @@ class RunVariation(RunKept[Varied]):
 
 
 def made_of(name: str, recording: Recording, *, finer: int = 1) -> Made:
-    """Return what a run was, of its recording with so many steps for one of the script's."""
+    """Return a run by its recording, which has `finer` steps for each of the script's."""
     steps = sum(samples - 1 for samples in recording.seen.samples.values()) // finer
     ended = recording.ended or {}
     return Made(
@@ -184,7 +184,7 @@ class RunFolder:
     described: str = "trust.json"
     reads: bool = False
     runs: RunsUnderWay = field(default_factory=RunsUnderWay, compare=False)
-    """What runs now in this process."""
+    """The runs of this process under way."""
 
     @contextlib.contextmanager
     def claimed(self, names: Iterable[str]) -> Iterator[None]:
@@ -274,7 +274,7 @@ class RunFolder:
 
     @property
     def id(self) -> str:
-        """Return the id of the script's own run, of which those of others are made."""
+        """Return the id of the script's own run, from which those of the others follow."""
         text = json.dumps(self.identity, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:32]
 
@@ -319,7 +319,7 @@ def whole(path: Path, recording_id: str) -> Recording:
 
 
 def identity_of(program: Program) -> dict[str, Any]:
-    """Return what determines the runs of a program, as far as it is known before."""
+    """Return what determines the runs of a program, as far as it is known beforehand."""
     target = program.target
     return {
         "kind": "script",

@@ -36,7 +36,7 @@ class View(Printable, reported_by="drop_physics.report.view"):
     recordings: list[Path]
     layers: list[Path]
     stale: list[Path]
-    """Layers of another recording that had this name; they are not shown."""
+    """Layers of another recording of the same name, which are not shown."""
     viewer: Viewer
     golden: Path | None = None
     """The golden recording, shown in grey."""
@@ -45,7 +45,7 @@ class View(Printable, reported_by="drop_physics.report.view"):
     first_difference: int | None = None
     """The first step at which a number or a picture differs; None if none does."""
     not_compared: tuple[str, ...] = ()
-    """Bodies whose motion is not recorded; with one, the two are not the same physics."""
+    """Bodies whose motion is not recorded; if there are any, the two do not count as the same."""
 
 
 @contextmanager
@@ -120,7 +120,7 @@ def _with_golden(path: Path, golden: Path, folder: Path, *, web: bool) -> View:
 
 
 def _poses(seen: Seen) -> Iterator[Chunk]:
-    """Yield poses and heights, of a recording without what is for looking."""
+    """Yield poses and heights for a recording that has none."""
     for number, body in seen.bodies.items():
         times = StepTimes(seen, body.client)
         for piece in seen.pieces():
@@ -138,7 +138,7 @@ def _poses(seen: Seen) -> Iterator[Chunk]:
 
 
 def _of_one_script(paths: Sequence[Path]) -> bool:
-    """Return whether these are two recordings of one script."""
+    """Return whether two recordings are of one script."""
     if len(paths) != 2 or not all(map(is_script, paths)):
         return False
     first, other = (Path(str(read(path).origin.get("script", path))).name for path in paths)
@@ -254,7 +254,7 @@ def spawn() -> str:
 
 
 def connection(url: str) -> Callable[[], str]:
-    """Return a function that checks that a viewer listens at a URL, and returns the URL."""
+    """Return a function that checks that a viewer listens at a URL, and then returns the URL."""
 
     def connected() -> str:
         viewer.check_listens(url)

@@ -26,7 +26,7 @@ class Cure:
     call: str = field(default="", compare=False)
     """The call that a user would write; the engine words it if a rule leaves it empty."""
     form: str = field(default="", metadata={"json": False})
-    """Which form of the intervention, if there are several."""
+    """Form of the intervention, if there are several."""
     given: Mapping[str, Any] = field(default_factory=dict, hash=False, metadata={"json": False})
     """Further numbers and names for the call and the trial, by argument."""
     bodies: tuple[str, ...] = field(default=(), metadata={"json": False})

@@ -93,7 +93,8 @@ class Joint:
     axis: tuple[float, ...] = (0.0, 0.0, 0.0)
     """Direction that it turns about or slides along, in the axes of its link's inertia."""
     parent_position_m: tuple[float, ...] = (0.0, 0.0, 0.0)
-    """From the parent's centre of mass to the joint, in the axes of the parent's inertia."""
+    """Position of the joint from the parent's centre of mass, in the axes of the parent's
+    inertia."""
     parent_orientation: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)
     """Rotation from the axes of the parent's inertia to those of its link's, at position 0."""
     damping: float = 0.0

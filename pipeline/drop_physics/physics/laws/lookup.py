@@ -18,7 +18,7 @@ from drop_physics.physics.theory import TheoreticalFall
 from drop_physics.scenario import EXACT_INTEGRATORS, Scenario
 
 STEP_LAWS = {"PyBullet": BULLET}
-"""Of engines that do not say themselves what acted in a step, by name."""
+"""Laws of engines that do not report what acted in a step, by the engine's name."""
 
 
 def step_law(engine: str) -> StepLaw | None:

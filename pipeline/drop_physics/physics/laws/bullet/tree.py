@@ -36,7 +36,7 @@ from drop_physics.physics.tree import States, Tree
 from drop_physics.physics.unreported import Unreported, shared_out
 
 DAMPING = DEFAULT_DAMPING["reduced"]
-"""Of links, linear and angular."""
+"""Default of linear and angular damping of links."""
 
 
 # -- the sum --------------------------------------------------------------------------------------
