@@ -96,23 +96,6 @@ def _rules_in(
                     its = [each for each in functions if each.name == _name(value)]
                     if its or _messages(value):  # else it is a number of that name
                         yield [*its], given[0] or "", name, given[1]
-    levels = _levels(module)
-    for node in functions:
-        for call in ast.walk(node):
-            if isinstance(call, ast.Call) and _name(call.func) in ("Finding", "_found"):
-                of = _keyword(call, "code") or (_text(call.args[0]) if call.args else None)
-                if of is not None:
-                    yield [node], of, None, levels.get(of) or _keyword(call, "level")
-
-
-def _levels(module: ast.Module) -> dict[str, str]:
-    """Return levels by their codes, as a table of a module has them."""
-    for node in ast.walk(module):
-        match node:
-            case ast.AnnAssign(target=ast.Name(id="LEVEL_OF"), value=ast.Dict() as table):
-                levels: dict[str, str] = ast.literal_eval(table)
-                return levels
-    return {}
 
 
 def _limits_in(module: ast.Module) -> set[str]:

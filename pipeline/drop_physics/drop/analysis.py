@@ -31,6 +31,8 @@ class Fall:
     course: Course
     phases: Phases
     analysis: FallAnalysis
+    mismatch_step: int | None = None
+    """The first sample that the law covers and does not lead to, once that is known."""
 
 
 class FallAnalyzer:

@@ -45,6 +45,12 @@ class Course:
         self._tall_m = extent_m(case)
 
     @property
+    def lowest_m(self) -> float:
+        """The lowest height of the centre, after the last sample."""
+        assert self.lowest is not None
+        return float(self.lowest[0].position_m[0, 2])
+
+    @property
     def arriving(self) -> Motion:
         """The last sample before the first contact."""
         return self._arriving
@@ -93,7 +99,7 @@ class Course:
         if step is None or self.lowest is None or (case.hides_contacts and not case.is_rigid):
             return None  # the first contact may not be reported
         lowest, lowest_step = self.lowest
-        lowest_m = float(lowest.position_m[0, 2])
+        lowest_m = self.lowest_m
         crossing_s = penetration_m = None
         # With substeps the path between two samples is not straight, and may be deeper than both.
         floor_m = case.floor_height_m

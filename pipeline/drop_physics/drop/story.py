@@ -63,7 +63,7 @@ def drop_analysis_of(
     other = None if scenario.engine == "bullet" else law_for(scenario, engine)
     case = Case(scenario, engine, seen)
     falling = FallAnalyzer(case, at_s=at_s, whole=whole or samples <= MOST_ROWS)
-    walked = Story(
+    story = Story(
         seen,
         {},
         at_s=at_s,
@@ -71,15 +71,15 @@ def drop_analysis_of(
         asked=False,
         other=other,
         also=lambda piece: falling.add(samples_seen(seen, piece)),
-    ).analysis()
-    fall = falling.fall()
+    )
+    walked, fall = story.analysis(), falling.fall()
     walked = _checked(walked, fall)
     (body,) = (each for each in walked.bodies if each.id == BODY)
     of_drop = vars(fall.analysis) | {
         "origin": None,
         "kind": "drop",
         "segments": body.segments,
-        "findings": findings(fall, _mismatch_step(fall, body)),
+        "findings": findings(replace(fall, mismatch_step=_mismatch_step(fall, body)), story.scene),
         "flights": body.flights,
         "explained": _explained(walked.by_body[BODY], body, case),
     }
