@@ -207,6 +207,36 @@ def test_episodes_begun_by_hand_that_are_the_same(
     )
 
 
+TRIALS = (
+    SLIDER
+    + """
+steps(20)
+s = p.saveState()
+for trial in range(3):
+    p.restoreState(s)
+    {each}
+    p.resetBaseVelocity(c, [1, 0, 0])
+    steps(120)
+"""
+)
+
+
+def test_a_setting_of_the_trial_before_last_is_not_taken_back(tmp_path: Path) -> None:
+    """The third trial makes the calls of the first, and slides with the friction of the second."""
+    each = "if trial == 1: p.changeDynamics(c, -1, lateralFriction=0.05)"
+    (found,) = said("restore-differs", TRIALS.format(each=each), tmp_path)
+    assert "p.changeDynamics" in found.message
+    assert found.steps is not None
+    assert found.steps.last > 240  # where the third goes on
+    assert found.effect is not None
+    assert found.effect.value > 0.05
+
+
+def test_trials_that_set_another_friction_are_other_runs(tmp_path: Path) -> None:
+    each = "p.changeDynamics(c, -1, lateralFriction=0.1 * (1 + trial))"
+    assert not said("restore-differs", TRIALS.format(each=each), tmp_path)
+
+
 FASTER = (
     FLOOR
     + """

@@ -22,6 +22,8 @@ TURNS = 400
 """Number of projections onto each shape."""
 NEARLY = 0.9
 """Share of the shrinking by which a point must be inside: projections only approach it."""
+SETTLED = 1e-3
+"""Share of the shrinking below which a projection moves a point no more."""
 DEEP_INSIDE_M = 1e6
 """Depth of a plane, taken as a half space."""
 
@@ -79,11 +81,25 @@ def overlaps(one: PlacedShape, two: PlacedShape, by_m: float) -> Flags:
         return found
     shapes, half_m = [each.only(near) for each in (one, two)], by_m / 2
     smaller = min(shapes, key=lambda each: each.radius_m)
-    points_m = smaller.position_m.copy()
+    points_m, going = smaller.position_m.copy(), np.arange(len(near))
     for _ in range(TURNS):
+        if not len(going):
+            break
+        began_m, ended_m = points_m[going], points_m[going]
+        steps_m, nearer_m2 = np.zeros((2, len(going)))
         for each in shapes:
-            distance_m, way = each.outside(points_m)
-            points_m -= np.maximum(distance_m + half_m, 0.0)[:, None] * way
+            distance_m, way = each.only(going).outside(ended_m)
+            step_m = np.maximum(distance_m + half_m, 0.0)
+            ended_m = ended_m - step_m[:, None] * way
+            steps_m = np.maximum(steps_m, step_m)
+            nearer_m2 += step_m * (step_m - 2 * (1 - NEARLY) * half_m)
+        # Each projection brings it nearer to any point of both, by so much of the square. If it
+        # went less than this takes, there is no such point.
+        points_m[going] = ended_m
+        from_m = began_m - smaller.position_m[going]
+        reach_m = smaller.radius_m + np.linalg.norm(from_m, axis=1)
+        apart = nearer_m2 > 2 * reach_m * np.linalg.norm(ended_m - began_m, axis=1)
+        going = going[~apart & (steps_m > SETTLED * half_m)]
     inside = [each.outside(points_m)[0] <= -half_m * NEARLY for each in shapes]
     found[near] = inside[0] & inside[1]
     return found

@@ -95,6 +95,13 @@ class Episodes:
         yield from self.ended
         yield from self._now.values()
 
+    def between(self, first: Episode, second: Episode) -> Iterator[Episode]:
+        """Yield an episode and those of its simulation after it, up to another one."""
+        for each in self.all():
+            same = each.begin.client == first.begin.client
+            if same and first.begin.at.call <= each.begin.at.call < second.begin.at.call:
+                yield each
+
     def see(self, scene: Scene) -> None:
         """Take a piece."""
         calls = scene.piece.calls

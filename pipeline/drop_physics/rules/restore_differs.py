@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator
-from itertools import pairwise
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from drop_physics.arrays import Float64, Int64
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene, Span
 from drop_physics.rules.arguments import given
-from drop_physics.rules.episodes import Episode, Key
+from drop_physics.rules.episodes import Episode, Key, Named
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.joint import distance, units
 from drop_physics.rules.rule import Said, input_rule
@@ -31,11 +30,20 @@ def restore_differs(inputs: Inputs) -> Iterator[Said]:
         if each.end - each.begin.at.step >= EPISODE_STEPS:  # else something is moved by resets
             kinds[each.kind].append(each)
     for episodes in kinds.values():
-        for first, second in pairwise(episodes[:EPISODES_MOST]):
+        for at, second in enumerate(episodes[1:EPISODES_MOST], 1):
+            # Of those before it, the latest of those whose calls are the same for longest.
+            first = max(episodes[:at], key=lambda each: (_alike(each, second), each.begin.at.call))
             found = _compared(inputs, first, second)
             if found is not None:
                 yield found
                 break
+
+
+def _alike(first: Episode, second: Episode) -> int:
+    """Return for how many steps the calls of two episodes are the same."""
+    asked = first.calls.items() ^ second.calls.items()
+    lengths = (each.end - each.begin.at.step for each in (first, second))
+    return min(*lengths, *(since for since, _ in asked), 1 << 40)
 
 
 def _compared(inputs: Inputs, first: Episode, second: Episode) -> Said | None:
@@ -47,17 +55,13 @@ def _compared(inputs: Inputs, first: Episode, second: Episode) -> Said | None:
     if not same or not first.starts:
         return None
     begins = first.begin.at.step, second.begin.at.step
-    asked = first.calls.items() ^ second.calls.items()
-    until = min(
-        first.end - begins[0], second.end - begins[1], *(since for since, _ in asked), 1 << 40
-    )
-    apart = _apart(scene, begins, until, first.begin.client)
+    apart = _apart(scene, begins, _alike(first, second), first.begin.client)
     if not apart:
         return None
     # Of those that differ first the one that goes farthest apart.
     key = min(apart, key=lambda each: (apart[each][0], -apart[each][2], each))
     since, last, gap, unit = apart[key]
-    cause = _cause(first, second, key[0])
+    cause = _cause(inputs, first, second, key[0])
     if cause is None:
         return None
     why, call = cause
@@ -170,12 +174,18 @@ def _places(
     return found
 
 
-def _cause(first: Episode, second: Episode, engine_id: int) -> tuple[Message, Call | None] | None:
-    """Return why a body's episode differs from the one before, and the call to blame."""
+def _cause(
+    inputs: Inputs, first: Episode, second: Episode, engine_id: int
+) -> tuple[Message, Call | None] | None:
+    """Return why a body's episode differs from an earlier one, and the call to blame."""
     function, cleared = second.begin.function, second.begin.act is Act.CLEAR
+    sets: dict[Named, tuple[tuple[float, ...] | None, Call]] = {}
+    for each in inputs.episodes.between(first, second):
+        for what, (before, call) in each.sets.items():
+            sets[what] = sets.get(what, (before,))[0], call
     left = [
         call
-        for what, (before, call) in first.sets.items()
+        for what, (before, call) in sets.items()
         if before != call.numbers
         and what not in second.again
         and (not cleared or call.act in SETS_TIMESTEP)
