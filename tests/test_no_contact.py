@@ -57,13 +57,13 @@ def test_overlap_is_what_the_engine_measures(one: str, two: str) -> None:
         )
         for kind in (one, two)
     ]
-    for pose, overlap in zip(poses, found.tolist(), strict=True):
+    for pose, deep in zip(poses, found.tolist(), strict=True):
         p.resetBasePositionAndOrientation(
             bodies[1], pose[:3].tolist(), pose[3:].tolist(), physicsClientId=client
         )
         near = p.getClosestPoints(*bodies, 0.5, physicsClientId=client)
         deep_m = -min((each[8] for each in near), default=0.0)
-        assert deep_m > 0.5e-3 if overlap else deep_m < 8e-3  # meshes have margins of 1 mm
+        assert deep_m > 0.5e-3 if deep else deep_m < 8e-3  # meshes have margins of 1 mm
     p.disconnect(client)
     assert 10 < found.sum() < 60
 
