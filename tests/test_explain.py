@@ -8,6 +8,7 @@ from subprocess import CompletedProcess
 
 import pytest
 from command import ROOT
+from drop_physics.drop import findings
 from drop_physics.errors import ScenarioError
 from drop_physics.rules.codes import CODES
 from drop_physics.rules.reference import PLACEHOLDER, references
@@ -27,7 +28,7 @@ def test_every_code_and_reason_is_explained() -> None:
 
 def test_a_rule_is_explained_in_its_own_words() -> None:
     made = references()
-    for rule in RULES:
+    for rule in (*RULES, *findings.RULES):
         sentence = " ".join(rule.meaning.split("\n\n")[0].split())
         for name in {rule.code, rule.reason or rule.code}:
             assert sentence in made[name].measured
