@@ -81,16 +81,19 @@ CODES: dict[str, str] = {
         "A gain is a share per step: at a short timestep it asks for more than the motor can give."
     ),
     "gear": "A position actuator divides what it is given by its gear.",
+    "inactive": "An equality of the model is not active, and holds nothing.",
     "impossible-inertia": "No body can have the inertia that a file gives.",
     "inertia-from-shape": (
         "PyBullet computes the inertia from the collision shape, not from the file."
     ),
     "inertia-without-mass": "A link has inertia, and no mass.",
     "joint-damping": "A joint's damping takes most of the torque that it is given.",
+    "keyframe": "A model has a keyframe, and the run does not begin in it.",
     "law-mismatch": "A sample is not what the law says of the one before.",
     "link-counted-static": (
         "A link that is fixed to the first link of a robot with a fixed base counts as static."
     ),
+    "margin": "A margin lets contacts push before bodies touch.",
     "massless": "A body has no mass, and so stays where it is.",
     "mimic-ignored": (
         "A joint does not follow the one that its file wants it to mimic: PyBullet ignores that."
@@ -131,6 +134,7 @@ CODES: dict[str, str] = {
     "push-stays": (
         "A force of MuJoCo stays until it is written again, and acted longer than it was meant to."
     ),
+    "quaternion-order": "A quaternion was written with w last, where the engine has it first.",
     "range": "A joint rests at the end of its range, short of its target.",
     "reading": "What a number that the script reads stands for.",
     "reading-depth": "The depth of a camera's picture is no distance.",
@@ -167,7 +171,7 @@ CODES: dict[str, str] = {
     "timestep-too-long": "A body goes too far in one step.",
     "tumbled": "The body turned over.",
     "tunnelled": "A body got into another, or through it, between two steps.",
-    "units": "Targets beyond a joint's limits lie within them if they are taken as degrees.",
+    "units": "A target is within a joint's limits, or a turn, if it is taken as degrees.",
     "unseeded": "The script uses random numbers without a seed.",
     "unstable": (
         "A rate changes its sign with every step: what acts against it is too stiff for the "

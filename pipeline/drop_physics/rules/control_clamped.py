@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.engines import MUJOCOS, NO_ACTUATION, is_off
-from drop_physics.rules.joint import units
+from drop_physics.rules.joint import in_radians, is_degrees, units
 from drop_physics.rules.rule import Match, Said, Worst, actuator_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import ActuatorColumns
@@ -20,9 +20,11 @@ from drop_physics.rules.thresholds import (
     BEYOND_RANGE,
     COASTS_STEPS,
     EACH_STEP,
+    IN_DEGREES_RAD,
     WATCHED,
 )
 from drop_physics.trace.acts import Act
+from drop_physics.trace.writes import written_by
 
 Float64 = NDArray[np.float64]
 SENT = "position", "velocity"
@@ -62,10 +64,13 @@ def _(worst: Worst) -> Said:
             "{actuator} is sent to {given:.4g} in {steps}, and its ctrlrange is {low:.4g} "
             "to {high:.4g}: it takes the end of that"
         )
-        advice = Message(
-            "send it within that, or {call}; ctrl is in radians and metres, whatever the angles "
-            "of the file"
-        )
+        advice = Message("send it within that, or {call}")
+        if (
+            unit == "rad"
+            and actuator.kind == "position"
+            and is_degrees(worst.given, worst.low, worst.high)
+        ):
+            advice = in_radians(worst.given)
     return Said(
         message=message,
         values={"actuator": actuator.name},
@@ -103,6 +108,37 @@ def _(worst: Worst) -> Said:
     )
 
 
+@actuator_rule("off-target", "note", reason="units", engines=MUJOCOS)
+def sent_by_turns(actuators: ActuatorColumns) -> Match:
+    """A position actuator sends a joint without a range by more than a turn at once."""
+    turning = {
+        each.name
+        for each in actuators.scene.body(actuators.number).joints
+        if each.kind == "revolute" and each.limits[0] > each.limits[1]
+    }
+    least = [
+        IN_DEGREES_RAD * abs(each.gear)
+        if (each.kind, each.acts_on) == ("position", "joint") and each.target in turning
+        else np.inf
+        for each in actuators.actuators
+    ]
+    by = np.abs(actuators.given - actuators.before)
+    # What is computed is seldom a whole number, and what is in degrees most often is.
+    whole = actuators.given == np.round(actuators.given)
+    return Match(whole & (by > np.array(least)), by, {"given": actuators.given})
+
+
+@sent_by_turns.says
+def _(worst: Worst) -> Said:
+    to = worst.given / worst.actuator.gear
+    return Said(
+        message=Message("{name} sends {joint} by more than a turn at once, to {to:.4g} rad"),
+        values={"name": worst.actuator.name, "to": to},
+        advice=in_radians(worst.given),
+        site=worst.scene.only_site(Act.SET_CONTROL),
+    )
+
+
 @actuator_rule("not-taken", "asked", reason="no-effect", engines=MUJOCOS)
 def switched_off(actuators: ActuatorColumns) -> Match | None:
     """An actuator is given something, and a flag of the model keeps all of them from acting."""
@@ -135,11 +171,20 @@ def _(worst: Worst) -> Said:
 )
 def reset_clears(actuators: ActuatorColumns) -> Match:
     """A reset of the state sets what actuators are given to zero, and nothing gives it again."""
-    scene, given, key = actuators.scene, actuators.given, ("given", actuators.number)
-    before = np.vstack([scene.carried.get(key, given[:1]), given[:-1]])
-    scene.carried[key] = given[-1]
-    resets = [each.at.step for each in scene.piece.calls.of(Act.RESET_STATE)]
-    cleared = np.isin(actuators.step - 1, resets)[:, None] & (before != 0) & (given == 0)
+    scene, given, before = actuators.scene, actuators.given, actuators.before.copy()
+    cleared, written = np.zeros(given.shape, np.bool_), dict[int, dict[int, float]]()
+    for call in scene.piece.calls.of(Act.SET_CONTROL, Act.RESET_STATE):
+        rows, wrote = actuators.step - 1 == call.at.step, written.setdefault(call.at.step, {})
+        if call.client != actuators.client:
+            continue
+        if call.act is Act.SET_CONTROL:
+            indices, values, _ = written_by(call)
+            wrote |= zip(indices.tolist(), values.tolist(), strict=True)
+            continue
+        cleared[rows] = True
+        for k, each in enumerate(actuators.actuators):
+            before[rows, k] = wrote.get(each.number, before[rows, k])
+    cleared &= (before != 0) & (given == 0)
     return Match(given == 0, np.ones(given.shape), firsts={"was": before * cleared}, begins=cleared)
 
 

@@ -18,6 +18,7 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
     free_bodies,
     held_by_friction,
     ik_off,
+    inactive,
     joined,
     keyframe,
     memory,

@@ -104,7 +104,7 @@ def _filtered(scene: Scene) -> Iterator[FilteredPair]:
     shapes = [
         (body, collision, solid)
         for body in scene.seen.bodies.values()
-        for collision in body.collisions or _only_seen(body)
+        for collision in (*body.collisions, *_only_seen(body))
         if collision.bits is not None and (solid := solid_of(collision)) is not None
     ]
     apart = {
@@ -118,12 +118,12 @@ def _filtered(scene: Scene) -> Iterator[FilteredPair]:
         for body_b, b, solid_b in shapes[place + 1 :]:
             if body_a.client != body_b.client or not (body_a.moving or body_b.moving):
                 continue
-            # What is only seen is a marker or a design, unless it is to take what lies free.
-            are_solid = body_a.collisions and body_b.collisions
-            if not are_solid and body_a.base_moves == body_b.base_moves:
-                continue
             assert a.bits is not None
             assert b.bits is not None
+            # What is only seen is a marker or a design, unless it is to take what lies free.
+            is_seen = not (any(a.bits) and any(b.bits))
+            if is_seen and body_a.base_moves == body_b.base_moves:
+                continue
             bodies, solids = (body_a.number, body_b.number), (solid_a, solid_b)
             meets = bool(a.bits[0] & b.bits[1] or b.bits[0] & a.bits[1])
             excluded = frozenset(((body_a.number, a.link), (body_b.number, b.link))) in apart
@@ -138,10 +138,12 @@ def _filtered(scene: Scene) -> Iterator[FilteredPair]:
 
 
 def _only_seen(body: Body) -> Iterator[Collision]:
-    """Yield the shapes of a body with joints none of whose shapes may be touched."""
-    for each in body.shapes if body.joints and not body.base_moves else ():
-        place = each.position_m, each.orientation
-        yield Collision(each.link, each.kind, each.size_m, "", *place, bits=(0, 0))
+    """Yield the shapes of a body with joints none of which may be touched, and such floors."""
+    holds = {each.kind for each in body.collisions}
+    for each in () if body.base_moves else body.shapes:
+        if not holds if body.joints else each.kind == "plane" and "plane" not in holds:
+            place = each.position_m, each.orientation
+            yield Collision(each.link, each.kind, each.size_m, "", *place, bits=(0, 0))
 
 
 def _is_child(body: Body, one: int, other: int) -> bool:

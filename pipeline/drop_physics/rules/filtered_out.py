@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect
+from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.filtered_columns import FilteredColumns, filtered_pairs
+from drop_physics.rules.joint import distance
 from drop_physics.rules.rule import Match, Said, Worst, filtered_rule
 from drop_physics.rules.thresholds import DEEP_M, OVERLAPS_STEPS
 from drop_physics.trace.events import Body
@@ -24,10 +26,13 @@ def _(worst: Worst) -> Said | None:
         return None
     bodies = [scene.body(number) for number in pair.bodies]
     itself, shapes = bodies[0] is bodies[1], [solid.collision for solid in pair.solids]
+    seen = any(shape.kind == "plane" and not any(shape.bits or ()) for shape in shapes)
+    if seen and worst.size < max(map(size_m, bodies)):
+        return None  # it may swim
     both = [*zip(bodies, shapes, strict=True)]
     links = [body.links[shape.link + 1] for body, shape in both]
     a, b = links if itself else [_named(body, shape.link) for body, shape in both]
-    values: dict[str, object] = {"a": a, "b": b, "depth": worst.size * 1e3}
+    values: dict[str, object] = {"a": a, "b": b, "depth": distance(worst.size, "m")}
     if pair.is_off:
         why = Message("a flag of the model switches all contacts off")
         cure = Cure("contype", form="flag")
@@ -49,7 +54,7 @@ def _(worst: Worst) -> Said | None:
         cure = Cure("contype", given={"links": links})
     return Said(
         message=Message(
-            "{a} and {b} go at least {depth:.3g} mm into each other and never touch: {why}",
+            "{a} and {b} go at least {depth} into each other and never touch: {why}",
             why=why,
             **values,
         ),

@@ -25,6 +25,7 @@ from drop_physics.rules.thresholds import (
     EACH_STEP,
     GRIPPED,
     HOPS_STEPS,
+    LANDS_M_S,
     LOADED,
     SLIDES_SHARE,
     SLIDES_USED,
@@ -34,11 +35,14 @@ from drop_physics.rules.thresholds import (
     STRAIGHT,
 )
 
+IMPRATIO = 10.0
+"""The stiffness of friction, over that of normal forces, that is advised."""
+
 
 @body_rule("slides", "asked", consecutive=True, subject=1, engines=MUJOCOS)
 def slides_off(bodies: BodyColumns) -> Match | None:
     """The weight of what lies on something, or is gripped, asks more of friction than it gives."""
-    return _held(bodies)
+    return _held(bodies, closes=False)
 
 
 @slides_off.counts
@@ -90,7 +94,7 @@ def _(worst: Worst) -> Said:
 )
 def gives_way(bodies: BodyColumns) -> Match | None:
     """Friction below its limit is a damper: what hangs on it moves, however much of it there is."""
-    return _held(bodies)
+    return _held(bodies, closes=True)
 
 
 @gives_way.counts
@@ -104,7 +108,11 @@ def _(runs: Runs, _: Scene) -> Float64:
 @gives_way.says
 def _(worst: Worst) -> Said:
     went_m, settings = _went(worst), worst.scene.seen.settings[-1].values
-    advice = Message('{call}, or noslip_iterations="5"')
+    advice, cure = None, Cure("noslip", value=5.0)
+    ratio = float(np.ravel(settings.get("impratio", 1.0))[0])
+    if not settings.get("cone") or ratio < IMPRATIO:
+        advice = Message('{call}, or noslip_iterations="5"')
+        cure = Cure("impratio", value=IMPRATIO)
     return Said(
         message=Message(
             "{body} creeps {moved:.3g} mm on {on} in {time:.3g} s, {speed:.3g} mm/s, with "
@@ -116,11 +124,11 @@ def _(worst: Worst) -> Said:
             "on": worst.scene.body(worst.on).label,
             "speed": went_m * 1e3 / worst.time,
             "share": 1e2 * worst.used / worst.available,
-            "impratio": settings.get("impratio", 1.0),
+            "impratio": ratio,
             "cone": Message("elliptic") if settings.get("cone") else Message("pyramidal"),
         },
         advice=advice,
-        cure=Cure("impratio", value=10.0),
+        cure=cure,
         effect=Effect(went_m, "m"),
         share=went_m / worst.body_size_m,
         other=worst.scene.body(worst.on).label,
@@ -153,8 +161,10 @@ def _beyond(runs: Runs) -> Flags:
     return np.asarray((runs.needed > gives) & (gives > LOADED * runs.needed))
 
 
-def _held(bodies: BodyColumns) -> Match | None:
+def _held(bodies: BodyColumns, *, closes: bool) -> Match | None:
     """Return the steps of a free body in which it lies on something, or is pressed from two sides.
+
+    With `closes` also those in which a grip closes, which presses with more than it holds with.
 
     Sums: of time [s]; impulses of normal forces, of what friction could give and gave, of what the
     weight takes of it, and presses with where it lies [N s]; the way at the contact, with signs and
@@ -189,9 +199,11 @@ def _held(bodies: BodyColumns) -> Match | None:
     available = summed(points.friction[its] * weight)
     holds = (total > 0) & (summed(unsure.astype(float)) == 0) & np.isfinite(available)
     holds &= gripped | (lowest == highest)
+    mean = weight[:, None] / total[row, None]
+    if not closes:
+        holds &= ~(gripped & _closes(total > 0, summed(points.approach_m_s[its] * mean[:, 0])))
     if not holds.any():
         return None
-    mean = weight[:, None] / total[row, None]
     slip = summed(sign * points.slip_m_s[its] * mean)
     way = bodies.after.velocity[:, 3:6] - summed(points.ended_m_s[its, 1 - side] * mean)
     weigh = float(bodies.law.tree.masses_kg[0]) * bodies.reported.gravity_m_s2
@@ -226,3 +238,15 @@ def _held(bodies: BodyColumns) -> Match | None:
         counts=holds[rows].astype(np.int64),
         keys=np.column_stack([bodies.body[rows], lowest[at].astype(np.int64)]),
     )
+
+
+def _closes(touches: Flags, approach_m_s: Float64) -> Flags:
+    """Return the steps, shape (n,), from a first touch on until what touches is as good as still.
+
+    A first touch has none in the HOPS_STEPS before it.
+    """
+    count, n = np.append(0, np.cumsum(touches)), np.arange(len(touches))
+    first = touches & (count[n] == count[np.maximum(n - HOPS_STEPS, 0)])
+    begun = np.maximum.accumulate(np.where(first, n, -1))
+    slow = np.maximum.accumulate(np.where(touches & (approach_m_s < LANDS_M_S), n, -1))
+    return touches & (slow < begun)

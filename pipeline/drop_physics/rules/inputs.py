@@ -52,7 +52,7 @@ FOLLOWED = (
 """What is followed of calls; of those that command joints torques, and all where nothing steps."""
 WRITTEN = (
     *(Act.SET_BODY_FORCE, Act.SET_JOINT_FORCE, Act.SET_MASS, Act.SET_DERIVED),
-    *(Act.SET_STATE, Act.RESET_STATE),
+    *(Act.SET_STATE, Act.SET_ACTIVE, Act.RESET_STATE),
 )
 """What is followed of what is written into memory."""
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from drop_physics.arrays import Float64
 from drop_physics.explain.joints import Driven, target_of
+from drop_physics.messages import Message
+from drop_physics.rules.thresholds import IN_DEGREES_RAD
 from drop_physics.trace.events import Body, Joint
 
 OFF = {"rad": 1e-2, "m": 1e-3}
@@ -58,3 +62,18 @@ def place(value: float, unit: str) -> str:
 def effort(value: float, unit: str) -> str:
     """Return a torque or force as text."""
     return f"{abs(value):.0f} {unit}" if 10 <= abs(value) < 1e6 else f"{abs(value):.2g} {unit}"
+
+
+def is_degrees(target: float, low: float, high: float) -> bool:
+    """Return whether a target beyond limits [rad] lies within them if it is taken as degrees."""
+    return abs(target) > IN_DEGREES_RAD and low <= math.radians(target) <= high
+
+
+def in_radians(target: float) -> Message:
+    """Return the advice of a target that may be in degrees."""
+    return Message(
+        "targets are in radians: if this is in degrees, math.radians({target:.4g}) is "
+        "{in_radians:.4g}",
+        target=target,
+        in_radians=math.radians(target),
+    )

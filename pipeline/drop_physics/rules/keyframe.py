@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from drop_physics.arrays import Float64
 from drop_physics.explain.driving import given_to
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Cure, Effect
+from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import distance, name_of
 from drop_physics.rules.rule import Match, Said, Worst, joint_rule
+from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import BACK, WATCHED
 
@@ -53,4 +55,37 @@ def _(worst: Worst) -> Said:
         values={"off": distance(worst.size, worst.unit)},
         cure=Cure("keyframe-ctrl", worst.body),
         effect=Effect(worst.size, worst.unit),
+    )
+
+
+@joint_rule("reset-leaves", "note", reason="keyframe", engines=MUJOCOS)
+def never_loaded(joints: JointColumns) -> Match | None:
+    """A keyframe gives actuators something, and they are given 0 from another pose on."""
+    body, steps = joints.driven.body, joints.driven.steps
+    keys = [each for each in body.keyframes if any(each.given)]
+    if not keys or not len(steps):
+        return None
+    given = [given_to(each, body, joints.scene.piece, steps.steps) for each in body.actuators]
+    begins = steps.before.joints[0]
+    at_key = any(np.abs(begins - each.joints).max() < BACK for each in body.keyframes)
+    where = ~np.any(given, axis=0) & (not at_key or steps.steps[0] > 1)
+    every = np.broadcast_to(where[:, None], joints.after.shape)
+    return Match(every, np.ones(every.shape), {"key": np.full(every.shape, keys[0].name)})
+
+
+@never_loaded.counts
+def _(runs: Runs, scene: Scene) -> Float64:
+    ends = np.array([scene.ends[number] for number in runs.keys[:, 0].tolist()])
+    return np.where(runs.count == ends, runs.size, 0.0)
+
+
+@never_loaded.says
+def _(_: Worst) -> Said:
+    return Said(
+        message=Message(
+            "{body} is given 0 in all steps, and does not begin in the pose of keyframe {key}: a "
+            "model does not load it by itself"
+        ),
+        advice=Message("mujoco.mj_resetDataKeyframe(…) before the first step"),
+        share=0.0,
     )

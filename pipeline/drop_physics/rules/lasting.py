@@ -13,15 +13,18 @@ import numpy as np
 from drop_physics.arrays import Float64
 from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import Call
-from drop_physics.trace.writes import WrittenElements, computed_by, written_by
+from drop_physics.trace.writes import WrittenElements, computed_by, read_by, written_by
 
-WIDTHS = {Act.SET_BODY_FORCE: 6, Act.SET_JOINT_FORCE: 1}
-"""How many elements of a field belong together: force and torque of a body, one of a joint."""
+WIDTHS = {Act.SET_BODY_FORCE: 6, Act.SET_JOINT_FORCE: 1, Act.SET_ACTIVE: 1}
+"""How many elements of a field belong together: force and torque of a body, one of a joint or of
+what an equality is switched by."""
+UNIT = 1e-3
+"""The square of a quaternion's length is as close to 1."""
 
 
 @dataclass
 class LastingForce:
-    """A force that stays until it is written again."""
+    """A force, or an equality switched on, that stays until it is written again."""
 
     client: int
     place: int
@@ -85,20 +88,37 @@ class Lasting:
 
     positions: dict[int, PositionWrites] = field(default_factory=dict)
     """By client."""
+    turned: dict[tuple[int, int], tuple[Call, tuple[float, ...]]] = field(default_factory=dict)
+    """The first writes of positions that are turns about z with w last, by client and place."""
+    stale: dict[tuple[int, str], list[Call]] = field(default_factory=dict)
+    """Writes of positions that a function read around, by client and its name."""
 
     def see(self, calls: list[Call]) -> None:
         """Take the calls between some steps, in order."""
         for call in calls:
+            if call.act is Act.SET_STATE:
+                self._turn(call)
             if call.act is Act.RESET_STATE:
                 self._reset(call)
             elif call.act in WIDTHS:
                 self._force(call)
+            elif call.act is Act.SET_STATE and (reader := read_by(call)):
+                self.stale.setdefault((call.client, reader), []).append(call)
             elif call.act is Act.SET_STATE and call.at.step:
                 writes = self.positions.setdefault(call.client, PositionWrites(call))
                 writes.steps.add(call.at.step)
                 writes.is_computed |= bool(computed_by(call))
             elif call.act in (Act.SET_MASS, Act.SET_DERIVED):
                 self.edits[call.act].append(ModelEdit(call, written_by(call)))
+
+    def _turn(self, call: Call) -> None:
+        """Note what may be quaternions about z with w last: 0, 0, s, c with c above 0."""
+        written = written_by(call)
+        values = dict(zip(written.indices.tolist(), written.values.tolist(), strict=True))
+        for place, w in values.items():
+            x, s, c = (values.get(place + k, 0.0) for k in (1, 2, 3))
+            if w == x == 0 < c and abs(s * s + c * c - 1) < UNIT:
+                self.turned.setdefault((call.client, place), (call, (w, x, s, c)))
 
     def _reset(self, call: Call) -> None:
         self.episodes[call.client].add(call.at.step)

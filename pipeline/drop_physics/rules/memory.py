@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -16,6 +17,9 @@ from drop_physics.rules.rule import Said, input_rule
 from drop_physics.rules.thresholds import EACH_STEP, MASS_EDIT, PUSHES_STEPS, WATCHED
 from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body
+
+BASE_M = 3
+"""Coordinates of a free base that come before its quaternion."""
 
 
 def bodies_of(inputs: Inputs, client: int) -> list[Body]:
@@ -40,6 +44,15 @@ def rate_at(inputs: Inputs, client: int, index: int) -> tuple[Body, str | None, 
             if index < joint.widths[1]:
                 return body, joint.name, joint.kind
             index -= joint.widths[1]
+    return None
+
+
+def turn_at(inputs: Inputs, client: int, index: int) -> Body | None:
+    """Return the body whose base has its quaternion at a coordinate, as the engine counts."""
+    for body in bodies_of(inputs, client):
+        if body.base_moves and index == BASE_M:
+            return body
+        index -= sum(joint.widths[0] for joint in body.joints) + (7 if body.base_moves else 0)
     return None
 
 
@@ -79,7 +92,7 @@ def force_stays(inputs: Inputs) -> Iterator[Said]:
             body, joint, kind = rate_at(inputs, client, place) or (None, None, "")
         push = float(np.linalg.norm(force.most[:3]))
         unit = "N" if kind == "prismatic" and push else "N m"
-        if body is None or not body.moving:
+        if act is Act.SET_ACTIVE or body is None or not body.moving:
             continue
         message = Message(
             "{body} is pushed by {push} in {acts}, from step {step:,} on: {field} was written "
@@ -179,5 +192,45 @@ def stale_after_write(inputs: Inputs) -> Iterator[Said]:
             steps=Span(steps[0] + 1, steps[-1] + 1, len(steps)),
             message=message,
             cure=Cure("forward", form="read"),
+            share=1.0,
+        )
+
+
+@input_rule("reading", "note", "reading-stale", engines=MUJOCOS)
+def read_after_write(inputs: Inputs) -> Iterator[Said]:
+    """A function reads what was computed before positions were written."""
+    for (_, reader), calls in inputs.lasting.stale.items():
+        message = Message(
+            "{reader} is called {n:,} times after qpos is written and before mj_forward: what it "
+            "gives, and xpos, is that of the state before",
+            reader=reader,
+            n=len(calls),
+        )
+        yield Said(call=calls[0], message=message, cure=Cure("forward", form="read"), share=1.0)
+
+
+@input_rule("taken-elsewhere", "model", "quaternion-order", engines=MUJOCOS)
+def w_first(inputs: Inputs) -> Iterator[Said]:
+    """A quaternion about z with w last is half a turn about another axis for MuJoCo."""
+    for (client, place), (call, turn) in inputs.lasting.turned.items():
+        body = turn_at(inputs, client, place)
+        if body is None:
+            continue
+        angle = 2 * math.atan2(turn[2], turn[3])
+        message = Message(
+            "qpos[{place}:{end}] gives {body} the quaternion ({turn}), half a turn: MuJoCo has w "
+            "first; with w last it would be {other}",
+            place=place,
+            end=place + 4,
+            body=body.label,
+            turn=", ".join(f"{each:.3g}" for each in turn),
+            other=Message("{angle:.3g} rad about z", angle=angle) if angle else Message("no turn"),
+        )
+        yield Said(
+            call=call,
+            subject=body,
+            message=message,
+            advice=Message("np.roll(quaternion, 1) puts w first"),
+            level=None if angle else "note",  # half a turn about z may be meant
             share=1.0,
         )

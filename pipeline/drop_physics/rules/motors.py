@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from drop_physics.arrays import Float64
@@ -11,7 +9,7 @@ from drop_physics.explain.commands import DEFAULT
 from drop_physics.explain.targets import flips, rings_with
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene
-from drop_physics.rules.joint import distance, effort
+from drop_physics.rules.joint import distance, effort, in_radians, is_degrees
 from drop_physics.rules.rule import Match, Said, Worst, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
@@ -23,7 +21,6 @@ from drop_physics.rules.thresholds import (
     DAMPS_ANY,
     DAMPS_STEADY,
     FOLLOWS,
-    IN_DEGREES_RAD,
     MOVES,
     OTHER_FORCE,
     SAME_SIGN,
@@ -45,8 +42,7 @@ def target_clamped(joints: JointColumns) -> Match:
 def _(worst: Worst) -> Said:
     low, high, unit = worst.lower, worst.upper, worst.unit
     over = worst.target > high
-    in_radians = math.radians(worst.target)
-    degrees = unit == "rad" and abs(worst.target) > IN_DEGREES_RAD and low <= in_radians <= high
+    degrees = unit == "rad" and is_degrees(worst.target, low, high)
     return Said(
         reason="units" if degrees else None,
         message=Message(
@@ -58,12 +54,8 @@ def _(worst: Worst) -> Said:
             "limit": high if over else low,
             "low": low,
             "high": high,
-            "in_radians": in_radians,
         },
-        advice=Message(
-            "targets are in radians: if this is in degrees, math.radians({target:.4g}) is "
-            "{in_radians:.4g}"
-        )
+        advice=in_radians(worst.target)
         if degrees
         else Message("give a target within {low:.4g} and {high:.4g}, or other limits: {call}"),
         cure=None

@@ -18,11 +18,20 @@ from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene, Span
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.joint import OFF, aimed, distance, effort, link_of, place
+from drop_physics.rules.joint import (
+    OFF,
+    aimed,
+    distance,
+    effort,
+    in_radians,
+    is_degrees,
+    link_of,
+    place,
+)
 from drop_physics.rules.rule import Match, Said, Worst, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
-from drop_physics.rules.thresholds import EACH_STEP, HOLDS, OWN_SHARE, SPRING_SHARE
+from drop_physics.rules.thresholds import EACH_STEP, HOLDS, IN_DEGREES_RAD, OWN_SHARE, SPRING_SHARE
 from drop_physics.trace.events import Actuator
 
 Float64 = NDArray[np.float64]
@@ -51,8 +60,7 @@ class ServoGap:
     """What the targets take; nan where that is not determined."""
     clamp: float
     stop: float
-    bound: float
-    """Where its range ends."""
+    range: tuple[float, float]
     back: float
     """The force of its own spring."""
     rubs: float
@@ -62,6 +70,11 @@ class ServoGap:
     fixed: bool
     """Whether the base of its body is."""
 
+    @property
+    def bound(self) -> float:
+        """Where its range ends, short of the target."""
+        return self.range[self.gap < 0]
+
 
 @joint_rule("off-target", "asked", consecutive=True, engines=MUJOCOS)
 def off_its_servo(joints: JointColumns) -> Match | None:
@@ -69,6 +82,8 @@ def off_its_servo(joints: JointColumns) -> Match | None:
 
     Of each joint it is the greatest gap of the piece whose cause is sure.
     """
+    kept, key = joints.scene.kept, ("sent", joints.driven.body.number)
+    kept[key] = kept.get(key, False) or bool(np.nan_to_num(joints.target).any())
     gap, rests = joints.after - joints.target, _rests(joints)
     judged = _last_of_targets(joints) & (np.abs(gap) > joints.at_target)
     judged[:-1] &= rests[:-1]
@@ -96,7 +111,7 @@ def _(runs: Runs, scene: Scene) -> Float64:
 def _(worst: Worst) -> Said:
     held: ServoGap = worst.held
     why, cure, advice = WHY[held.reason](worst, held)
-    if worst.joints > 1:
+    if cure is not None and worst.joints > 1:
         cure = replace(cure, target=worst.body)
     message = Message("{joint}{more} ends {off} off its target of {target}: {why}")
     if held.rests:
@@ -112,11 +127,13 @@ def _(worst: Worst) -> Said:
         cure=cure,
         reason=held.reason,
         effect=Effect(abs(held.gap), worst.unit),
+        # Controls that are never written are 0, too: nobody may have asked for that.
+        level=None if worst.scene.kept["sent", worst.subject.number] else "model",
         steps=Span(held.since, worst.last, worst.last - held.since + 1),
     )
 
 
-Why = tuple[Message, Cure, Message | None]
+Why = tuple[Message, Cure | None, Message | None]
 
 
 def _range(worst: Worst, held: ServoGap) -> Why:
@@ -125,7 +142,15 @@ def _range(worst: Worst, held: ServoGap) -> Why:
         limit=place(held.bound, worst.unit),
         force=effort(held.stop, worst.effort),
     )
-    return why, Cure("limits", worst.joint), None
+    if worst.unit == "rad" and held.gear == 1 and is_degrees(held.goal, *held.range):
+        return why, None, in_radians(held.goal)
+    advice, as_degrees = None, math.degrees(held.bound)
+    if worst.unit == "rad" and abs(held.goal) <= abs(as_degrees) <= IN_DEGREES_RAD:
+        advice = Message(
+            '<compiler angle="radian"/>, if the {degrees:.3g} of the file is in radians',
+            degrees=as_degrees,
+        )
+    return why, Cure("limits", worst.joint), advice
 
 
 def _of_joint(worst: Worst, held: ServoGap) -> Why:
@@ -238,7 +263,6 @@ def _cause(joints: JointColumns, row: int, k: int, *, rests: bool) -> ServoGap |
     held = joints.scene.joints.holding(driven, row)
     goal, limit = float(joints.target[row, k]), driven.limit[row, k]
     gap = float(joints.after[row, k]) - goal
-    bounds = joints.upper if gap < 0 else joints.lower
     found = ServoGap(
         reason="spring",
         gap=gap,
@@ -249,7 +273,7 @@ def _cause(joints: JointColumns, row: int, k: int, *, rests: bool) -> ServoGap |
         needs=float(held.at(aimed(driven, row))[k]),
         clamp=forces.get(CLAMPED, 0.0),
         stop=forces["stops"],
-        bound=float(bounds[row, k]),
+        range=(float(joints.lower[row, k]), float(joints.upper[row, k])),
         back=forces.get("spring", 0.0),
         rubs=forces.get("friction loss", 0.0),
         kp=actuator.kp,

@@ -52,8 +52,8 @@ def only_computed(inputs: Inputs) -> Iterator[Said]:
     if not scene.seen.samples and scene.origin.get("ended") != "failed":
         yield Said(
             message=Message(
-                "nothing is ever stepped, so nothing moves by itself: mj_forward only computes "
-                "what depends on the state, and time passes in mj_step"
+                "nothing is ever stepped, so nothing moves by itself: mj_forward and mj_step1 only "
+                "compute what depends on the state, and time passes in mj_step, or mj_step2"
             ),
             advice=Message("call mujoco.mj_step(model, data) in a loop"),
             share=1.0,

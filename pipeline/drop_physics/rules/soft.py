@@ -6,13 +6,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from drop_physics.arrays import Flags, Float64
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.laws.mujoco.contact import impedance, rest_depth_m, shortest_s
 from drop_physics.rules.answer import Cure, Effect
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.joint import effort
+from drop_physics.rules.joint import distance, effort
 from drop_physics.rules.rule import Match, Said, Worst, body_rule, pair_rule
 from drop_physics.rules.tables import BodyColumns, PairColumns
 from drop_physics.rules.thresholds import (
@@ -42,17 +42,22 @@ def _steady(values: Float64) -> Flags:
     return found
 
 
-@pair_rule("deep-penetration", "model", engines=MUJOCOS)
-def sinks_in(pair: PairColumns) -> Match:
-    """A contact that is soft, or soft for what it carries, lets a body that rests on it sink in."""
-    rows = np.flatnonzero((pair.depth_m >= SINKS_M) & (pair.body != pair.other))
+def _staying(pair: PairColumns, depth_m: Float64, least_m: float) -> Int64:
+    """Return the rows in which a depth or a gap, shape (m,), has been steady, and no less."""
+    rows = np.flatnonzero((depth_m >= least_m) & (pair.body != pair.other))
     rows = rows[np.lexsort((pair.step[rows], *pair.keys[rows].T))]
     lasts = np.zeros(len(rows), np.bool_)
     first, last = rows[: max(len(rows) - SINKS_STEPS + 1, 0)], rows[SINKS_STEPS - 1 :]
     lasts[SINKS_STEPS - 1 :] = (pair.keys[first] == pair.keys[last]).all(axis=1) & (
         pair.step[last] - pair.step[first] == SINKS_STEPS - 1
     )
-    rows = rows[lasts & _steady(pair.depth_m[rows])]
+    return np.asarray(rows[lasts & _steady(depth_m[rows])])
+
+
+@pair_rule("deep-penetration", "model", engines=MUJOCOS)
+def sinks_in(pair: PairColumns) -> Match:
+    """A contact that is soft, or soft for what it carries, lets a body that rests on it sink in."""
+    rows = _staying(pair, pair.depth_m, SINKS_M)
     numbers = {
         "links": pair.links[rows],
         "bodies": pair.pairs.body[rows],
@@ -150,6 +155,27 @@ def _left_m(
     return rest_depth_m(load_m_s2, 1, (constant_s, 1.0), solimp) or 0.0
 
 
+@pair_rule("margin", "note", engines=MUJOCOS)
+def held_apart(pair: PairColumns) -> Match:
+    """A margin lets contacts push before bodies touch, and one rests above the other."""
+    rows = _staying(pair, pair.gap_m, SINKS_M)
+    return Match(rows, pair.gap_m[rows], keys=pair.keys[rows])
+
+
+@held_apart.says
+def _(worst: Worst) -> Said:
+    return Said(
+        message=Message(
+            "{body} stays {gap} away from {other}, which pushes it from there on: their <geom>s "
+            "have a margin"
+        ),
+        values={"gap": distance(worst.size, "m")},
+        advice=Message('margin="0" of both'),
+        effect=Effect(worst.size, "m"),
+        share=worst.size / worst.body_size_m,
+    )
+
+
 def _follows(bodies: BodyColumns) -> Iterator[tuple[Equality, int, int]]:
     """Yield what holds a body to one that calls move: the number of that, and the link here."""
     scene, number = bodies.scene, bodies.batch.bodies[0].body.number
@@ -160,7 +186,7 @@ def _follows(bodies: BodyColumns) -> Iterator[tuple[Equality, int, int]]:
             (each.body_b, each.body_a, each.link_a),
         ):
             leads = lead in moved and not scene.body(lead).moving
-            if body == number and leads and link < bodies.law.tree.links:
+            if each.active and body == number and leads and link < bodies.law.tree.links:
                 yield each, lead, link
 
 

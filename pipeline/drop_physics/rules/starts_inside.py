@@ -20,6 +20,8 @@ from drop_physics.rules.thresholds import DEEP_M, EACH_STEP, STANDARD_M_S2, THRO
 from drop_physics.trace.events import Body
 
 BASE = -1
+HALF = 1e-3
+"""Share of a length to which half of its half is told."""
 
 
 @pair_rule("starts-in-contact", "asked", consecutive=True, engines=MUJOCOS)
@@ -45,6 +47,9 @@ def _(runs: Runs, _: Scene) -> Float64:
 
 @starts_inside.says
 def _(worst: Worst) -> Said:
+    cure, advice = Cure("lifted", worst.body, worst.depth_m), None
+    if _is_half(worst.subject, worst.depth_m):
+        advice = Message("{call}; a <geom>'s size is half of its length, or its radius")
     return Said(
         message=Message(
             "{body} begins {depth:.3g} mm inside {other} at {time:.4g} s: contacts push "
@@ -55,10 +60,22 @@ def _(worst: Worst) -> Said:
             "time": worst.time_s(worst.first - 1),
             "speed": worst.size,
         },
-        cure=Cure("lifted", worst.body, worst.depth_m),
+        cure=cure,
+        advice=advice,
         effect=Effect(worst.depth_m, "m"),
         share=worst.size**2 / (2 * STANDARD_M_S2) / THROWN_M,
     )
+
+
+def _is_half(body: Body, depth_m: float) -> bool:
+    """Return whether a body of half the size would only touch: its sizes may be meant as whole."""
+    lengths = [
+        length
+        for each in body.collisions
+        for length in (*each.size_m, 2 * each.size_m[-1])
+        if each.kind in ("box", "sphere", "cylinder")
+    ]
+    return any(abs(depth_m - length / 4) < HALF * length for length in lengths)
 
 
 @pair_rule("static-parent", "asked", subject=1, engines=MUJOCOS)

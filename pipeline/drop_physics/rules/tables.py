@@ -178,6 +178,11 @@ class ActuatorColumns:
             [given_to(each, steps.body, scene.piece, steps.steps) for each in self.actuators]
         )
         """What each was given, before it is clamped; nan if it is not known."""
+        key = "given", self.number
+        earlier = scene.carried.get(key, np.zeros(len(self.actuators)))
+        self.before = np.vstack([earlier, self.given[:-1]])
+        """The same in the step before; 0 before the first."""
+        scene.carried[key] = self.given[-1]
         ranges = [each.ctrl_range or (-np.inf, np.inf) for each in self.actuators]
         self.lower, self.upper = np.broadcast_to(
             np.array(ranges).T[:, None], (2, *self.given.shape)

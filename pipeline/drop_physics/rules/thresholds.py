@@ -22,7 +22,7 @@ CROSSINGS = 3
 """Least number of steps in which a joint passes its target. Unit: 1. Needed by: a joint that passes
 it once or twice overshoots for another reason."""
 IN_DEGREES_RAD = 6.283185307179586
-"""Greatest target of a joint with limits that is taken as radians. Unit: rad. Needed by:
+"""Greatest target of a joint that is taken as radians. Unit: rad. Needed by:
 panda_degrees."""
 COASTS_RAD_S = 1e-2
 """Least rate at which a joint without a motor coasts. Unit: rad/s. Needed by: crane_drift."""

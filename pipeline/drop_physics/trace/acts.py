@@ -67,6 +67,8 @@ class Act(Enum):
     """Gives a joint a force, which acts until it is set again."""
     SET_CONTROL = ("ctrl",)
     """Gives actuators their controls, which act until they are set again."""
+    SET_ACTIVE = ("eq_active",)
+    """Switches equalities on and off, which lasts until a reset."""
     SET_STATE = ("qpos",)
     RESET_STATE = (
         "mj_resetData",

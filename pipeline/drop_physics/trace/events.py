@@ -596,7 +596,7 @@ class EngineWarning:
 
 @dataclass(frozen=True)
 class Equality:
-    """Two links that the model holds together, from the beginning on."""
+    """Two links that a model holds together, from the beginning on if it is active."""
 
     at: At
     client: int
@@ -609,6 +609,8 @@ class Equality:
     link_b: int
     solref: tuple[float, ...]
     """Softness: time constant [s] and damping ratio, or stiffness and damping if negative."""
+    active: bool = True
+    """Whether it holds them as the run begins."""
 
 
 Event = (

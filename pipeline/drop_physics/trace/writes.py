@@ -16,8 +16,9 @@ from drop_physics.trace.calls import Call
 
 INDEX, BEFORE = "index", "before"
 """Names of the arguments besides the field's own."""
-COMPUTED = re.compile(r"; then (\w+)")
-"""Matches the function in a form that was called right after the write, unless it was a step."""
+COMPUTED, READ = re.compile(r"; then (?!mj_jac)(\w+)"), re.compile(r"; then (mj_jac\w*)")
+"""Match the function in a form that was called right after the write, unless it was a step: one
+that computes what depends on it, or one that reads that."""
 
 
 class WrittenElements(NamedTuple):
@@ -46,4 +47,10 @@ def written_by(call: Call) -> WrittenElements:
 def computed_by(call: Call) -> str:
     """Return the function that was called right after, to recompute what depends; empty if none."""
     found = COMPUTED.search(call.site.form)
+    return found[1] if found else ""
+
+
+def read_by(call: Call) -> str:
+    """Return the function that read what depends on it right after; empty if none did."""
+    found = READ.search(call.site.form)
     return found[1] if found else ""

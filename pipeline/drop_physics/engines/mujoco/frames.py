@@ -54,6 +54,11 @@ parts of a WRITTEN by "posed" just before."""
 UNPOSED = 1 << 7
 """Added likewise: its positions are those of the state before the step before."""
 
+READS = (
+    *("mj_jac", "mj_jacBody", "mj_jacBodyCom", "mj_jacSubtreeCom", "mj_jacGeom", "mj_jacSite"),
+    *("mj_jacPointAxis", "mj_jacDot"),
+)
+"""Functions that read what was computed for positions."""
 CAUSES = (
     "memory",
     "posed",
@@ -71,9 +76,13 @@ CAUSES = (
     "mj_inverse",
     "mj_kinematics",
     "mj_fwdPosition",
+    "mj_fwdKinematics",
+    "mj_forwardSkip",
+    *READS,
 )
 """What changed a state: the script's own writes; nothing, it is what data were computed for; it is
-the state when first seen; the step before, in which MuJoCo has reset itself; or a function."""
+the state when first seen; the step before, in which MuJoCo has reset itself; or a function: from
+`mj_forward` on, one that the script's own writes were followed by."""
 CALLBACKS = ("control", "passive", "act_dyn", "act_gain", "act_bias", "contactfilter", "sensor")
 
 CORE = ("qpos", "qvel", "act", "history", "plastic", "qacc_warmstart", "plugin_state")

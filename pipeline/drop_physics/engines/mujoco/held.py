@@ -23,12 +23,12 @@ OVERRIDES = 1
 
 
 def equalities_of(described: DescribedModel, client: int) -> Iterator[Equality]:
-    """Yield the equalities between bodies that are active from the beginning on."""
+    """Yield the equalities between bodies."""
     arrays = described.arrays
     for number in range(len(np.atleast_1d(arrays.get("eq_type", ())))):
         kind = KINDS.get(int(arrays["eq_type"][number]))
         of = int(arrays["eq_objtype"][number]) if "eq_objtype" in arrays else BODY
-        if kind is None or of not in (BODY, SITE) or not arrays["eq_active0"][number]:
+        if kind is None or of not in (BODY, SITE):
             continue
         both = [int(arrays[f"eq_obj{side}id"][number]) for side in (1, 2)]
         if of == SITE:
@@ -46,6 +46,7 @@ def equalities_of(described: DescribedModel, client: int) -> Iterator[Equality]:
             body_b,
             link_b,
             _numbers(arrays["eq_solref"][number]),
+            active=bool(arrays["eq_active0"][number]),
         )
 
 

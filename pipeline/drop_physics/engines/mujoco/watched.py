@@ -31,6 +31,7 @@ from drop_physics.engines.mujoco.described import (
 )
 from drop_physics.engines.mujoco.explain.reasons import EXPLAINED, OTHER
 from drop_physics.engines.mujoco.explained import explained
+from drop_physics.engines.mujoco.frames import CAUSES
 from drop_physics.engines.mujoco.held import equalities_of
 from drop_physics.engines.mujoco.impulses import ExplainedSteps
 from drop_physics.engines.mujoco.received import Edited, Received, ScriptLine, StepPiece, Written
@@ -64,9 +65,7 @@ PLACES = ("mocap_pos", "mocap_quat")
 MOVING = ("qpos", "qvel")
 MOVES = frozenset((*MOVING, *PLACES))
 """The parts of it that say where bodies are, and how they move."""
-BY_MEMORY = frozenset(
-    ("memory", "mj_forward", "mj_step1", "mj_inverse", "mj_kinematics", "mj_fwdPosition")
-)
+BY_MEMORY = frozenset(("memory", *CAUSES[CAUSES.index("mj_forward") :]))
 """Causes of what the script has written by itself."""
 SILENT = frozenset(("step", "posed"))
 """Causes that are no act of the script."""

@@ -227,6 +227,12 @@ class WatchedData:
         if complete:
             self._posed = bytes(self.core.view), bytes(self.user.view)
 
+    def read(self, d: Any, site: int, cause: int) -> None:
+        """Send what was written before a function reads data, if they are of other positions."""
+        for qpos in self.core.parts[:1]:
+            if self.core.saved[qpos.begin : qpos.end] != qpos.view:
+                self.tell_written(d, site, cause)
+
     def _count_idle(self) -> None:
         """Say once that data are made current again and again, and nothing moves."""
         core, still = self.core, self._idle + 1

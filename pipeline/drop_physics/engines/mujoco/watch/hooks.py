@@ -20,7 +20,7 @@ from ...watching.hidden import hide, hiding
 from ...watching.host import EngineWatch, ScriptWatch
 from ...watching.pipe import MUJOCO, frame
 from ...watching.sites import caller
-from ..frames import CALLBACKS, CAUSES, STEPS, note_bytes
+from ..frames import CALLBACKS, CAUSES, READS, STEPS, note_bytes
 from . import uncaught
 from .followed import WatchedData, WatchedModel
 from .intervene import ModelChanges
@@ -36,11 +36,12 @@ RESETS = (
     "mj_setConst",
 )
 """Functions that set a state."""
-PARTLY = ("mj_setState", "mj_copyState", "mj_setConst")
-"""Those of them that leave parts of a state as the script has written them."""
 WHICH = {"mj_copyData": (1, 0), "mj_copyState": (0, 2)}
 """The places of the model, and of the state that is changed, in their arguments; else (0, 1)."""
-POSES = ("mj_forward", "mj_step1", "mj_inverse", "mj_fwdPosition")
+POSES = (
+    *("mj_forward", "mj_step1", "mj_inverse", "mj_fwdPosition", "mj_kinematics"),
+    *("mj_fwdKinematics", "mj_forwardSkip"),
+)
 """Functions after which data belong to the state as it is."""
 COMPLETE = ("mj_forward", "mj_step1")
 """Those of them that compute all that `mj_step2` and the integrators take."""
@@ -110,7 +111,7 @@ class MujocoWatch(EngineWatch):
         self.mujoco = module
         makers = [(name, _stepping) for name in STEPS]
         makers += [(name, _resetting) for name in RESETS]
-        makers += [(name, _posing) for name in POSES]
+        makers += [(name, _posing) for name in (*POSES, *READS)]
         for name, maker in makers:
             original = getattr(module, name, None)
             if original is None or getattr(original, "drop_watch", None) is self:
@@ -421,7 +422,7 @@ def _resetting(watch: MujocoWatch, name: str, original: Any) -> Any:
             if len(given) > max(of_model, of_data):
                 d = given[of_data]
                 state, site = watch.seen(given[of_model], d, caller())
-            if state is not None and name in PARTLY:
+            if state is not None:  # what the script wrote may stay, or be lost
                 watch.guarded(state, state.before, d, site)
         result = original(*args, **kwargs)
         if state is not None and not state.lost:
@@ -434,8 +435,8 @@ def _resetting(watch: MujocoWatch, name: str, original: Any) -> Any:
 
 
 def _posing(watch: MujocoWatch, name: str, original: Any) -> Any:
-    """Return what makes data current, and sends what was written before."""
-    host, cause = watch.host, CAUSES.index(name)
+    """Return what makes data current, or reads them, and sends what was written before."""
+    host, cause, reads = watch.host, CAUSES.index(name), name in READS
     complete, callbacks, now = name in COMPLETE, watch.callbacks, watch.stepping
 
     def pose(*args: Any, **kwargs: Any) -> Any:
@@ -447,7 +448,9 @@ def _posing(watch: MujocoWatch, name: str, original: Any) -> Any:
         with host.lock:
             host.check()
             state, site = watch.seen(m, d, caller())
-            if state is not None:
+            if state is not None and reads:
+                watch.guarded(state, state.read, d, site, cause)
+            elif state is not None:
                 watch.guarded(state, state.pose, d, site, cause, complete)
                 if callbacks and name == "mj_step1":
                     watch.begin_calling(state)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...watching.sites import caller
-from ..frames import STEPS
+from ..frames import READS, STEPS
 
 if TYPE_CHECKING:
     from .hooks import MujocoWatch
@@ -133,6 +133,10 @@ class ModelChanges:
                     return None
             if name == "mj_step1":
                 d.before(site)
+            if name in RESETS:
+                d.keep()
+            if name in READS:
+                self._pose(model, d)
             m.enter(model, site)
             try:
                 result = call(*args, **kwargs)
@@ -177,7 +181,7 @@ class ModelChanges:
         return self._watch.host.standing(call, changed)
 
     def _pose(self, m: Any, data: ChangedData) -> None:
-        """Make data current before a step that takes them as they are."""
+        """Make data current before a function that takes them as they are."""
         for number, _ in self.of("pose"):
             if not data.is_posed:
                 self.fire(number)
@@ -386,7 +390,7 @@ class ChangedData:
         self._holds = [number for number, _ in changes.of("hold")]
         self._gives = [number for number, _ in changes.of("give")]
         self._last: tuple[Any, Any] | None = None
-        """Positions and controls as they were then, if joints are held."""
+        """Positions and controls as they were then, or before the last reset."""
         self._cleared: dict[str, bool] = {}
         """Whether a part was cleared after the last step, by part."""
         self._time_s: float | None = None
@@ -452,6 +456,12 @@ class ChangedData:
                 for number in self._holds:
                     self._changes.fire(number)
 
+    def keep(self) -> None:
+        """Keep what actuators are given before a function sets a state, to give it again."""
+        d = self.ref()
+        if d is not None and self._gives:
+            self._last = d.qpos.copy(), d.ctrl.copy()
+
     def after(self, name: str) -> None:
         """Keep what a step, or a function that sets a state, has left."""
         d = self.ref()
@@ -471,7 +481,7 @@ class ChangedData:
         if name in STEPS or name in RESETS:
             for part in self._held:
                 self._held[part] = getattr(d, part).copy()
-            if self._holds or self._gives:
+            if self._holds:
                 self._last = d.qpos.copy(), d.ctrl.copy()
 
 

@@ -1,0 +1,63 @@
+"""`not-taken` of an equality of a model that is not active, so that it holds nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from drop_physics.arrays import Float64
+from drop_physics.messages import Message
+from drop_physics.physics.tree import BASE
+from drop_physics.rules.answer import Effect
+from drop_physics.rules.engines import MUJOCOS
+from drop_physics.rules.inputs import Inputs
+from drop_physics.rules.rule import Said, input_rule
+from drop_physics.rules.thresholds import LEFT_M
+from drop_physics.trace.acts import Act
+
+
+@input_rule("not-taken", "model", "inactive", engines=MUJOCOS)
+def never_active(inputs: Inputs) -> Iterator[Said]:
+    """An equality that is never active holds nothing, and the bodies that it names part."""
+    scene, forces = inputs.scene, inputs.lasting.forces
+    switched = {client for client, act, _ in forces if act is Act.SET_ACTIVE}
+    for each in scene.seen.equalities:
+        number, end = each.at.call, scene.seen.samples.get(each.client, 1) - 1
+        mine = forces.get((each.client, Act.SET_ACTIVE, number))
+        # A script that switches others knows of this one.
+        known = each.client in switched if mine is None else mine.until(end) > 0
+        if each.active or known or (each.link_a, each.link_b) != (BASE, BASE):
+            continue
+        body, other = scene.body(each.body_b), scene.body(each.body_a)
+        ways = [_way_m(inputs, one.number, end) for one in (body, other)]
+        apart_m = float(np.linalg.norm(ways[0] - ways[1]))
+        if not apart_m >= LEFT_M:
+            continue
+        message = Message(
+            "{body} and {other} part by {apart:.3g} m: {name}, which joins them, is not active"
+        )
+        if mine is not None:
+            message = Message(
+                "{body} and {other} part by {apart:.3g} m: eq_active[{number}] is written, and a "
+                "reset before the next step sets it back, so {name} does not join them"
+            )
+        yield Said(
+            call=None if mine is None else mine.call,
+            subject=body,
+            other=other.label,
+            message=message,
+            values={"apart": apart_m, "name": each.name, "number": number},
+            advice=Message('active="true" of it, or data.eq_active[{number}] = 1 after each reset'),
+            effect=Effect(apart_m, "m"),
+            share=apart_m,
+        )
+
+
+def _way_m(inputs: Inputs, number: int, end: int) -> Float64:
+    """Return how far a base went [m], shape (3,); nan if that is not known."""
+    motion = inputs.motions.get(number)
+    if motion is not None and motion.first_m is not None and motion.last_m is not None:
+        return motion.last_m - motion.first_m
+    base = inputs.scene.records[number].told(np.array([0, end]))[:, :3]
+    return np.asarray(base[1] - base[0])
