@@ -1,4 +1,4 @@
-"""Types of the arrays that the package computes with."""
+"""Types of the arrays and vectors that the package computes with."""
 
 from __future__ import annotations
 
@@ -9,3 +9,5 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 Int8 = NDArray[np.int8]
 Flags = NDArray[np.bool_]
+Vector = tuple[float, float, float]
+"""Three numbers: along x, y and z."""

@@ -196,6 +196,7 @@ Keep = Annotated[
     bool, flag("Keep earlier recordings of the script, and number this one.", "--keep")
 ]
 Seed = Annotated[int | None, takes("N", "Seed random and numpy.random with N.", parser=an_integer)]
+SetSeed = Annotated[int, takes("N", "Seed random and numpy.random with N.", parser=an_integer)]
 Twice = Annotated[bool, flag("Run it again, and report the first step that differs.", "--twice")]
 KeepSleeping = Annotated[
     bool, flag("Let its sleeps take real time; by default its clock is virtual.", "--keep-sleeping")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drop_physics.analysis.flights import Flights
 from drop_physics.analysis.phases import BodyContacts, ContactRun
@@ -26,8 +25,6 @@ from drop_physics.physics.laws.lookup import step_law
 from drop_physics.physics.vectors import triple
 from drop_physics.rules.answer import Scene
 from drop_physics.trace.events import Body, order
-
-Float64 = NDArray[np.float64]
 
 KEPT = ("set", "integrator", "remainder")
 """Causes that are listed even where they changed nothing."""

@@ -19,20 +19,32 @@ from drop_physics.physics.vectors import lengths, summed, triple
 from drop_physics.trace.events import Body
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class ContactRun:
-    """Consecutive steps of a body in a piece, all in contact."""
+    """Consecutive steps of a body, all in contact."""
 
     first_step: int
     last_step: int
-    impulse_n_s: Float64
-    largest_force_n: float
-    energy_j: float
-    most_given_j: float
-    """The most that one of its steps gave, and the first such step."""
-    most_given_step: int
-    by: dict[tuple[int, int], tuple[Float64, float]]
+    impulse_n_s: Float64 = field(default_factory=lambda: np.zeros(3))
+    largest_force_n: float = 0.0
+    energy_j: float = 0.0
+    most_given_j: float = 0.0
+    """The most energy that one of its steps gave, and the first such step."""
+    most_given_step: int | None = None
+    by: dict[tuple[int, int], tuple[Float64, float]] = field(default_factory=dict)
     """Impulse and energy of each link of each other body."""
+
+    def add(self, run: ContactRun) -> None:
+        """Add the steps that follow."""
+        self.last_step = run.last_step
+        self.impulse_n_s = self.impulse_n_s + run.impulse_n_s
+        self.largest_force_n = max(self.largest_force_n, run.largest_force_n)
+        self.energy_j += run.energy_j
+        if run.most_given_j > self.most_given_j:
+            self.most_given_j, self.most_given_step = run.most_given_j, run.most_given_step
+        for key, (given, energy_j) in run.by.items():
+            impulse, energy = self.by.get(key, (np.zeros(3), 0.0))
+            self.by[key] = impulse + given, energy + energy_j
 
 
 def runs_of(explained: ExplainedPiece) -> dict[int, list[ContactRun]]:
@@ -108,27 +120,12 @@ def _by_other(
     return found
 
 
-@dataclass(eq=False)
-class _OpenContact:
-    """A contact that may go on."""
-
-    first_step: int
-    last_step: int
-    impulse_n_s: Float64 = field(default_factory=lambda: np.zeros(3))
-    largest_force_n: float = 0.0
-    energy_j: float = 0.0
-    most_given_j: float = 0.0
-    most_given_step: int | None = None
-    by: dict[tuple[int, int], tuple[Float64, float]] = field(default_factory=dict)
-    """Impulse and energy of each link of each other body."""
-
-
 class BodyContacts:
     """The contacts of one body; grow piece by piece."""
 
     def __init__(self, times: StepTimes, bodies: Mapping[int, Body]) -> None:
         self._times, self._bodies = times, bodies
-        self._open: _OpenContact | None = None
+        self._open: ContactRun | None = None
         self._done: list[BodyContact] = []
 
     def add(self, runs: Sequence[ContactRun]) -> None:
@@ -137,17 +134,8 @@ class BodyContacts:
             contact = self._open
             if contact is None or contact.last_step + 1 != run.first_step:
                 self._close()
-                contact = self._open = _OpenContact(run.first_step, 0)
-            contact.last_step = run.last_step
-            contact.impulse_n_s = contact.impulse_n_s + run.impulse_n_s
-            contact.largest_force_n = max(contact.largest_force_n, run.largest_force_n)
-            contact.energy_j += run.energy_j
-            if run.most_given_j > contact.most_given_j:
-                contact.most_given_j = run.most_given_j
-                contact.most_given_step = run.most_given_step
-            for key, (given, energy_j) in run.by.items():
-                impulse, energy = contact.by.get(key, (np.zeros(3), 0.0))
-                contact.by[key] = impulse + given, energy + energy_j
+                contact = self._open = ContactRun(run.first_step, 0)
+            contact.add(run)
 
     def all(self) -> list[BodyContact]:
         """Return all contacts, after the last piece."""

@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
+from drop_physics.arrays import Vector
 from drop_physics.engine_report import EngineReport
 from drop_physics.explain.actuators import ActuatorRow
 from drop_physics.explain.curves import CurveTable
@@ -21,8 +22,6 @@ from drop_physics.rules.answer import Finding
 
 if TYPE_CHECKING:
     import polars as pl
-
-Vector = tuple[float, float, float]
 
 JSON_NAMES = {"other": "with"}
 """Names of fields that JSON has in place of Python's."""

@@ -13,15 +13,12 @@ the same before the step.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drop_physics.drop.case import Case
 from drop_physics.drop.mechanics import Drift, Mechanics
 from drop_physics.drop.results import Conservation
 from drop_physics.drop.samples import DropSamples
 from drop_physics.physics.base import Motion
-
-Float64 = NDArray[np.float64]
 
 
 class Energies:

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drop_physics.drop.case import Case
 from drop_physics.explain.decomposition import TERMS, error_and_terms
@@ -15,8 +14,6 @@ from drop_physics.messages import Message, joined
 from drop_physics.physics.base import Law, Motion
 from drop_physics.physics.laws.bullet.law import BulletLaw
 from drop_physics.scenario import ENGINES
-
-Float64 = NDArray[np.float64]
 
 SHOWN = 1e-3
 """Share of the distance that a term must have to be named."""

@@ -11,12 +11,9 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drop_physics.experiments.run_distance import APART, Apart, Distance
 from drop_physics.rules.answer import LEVELS, Finding
-
-Float64 = NDArray[np.float64]
 
 Verdict = Literal["cured", "part", "chaotic", "refuted", "void", "untried"]
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)

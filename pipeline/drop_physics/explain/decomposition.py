@@ -16,13 +16,11 @@ from decimal import Decimal
 
 import numpy as np
 
-from drop_physics.arrays import Float64
+from drop_physics.arrays import Float64, Vector
 from drop_physics.physics import theory
 from drop_physics.physics.base import Law, Motion, exactly
 from drop_physics.physics.theory import TheoreticalFall
 from drop_physics.physics.vectors import triple
-
-Vector = tuple[float, float, float]
 
 TERMS = ("timestep", "damping", "interaction", "rounding")
 STIFF = 1e3

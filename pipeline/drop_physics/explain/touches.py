@@ -10,7 +10,7 @@ import numpy as np
 from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.contact_points import Pairs, pairs_of
 from drop_physics.explain.recording import ExplainedPiece
-from drop_physics.physics.vectors import lengths
+from drop_physics.physics.vectors import lengths, triple
 from drop_physics.trace.history import Seen
 
 WHOLE = ("gravity", "damping", "applied", "constraints", "contacts")
@@ -133,7 +133,6 @@ class TouchTable:
     def _touch(self, other: int, total: _Total) -> Touch:
         low, high = total.coefficients
         needs = total.needed_n >= 0
-        x, y, z = total.impulse_n_s.tolist()
         whole = total.whole
         return Touch(
             other=self._seen.bodies[other].label,
@@ -145,7 +144,7 @@ class TouchTable:
             friction_needed=total.needed_n / total.normal_n if needs else None,
             slid_m=total.slid_m,
             deepest_m=total.deepest_m,
-            impulse_n_s=(x, y, z) if whole else None,
+            impulse_n_s=triple(total.impulse_n_s) if whole else None,
             energy_j=total.energy_j if whole else None,
             energy_of_pair_j=total.energy_of_pair_j if whole else None,
         )

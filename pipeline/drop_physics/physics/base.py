@@ -12,9 +12,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.arrays import Flags, Float64
-
-Vector = tuple[float, float, float]
+from drop_physics.arrays import Flags, Float64, Vector
 
 EXACT_MACHINES = ("x86_64", "AMD64")
 """Machines on which each operation rounds once."""

@@ -18,8 +18,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from drop_physics.arrays import Float64
-from drop_physics.physics.base import Drag, Law, Motion, Vector
+from drop_physics.arrays import Float64, Vector
+from drop_physics.physics.base import Drag, Law, Motion
 from drop_physics.physics.rotations import rotate, rotate_inverse
 
 Number = TypeVar("Number", float, Decimal)

@@ -24,8 +24,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial.polynomial import polyint, polyval
 
-from drop_physics.arrays import Float64
-from drop_physics.physics.base import Drag, Vector
+from drop_physics.arrays import Float64, Vector
+from drop_physics.physics.base import Drag
 
 SERIES_REACH = 0.25
 """Largest rate x time of the series; beyond, the closed form loses at most two of 16 digits."""

@@ -13,9 +13,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from drop_physics.engine_report import EngineReport
 from drop_physics.errors import RecordingError
 from drop_physics.messages import Message
@@ -57,9 +54,6 @@ from drop_physics.trace.states import in_step_order
 
 if TYPE_CHECKING:
     import polars as pl
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

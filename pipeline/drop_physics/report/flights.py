@@ -14,7 +14,8 @@ from drop_physics.report.blocks import Block, Column, DataTable, Section, Words,
 from drop_physics.report.words import CONTACTS, TERMS, millimetres
 
 if TYPE_CHECKING:
-    from drop_physics.analysis.results import BodyAnalysis, BodyFlight, Vector
+    from drop_physics.analysis.results import BodyAnalysis, BodyFlight
+    from drop_physics.arrays import Vector
     from drop_physics.explain.decomposition import VectorTerms
 
 MOST_ROWS = 6

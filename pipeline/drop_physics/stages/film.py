@@ -17,6 +17,7 @@ from drop_physics.figures.overlay import beside, draw_clock, draw_marks
 from drop_physics.figures.playback import Animation, Playback, playback
 from drop_physics.figures.theme import DARK, LIGHT, Theme
 from drop_physics.messages import shell_command
+from drop_physics.physics.vectors import triple
 from drop_physics.recording.frames import frames, frames_of_cameras
 from drop_physics.recording.reader import Recording
 from drop_physics.recording.scene import Part, parts_of
@@ -347,11 +348,10 @@ def _held(places_m: Float64) -> Float64:
 
 
 def _looking(target_m: Float64, distance_m: float, view: View) -> Camera:
-    x, y, z = target_m.tolist()
     return replace(
         STANDARD_CAMERA,
         view=view,
-        target_m=(x, y, z),
+        target_m=triple(target_m),
         distance_m=distance_m,
         near_m=min(0.1, distance_m / 4),
         far_m=max(10.0, 6 * distance_m),

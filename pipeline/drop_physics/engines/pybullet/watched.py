@@ -12,7 +12,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drop_physics.engines.frames import StreamError
 from drop_physics.engines.pybullet.described import Numbering, moving_links, reported_of, shapes_of
@@ -34,8 +33,6 @@ from drop_physics.trace.events import (
     SolverStop,
     counted_s,
 )
-
-Float64 = NDArray[np.float64]
 
 NOTES = frozenset(
     (

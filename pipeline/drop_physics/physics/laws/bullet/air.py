@@ -16,7 +16,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from drop_physics.physics.base import FreeBody, Vector
+from drop_physics.arrays import Vector
+from drop_physics.physics.base import FreeBody
 from drop_physics.scenario import Coordinates
 
 Number = TypeVar("Number", float, Decimal)

@@ -11,8 +11,8 @@ from decimal import Decimal
 import numpy as np
 
 from drop_physics.arrays import Flags, Float64
+from drop_physics.arrays import Vector as Triple
 from drop_physics.physics.base import Drag, Law, Motion
-from drop_physics.physics.base import Vector as Triple
 from drop_physics.physics.laws.bullet import air as bullet_air
 from drop_physics.physics.laws.bullet import spin as bullet_spin
 from drop_physics.physics.laws.bullet.air import EPSILON, BulletBody

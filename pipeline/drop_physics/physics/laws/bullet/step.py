@@ -20,6 +20,7 @@ from drop_physics.physics.laws.bullet.substeps import sum_of_substeps
 from drop_physics.physics.laws.bullet.tree import DAMPING, not_covered, sum_of
 from drop_physics.physics.step_law import DampedTree, Reported, StepLaw
 from drop_physics.physics.tree import States
+from drop_physics.physics.vectors import triple
 from drop_physics.scenario import Coordinates
 
 
@@ -56,14 +57,12 @@ def flight(
         return None
     coordinates: Coordinates = "maximal" if maximal else "reduced"
     linear, angular = (effective_damping(each, coordinates) for each in damping)
-    x, y, z = gravity_m_s2.tolist()
-    ix, iy, iz = body.tree.inertias_kg_m2[0].tolist()
     return BulletLaw(
         timestep_s=timestep_s,
         substeps=substeps,
-        gravity_m_s2=(x, y, z),
+        gravity_m_s2=triple(gravity_m_s2),
         mass_kg=float(body.tree.masses_kg[0]),
-        inertia_kg_m2=(ix, iy, iz),
+        inertia_kg_m2=triple(body.tree.inertias_kg_m2[0]),
         linear_damping=linear,
         angular_damping=angular,
         coordinates=coordinates,
