@@ -1,4 +1,4 @@
-"""What one body did, gathered piece by piece."""
+"""The analysis of one body, piece by piece."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The flights of a body: each is a fall of its own, with a theory that starts where it does."""
+"""The flights of a body: each is a fall of its own, with a theory that starts at its beginning."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""How two recordings differ: inputs, calls, samples."""
+"""Differences between two recordings: inputs, calls, samples."""

@@ -1,4 +1,4 @@
-"""The calls of two scripts compared, in the order in which they were made."""
+"""Compare the calls of two scripts in the order in which they were made."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class OtherCall:
     """The first call that differs from golden's."""
 
     value: Call | None
-    """The call in the checked recording; None where it has no more."""
+    """The call in the checked recording; None if it has no more."""
     golden: Call | None
-    """The call in the golden recording; None where it has no more."""
+    """The call in the golden recording; None if it has no more."""
 
 
 class CallComparison:
@@ -72,14 +72,14 @@ class CallComparison:
         return min(found, key=_when, default=None)
 
     def _does(self, call: Call) -> tuple[object, ...]:
-        """Return what a call does, from whatever line and with files in whatever folder."""
+        """Return what a call does, whatever line makes it, and whatever the folder of its files."""
         if call.site not in self._said:
             self._said[call.site] = call.function, FOLDER.sub("", call.site.form)
         return *self._said[call.site], _comparable(call.numbers), bool(call.raised)
 
 
 def _comparable(numbers: tuple[float, ...]) -> tuple[object, ...]:
-    """Return numbers of which nan equals nan."""
+    """Return numbers with nan replaced, so that nan equals nan."""
     return tuple(number if number == number else None for number in numbers)
 
 
@@ -88,7 +88,7 @@ def _when(other: OtherCall) -> tuple[int, int]:
 
 
 def call_before(run: Seen, first: Dated) -> Call | None:
-    """Return the last call that can have caused a difference."""
+    """Return the last call before a difference that can have caused it."""
     found = None
     (step, phase, number), client, _ = first
     for piece in run.pieces():

@@ -45,28 +45,28 @@ class Comparison:
     """Settings of a drop, or inputs of a script that differed before any sample did: bodies, the
     engine's settings, masses …"""
     first: Difference | None
-    """The first difference at a step: of an input, else of a sample; None where there is none."""
+    """The first difference at a step: of an input, else of a sample; None if there is none."""
     call_before: Call | None
     """The last call before the first difference."""
     other_call: OtherCall | None
-    """The first call that differs from golden's; None where none does. Not a difference in physics
-    by itself."""
+    """The first call that differs from golden's; None if none does. By itself it is not a
+    difference in physics."""
     largest: list[Largest]
     """The largest difference of each body and quantity, where there is any."""
     largest_difference_m: float | None
-    """Largest distance between positions of a part, over all samples that both have; None where
-    they share none, or at other times."""
+    """Largest distance between positions of a part, over all samples that both have; None if they
+    share none, or have them at other times."""
     part_at: int | None
     """The first step with a state that is not the same to the bit."""
     not_compared: list[str]
     """Bodies whose motion is not recorded, or not that of all links: soft bodies, and links that
-    PyBullet does not show. Without a difference elsewhere the two are then neither the same nor
+    PyBullet does not report. If nothing else differs, the two are then neither the same nor
     different."""
     script: list[Setting]
     """Differences of the script: its name, the digest of its text, its arguments, the seed. Not a
     difference in physics."""
     versions: list[Setting]
-    """The versions that made them, where these differ: not a difference in physics."""
+    """The versions that made them, if they differ: not a difference in physics."""
     unseeded: list[str]
     """Calls that drew unseeded random numbers in either."""
     real_time: bool
@@ -129,7 +129,7 @@ def compare(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Comparison:
 
 
 def _pieces(run: Seen, golden: Seen) -> Iterator[tuple[Piece, Piece]]:
-    """Yield what was sampled of the same steps."""
+    """Yield the samples of both in the same steps."""
     sides, steps = (run.sampled, golden.sampled), min(run.piece_steps(), golden.piece_steps())
     for first in range(
         min(each.first for each in sides), max(each.last for each in sides) + 1, steps
@@ -146,5 +146,5 @@ def _not_seen(seen: Seen) -> Iterator[str]:
 
 
 def _told(dated: Dated, run: Seen) -> Difference:
-    """Return a difference with its time."""
+    """Return a difference with the time of its step."""
     return replace(dated.difference, time_s=StepTimes(run, dated.client).of(dated.when.step))

@@ -1,4 +1,4 @@
-"""The contact points of two simulations compared."""
+"""Compare the contact points of two simulations."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ COLUMNS = [
     *(column for name in MEASURED for column in CONTACT_COLUMNS.get(name, (name,))),
     *(f"friction_{axis}_n" for axis in "xyz"),
 ]
-"""The quantities of a contact point that are compared: friction added up to one force, since a
-small one may have large parts."""
+"""The compared quantities of a contact point: friction is added up to one force, since a small one
+may have large parts."""
 
 
 def first_contact(
     run: Seen, pairs: Pairing, mine: Rows, golden: Rows, allowed: Mapping[str, float]
 ) -> Dated | None:
-    """Return the first contact point that differs by more than allowed, or step with more of them.
+    """Return the first contact point that differs by more than allowed, or is in one only.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def first_contact(
     mine, golden
         The contact points of the same steps, with the same numbers of bodies.
     allowed
-        What is allowed in each column; nothing in the others.
+        Allowed difference in each column; 0 in the others.
     """
     if mine.tobytes() == golden.tobytes():
         return None
@@ -68,7 +68,7 @@ def first_contact(
 
 
 def _numbers(points: Rows) -> Float64:
-    """Return what is compared of contact points, shape (k, numbers)."""
+    """Return the compared numbers of contact points, shape (k, numbers)."""
     friction = sum(
         points[f"friction_{k}_n"][:, None] * points[f"friction_{k}_direction"] for k in (1, 2)
     )

@@ -1,4 +1,4 @@
-"""What differs between a recording and the golden one."""
+"""Differences between a recording and the golden one."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from drop_physics.scenario import Scenario
 from drop_physics.trace.history import Seen
 
 Value = Any
-"""A number, a text, a flag, a vector; None where there is none."""
+"""A number, a text, a flag or a vector; None if there is none."""
 
 
 class DropInputs(NamedTuple):
@@ -31,11 +31,11 @@ class Side:
 
     seen: Seen
     origin: Mapping[str, Any]
-    """The script, the digest of its text, its arguments, the seed; empty of a drop."""
+    """The script, the digest of its text, its arguments, the seed; empty for a drop."""
     ended: Mapping[str, Any]
     """The end of the run, and the versions that made it."""
     drop: DropInputs | None = None
-    """None of a script."""
+    """The inputs of a drop; None for a script."""
 
 
 @dataclass(frozen=True)
@@ -52,10 +52,10 @@ class Setting:
 
 @dataclass(frozen=True)
 class Difference:
-    """A value that the golden recording lacks, or has otherwise."""
+    """A value that the golden recording lacks, or that is different there."""
 
     step: int | None
-    """Steps made before it, by its simulation; None for a setting of a whole drop."""
+    """Number of steps of its simulation before it; None for a setting of a whole drop."""
     body: str | None
     """Label of the body; None if it belongs to no body."""
     link: int | None
@@ -68,15 +68,15 @@ class Difference:
     or its sample exists (1 or 0), and `frame` is an image. Of a drop's settings: the name in its
     scenario; `engine.` comes first where the engine's value differs and the scenario's does not."""
     value: Value = None
-    """The value in the checked recording; None where there is none."""
+    """The value in the checked recording; None if there is none."""
     golden: Value = None
     """The value in the golden recording."""
     time_s: float | None = None
-    """Simulated time of the step; None where it has none."""
+    """Simulated time of the step; None if it has none."""
     part: str | None = None
     """Name of the link, or of its joint if the column is one of joints."""
     unit: str = ""
-    """Unit of a joint's value; empty where the column says it."""
+    """Unit of a joint's value; empty if the column says it."""
 
     @property
     def difference(self) -> float | None:
@@ -91,7 +91,7 @@ class Largest:
     """The largest difference of a body in one quantity, over all samples that both have."""
 
     body: str
-    """Its label."""
+    """Label of the body."""
     link: int
     """Link where the difference is largest; -1 is the base."""
     quantity: str
@@ -108,21 +108,21 @@ class Largest:
 
 
 class When(NamedTuple):
-    """The moment at which a difference arose; moments have an order."""
+    """The moment of a difference; moments have an order."""
 
     step: int
     phase: int
-    """`LED`: a sample that a step led to, before `INPUT`: the inputs that are given then. `FIRST`:
-    a first sample, after the inputs that led to it."""
+    """In this order: `LED`, a sample that a step led to; `INPUT`, the inputs given then; `FIRST`, a
+    first sample, after the inputs that led to it."""
     call: int = 0
-    """Calls of the script before it."""
+    """Number of calls of the script before it."""
 
 
 LED, INPUT, FIRST = range(3)
 
 
 class Dated(NamedTuple):
-    """A difference, and the simulation that it arose in."""
+    """A difference, and its simulation."""
 
     when: When
     client: int
@@ -131,7 +131,7 @@ class Dated(NamedTuple):
 
 
 def earliest(*differences: Dated | None) -> Dated | None:
-    """Return the first of some differences; of several at once, the one named first."""
+    """Return the first of some differences; if several are simultaneous, the one given first."""
     return min(filter(None, differences), key=lambda dated: dated.when, default=None)
 
 

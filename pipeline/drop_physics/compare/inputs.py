@@ -1,4 +1,4 @@
-"""The inputs of two scripts compared: bodies, their dynamics, the engine's settings."""
+"""Compare the inputs of two scripts: bodies, their dynamics, the engine's settings."""
 
 from __future__ import annotations
 
@@ -24,11 +24,12 @@ from drop_physics.trace.events import Body
 from drop_physics.trace.history import Seen
 
 FOLLOWS = ("number", "label", "name", "engine_id", "client", "bounds_m", "asked")
-"""A body's names and numbers, which depend on the machine and on what came before, the boxes that
-follow from its pose, and what its file asks for: what the engine makes of it counts."""
+"""Fields that are not compared: a body's names and numbers, which depend on the machine and on
+earlier bodies; the boxes, which follow from its pose; and the requests of its file, which count
+through what the engine makes of them."""
 MADE_WITH = "made_with_"
 DID = ("unseeded", "real_time")
-"""Facts of that prefix that are not versions: what the script did."""
+"""Facts of that prefix that are not versions but say what the script did."""
 OF_SCRIPT = ("script", "script_sha256", "arguments", "seed")
 
 Column = tuple[int | None, str]
@@ -42,7 +43,7 @@ THERE: Column = (None, "there")
 def input_differences(run: Seen, golden: Seen, pairs: Pairing) -> Iterator[Dated]:
     """Yield the first difference in the inputs of each body and each simulation.
 
-    What they were at each step is compared, until the first of both simulations ends.
+    Inputs are compared as they were at each step, until the first of both simulations ends.
     """
     numbers = {number: number for number in run.bodies}
     clients = {client: client for client in pairs.clients.values()}
@@ -90,7 +91,7 @@ def _first(
 def _inputs(
     seen: Seen, numbers: Mapping[int, int], clients: Mapping[int, int], common: Set[int]
 ) -> dict[Key, dict[int, tuple[int, Values]]]:
-    """Return what each input was at each step that changed it, after so many calls."""
+    """Return the values of each input after each change, by step, and the calls before it."""
     inputs: dict[Key, dict[int, tuple[int, Values]]] = {}
     for came in seen.appearances:
         key = "bodies", clients.get(came.body.client, -1), numbers[came.body.number]
@@ -144,7 +145,7 @@ def _of_links(reported: Mapping[str, Any]) -> Iterator[tuple[Column, Value]]:
 
 
 def script_settings(run: Side, golden: Side) -> Iterator[Setting]:
-    """Yield what differs of the script: its name, the digest of its text, arguments, seed."""
+    """Yield differences of the script: its name, the digest of its text, arguments, seed."""
     for name in OF_SCRIPT:
         mine, theirs = (side.origin.get(name) for side in (run, golden))
         if mine != theirs:
@@ -152,7 +153,7 @@ def script_settings(run: Side, golden: Side) -> Iterator[Setting]:
 
 
 def script_versions(run: Side, golden: Side) -> Iterator[Setting]:
-    """Yield the versions that made two recordings, where both have one and they differ."""
+    """Yield the versions that made two recordings, if both have one and they differ."""
     mine, theirs = (_made_with(side) for side in (run, golden))
     for name, value in mine.items():
         other = theirs.get(name)

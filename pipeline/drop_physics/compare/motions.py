@@ -1,4 +1,4 @@
-"""What was sampled of bodies in a piece of a recording, to compare two of them."""
+"""The samples of bodies in a piece of a recording, to compare two recordings."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ NOTHING = BodySamples(np.empty(0, np.int64), None, None)
 
 
 def motions(bases: Rows, joints: Mapping[int, Joints]) -> dict[int, BodySamples]:
-    """Return what was sampled of each body, by number."""
+    """Return the samples of each body, by its number."""
     found = {
         number: BodySamples(rows["step"], rows, None) for number, rows in by_body(bases).items()
     }
@@ -56,7 +56,7 @@ def motions(bases: Rows, joints: Mapping[int, Joints]) -> dict[int, BodySamples]
 def together(
     mine: BodySamples, theirs: BodySamples, *, finer: int = 1
 ) -> tuple[BodySamples, BodySamples]:
-    """Return the samples that both have; the other makes so many steps for each of these."""
+    """Return the samples that both have; `theirs` makes `finer` steps for each of these."""
     due = mine.steps * finer
     if np.array_equal(due, theirs.steps):
         return mine, theirs

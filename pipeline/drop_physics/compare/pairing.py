@@ -19,13 +19,13 @@ from drop_physics.trace.states import Rows
 
 @dataclass(frozen=True)
 class Pairing:
-    """The numbers that the checked recording has for what is in the golden one."""
+    """The numbers in the checked recording of what is in the golden one."""
 
     clients: Mapping[int, int]
-    """The checked recording's clients, by golden's number; those that only golden has get numbers
-    that are not used."""
+    """The checked recording's clients, by golden's number; clients that only golden has get unused
+    numbers."""
     bodies: Mapping[int, Body]
-    """Golden's bodies by the number that the checked recording has for each, or does not use."""
+    """Golden's bodies, by their number in the checked recording, or an unused number."""
     common: Mapping[int, Body]
     """The checked recording's bodies that both have, by number."""
 
@@ -35,7 +35,7 @@ class Pairing:
         return {body.number: number for number, body in self.bodies.items()}
 
     def label(self, number: int) -> str:
-        """Return the label of a body that at least golden has, by the checked one's number."""
+        """Return the label of a body that golden has, by its number in the checked recording."""
         return (self.common.get(number) or self.bodies[number]).label
 
     def renumbered(self, rows: Rows, *fields: str) -> Rows:
@@ -73,7 +73,7 @@ def pairing(run: Seen, golden: Seen) -> Pairing:
 
 
 def lengths(run: Seen, golden: Seen, pairs: Pairing) -> dict[int, tuple[int, int]]:
-    """Return how many samples both have of each simulation, by client, where that differs."""
+    """Return how many samples each has of a simulation, by client, if the numbers differ."""
     counts = {
         mine: (run.samples[mine], golden.samples[theirs])
         for theirs, mine in pairs.clients.items()
@@ -83,13 +83,13 @@ def lengths(run: Seen, golden: Seen, pairs: Pairing) -> dict[int, tuple[int, int
 
 
 def _used(seen: Seen) -> set[int]:
-    """Return the clients with bodies; without one, nothing that is set has an effect."""
+    """Return the clients with bodies; without bodies, no setting has an effect."""
     with_bodies = {body.client for body in seen.bodies.values()}
     return with_bodies or {each.client for each in seen.settings}
 
 
 def _named(seen: Seen, clients: Mapping[int, int]) -> dict[tuple[int, str, int], Body]:
-    """Return bodies by client, name, and how many of that name came before."""
+    """Return bodies by client, name, and the number of earlier ones of that name."""
     before: Counter[tuple[int, str]] = Counter()
     named = {}
     for _, body in sorted(seen.bodies.items()):

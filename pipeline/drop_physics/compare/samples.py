@@ -1,4 +1,4 @@
-"""The samples of two simulations compared, piece by piece: bases, joints, constraint forces."""
+"""Compare the samples of two simulations, piece by piece: bases, joints, constraint forces."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class SampleComparison:
         self.first: Dated | None = None
         """The first number that differs by more than allowed, or sample that one lacks."""
         self.parted: When | None = None
-        """Moment at which a state was first not the same to the bit."""
+        """Moment of the first state that is not the same to the bit."""
         self.shared = False
         """Whether both have a sample of the same body and step."""
         self.largest: dict[tuple[int, str], Largest] = {}
@@ -101,7 +101,7 @@ class SampleComparison:
             self.first = earliest(*found)
 
     def end(self) -> None:
-        """Compare how long simulations are, in which nothing may move."""
+        """Compare the lengths of simulations, in which nothing may move."""
         for client, (mine, theirs) in lengths(self._run, self._golden, self._pairs).items():
             step, there = min(mine, theirs), (float(mine > theirs), float(theirs > mine))
             ended = Dated(When(step, LED), client, Difference(step, None, None, "there", *there))
@@ -117,7 +117,7 @@ class SampleComparison:
         return Dated(self._when(number, step), body.client, difference)
 
     def _first_of_body(self, number: int, mine: BodySamples, theirs: BodySamples) -> Dated | None:
-        """Return the first number of a body that differs, in this piece."""
+        """Return the first number of a body that differs in this piece."""
         dated = [self._lacking(number, mine.steps, theirs.steps)]
         mine, theirs = together(mine, theirs)
         steps = mine.steps
@@ -168,7 +168,7 @@ class SampleComparison:
         return None
 
     def _first_force(self, mine: Forces, theirs: Forces) -> Dated | None:
-        """Return the first force of a constraint that differs; above 0 only the motion counts."""
+        """Return the first force of a constraint that differs; None if only motion counts."""
         dated: list[Dated] = []
         for (client, number), (their_steps, forces) in theirs.items():
             key = self._pairs.clients.get(client, -1), number
@@ -193,7 +193,7 @@ class SampleComparison:
         tracks: tuple[BodySamples, BodySamples],
         parts: tuple[Float64, Float64],
     ) -> None:
-        """Note the largest differences of a body, of each quantity."""
+        """Keep the largest differences of a body, by quantity."""
         x, y = parts
         with np.errstate(invalid="ignore", over="ignore"):
             for quantity, vector in zip(QUANTITIES, VECTORS, strict=True):
@@ -228,7 +228,7 @@ class SampleComparison:
 
 
 def _columns(body: Body, track: BodySamples) -> list[tuple[str, int]]:
-    """Return name and link of each of its numbers."""
+    """Return name and link of each number of a body."""
     columns = [] if track.base is None else [(name, BASE) for name in MOTION_COLUMNS]
     return columns + ([] if track.joints is None else [*_joint_columns(body)])
 
@@ -241,7 +241,7 @@ def _joint_columns(body: Body) -> Iterator[tuple[str, int]]:
 
 
 def _worst(differ: Flags, base: Flags | None, track: BodySamples) -> int:
-    """Return the number of a body to name: of its base if that is beyond a tolerance."""
+    """Return the index of the number to name: one of the base, if it is beyond a tolerance."""
     named = differ.copy()
     if base is not None and track.base is not None:
         named[: len(base)] = base
@@ -259,8 +259,8 @@ def _beyond(mine: Float64, golden: Float64, allowed: Float64) -> Flags:
 def _states_off(mine: Float64, golden: Float64, allowed: Float64) -> Flags:
     """Return which numbers of states differ by more than allowed, all of shape (rows, 13).
 
-    A tolerance is that of a whole vector: where a difference is too long, though none of its
-    components is, the largest of them is off.
+    A tolerance holds for a whole vector: if a difference is too long, but none of its components is
+    too large, its largest component counts as different.
     """
     differ = off(mine, golden, allowed)
     with np.errstate(invalid="ignore", over="ignore"):

@@ -1,9 +1,9 @@
-"""What may differ: nothing, or what moves a body by less than a length.
+"""The allowed differences: none, or what moves a body by less than a length.
 
 Before the first contact a drop's law uses only + - × ÷ √, so two runs of one engine agree to the
-last bit; in contact the solver stops at a residual, which is a discrete branch, and a nanometre is
-allowed. From a length follows what other columns may differ by: a velocity by what moves the body
-that far in one step, an angle by what moves its surface that far.
+last bit. In contact the solver stops at a residual, which is a discrete branch, and a nanometre is
+allowed. The tolerances of other columns follow from a length: a velocity may differ by what moves
+the body that far in one step, an angle by what moves its surface that far.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ class Tolerance:
     timesteps_s: Mapping[int, float]
     """Timestep of each client, as golden numbers them."""
     length_m: float | None
-    """Distance from a drop's centre to its surface; None where it is that of each part's box."""
+    """Distance from a drop's centre to its surface; None to take it from each part's box."""
     mass_kg: float | None
     """Mass of a drop's body."""
 
     def of_parts(
         self, body: Body, client: int, steps: Int64, touched: int | None, parts: Float64
     ) -> Float64:
-        """Return what is allowed in base and links.
+        """Return the tolerances of base and links.
 
         Parameters
         ----------
@@ -53,7 +53,7 @@ class Tolerance:
         touched
             The first step with a contact; None if there is none yet.
         parts
-            Golden's, shape (n, links, 13).
+            Golden's states, shape (n, links, 13).
         """
         contact = steps >= touched if touched is not None else np.zeros(len(steps), np.bool_)
         metres = np.where(contact, self.contact_m, self.air_m)
@@ -65,10 +65,10 @@ class Tolerance:
         return allowed
 
     def of_contacts(self) -> Mapping[str, float] | None:
-        """Return what is allowed in columns of contact points; None if they do not count.
+        """Return the tolerances of columns of contact points; None if contact points do not count.
 
-        Nothing is allowed in those that it lacks. In a script they count only to the bit: beyond,
-        they count through the motion.
+        Columns that it lacks have none. In a script, contact points count only if no tolerance is
+        given: otherwise they count through the motion.
         """
         if self.mass_kg is None or self.length_m is None:
             return None if self.air_m else {}
@@ -90,7 +90,7 @@ class Tolerance:
 
 
 def tolerance_of(run: Side, golden: Side, tolerance_m: float) -> Tolerance:
-    """Return what is allowed if positions may differ by a length [m]."""
+    """Return the tolerances if positions may differ by a length [m]."""
     timesteps_s = {
         each.client: float(np.max(each.values["fixedTimeStep"])) for each in golden.seen.settings
     }

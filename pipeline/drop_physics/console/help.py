@@ -29,7 +29,7 @@ GROUPS = OWN, BOX, RECORDINGS = "Your own script", "The falling box", "Recording
 """Groups of commands, in the order in which help lists them."""
 SHELLS = ("bash", "zsh", "fish")
 RECORDED = (SCRIPT, "record", "analyze")
-"""Commands that a line which begins with a script has to do with."""
+"""Commands that a line which begins with a script may run."""
 
 
 class App(typer.Typer):

@@ -1,4 +1,4 @@
-"""How output is printed: JSON, notes, lines, and numbers with sensible digits."""
+"""Print output: JSON, notes, lines."""
 
 from __future__ import annotations
 

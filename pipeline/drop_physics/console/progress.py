@@ -1,6 +1,6 @@
-"""Bars on a terminal: how much is done, how fast it goes, how long it will take.
+"""Progress bars on a terminal: how much is done, how fast it goes, how long it will take.
 
-Of a script nobody knows how long it will take: a line shows how far it is.
+How long a script will take is unknown: a line shows how far it is.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from drop_physics.console.output import cut, left, note, wants_colour, width
 from drop_physics.messages import Message, localized, translated
 
 LINE_AFTER_S = 1.0
-"""A script that ends before [s] gets no line."""
+"""A script that ends sooner than this [s] gets no line."""
 
 
 @contextlib.contextmanager
@@ -87,7 +87,7 @@ def _bars() -> Iterator[Callable[[str, str, int, int], None]]:
 def script_progress() -> Iterator[
     tuple[Callable[[float, int], None] | None, Callable[[str], None]]
 ]:
-    """Yield what shows how far a script is, in a line of the terminal, and what prints notes.
+    """Yield a function that shows a script's progress in a line of the terminal, and one for notes.
 
     In a pipe there is no such line. The script's own output may come at any time: it begins where
     the line does.

@@ -1,6 +1,6 @@
-"""What a watched process and its listener share: a pipe, and memory for what is not sent yet.
+"""The channel of a watched process and its listener: a pipe, and memory for what is not sent yet.
 
-It imports little: it is also needed where a block of somebody else's Python is watched.
+It imports little, because a watched block of somebody else's Python needs it, too.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from drop_physics.errors import OutputError
 from drop_physics.messages import Message
 
 WATCHING = Path(__file__).with_name("watching")
-"""What runs parts of ours in a script's interpreter."""
+"""Code that runs parts of ours in a script's interpreter."""
 
 
 def shared_block() -> IO[bytes]:

@@ -1,4 +1,4 @@
-"""Find the engine's room that writes a cure as a call, and makes a run with it."""
+"""Find the engine's room that words a cure as a call, and makes a run with it."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from drop_physics.trace.cures import Cure, EngineCures
 from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 
 ROOMS: dict[str, EngineCures] = {PYBULLET: pybullet, "MuJoCo": mujoco}
-"""What knows the cures of each engine, by its name."""
+"""The cures of each engine, by the engine's name."""
 
 
 def cures_of(engine: str) -> EngineCures:
-    """Return what is known of cures for the engine of a script's recording."""
+    """Return the cures of the engine of a recording."""
     return ROOMS[engine.partition(" ")[0]]
 
 
 def call_of(engine: str) -> Callable[[Cure], str]:
-    """Return what writes a cure as a user of an engine would."""
+    """Return the function that words a cure as a user of an engine would."""
     cures = ROOMS.get(engine.partition(" ")[0])
     return (lambda cure: cure.call) if cures is None else cures.call_of  # of a drop elsewhere

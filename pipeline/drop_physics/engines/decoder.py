@@ -40,14 +40,14 @@ class Decoder:
     def __init__(self, finer: int = 1) -> None:
         self._finer = finer
         self.engine = ""
-        """The engine whose frames are events: the first that steps; empty until then."""
+        """The engine whose frames become events: the first that steps; empty until then."""
         self._kept: IO[bytes] | None = None
-        """The frames that are kept; None while there are none."""
+        """The frames that are kept for a second engine; None while there are none."""
         self.also_steps = ""
-        """The other engine, where it steps, too; else empty."""
+        """The other engine, if it steps, too; else empty."""
         self.python: dict[str, Any] = {}
         self.main_sha256: str | None = None
-        """Digest of the file that runs as `__main__`, once it has made a call."""
+        """Digest of the file that runs as `__main__`, from its first call on."""
         self.stopped = ""
         self.ended: dict[str, Any] | None = None
         self.faults: list[str] = []
@@ -55,31 +55,32 @@ class Decoder:
         """Whether the script closed the pipe or wrote into it: the end is missing."""
         self.unseeded: list[str] = []
         self.outside: list[tuple[str, str]] = []
-        """What it reached beside its simulation: `connects`, `starts`, `writes`, `removes`, `keeps`
-        or `keeps there`, and a name."""
+        """What the script did outside its simulation: `connects`, `starts`, `writes`, `removes`,
+        `keeps` or `keeps there`, and a name."""
         self.intervened: set[int] = set()
-        """The interventions that have changed something, by number."""
+        """Numbers of the interventions that have changed something."""
         self.forked: dict[int, tuple[int, int]] = {}
-        """Process of each trial that parted from it, and after how many bytes of the stream."""
+        """Process of each trial that branched off, and the bytes of the stream before it."""
         self.timing = ""
-        """Where the script first read a time after a step: file and line."""
+        """File and line that first read a time after a step."""
         self.bullet, self.mujoco = BulletDecoder(finer, self.faults), MujocoDecoder()
         self._frames = Frames()
         self.counters: Sequence[int] = ()
-        """How often places have read, as counted in the memory shared with the process."""
+        """The number of readings of each place, as counted in the memory shared with the
+        process."""
 
     @property
     def steps(self) -> int:
-        """How many steps all simulations have made."""
+        """The number of steps of all simulations."""
         return self.bullet.steps or self.mujoco.steps
 
     @property
     def time_s(self) -> float:
-        """Simulated time [s], of the simulation that is furthest."""
+        """The simulated time of the simulation that is furthest [s]."""
         return self.bullet.time_s or self.mujoco.time_s
 
     def close(self) -> None:
-        """Free what was kept."""
+        """Free the kept frames."""
         self.mujoco.close()
         if self._kept is not None:
             self._kept.close()
@@ -104,7 +105,7 @@ class Decoder:
         return other, events()
 
     def _begin(self, engine: str) -> Iterator[Event]:
-        """Yield the events of an engine that were kept, and keep only the other's from now on."""
+        """Yield the kept events of an engine, and from now on keep only the other's."""
         self.engine = engine
         kept, self._kept = self._kept, None
         for kind, payload in _frames_in(kept):
@@ -153,14 +154,14 @@ class Decoder:
             getattr(self, f"_on_{note.pop('what')}")(**note)
 
     def explained(self, python: str) -> Iterator[Event]:
-        """Yield what the steps of MuJoCo are, replayed and explained in an interpreter."""
+        """Yield the replayed and explained steps of MuJoCo, computed in an interpreter."""
         try:
             yield from self.mujoco.explained(python)
         except DropError as error:  # the recording is whole without it
             self.faults.append(Message("its steps are not explained: {why}", why=str(error)))
 
     def rest(self) -> Iterator[Event]:
-        """Yield what is gathered and not yet yielded; the stream is over."""
+        """Yield the events that were gathered but not yet yielded, at the end of the stream."""
         if not self.engine:
             yield from self._begin(PYBULLET)
         if self.engine == PYBULLET and not self.also_steps:  # it says what of MuJoCo is not caught

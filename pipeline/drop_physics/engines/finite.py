@@ -1,4 +1,4 @@
-"""Samples of a drop from an engine's numbers, if a recording can hold them."""
+"""Check that a recording can hold an engine's numbers, and make samples of a drop from them."""
 
 from __future__ import annotations
 

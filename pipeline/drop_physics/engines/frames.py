@@ -1,4 +1,4 @@
-"""Splits a stream of bytes into the frames that `watching.pipe` sends."""
+"""Split a stream of bytes into the frames that `watching.pipe` sends."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ FRAMES = {pipe.NOTE, pipe.SAMPLE, pipe.SET, pipe.CALL, pipe.RESULT, pipe.IMAGE, 
 
 
 class StreamError(DropError):
-    """A stream that our other half did not send."""
+    """The stream is not from our other half."""
 
 
 class Frames:
@@ -19,7 +19,7 @@ class Frames:
 
     def __init__(self) -> None:
         self._pieces: list[bytes] = []
-        """What has arrived of an incomplete frame."""
+        """The part of an incomplete frame that has arrived."""
         self._held, self._wanted = 0, len(pipe.MAGIC)
         self._begun = False
         self.broken = False

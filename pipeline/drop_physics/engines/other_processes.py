@@ -1,4 +1,4 @@
-"""Which engines the processes have loaded that a script starts: what they step is not recorded."""
+"""Find the engines that processes started by a script have loaded: their steps are not recorded."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from pathlib import Path
 ENGINE = re.compile(rb"^(\S+) .*/(?:pybullet|libmujoco)[^/]*\.so[^/]*$", re.MULTILINE)
 """A part of a process's memory that is an engine's library, and where it lies."""
 LOOKS_S = 0.1, 1.0
-"""How long [s] after a process was first seen it is looked at again, twice as long after that, and
-so on up to the second."""
+"""Time [s] after which a new process is examined again; then after twice as long, up to the second
+number."""
 
 
 class OtherProcesses:
@@ -30,10 +30,10 @@ class OtherProcesses:
         self.found = False
         self._due = 0.0
         self._next: dict[int, tuple[float, float]] = {}
-        """When each process is looked at again, and how long after the last time [s]."""
+        """When to examine each process again, and after how long the time before [s]."""
 
     def look(self) -> None:
-        """Look at what is due: new processes soon, old ones ever more seldom."""
+        """Examine the processes that are due: new ones soon, old ones ever more rarely."""
         now, (first, last) = time.monotonic(), LOOKS_S
         if self.found or now < self._due:
             return
@@ -47,7 +47,7 @@ class OtherProcesses:
 
 
 def _started_by(process: int) -> list[int]:
-    """Return the processes that one has started, and those that they have; Linux tells them."""
+    """Return the children of a process and their children, as Linux lists them."""
     found: list[int] = []
     with suppress(OSError):  # one has ended: it is looked at again
         for tasks in Path("/proc").glob(f"{process}/task/*/children"):

@@ -26,7 +26,7 @@ with warnings.catch_warnings():  # about Vulkan, which is not used here
     from sapien import physx
 
 X_TO_Z = (0.5, -0.5, -0.5, -0.5)
-"""w, x, y, z: PhysX's planes face x, and its cylinders have their axis along x."""
+"""Rotation w, x, y, z: PhysX's planes face x, and its cylinders have their axis along x."""
 
 
 class PhysxSession(Session):
@@ -140,7 +140,7 @@ def _wide(values: Any) -> list[float]:  # noqa: ANN401 - float32 to float64, whi
 
 
 def _settled(orientation: Sequence[float]) -> list[float]:
-    """Return the nearest quaternion that PhysX, which normalises it, leaves as it is."""
+    """Return the nearest quaternion that PhysX leaves unchanged when it normalises it."""
     unit = _normalised(np.array(orientation, dtype=np.float32))
     for ulps in sorted(itertools.product((0, -1, 1, -2, 2), repeat=4), key=_size):
         near = unit + np.array(ulps, dtype=np.float32) * np.spacing(unit)

@@ -27,28 +27,28 @@ from drop_physics.trace.events import Ending, Event, located
 from drop_physics.workers import how_it_ended, under_load, users_environment
 
 MODULE = "watching.running"
-"""What is asked to run a script in its interpreter."""
+"""The command that runs a script in its interpreter."""
 
 PERTURB = "85"
-"""What new memory is filled with (`MALLOC_PERTURB_`): PyBullet reads some of it uninitialised."""
+"""Fill value of new memory (`MALLOC_PERTURB_`): PyBullet reads some memory uninitialised."""
 OTHER_PERTURB = "170"
-"""What a second run fills it with: a state that differs depends on such memory."""
+"""Fill value in a second run: a state that differs then depends on such memory."""
 
 STOPS_WITHIN_S = 6.0
-"""How long a script that is to stop may clean up, on a machine that does nothing else."""
+"""Time that a script may take to clean up after it was stopped [s], on an idle machine."""
 INTERRUPT_AGAIN_S = 2.0
-"""A terminal sends Ctrl-C to the script too; if it still runs after this long, it gets another."""
+"""Time [s] after which a script that still runs gets another Ctrl-C; a terminal sends the first."""
 TICK_S = 0.1
 ELSEWHERE = Message(
     "other processes that the script starts use the engine, too: what they step is not recorded; "
     "let the script step in its own process (with gymnasium: SyncVectorEnv)"
 )
 _EXIT_CODE = re.compile(r"sys\.exit\((-?\d+|True)\)")
-"""An end that Python says nothing of: of an exception it prints a traceback, of a text that."""
+"""Endings that Python does not report; an exception leaves a traceback, a text that text."""
 
 
 TRIES = ("steps", "variation", "interventions")
-"""What of a program may be another in each of its trials."""
+"""Fields of a program that may differ between its trials."""
 TOLD = (
     "is_module",
     "duration_s",
@@ -59,7 +59,7 @@ TOLD = (
     "listens",
     "scratch",
 )
-"""What else of it its process is told."""
+"""Further fields that its process receives."""
 
 
 @dataclass(frozen=True)
@@ -81,26 +81,27 @@ class Program:
     python: str
     is_module: bool = False
     steps: int | None = None
-    """After how many steps it is stopped; with `of_first`, of the engine that steps first."""
+    """Number of steps after which it is stopped; with `of_first`, of the engine that steps
+    first."""
     duration_s: float | None = None
     keep_sleeping: bool = False
     seed: int | None = None
     begins_s: float | None = None
-    """What its clock shows at first [s], if it is virtual."""
+    """Initial time of its clock [s], if that is virtual."""
     perturb: str = PERTURB
     of_first: bool = False
     explain: bool = False
-    """Whether steps of MuJoCo are replayed and explained in the same interpreter, afterwards."""
+    """Whether steps of MuJoCo are replayed and explained in the same interpreter afterwards."""
     variation: Mapping[str, Any] | None = None
     """The arguments of a `watching.varied.Variation`, or None."""
     listens: bool = False
-    """Whether it is told what it reaches beside its simulation, which slows it down."""
+    """Whether to observe what it does outside its simulation, which slows it down."""
     interventions: Sequence[Mapping[str, Any]] = ()
-    """What its calls do otherwise, as `interventions` makes it."""
+    """Changes of its calls, as `interventions` makes them."""
     scratch: str | None = None
-    """A copy of the working directory, in which it runs."""
+    """A copy of the working directory to run in."""
     trials: Sequence[Program] = ()
-    """Programs that differ only in what is changed, and in their steps: they part from this run."""
+    """Programs that differ only in their changes and steps: they branch off from this run."""
 
 
 def _seeded(seed: int | None) -> dict[str, str]:
@@ -120,26 +121,26 @@ class Listener(ABC):
     """
 
     target = ""
-    """The script; empty of a block."""
+    """Path of the script; empty for a block."""
     explains_with: str | None = None
-    """The interpreter in which steps of MuJoCo are replayed and explained; None leaves it out."""
+    """The interpreter that replays and explains steps of MuJoCo; None if they are not replayed."""
 
     _others: OtherProcesses | None = None
-    """Looks for other processes with an engine; None where they need not be the script's."""
+    """Looks for other processes with an engine; None if they need not be the script's."""
 
     def __init__(self, reading: int, block: int) -> None:
         self.decoder = Decoder()
         self._reading, self._memory = reading, block
         self._received = 0
         self.kept: bytearray | None = None
-        """All that was received, where others need it."""
+        """All bytes received, if other listeners need them."""
         self._closed = False
         """Whether no process has the sending end of the pipe any more."""
         self._left = False
         """Whether nothing more is read."""
 
     def events(self) -> Iterator[Event]:
-        """Yield the events, until the process has ended."""
+        """Yield the events until the process has ended."""
         over = False
         while not self._left:
             ready, _, _ = select.select([self._reading], [], [], TICK_S)
@@ -171,7 +172,7 @@ class Listener(ABC):
             yield from self.decoder.explained(self.explains_with)
 
     def other(self) -> OtherEngine | None:
-        """Return what reads the other engine, after all events; None if there is but one."""
+        """Return the listener of the other engine, after all events; None if there is only one."""
         found = self.decoder.other()
         return None if found is None else OtherEngine(self, *found)
 
@@ -180,7 +181,7 @@ class Listener(ABC):
         """Return whether the process sends nothing any more."""
 
     def _tick(self) -> None:
-        """Look after the process, at least every `TICK_S`."""
+        """Check on the process; called at least every `TICK_S`."""
         if self._others is not None:
             self._others.look()
 
@@ -190,19 +191,19 @@ class Listener(ABC):
         return loaded or any(self.decoder.counters[pipe.APART :])
 
     def _left_behind(self) -> bytes:
-        """Return what the process had not sent when it ended."""
+        """Return the bytes that the process had not sent when it ended."""
         with mmap.mmap(self._memory, pipe.BLOCK_BYTES, access=mmap.ACCESS_READ) as memory:
             before, used = pipe.BLOCK.unpack_from(memory)
             start = pipe.BLOCK.size + max(0, self._received - before)
             return memory[start : pipe.BLOCK.size + used]
 
     def _counters(self) -> Sequence[int]:
-        """Return how often places have read."""
+        """Return the number of readings of each place."""
         with mmap.mmap(self._memory, pipe.SHARED_BYTES, access=mmap.ACCESS_READ) as memory:
             return array("Q", memory[pipe.BLOCK_BYTES :])
 
     def ending(self) -> Ending:
-        """Return how it ended, after its events."""
+        """Return its ending, after its events."""
         decoder = self.decoder
         made_with = {
             **decoder.python,
@@ -246,7 +247,7 @@ class OtherEngine(Listener):
         yield from self._explained()
 
     def ending(self) -> Ending:
-        """Return how the script ended, and what is worth knowing of this engine."""
+        """Return the script's ending, and remarks on this engine."""
         ending, its = self._listener.ending(), super().ending()
         ending.notes, ending.made_with = its.notes, its.made_with
         return ending
@@ -269,7 +270,7 @@ class BlockListener(Listener):
         self._process = process
 
     def stop(self, why: str) -> None:
-        """Read no further: the block is left at its next call."""
+        """Stop reading: the block ends at its next call."""
         if not self._left:
             self.decoder.stopped = why
             self.close()
@@ -305,7 +306,7 @@ class PartedTrial(Listener):
         self.decoder = Decoder(finer)
         self._before, self._process, self._why = before, process, ""
         self.tell: Callable[[], None] = lambda: None
-        """Called now and then while it runs."""
+        """Called now and then while the trial runs."""
 
     def __enter__(self) -> PartedTrial:
         return self
@@ -316,18 +317,18 @@ class PartedTrial(Listener):
         self.decoder.close()
 
     def stop(self, why: str) -> None:
-        """End it."""
+        """Stop the trial."""
         if not self._why:
             self._why = why
             self._end(signal.SIGKILL)
 
     def events(self) -> Iterator[Event]:
-        """Yield the events, from the run's beginning, until the process has ended."""
+        """Yield the events from the run's beginning, until the process has ended."""
         yield from self.decoder.feed(self._before)
         yield from super().events()
 
     def ending(self) -> Ending:
-        """Return how it ended, after its events."""
+        """Return its ending, after its events."""
         ending = super().ending()
         if self._why:
             ending.how, ending.error = self._why, ""
@@ -428,7 +429,7 @@ class Script(Listener):
         self._others = OtherProcesses(self._process.pid)
 
     def part(self, number: int, trial: Program) -> PartedTrial | None:
-        """Return a trial that has parted from this run; None if it has not yet."""
+        """Return the next trial that has branched off from this run; None if there is none yet."""
         if number not in self.decoder.forked or self.kept is None:
             return None
         self._taken.add(number)
@@ -441,7 +442,7 @@ class Script(Listener):
         return part
 
     def end_parts(self) -> None:
-        """End the trials that nobody has taken, for which this run would wait."""
+        """Stop the trials that nobody has taken, for which this run would wait."""
         for number, (process, _) in [*self.decoder.forked.items()]:
             if number not in self._taken:
                 with contextlib.suppress(ProcessLookupError):
@@ -465,7 +466,7 @@ class Script(Listener):
         self.decoder.close()
 
     def interrupt(self) -> None:
-        """Note a Ctrl-C, which a terminal has sent to the script too."""
+        """Register a Ctrl-C, which a terminal has sent to the script, too."""
         self._interrupts += 1
         if self._interrupted_at is None:
             self._interrupted_at = time.monotonic()
@@ -473,7 +474,7 @@ class Script(Listener):
             self._process.kill()
 
     def stop(self, why: str) -> None:
-        """End it as Ctrl-C does."""
+        """Stop it as Ctrl-C does."""
         if self._interrupted_at is None:
             self._interrupted_at, self._why = time.monotonic(), why
             self._process.send_signal(signal.SIGINT)
@@ -500,7 +501,7 @@ class Script(Listener):
         return self._process.poll() is not None
 
     def _tick(self) -> None:
-        """Tell how far it is; kill a script that was to stop and has not."""
+        """Report its progress; kill a script that should have stopped."""
         super()._tick()
         now = time.monotonic()
         if now - self._told_at > TICK_S:
@@ -519,7 +520,7 @@ class Script(Listener):
                 self._process.send_signal(signal.SIGINT)
 
     def ending(self) -> Ending:
-        """Return how the script ended, after its events."""
+        """Return the script's ending, after its events."""
         ending, code = super().ending(), self._process.returncode
         if self._interrupted_at is not None:
             ending.how, ending.error = self._why, ""

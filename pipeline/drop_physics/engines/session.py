@@ -20,7 +20,7 @@ Numbers = tuple[float, ...]
 
 @dataclass(frozen=True)
 class PrimitiveShape:
-    """One of a body's collision shapes."""
+    """A collision shape of a body."""
 
     kind: str
     """box, sphere, cylinder or capsule; its axis is z."""
@@ -33,7 +33,7 @@ class PrimitiveShape:
     """Orientation in the body's axes: quaternion x, y, z, w."""
 
     def depth_m(self, body: Quaternion) -> float:
-        """Return how far it reaches below the centre of mass, with the body turned like this."""
+        """Return how far the shape reaches below the centre of mass, with the body turned."""
         up_in_body = matrix(body)[2]
         x, y, z = np.abs(up_in_body @ matrix(self.orientation))
         a, b, c = self.size_m

@@ -10,7 +10,7 @@ from drop_physics.scenario import Scenario
 
 
 class Worlds:
-    """Provides a world for each scenario, the last one again if it serves; use it in `with`."""
+    """Provides a world for each scenario, the previous one if that serves; use it in `with`."""
 
     def __init__(self) -> None:
         self._kept: LastingWorld | None = None

@@ -16,7 +16,7 @@ from drop_physics.figures.theme import DARK, LIGHT
 GREYS = 8
 """Shades of a caption's edges: with few colours a gif stays exact."""
 ASPECT = 4 / 3
-"""Width of a plot over its height, at least."""
+"""Least ratio of a plot's width to its height."""
 
 
 class Composition:

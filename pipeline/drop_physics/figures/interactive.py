@@ -34,11 +34,11 @@ class Interactive:
     """Panels as parts of a page."""
 
     head: str
-    """What the page loads once: the library, inline."""
+    """Scripts that the page loads once: the library, inline."""
     divs: Sequence[str]
-    """A place for each panel."""
+    """The HTML of each panel's place."""
     script: str
-    """What draws them there."""
+    """The script that draws the panels there."""
 
 
 def interactive(panels: Sequence[Panel]) -> Interactive:

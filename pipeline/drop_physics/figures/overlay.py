@@ -1,4 +1,4 @@
-"""What is drawn over a picture: the time in a corner, a ruler, names; and pictures side by side."""
+"""Draw over a picture: the time in a corner, a ruler, names; and put pictures side by side."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plot what happened: a title, what it means, and below a few panels on one time axis."""
+"""Plot what happened: a title, its meaning, and below a few panels on one time axis."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ OPACITY = 0.75
 WIDTHS = {"line": 1.8, "broad": 3.6, "wide": 6.0, "dashed": 1.5}
 """Width of a curve of each look [points]."""
 INSET, INSET_TALLER = (0.62, 0.36, 0.36, 0.5), 1.5
-"""Place of an inset, as shares of its panel, which is so many times taller."""
+"""Place of an inset, as shares of its panel, and the factor by which that panel is taller."""
 USUAL, TALLER = 98.0, 3.0
 """Peaks over `TALLER` times this percentile of a panel are cut off."""
 LEAST_SPAN = {"rad": 1e-3} | {unit.name: 1e-4 * unit.per_si for unit in style.METRES}
-"""Least range of positions, by their unit: what moves less, 1 mrad or 0.1 mm, is still."""
+"""Least range of positions, by unit: less than 1 mrad or 0.1 mm counts as no motion."""
 SCALED = tuple({unit.name: unit for unit in units} for units in (style.METRES, style.JOULES))
-"""Units that are replaced by a larger or a smaller one."""
+"""Units that may be replaced by larger or smaller ones."""
 LEAST_SHARE = 1e-5
 """Least range in any unit, as a share of the largest value: a tick has at most seven digits."""
 

@@ -1,4 +1,4 @@
-"""What a plot shows, and a column of the viewer: panels of curves over time."""
+"""The content of a plot, and of a column of the viewer: panels of curves over time."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ class Curve:
     times_s: Float64
     """Time of each value, shape (n,)."""
     values: Float64
-    """The values, shape (n,); nan where there is a gap."""
+    """Values, shape (n,); nan in gaps."""
     colour: str
     """The colour as `#rrggbb`; empty for that of text."""
     look: Look = "line"
     steps: Int64 = field(default_factory=lambda: np.empty(0, np.int64))
-    """Step of each value, shape (n,); empty where only times are known."""
+    """Step of each value, shape (n,); empty if only times are known."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Inset:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """Curves of one unit, the finding that they show, and when it holds."""
+    """Curves of one unit, and the finding that they show."""
 
     title: str
     unit: str
@@ -64,5 +64,5 @@ class Plot:
 
     title: str
     lines: Sequence[str]
-    """What is said below the title."""
+    """Lines below the title."""
     panels: Sequence[Panel]

@@ -1,4 +1,4 @@
-"""How plots look: one style for light and dark pages, and numbers in readable units.
+"""The style of plots, for light and dark pages, and numbers in readable units.
 
 The user's own matplotlib settings have no effect: the same table gives the same bytes.
 """
@@ -37,11 +37,11 @@ EDGE_IN = 0.16
 TITLE, LINE = 68, 110
 """Characters that fit in a line of the title, and in one below it."""
 MOST_TITLE, MOST_LINES = 2, 5
-"""Lines of a title, and below it."""
+"""Most lines of a title, and below it."""
 TITLE_IN, LINE_IN = 0.29, 0.19
 """Height of such a line [inch]."""
 NAME, MOST_NAME = "name", 42
-"""The label of a curve's name, and characters that are shown of it."""
+"""The label of a curve's name, and the most characters of it that are shown."""
 APART = 1.15
 """Least distance of the names of two curves, as a multiple of their height."""
 DASHED = (0, (4, 3))

@@ -1,4 +1,4 @@
-"""What the analysis of a recording found."""
+"""The report of an analysis."""
 
 from __future__ import annotations
 
@@ -30,17 +30,18 @@ if TYPE_CHECKING:
     from drop_physics.drop.results import DropAnalysis
 
 MOST_AT_THE_END = 12
-"""Bodies, and joints, whose ends are listed."""
+"""Most bodies, and joints, whose final positions are listed."""
 TOO_GRAVE = 3
-"""The exit code of an analysis with findings that are as grave as `--fail-on` says."""
+"""Exit code of an analysis with a finding of the level of `--fail-on`, or a graver one."""
 
 
 def report_of(
     analysis: Analysis, *, verbose: bool = False, choice: Choice = EVERY, at_the_end: bool = False
 ) -> Report:
-    """Say what happened; without `verbose` on one screen.
+    """Report what happened; without `verbose`, on one screen.
 
-    With `at_the_end` only what is found, and where everything ends: what a golden recording holds.
+    With `at_the_end`, only the findings and where everything ends: what a golden recording's page
+    holds.
     """
     if at_the_end:
         return report_of_end(analysis)
@@ -82,7 +83,7 @@ def _samples(analysis: Analysis) -> int:
 
 
 def report_of_end(analysis: Analysis) -> Report:
-    """Say what was found, and where bodies and joints end, to the micrometre and microradian."""
+    """Yield the findings, and where bodies and joints end, to the micrometre and microradian."""
     found = FindingList(analysis.findings, len(analysis.findings))
     if analysis.kind == "drop":
         last_m = _digits(analysis.table["simulated_m"][-1])

@@ -24,7 +24,7 @@ SEVERITY: dict[Level, tuple[str, str]] = {
     "repeat": ("notice", "note"),
     "note": ("notice", "note"),
 }
-"""How grave a level is in GitHub's commands, and in SARIF."""
+"""Levels as GitHub's commands and SARIF name them."""
 SCHEMA = (
     "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json"
 )
@@ -58,7 +58,7 @@ def _text(finding: Finding) -> str:
 
 
 def _place(finding: Finding, analysis: Analysis) -> tuple[str | None, int | None]:
-    """Return the file and line of a finding; the script where no line of it is meant."""
+    """Return the file and line of a finding; the script if the finding names no line."""
     name, _, line = (finding.site or "").rpartition(":")
     file = name or str((analysis.origin or {}).get("script") or "")
     if file in analysis.sources:
@@ -113,4 +113,4 @@ def _results(
 
 
 FORMATS: dict[str, Callable[[Analysis], str]] = {"github": github_of, "sarif": sarif_of}
-"""What writes each format."""
+"""The writer of each format."""

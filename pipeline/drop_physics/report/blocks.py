@@ -27,11 +27,11 @@ class Words:
     text: str
     style: Style = ""
     key: str = ""
-    """A part of the text that stands out."""
+    """Part of the text to be emphasised."""
     indent: str = ""
-    """Before each line but the first."""
+    """Indent of each line but the first."""
     margin: str = ""
-    """Before each line."""
+    """Indent of each line."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Fact:
     style: Style = ""
     """Style of the title."""
     is_command: bool = False
-    """Whether the words are to be pasted into a shell."""
+    """Whether the words are a command to be pasted into a shell."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Facts:
 
     rows: Sequence[Fact | File]
     column: int = 0
-    """Characters that the titles take; 0 for as many as the longest, and a gap."""
+    """Width of the titles in characters; 0 for the longest title and a gap."""
 
 
 @dataclass(frozen=True)
@@ -73,21 +73,21 @@ class Column:
     right: bool = False
     """Whether cells are aligned to the right, as numbers are."""
     least: int = 0
-    """Characters that it takes at least."""
+    """Least width in characters."""
     most: int = 0
-    """Characters after which a cell is cut; 0 for none."""
+    """Width beyond which a cell is cut; 0 for none."""
     shrinks_to: int = 0
-    """Characters that it may be cut to where there is no room; 0 for none."""
+    """Width to which it may be cut if there is no room; 0 for none."""
     drop: int = 0
-    """Columns with a number are left out where there is no room, the largest number first."""
+    """Columns with a number are left out if there is no room, the largest number first."""
     gap: int = 2
-    """Characters before it, where it is not the first."""
+    """Gap before it in characters, unless it is the first."""
     style: Style = ""
     """Style of its cells."""
     wraps: bool = False
-    """Whether a long cell goes on in further lines; of the last column only."""
+    """Whether a long cell continues in further lines; only for the last column."""
     fits: bool = False
-    """Whether a cell is left out where there is no room for it; of the last columns only."""
+    """Whether a cell is left out if there is no room for it; only for the last columns."""
 
 
 def numbers(head: str, cells: Sequence[str], *, drop: int = 0) -> Column:
@@ -101,16 +101,16 @@ class DataTable:
 
     columns: Sequence[Column]
     title: str = ""
-    """What stands in place of the first column's head."""
+    """Replaces the first column's head."""
     has_heads: bool = True
     has_total: bool = False
     """Whether the last row is the sum of the others."""
     failed: Sequence[bool] = ()
-    """The rows in which something failed; none of those beyond its end."""
+    """Which rows failed; rows beyond its end did not."""
     left_out: Callable[[str], Words] | None = None
-    """Says which columns are left out for want of room, given their heads."""
+    """Returns a sentence about the columns left out for want of room, given their heads."""
     margin: str = ""
-    """Before each line."""
+    """Indent of each line."""
 
 
 @dataclass(frozen=True)
@@ -119,18 +119,18 @@ class FindingList:
 
     findings: Sequence[Finding]
     most: int
-    """How many are shown."""
+    """Number of findings to show."""
     left_out: int = 0
-    """How many more were found, and left out by choice."""
+    """Number of further findings that were left out by choice."""
     sources: Mapping[str, Path] = field(default_factory=dict)
-    """The files that they cite, where these are found."""
+    """The files that they cite, if they are found."""
     first: int = 1
-    """The number of the first."""
+    """Number of the first finding."""
 
 
 @dataclass(frozen=True)
 class Graphs:
-    """Curves over time, which are made when a renderer draws them."""
+    """Curves over time, made when a renderer draws them."""
 
     plot: Callable[[], Plot]
 
@@ -144,21 +144,21 @@ class Section:
 
     blocks: Sequence[Block]
     apart: bool = True
-    """Whether it stands apart from what is before it."""
+    """Whether it is set apart from what precedes it."""
 
 
 @dataclass(frozen=True)
 class Report:
-    """What a verb found."""
+    """The report of a verb."""
 
     title: str = ""
-    """What it is of, where it stands among others: a command."""
+    """Its subject, when it stands among other reports: a command."""
     verdict: Words | Fact | None = None
-    """What there is to say first."""
+    """The first words."""
     sections: Sequence[Section] = ()
     notes: Sequence[str] = ()
-    """What is worth knowing about the result as a whole, such as that it is incomplete."""
+    """Remarks on the result as a whole, for example that it is incomplete."""
     remarks: Sequence[str] = ()
-    """What is said after it: why it is no success."""
+    """The reason why it is not a success, shown at the end."""
     code: int = 0
     """The exit code of the command."""

@@ -1,4 +1,4 @@
-"""What the bodies of a script did: the verdict first, then joints and bodies."""
+"""The report of a script's bodies: the verdict first, then joints and bodies."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ if TYPE_CHECKING:
 MOST_FINDINGS = 6
 """Findings that are listed without --verbose; all are in the JSON."""
 MOST_BODIES, MOST_ROBOTS, MOST_JOINTS = 12, 4, 8
-"""What is listed of each without --verbose; all are in the JSON."""
+"""Most rows of each kind without --verbose; all are in the JSON."""
 NO_MOTOR = "off", "unknown", "default"
 NAME = 8
-"""Columns that names take at least."""
+"""Least width of names in columns."""
 CELL, FORCE, CONTROL, LONGEST_JOINT = 8, 7, 8, 24
-"""Columns of a joint's positions, of its torques, of how it is driven, and of its name."""
+"""Widths of a joint's positions, torques, drive and name in columns."""
 
 
 def report_of_bodies(analysis: Analysis, *, verbose: bool = False) -> Report:
-    """Say what the bodies of a script did."""
+    """Report what the bodies of a script did."""
     moving = [
         body for body in analysis.bodies if body.segments["still"] < sum(body.segments.values())
     ]
@@ -73,7 +73,7 @@ def report_of_bodies(analysis: Analysis, *, verbose: bool = False) -> Report:
 
 
 def _headline(analysis: Analysis, *, verbose: bool) -> Words:
-    """Say what this is, how it ended, and how much of it is explained."""
+    """Yield the script, how it ended, and how much of it is explained."""
     origin, there = analysis.origin or {}, len(analysis.by_body)
     ended = ENDED.get(str(origin["ended"]), Message("never finished"))
     bodies: Message = counted(there, "body", "bodies")
@@ -111,7 +111,7 @@ def _explained(analysis: Analysis, *, verbose: bool) -> Message:
 
 
 def _of_substeps(analysis: Analysis) -> Iterator[Section]:
-    """Say of which substep torques and forces are."""
+    """Yield the substep that torques and forces are of."""
     reported = analysis.engine.values() if isinstance(analysis.engine, dict) else ()
     substeps = max((int(each["numSubSteps"]) for each in reported), default=0)
     if substeps < 2:
@@ -129,9 +129,9 @@ def _of_substeps(analysis: Analysis) -> Iterator[Section]:
 def _joints(
     bodies: Sequence[BodyAnalysis], findings: Sequence[Finding], *, verbose: bool
 ) -> Iterator[Section]:
-    """Yield tables of the joints; without `verbose` only of those that calls drive.
+    """Yield tables of the joints; without `verbose`, only of those that calls drive.
 
-    Those with findings come first where there are too many; what does not fit is left out.
+    If there are too many, joints with findings come first; the rest is left out.
     """
     named = {each.joint for each in findings}
     robots = [body for body in bodies if any(_is_shown(row, named) for row in body.joints)]
@@ -205,23 +205,23 @@ def _number(value: float | None, form: str) -> str:
 
 
 Cells = Mapping[Message, Callable[["JointRow"], str]]
-"""What a row of a joint has under a heading."""
+"""The value of a joint's row under a heading."""
 POSITIONS: Cells = {
     Message("target"): lambda row: _number(row.target, ".3f"),
     Message("reached"): lambda row: _number(row.reached, ".3f"),
     Message("off"): lambda row: _number(row.off, "+.3f"),
 }
-"""Columns in the unit of the joint: rad or m, of a velocity motor per second."""
+"""Columns in the joint's unit: rad or m, for a velocity motor per second."""
 TORQUES: Cells = {
     Message("torque"): lambda row: _number(row.torque, ".1f"),
     Message("limit"): lambda row: _number(row.force_limit, ".4g"),
     Message("needs"): lambda row: _number(row.needs, ".1f"),
 }
-"""Columns in the unit of what drives it: N m or N."""
+"""Columns in the unit of the joint's torque: N m or N."""
 
 
 def _numbers(cells: Cells, rows: Sequence[JointRow], least: int, *, drop: int) -> Iterator[Column]:
-    """Yield columns; the last is left out first, and none whose `drop` is not above 0."""
+    """Yield columns; the last is left out first, and only those whose `drop` is above 0."""
     for place, (head, text) in enumerate(cells.items(), drop):
         yield Column(
             head, [*map(text, rows)], right=True, least=least - 1, gap=1, drop=max(0, place)
@@ -287,7 +287,7 @@ def _facts(body: BodyAnalysis, *, verbose: bool) -> Message:
 
 
 def sum_of(body: BodyAnalysis, each: StepSum) -> Section:
-    """Return a step as its sum: a row per degree of freedom."""
+    """Return a step as a sum: a row per degree of freedom."""
     title = Message(
         "{body} at {time:.4g} s, step {step}: {segment}",
         body=body.label,

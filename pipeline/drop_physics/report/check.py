@@ -25,16 +25,16 @@ if TYPE_CHECKING:
     from drop_physics.trace.calls import Call
 
 DIFFERS = 3
-"""The exit code of a check that found a difference, or could not compare everything."""
+"""Exit code of a check that found a difference, or could not compare everything."""
 GOLDEN, IDENTICAL, NOTHING = Message("golden"), Message("identical"), Message("nothing")
 GIVEN = {True: Message("given"), False: Message("not given")}
 MOST = 6
-"""Inputs that are listed; all are in the JSON."""
+"""Most inputs that are listed; all are in the JSON."""
 SET = "engine.set_"
 COLUMN = 12
-"""Columns that a title takes."""
+"""Width of a title in columns."""
 LONGEST = 160
-"""Characters of a call's arguments."""
+"""Most characters of a call's arguments."""
 
 
 def append_summary(check: Check, file: Path) -> None:
@@ -53,7 +53,7 @@ def append_summary(check: Check, file: Path) -> None:
 
 
 def json_of(check: Check) -> dict[str, Any]:
-    """Return what `--json` prints."""
+    """Return the object that `--json` prints."""
     first, compared = check.first, check.comparison
     found: dict[str, Any] = {
         "same": check.same,
@@ -128,7 +128,7 @@ def report_of(check: Check) -> Report:
 
 
 def summary_of(check: Check) -> str:
-    """Return the same as Markdown, such as a CI service shows beside a job."""
+    """Return the report as Markdown, for example for a CI service to show beside a job."""
     report = markdown_of(check.report(), level=4)
     if check.same or check.updated:
         return f"{report}\n"
@@ -138,7 +138,7 @@ def summary_of(check: Check) -> str:
 
 
 def _facts(check: Check) -> Iterator[Fact]:
-    """Yield what there is to say, the verdict first."""
+    """Yield the parts of the report, the verdict first."""
     compared = check.comparison
     if compared is not None:
         # Nobody knows where something is left out.
@@ -211,7 +211,7 @@ def _left_out(bodies: Sequence[str]) -> Message:
 
 
 def _distances(check: Check, compared: Comparison) -> Iterator[Fact]:
-    """Yield how far apart positions are, and joints."""
+    """Yield the distances between positions, and between joints."""
     if compared.largest_difference_m is None:
         return
     farthest: dict[str, Largest] = {}
@@ -246,7 +246,7 @@ def _distances(check: Check, compared: Comparison) -> Iterator[Fact]:
 
 
 def _where(place: Largest | Difference) -> Message:
-    """Say when and in which part of a body."""
+    """Return when, and in which part of a body, a difference is."""
     words: list[str] = [Message("step {step}", step=place.step)]
     if isinstance(place, Difference) and place.time_s is not None:
         words.append(f"{place.time_s:.6g} s")
@@ -267,7 +267,7 @@ def _allowed(tolerance_m: float, *, of_drop: bool) -> str:
 
 
 def _option(setting: Difference) -> Message:
-    """Give a setting's value in both recordings, named by its option."""
+    """Return a setting's value in both recordings, named by its option."""
     option = Scenario.options()[setting.column]
     value, golden = (
         GIVEN[not given] if option.is_flag else option.written(given)
@@ -279,12 +279,12 @@ def _option(setting: Difference) -> Message:
 
 
 def _beside(name: str, value: object, golden: object) -> Message:
-    """Give a value of a recording, and that of the golden one."""
+    """Return a value of the recording, and that of the golden one."""
     return Message("{name} {value}, golden {golden}", name=name, value=value, golden=golden)
 
 
 def _difference(difference: Difference) -> Message:
-    """Say where a difference is, and both values, to their last digit."""
+    """Return where a difference is, and both values, to their last digit."""
     at = _where(difference)
     if difference.column == "frame":
         return Message("{where}: a picture", where=at)
@@ -305,7 +305,7 @@ def _difference(difference: Difference) -> Message:
 
 
 def first_words(check: Check) -> Message:
-    """Say in a few words what differs first."""
+    """Return the first difference in a few words."""
     first = check.first
     if first is None:
         return _left_out(check.not_compared)
@@ -339,7 +339,7 @@ def _call(call: Call | None) -> Message:
 
 
 def _frames(frames: FrameComparison) -> Message:
-    """Say how pictures compare."""
+    """Yield how pictures compare."""
     if not frames.compared:
         return Message("none compared: {why}", why=frames.why)
     differ: Message = IDENTICAL
@@ -350,11 +350,11 @@ def _frames(frames: FrameComparison) -> Message:
 
 
 OF_BITS = frozenset(("mujoco",))
-"""Versions with which the last bits of a run may change."""
+"""Versions that may change the last bits of a run."""
 
 
 def _besides(compared: Comparison) -> Iterator[Fact]:
-    """Yield what differs besides the physics, and what may differ from run to run."""
+    """Yield differences besides the physics, and what may differ from run to run."""
     for setting in compared.script:
         if setting.name == "script_sha256":
             yield Fact(Message("script"), Message("its text differs"))

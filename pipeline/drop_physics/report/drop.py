@@ -1,4 +1,4 @@
-"""What a drop did: from its release to its rest, where its error comes from, the findings."""
+"""The report of a drop: from release to rest, the sources of its error, the findings."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def report_of_drop(analysis: DropAnalysis, *, verbose: bool = False) -> Report:
-    """Say what a drop did from its release to its rest."""
+    """Report a drop from its release to its rest."""
     last = analysis.table.row(-1, named=True)
     body = Path(analysis.scenario["body"]).name
     centre = Message(
@@ -57,7 +57,7 @@ def report_of_drop(analysis: DropAnalysis, *, verbose: bool = False) -> Report:
 
 
 def _dropped(analysis: DropAnalysis, body: str) -> Message:
-    """Say what was dropped, from where, in which engine; PyBullet is not named."""
+    """Return what was dropped, from where, and in which engine unless it is PyBullet."""
     scenario = analysis.scenario
     values = {
         "body": body,
@@ -267,7 +267,7 @@ def _bounce(analysis: DropAnalysis, bounce: Bounce) -> Message:
 
 
 def _positive_mm(length_m: float) -> str:
-    """Write a length in millimetres; what rounds to zero has no sign."""
+    """Return a length in millimetres; one that rounds to zero has no sign."""
     return decimals(round(length_m * 1e3, 1) + 0.0, 1)
 
 
@@ -287,7 +287,7 @@ def _rest(analysis: DropAnalysis) -> list[Fact]:
 
 
 def _off(rest: Rest, modulus_pa: float | None) -> Message:
-    """Say how far off a body lies, and why."""
+    """Yield how far off its expected rest a body lies, and why."""
     if rest.expected_m is None or rest.error_m is None:
         return Message("no theory gives the height at rest in this orientation")
     error = Message(
@@ -365,7 +365,7 @@ def _explained(analysis: DropAnalysis) -> Message:
 
 
 _TITLE = 12
-"""Columns that a title takes."""
+"""Width of a title in columns."""
 _MOST_BOUNCES = 3
 MOST_FINDINGS = 2
-"""Findings that are listed without --verbose."""
+"""Most findings that are listed without --verbose."""

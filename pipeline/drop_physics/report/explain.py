@@ -1,4 +1,4 @@
-"""What the codes of findings mean: one in full, or all in a line each."""
+"""The meanings of codes: one in full, or all in a line each."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ if TYPE_CHECKING:
     from drop_physics.stages.explain import CodeManual
 
 COLUMN, CODE_COLUMN = 12, 24
-"""Characters that titles take, and codes."""
+"""Widths of titles, and of codes."""
 
 
 def report_of(manual: CodeManual) -> Report:
-    """Say what codes mean."""
+    """Report the meanings of codes."""
     if len(manual.codes) > 1:
         rows = [Fact(each.code, each.meaning) for each in manual.codes]
         return Report(sections=[Section([Facts(rows, CODE_COLUMN)])])
@@ -25,7 +25,7 @@ def report_of(manual: CodeManual) -> Report:
 
 
 def _rows(one: CodeReference) -> list[Fact]:
-    """Return what there is to say of one, each thing with its title."""
+    """Return the parts of a meaning, each with its title."""
     rows = [Fact(Message("code"), one.code), Fact(Message("means"), one.meaning)]
     if one.reason_of is not None:
         rows.append(Fact(Message("reason of"), one.reason_of))

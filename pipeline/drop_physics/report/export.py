@@ -1,4 +1,4 @@
-"""What was written of a recording for other tools."""
+"""The report of an export."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ if TYPE_CHECKING:
     from drop_physics.stages.export import Export
 
 COLUMN = 12
-"""Characters that titles take."""
+"""Width of titles."""
 
 
 def report_of(export: Export) -> Report:
-    """Say which files were written, and how much is in each."""
+    """Report the files that were written, and how much is in each."""
     files = []
     for path, count in export.files.items():
         held = counted(count, "message") if path.endswith(".mcap") else counted(count, "row")

@@ -19,19 +19,19 @@ if TYPE_CHECKING:
     from drop_physics.explain.decomposition import VectorTerms
 
 MOST_ROWS = 6
-"""Flights and contacts that are listed; all are in the JSON."""
+"""Most flights and contacts that are listed; all are in the JSON."""
 LONGEST_NAME, LEAST_NAME = 30, 10
-"""Characters of a name in a row, and those that it may be cut to."""
+"""Width of a name in a row, and the width to which it may be cut."""
 MOST_FALLS = 3
-"""Bodies whose first flight is broken down without --verbose."""
+"""Most bodies whose first flight is broken down without --verbose."""
 LEAST_FALL_M = 1e-4
-"""Distance from free fall [m] of a first flight worth a line that nobody asked for."""
+"""Least distance from free fall [m] at which a first flight is shown without being asked for."""
 MOST_BODIES = 3
-"""Bodies whose momentum is shown; all are in the JSON."""
+"""Most bodies whose momentum is shown; all are in the JSON."""
 
 
 def falls(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
-    """Break down how far off free fall those bodies are that begin in the air."""
+    """Yield the error of the first flights of bodies that begin in the air."""
     begun = [flight for body in bodies for flight in _begins_in_the_air(body)][:MOST_FALLS]
     if not begun:
         return
@@ -58,7 +58,7 @@ def falls(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
 
 
 def _begins_in_the_air(body: BodyAnalysis) -> Iterator[tuple[str, float, Vector, VectorTerms]]:
-    """Yield where the first flight of a body is at 0.3 s, or at its end if that comes first."""
+    """Yield the sample of a body's first flight at 0.3 s, or at its end if that comes first."""
     if not body.flights:
         return
     first = body.flights[0]
@@ -75,7 +75,7 @@ def _begins_in_the_air(body: BodyAnalysis) -> Iterator[tuple[str, float, Vector,
 
 
 def flights(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
-    """Say how far off free fall the longest flights end; of one body also their terms."""
+    """Yield the errors at the ends of the longest flights; for one body also their terms."""
     all_of_them = [(body, flight) for body in bodies for flight in body.flights]
     if not all_of_them:
         return
@@ -97,7 +97,7 @@ def flights(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
 
 
 def _terms(flight: BodyFlight) -> Section:
-    """Return how far off free fall a flight is at some times, and why."""
+    """Return the errors of a flight at some times, and their terms."""
     title = Message(
         "Flight from {start:.4f} s to {end:.4f} s, off free fall by",
         start=flight.start_s,
@@ -178,7 +178,7 @@ def _more(number: int, what: str) -> list[Words]:
 
 
 def _span(ends_s: Sequence[tuple[float, float]], drop: int = 0) -> Iterator[Column]:
-    """Yield when something starts and ends; the end may be left out."""
+    """Return when something starts and ends; the end may be left out."""
     for head, values in zip(
         (Message("from"), Message("to")), zip(*ends_s, strict=True), strict=True
     ):

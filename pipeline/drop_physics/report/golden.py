@@ -1,4 +1,4 @@
-"""What pytest says of a test's recording: whether it is the golden one, and what differs first."""
+"""The result of a golden test in pytest: same as the golden recording, or what differs first."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A report as HTML: what a page has below its title. Texts from a recording are escaped."""
+"""A report as HTML, the part of a page below its title. Texts from a recording are escaped."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from drop_physics.report.words import trials_of
 from drop_physics.rules.answer import Finding
 
 CURVES = "<!-- curves -->"
-"""A mark in place of curves; no text of a recording is like it, as those are escaped."""
+"""Placeholder of curves; recorded texts cannot contain it, as they are escaped."""
 AROUND = 2
-"""Lines of a script that are shown before and after that of a finding."""
+"""Number of lines of a script shown before and after that of a finding."""
 
 
 def html_of(report: Report, heading: str = "h1") -> Iterator[str]:
-    """Yield a report's verdict, as a heading, and sections, in the reader's language."""
+    """Yield a report's verdict, as a heading, and its sections, in the reader's language."""
     verdict = report.verdict
     if isinstance(verdict, Fact):
         yield f"<{heading}>{_said(report.title)}: {_said(verdict.title)}</{heading}>"
@@ -51,7 +51,7 @@ def _said(text: str) -> str:
 
 @singledispatch
 def block_html(block: object) -> Iterator[str]:
-    """Yield a block."""
+    """Yield the HTML of a block."""
     raise TypeError(block)
 
 
@@ -127,7 +127,7 @@ def _site(finding: Finding) -> str:
 
 
 def _source(finding: Finding, sources: Mapping[str, Path]) -> Iterator[str]:
-    """Yield the line that a finding cites, among those around it."""
+    """Yield the line that a finding cites, with those around it."""
     name, _, line = (finding.site or "").rpartition(":")
     if name not in sources or not line.isdecimal():
         return
@@ -143,5 +143,5 @@ def _source(finding: Finding, sources: Mapping[str, Path]) -> Iterator[str]:
 
 @block_html.register
 def _(_: Graphs) -> Iterator[str]:
-    """Yield where a page draws curves, with what it loads for them."""
+    """Yield the places where a page draws curves, with what it loads for them."""
     yield CURVES

@@ -1,4 +1,4 @@
-"""What a recording is, in about ten lines."""
+"""The description of a recording, in about ten lines."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ if TYPE_CHECKING:
 
 COLUMN = 12
 MOST_BODIES, MOST_READINGS = 6, 4
-"""Bodies, and places that read, that are listed; all are in the JSON."""
+"""Most bodies, and lines that read, that are listed; all are in the JSON."""
 
 
 def _readings(info: Info) -> Message:
-    """Say where the script reads most often, what and how often."""
+    """Return the line of the script that reads most often, what, and how often."""
     most = sorted(info.readings, key=lambda each: -each.count)
     return _first_of([_reading(each) for each in most], MOST_READINGS)
 
 
 def _first_of(parts: Sequence[str], most: int) -> Message:
-    """Enumerate the first of several texts, and say how many more there are."""
+    """Return the first of several texts as a list, with the number of further ones."""
     shown, more = [*parts[:most]], len(parts) - most
     if more > 0:
         shown.append(Message("and {more:,} more: see --json", more=more))
@@ -45,7 +45,7 @@ def _reading(place: Reading) -> Message:
 
 
 def report_of(info: Info) -> Report:
-    """Say what a recording is."""
+    """Report what a recording is."""
     state = (
         Message("complete, verified") if info.complete else Message("never finished, unverified")
     )

@@ -20,11 +20,11 @@ from drop_physics.report.blocks import (
 from drop_physics.report.words import trials_of
 
 Say = Callable[[str], str]
-"""Puts a text in the language of the page: `translated`, or `str` for English."""
+"""Gives a text in the language of the page: `translated`, or `str` for English."""
 
 
 def markdown_of(report: Report, *, level: int = 2, say: Say = translated) -> str:
-    """Return a report as Markdown; its headings have this level."""
+    """Return a report as Markdown, with headings of this level."""
     lines = [*_verdict(report, level, say)]
     for section in report.sections:
         for block in section.blocks:
@@ -80,7 +80,7 @@ def _(table: DataTable, say: Say) -> Iterator[str]:
 
 @block_markdown.register
 def _(_: Graphs, say: Say) -> Iterator[str]:  # noqa: ARG001
-    """Yield nothing: curves are beside it, in the viewer or a file of their own."""
+    """Yield nothing: curves are in the viewer, or in a file of their own."""
     yield from ()
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from drop_physics.printable import Printable
 
 PICTURES = {".gif": "gif", ".png": "png", ".webp": "webp", ".apng": "apng", ".svg": "svg+xml"}
-"""What a browser shows: file suffix -> media type."""
+"""Media types that a browser shows, by file suffix."""
 HIDDEN = """<div id="{name}">{film}<p>{note}</p></div><script>{{
 const film = document.getElementById("{name}")
 const cell = film.closest(".jp-OutputArea, .output, .cell-output, body")
@@ -31,7 +31,7 @@ const seen = setInterval(() => {{
 }}, 500)
 setTimeout(() => clearInterval(seen), 60000)
 }}</script>"""
-"""A film that hides once a viewer is beside it: not in a page that runs no script or no widget."""
+"""A film that hides once a viewer is beside it, but not in a page without scripts or widgets."""
 HEADING = "h4"
 """Style of a result's first line."""
 
@@ -51,7 +51,7 @@ def html_of(result: Printable) -> str:
 
 
 def _tables(result: Any) -> Iterator[str]:  # noqa: ANN401 - of any kind
-    """Yield the rows of a sweep: the text shows only the first, and only what differs."""
+    """Yield the rows of a sweep; the text shows only the first, and only what differs."""
     from drop_physics.stages.sweep import Sweep
 
     if isinstance(result, Sweep):
@@ -59,7 +59,7 @@ def _tables(result: Any) -> Iterator[str]:  # noqa: ANN401 - of any kind
 
 
 def _pictures(report: Report) -> list[str]:
-    """Return the pictures among the files of a report; without any its curves, drawn now."""
+    """Return the pictures among the files of a report; if there are none, its curves, drawn now."""
     blocks = [block for section in report.sections for block in section.blocks]
     rows = [row for block in blocks if isinstance(block, Facts) for row in block.rows]
     paths = [Path(row.path) for row in rows if isinstance(row, File)]
@@ -78,7 +78,7 @@ def _drawn(graphs: Graphs) -> str:
 
 
 class Viewed:
-    """Rerun's viewer in a notebook; where that cannot be shown, a film, or the result's plot."""
+    """Rerun's viewer in a notebook; if that cannot be shown, a film, or the result's plot."""
 
     def __init__(self, result: Any, height_px: int) -> None:  # noqa: ANN401
         from drop_physics.stages.render import film_of

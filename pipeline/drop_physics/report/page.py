@@ -69,7 +69,7 @@ img { max-width: 100% } .strip { display: none }
 """
 MOST_PANELS = 8
 MOMENTS = 4
-"""Pictures of a film that are printed."""
+"""Number of pictures of a film that are printed."""
 LANGUAGE = Message("en")
 """Language of a page, as HTML names it."""
 NOTHING = Interactive("", [], "")
@@ -147,7 +147,7 @@ def _panel(panel: Panel, div: str) -> str:
 
 
 def _film(recording: Path | None) -> Iterator[str]:
-    """Yield the film that fits a light or dark page, and what is printed in its place."""
+    """Yield the film for a light or dark page, and the pictures that are printed in its place."""
     if recording is not None:
         with contextlib.suppress(DropError):
             light, dark = (drawn_film(recording, dark=dark) for dark in (False, True))
@@ -163,7 +163,7 @@ def _data(gif: bytes) -> str:
 
 
 def _strip(film: bytes) -> bytes:
-    """Return moments of a film side by side, the first and the last among them."""
+    """Return moments of a film side by side, including the first and the last."""
     with Image.open(io.BytesIO(film)) as frames:
         width, height = frames.size
         strip = Image.new("RGB", (MOMENTS * width, height))

@@ -1,4 +1,4 @@
-"""What was recorded of a script, and what to type next."""
+"""The report of a recorded script, and the commands to type next."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def json_of(recorded: Recorded) -> dict[str, Any]:
-    """Return what `--json` prints."""
+    """Return the object that `--json` prints."""
     left_out = {"failure", "twice", "outside"} | (set() if recorded.twice else {"first_difference"})
     left_out |= {name for name in ("replay", "beside") if getattr(recorded, name) is None}
     values = vars(recorded) | {"error": recorded.error or None}
@@ -27,9 +27,9 @@ def json_of(recorded: Recorded) -> dict[str, Any]:
 
 
 def report_of(recorded: Recorded, *, analyzed: bool = False) -> Report:
-    """Say how the script ended, and what was recorded of it.
+    """Report how the script ended, and what was recorded.
 
-    Where the analysis follows, it says what the script failed with, and there is nothing to type.
+    If an analysis follows, that says what the script failed with, and there is no command to type.
     """
     failed = recorded.ended == "failed"
     rows: list[Fact | File] = [Fact(SCRIPT, ENDED[recorded.ended], "dim"), *_written(recorded)]
@@ -48,7 +48,7 @@ def report_of(recorded: Recorded, *, analyzed: bool = False) -> Report:
 
 
 def _written(recorded: Recorded) -> Iterator[Fact | File]:
-    """Yield which file was written, and what is in it."""
+    """Yield the file that was written, and its content."""
     facts = Message(
         "{samples}, {bodies}, {frames}, {megabytes:.2f} MB, {wall_s:.1f} s",
         samples=counted(recorded.samples, "sample"),
@@ -63,7 +63,7 @@ def _written(recorded: Recorded) -> Iterator[Fact | File]:
 
 
 def _replayed(replay: ReplayedSteps) -> Message:
-    """Say what became of the steps of MuJoCo."""
+    """Yield the outcome of replaying the steps of MuJoCo."""
     if replay.replayed and replay.explained == replay.replayed:
         return Message(
             "{replayed:,} of {steps:,} steps replayed to the bit, "

@@ -1,4 +1,4 @@
-"""What was made of a drop or a script: recording, animation, plot."""
+"""The report of what was made of a drop or a script: recording, animation, plot."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from drop_physics.stages.simulate import Simulation
 
 COLUMN = 17
-"""Characters that the titles of what was made take."""
+"""Width of the titles."""
 
 
 def report_of(made: Simulation | Rendering | Run, *, recording: Path | None = None) -> Report:
-    """Say what was made, of which recording; of a whole run, tell its story first."""
+    """Report what was made, and of which recording; a whole run begins with its story."""
     notes = []
     if recording is not None and recording.suffix == ".part":
         notes.append(
@@ -58,7 +58,7 @@ def _simulation(simulation: Simulation) -> File:
 
 
 def _rendering(rendering: Rendering) -> Iterator[File]:
-    """Yield what was rendered, and how it plays."""
+    """Yield the files that were rendered, and how the animation plays."""
     if rendering.gif is not None:
         frames = counted(rendering.frames, "frame")
         facts = [frames, f"{rendering.frames / rendering.fps:.2f} s"]
@@ -70,7 +70,7 @@ def _rendering(rendering: Rendering) -> Iterator[File]:
 
 
 def _speed(speed: float) -> Message:
-    """Return a speed in words: real time, or what part or multiple of it."""
+    """Return a speed in words: real time, or a part or multiple of it."""
     if abs(speed - 1) < 5e-4:
         return Message("in real time")
     if speed < 1:

@@ -1,4 +1,4 @@
-"""What a sweep found: a row per run, how the error converges, how it spreads."""
+"""The report of a sweep: a row per run, how the error converges, how it spreads."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ if TYPE_CHECKING:
     from drop_physics.stages.sweep_groups import Group
 
 MOST_ROWS = 30
-"""Runs that fit on a screen; of more, the first are shown."""
+"""Most runs that are shown."""
 MOST_STUDIES = 6
 LONGEST = 20
-"""Characters of a value in the table."""
+"""Most characters of a value in the table."""
 MOST_PAIRS = 3
-"""Pairs of timesteps whose order is shown, of the finest."""
+"""Most pairs of timesteps whose order is shown: the finest."""
 STUDY = 24
-"""Column in which a study's sentences begin."""
+"""Column at which a study's sentences begin."""
 COLUMNS = {"error_m": "total"} | {f"{name}_m": name for name in TERMS if name != "total"}
-"""Columns of the results, and which terms they are."""
+"""Columns of the results, and the terms that they hold."""
 
 
 def _failed(sweep: Sweep) -> Message:
@@ -48,7 +48,7 @@ def _failed(sweep: Sweep) -> Message:
 
 
 def report_of(sweep: Sweep) -> Report:
-    """Say what a sweep found: its runs, how the error converges or spreads, its files."""
+    """Report a sweep: its runs, how the error converges or spreads, its files."""
     runs = counted(sweep.runs, "run")
     words = Message(
         "{runs}, errors at {at:g} s in mm, simulated minus free fall", runs=runs, at=sweep.at_s
@@ -91,7 +91,7 @@ def report_of(sweep: Sweep) -> Report:
 
 
 def json_of(sweep: Sweep) -> dict[str, Any]:
-    """Return what `--json` prints."""
+    """Return the object that `--json` prints."""
     return {
         "runs": sweep.runs,
         "failed": sweep.failed,
@@ -126,7 +126,7 @@ def _labels(sweep: Sweep, rows: Sequence[dict[str, Any]]) -> list[Column]:
 
 
 def _rows(sweep: Sweep) -> Iterator[Block]:
-    """Yield a table of the runs: what differs between them, and their errors.
+    """Yield a table of the runs: the values that differ between them, and their errors.
 
     Columns that do not fit in a line are left out, from the right, but never the total.
     """
@@ -151,7 +151,7 @@ def _rows(sweep: Sweep) -> Iterator[Block]:
 
 
 def _cut(text: str) -> str:
-    """Shorten a value to its share of a line; of a path the end matters most."""
+    """Return a value shortened to its share of a line; of a path, the end is kept."""
     return text if len(text) <= LONGEST else f"…{text[1 - LONGEST :]}"
 
 
@@ -159,7 +159,7 @@ def _cut(text: str) -> str:
 
 
 def _study(group: Group, study: Study, at_s: float) -> Iterator[Block]:
-    """Say what the timestep does."""
+    """Yield the effect of the timestep."""
     steps = [fraction(run.timestep_s) for run in study.runs]
     limit_mm = study.limit_m * 1e3
     large = abs(limit_mm) >= 5e-3
@@ -215,7 +215,7 @@ def _study(group: Group, study: Study, at_s: float) -> Iterator[Block]:
 
 
 def _orders(study: Study, steps: Sequence[str]) -> DataTable:
-    """Return the orders of accuracy between two timesteps each, the finest at the right."""
+    """Return the order of accuracy between each two timesteps, the finest at the right."""
     damped = study.damping_matters
     pairs = [f"{coarse} → {fine}" for coarse, fine in itertools.pairwise(steps)]
     wide = max(map(len, pairs)) + 3
@@ -237,7 +237,7 @@ def _orders(study: Study, steps: Sequence[str]) -> DataTable:
 
 
 def readable_step(timestep_s: float) -> str:
-    """Write a computed timestep as an approximate fraction: about 1/341 s."""
+    """Return a computed timestep as an approximate fraction: about 1/341 s."""
     if timestep_s > 0.5:
         return f"{timestep_s:.4g} s"
     return Message("about 1/{steps:.0f} s", steps=1 / timestep_s)
@@ -247,7 +247,7 @@ def readable_step(timestep_s: float) -> str:
 
 
 def _engines(sweep: Sweep) -> Iterator[Section]:
-    """Yield a table of what each engine does on the floor, and a table of drifts."""
+    """Yield a table of what happens on the floor in each engine, and a table of drifts."""
     runs, rows = sweep.engine_runs, sweep.table(MOST_ROWS).to_dicts()
     labels = _labels(sweep, [rows[run.run] for run in runs])
     floor = [

@@ -1,4 +1,4 @@
-"""What a sweep of a script shows: a row for each run."""
+"""The report of a sweep of a script: a row for each run."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from drop_physics.stages.sweep_script import Row, ScriptSweep
 
 MOST_ROWS = 30
-"""Runs that fit on a screen; of more, the first are shown."""
+"""Most runs that are shown."""
 
 
 def json_of(sweep: ScriptSweep) -> dict[str, Any]:
-    """Return what `--json` prints."""
+    """Return the object that `--json` prints."""
     return dict(
         jsonable(
             {
@@ -34,7 +34,7 @@ def json_of(sweep: ScriptSweep) -> dict[str, Any]:
 
 
 def report_of(sweep: ScriptSweep) -> Report:
-    """Say how each run ended, and how far from the script's own."""
+    """Report how each run ended, and how far from the script's own."""
     runs = counted(len(sweep.rows), "run")
     head = Message("{script}: {runs}, beside its own", script=sweep.script, runs=runs)
     rows = sweep.rows[:MOST_ROWS]
@@ -55,7 +55,7 @@ def _value(value: object) -> str:
 
 
 def _moved(row: Row) -> str:
-    """Return how far a run ends from the script's own."""
+    """Return the distance between the ends of a run and of the script's own."""
     if row["ended"] == "failed":
         return Message("fails")
     if row["same"]:

@@ -43,11 +43,11 @@ if TYPE_CHECKING:
     from drop_physics.rules.answer import Finding
 
 VERDICT = 12
-"""Characters that the title of a verdict takes."""
+"""Width of a verdict's title."""
 NUMBER = 3
-"""Characters that a finding's number takes."""
+"""Width of a finding's number."""
 GAP = 3
-"""Characters at least before a finding's code, which ends its last line where there is room."""
+"""Least gap before a finding's code, which ends its last line if there is room."""
 
 
 def show(
@@ -58,9 +58,9 @@ def show(
     stream: TextIO | None = None,
     **how: object,
 ) -> int:
-    """Print a result, and return the exit code that its report has; `how` goes to its builder.
+    """Print a result, and return the exit code of its report; `how` goes to its builder.
 
-    `text` is printed in place of the report, where another renderer has made it.
+    `text` is printed in place of the report, if another renderer has made it.
     """
     report: Report = result.report(**how)
     for each in report.notes:
@@ -147,7 +147,7 @@ _SHELL_WORD = re.compile(r"""(?:\$'(?:\\.|[^'\\])*'|'[^']*'|"[^"]*"|\S)+""")
 
 
 def _command(fact: Fact, column: int) -> Iterator[str]:
-    """Yield lines that a shell reads as one: none breaks within a quoted word."""
+    """Yield lines that a shell reads as one: none breaks inside a quoted word."""
     lines, room = [""], width() - column - len(" \\")
     for word in _SHELL_WORD.findall(translated(fact.words)):
         if lines[-1] and columns_of(f"{lines[-1]} {word}") > room:
@@ -213,7 +213,7 @@ def _padded(text: str, column: Column, wide: int) -> str:
 def _row(
     columns: Sequence[Column], widths: Sequence[int], number: int, *, margin: int, total: bool
 ) -> Iterator[str]:
-    """Yield the line of a row, and those on which its last cell goes on."""
+    """Yield the line of a row, and those on which its last cell continues."""
     line, plain, more = "", "", list[str]()
     for column, wide in _and(columns, widths):
         text = translated(column.cells[number])
@@ -252,7 +252,7 @@ def _width(column: Column) -> int:
 def _fitted(table: DataTable) -> tuple[list[Column], list[str]]:
     """Return the columns that there is room for, and the heads of the others.
 
-    First those that may be left out are, then what may be cut is.
+    Columns that may be left out go first; then those that may be cut are cut.
     """
     columns, left_out = [*table.columns], list[Column]()
     room = width() - len(table.margin)

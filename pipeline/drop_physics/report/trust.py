@@ -1,4 +1,4 @@
-"""How results look: what of a script's result stands."""
+"""The report of `drop trust`: what holds of a script's result."""
 
 from __future__ import annotations
 
@@ -39,15 +39,15 @@ if TYPE_CHECKING:
     from drop_physics.stages.trust_runs import Varied
 
 Part = Callable[[str, str | None, str], str]
-"""Names a position, of its body, joint and unit."""
+"""Returns the name of a position, from its body, joint and unit."""
 COLUMN = 12
-"""Characters that the titles of files take."""
+"""Width of the titles of files."""
 MOST_PARTS = 6
-"""Positions that are listed; all are in the JSON."""
+"""Most positions that are listed; all are in the JSON."""
 APART = 3
-"""The exit code where a variation ends farther apart than it may."""
+"""Exit code if a variation ends farther away than is allowed."""
 LEAST = 1e-6
-"""Distance [m] below which orientations are shown instead, if these are farther apart [rad]."""
+"""Distance [m] below which orientations are shown instead, if these differ by more [rad]."""
 VARIATIONS = (
     "",
     Message("at the end"),
@@ -72,7 +72,7 @@ CONVERGENCE = ("converges", "does-not-converge", "no-order")
 
 
 def json_of(trust: Trust) -> dict[str, Any]:
-    """Return what `--json` prints."""
+    """Return the object that `--json` prints."""
     return dict(
         jsonable(
             {
@@ -107,7 +107,7 @@ def json_of(trust: Trust) -> dict[str, Any]:
 def report_of(
     trust: Trust, *, within: Mapping[str, float] | None = None, outputs: Sequence[Path] = ()
 ) -> Report:
-    """Say what stands; the code is 3 if a variation ends farther apart than `within`."""
+    """Report what holds; the code is 3 if a variation ends farther away than `within`."""
     part = _namer(trust)
     rows = [[each.name, *_distances(each, trust, part)] for each in trust.variations]
     curves = Graphs(partial(distances_of, trust))
@@ -160,7 +160,7 @@ def _verdict(trust: Trust) -> Message:
 
 
 def _namer(trust: Trust) -> Part:
-    """Return what names a position: a joint by itself where no other body has one of that name."""
+    """Return a function that names positions: a joint by its name alone, if that is unique."""
     tracks = {(track.body, track.joint) for each in trust.variations for track in each.apart.tracks}
     named = Counter(joint for _, joint in tracks)
 
@@ -182,7 +182,7 @@ def _distances(each: Varied, trust: Trust, part: Part) -> list[str]:
 
 
 def _farthest(found: Sequence[Distance], part: Part) -> tuple[str, str]:
-    """Return the farthest of several units, and what it is of."""
+    """Return the largest of distances in several units, and its position."""
     if not any(each.value for each in found):
         return "0", ""
     worst = max(found, key=lambda each: (each.unit == "m" and each.value > LEAST, each.value))
@@ -222,12 +222,12 @@ def _table(
 
 
 def _term(term: str) -> Message:
-    """Return what a term of the sum is called."""
+    """Return the name of a term of the sum."""
     return TERMS[term] if term in TERMS else cause_in_words(term)
 
 
 def _sentences(trust: Trust) -> Iterator[str]:
-    """Yield what no table says: the terms in words, growth, convergence, ends of runs."""
+    """Yield what no table shows: the terms in words, growth, convergence, ends of runs."""
     terms = dict.fromkeys(each.term or "" for each in trust.variations if "/" in each.name)
     for term in terms:
         if term in BY_STEP and trust.made.engine == PYBULLET:

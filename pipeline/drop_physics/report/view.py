@@ -1,4 +1,4 @@
-"""Say what is being shown, before the viewer opens."""
+"""The report of what the viewer shows, before it opens."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ if TYPE_CHECKING:
     from drop_physics.stages.view import View
 
 COLUMN = 19
-"""Characters that titles take."""
+"""Width of titles."""
 
 
 def json_of(view: View) -> dict[str, Any]:
-    """Return what `--json` prints."""
+    """Return the object that `--json` prints."""
     names = ("recordings", "layers", "golden", "same", "first_difference")
     viewer = {name: getattr(view.viewer, name) for name in ("command", "url", "page")}
     return dict(jsonable({name: getattr(view, name) for name in names} | viewer))
 
 
 def report_of(view: View) -> Report:
-    """Say what is shown, and where."""
+    """Report what is shown, and where."""
     shown = " ".join(map(str, [*view.recordings, *view.layers]))
     rows = [Fact(Message("showing"), shown)]
     if view.golden is not None:

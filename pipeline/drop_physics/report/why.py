@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 MARGIN = "   "
 LONGEST = 36
-"""Characters of a call, where there is no room for more."""
+"""Most characters of a call, if there is no room for more."""
 LISTED = 4
 """Most lines of what an outcome hangs on, without `--all`."""
 SHOWN = {
@@ -52,14 +52,14 @@ SHOWN = {
 }
 HANGS = Message("the outcome hangs on it")
 FREE = ("name", "target", "value", "call", "site", "moved")
-"""What a trial has that belongs to no finding."""
+"""Fields of a trial that belongs to no finding."""
 
 
 # -- as JSON --------------------------------------------------------------------------------------
 
 
 def json_of(why: Why) -> dict[str, Any]:
-    """Return what `--json` prints."""
+    """Return the object that `--json` prints."""
     return dict(
         jsonable(
             {
@@ -115,7 +115,7 @@ def _json_of_trial(tried: Tried) -> dict[str, Any]:
 
 
 def report_of(why: Why, *, every: bool = False) -> Report:
-    """Say what was tried, what was cured first; `every`: all that the outcome hangs on."""
+    """Report what was tried, cures first; `every`: everything that the outcome hangs on."""
     head = Message(
         "{script} {ended}: {steps}; {trials}",
         script=why.script,
@@ -164,9 +164,10 @@ def _word(tried: Tried) -> str:
 
 
 def _shows(tried: Tried, finding: Finding) -> str:
-    """Return what a trial shows: its verdict, and the numbers behind it.
+    """Return the verdict of a trial, and the numbers behind it.
 
-    A code that is itself a cause is never cured: the outcome hangs on it, or does not.
+    A finding that names a cause itself is never cured: the outcome hangs on that cause, or does
+    not.
     """
     shown, verdict = tried.shown, tried.verdict
     if shown is None or verdict == "void":

@@ -1,4 +1,4 @@
-"""Words and sentences that several stories share."""
+"""Words and sentences that several reports share."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 CONTACTS, EXPLAINED = Message("Contacts"), Message("Explained")
 NONE, PLOT = Message("none"), Message("plot")
 MISSING = "–"
-"""What stands in place of a number."""
+"""Replaces a number that does not exist."""
 RECORDING, SCRIPT = Message("recording"), Message("script")
 TERMS = {
     "total": Message("total"),
@@ -38,7 +38,7 @@ SEGMENTS = {
 
 
 def kinds_of_samples(counts: Mapping[str, int]) -> Message:
-    """Say how many samples there are of each kind."""
+    """Return the number of samples of each kind, in words."""
     return joined(
         ", ",
         [
@@ -50,7 +50,7 @@ def kinds_of_samples(counts: Mapping[str, int]) -> Message:
 
 
 def unfinished(recording: object, samples: int) -> Message:
-    """Say what the analysis of an unfinished recording is of."""
+    """Yield a remark that the recording is unfinished."""
     return Message(
         "{recording} was never finished: this is the analysis of the {samples} that it holds, "
         "unverified",
@@ -60,7 +60,7 @@ def unfinished(recording: object, samples: int) -> Message:
 
 
 def millimetres(value_m: float | None) -> str:
-    """Write a length in mm; in powers of ten where four decimals would show nothing."""
+    """Return a length in mm; in powers of ten if four decimals would show nothing."""
     if value_m is None:
         return MISSING
     value = value_m * 1e3 + 0.0  # no minus before a zero
@@ -73,13 +73,13 @@ TRIED = {
     "part": Message("tried {call}: cured in part"),
     "refuted": Message("tried {call}: no effect"),
 }
-"""What is said of a trial, by its verdict."""
+"""The words for a trial's verdict."""
 HANGS_ON = Message("the outcome hangs on {call}")
-"""The same of a finding whose code is itself a cause."""
+"""The words for findings that name a cause themselves."""
 
 
 def trials_of(finding: Finding) -> Iterator[Message]:
-    """Yield what trials of what a finding proposes have shown."""
+    """Yield what trials have shown of a finding."""
     if not finding.tried:
         return
     from drop_physics.experiments.interventions import short

@@ -18,11 +18,11 @@ from xml.etree import ElementTree as Xml
 from drop_physics.messages import Message
 
 MOST_URDF_BYTES, MOST_BYTES = 10_000_000, 100_000_000
-"""Largest size of a file; of a mesh Bullet takes some twenty times that in memory."""
+"""Largest size of a file: Bullet takes some twenty times that in memory for a mesh."""
 LONGEST_VALUE = 1000
-"""Characters in an attribute or a path; Bullet copies them into arrays on its stack."""
+"""Most characters in an attribute or a path; Bullet copies them into arrays on its stack."""
 URDF_LINE, MESH_LINE = 8190, 1022
-"""Bytes in a line; Bullet splits longer ones anywhere."""
+"""Most bytes in a line; Bullet splits longer ones anywhere."""
 LARGEST = 1e9
 """Largest mass [kg], length [m] or inertia that Bullet's doubles can still square and add."""
 LARGEST_INDEX = 100_000_000
@@ -48,17 +48,17 @@ FINITE = {
     "inertia_scaling": "value", "lateral_friction": "value", "rolling_friction": "value",
     "spinning_friction": "value", "restitution": "value", "stiffness": "value", "damping": "value",
 }  # fmt: skip
-"""Elements, and their attributes that Bullet reads as numbers."""
+"""Elements, and those of their attributes that Bullet reads as numbers."""
 COUNTS = {
     "xyz": (3,), "rpy": (3,), "size": (3,), "normal": (3,), "scale": (1, 3), "rgba": (3, 4),
     "rgb": (3, 4),
 }  # fmt: skip
-"""How many numbers an attribute may hold, where it is not one."""
+"""How many numbers an attribute may hold, if it may be more or less than one."""
 ABOVE_ZERO = ("size", "radius", "length")
 
 
 class BodyFileError(Exception):
-    """Something is wrong with a file of a body."""
+    """A file of a body is invalid."""
 
     def __init__(self, problem: str) -> None:
         super().__init__(problem)
@@ -109,7 +109,7 @@ def check_mesh(path: Path) -> None:
 
 
 def _cut_lines(data: bytes, longest: int) -> str:
-    """Return what is wrong with the lines of a text that Bullet reads, or ''."""
+    """Return the problem with the lines of a text that Bullet reads, or ''."""
     if re.search(rb"\r(?!\r*(?:\n|\Z))", data) or b"\0" in data:
         return Message(
             "Bullet skips what follows a carriage return or a NUL; end lines with a line feed"

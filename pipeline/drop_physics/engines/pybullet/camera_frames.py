@@ -25,13 +25,13 @@ from drop_physics.trace.states import BODY
 from drop_physics.workers import Worker, WorkerDiedError, cores
 
 FRAMES_PER_WORKER = 32
-"""About as many as are drawn while a worker starts."""
+"""Number of frames per worker, about as many as one draws while another starts."""
 
 MOST_AHEAD = 2 * FRAMES_PER_WORKER
 """Frames that one worker draws ahead; more are shared among several."""
 
 MOST_STEPS_AHEAD = 16_384
-"""Steps that it simulates ahead: they take a tenth of a second, and 2 MB of samples."""
+"""Steps that a worker simulates ahead, which take a tenth of a second, and 2 MB of samples."""
 
 NO_EGL = Message(
     "EGL finds no graphics here, so the frames are drawn with --renderer tiny; for software "
@@ -65,7 +65,7 @@ class Photographer:
     ) -> None:
         self.scenario, self.camera = scenario, framed(camera, scenario)
         self.gl_renderer = ""
-        """What EGL draws with, as its driver reports it."""
+        """The renderer of EGL, as its driver reports it."""
         self._open = contextlib.ExitStack()
         self._renderer: PoseRenderer | None = None
         self._last, self._png = np.full(7, np.nan), b""

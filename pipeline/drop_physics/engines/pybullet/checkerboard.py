@@ -1,4 +1,4 @@
-"""An endless checkerboard as a camera sees it: what a plane looks like in pictures."""
+"""An endless checkerboard as a camera sees it: the floor in pictures."""
 
 from __future__ import annotations
 
@@ -17,16 +17,17 @@ UInt8 = NDArray[np.uint8]
 Float32 = NDArray[np.float32]
 
 LEAST_NEARNESS = 1e-6
-"""Least nearness of what is drawn in squares [1/m]."""
+"""Least nearness at which squares are drawn [1/m]."""
 FADES, FADED = 12, 0.3
-"""Steps in which squares fade into the page towards the horizon, and the slope where they begin."""
+"""Number of steps in which squares fade into the page towards the horizon, and the slope at which
+they begin to."""
 SHADE = 0.72
 """Share of its colour that a square keeps in a shadow."""
 SUN = (0.1, -0.24, 1.0)
-"""Where the light that casts shadows comes from: nearly from above, so that they are near to what
-casts them, and seen beside what lies on the floor."""
+"""Direction of the light: nearly from above, so that shadows are near what casts them, and seen
+beside it."""
 TEXELS, AWAY = 384, 40.0
-"""Side of the picture from where the light is [px], and how far away that is, in its half sides."""
+"""Side of the picture seen from the light [px], and its distance, in half sides."""
 
 
 def checkerboard(

@@ -1,4 +1,4 @@
-"""Bodies, from what a watched script's process says of them."""
+"""Make bodies from a watched process's descriptions of them."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ PLANES = ("plane.obj", "plane100.obj")
 JOINT_KINDS = {0: "revolute", 1: "prismatic", 2: "spherical", 3: "planar", 4: "fixed"}
 FIXED = 4
 ENABLE_SLEEPING = 1 << 11
-"""One of the flags that a body is loaded with: URDF_ENABLE_SLEEPING."""
+"""Flag of a load that enables sleeping: URDF_ENABLE_SLEEPING."""
 RIGID = 1
-"""A btRigidBody, of which `getDynamicsInfo` leaves some numbers uninitialised."""
+"""Kind of a btRigidBody, of which `getDynamicsInfo` leaves some numbers uninitialised."""
 
 REPORTED = (
     ("mass_kg", True), ("lateral_friction", True), ("inertia_kg_m2", True),
@@ -38,13 +38,13 @@ REPORTED = (
     ("rolling_friction", True), ("spinning_friction", True), ("contact_damping", False),
     ("contact_stiffness", False), ("kind", True), ("collision_margin_m", True),
 )  # fmt: skip
-"""What `getDynamicsInfo` returns, in order, and whether it is valid for a btRigidBody too."""
+"""The numbers of `getDynamicsInfo` in order, and whether each is valid for a btRigidBody."""
 
 
 class Numbering:
     """The numbers of bodies in a recording.
 
-    After a reset, the same id, name and make-up mean the same body.
+    After a reset, a body with the same id, name and structure counts as the same body.
     """
 
     def __init__(self) -> None:
@@ -145,13 +145,13 @@ def _asked(note: dict[str, Any]) -> FileRequests:
 
 
 def _name(*candidates: str) -> str:
-    """Return the first name that is not empty, as a part of an entity's path."""
+    """Return the first name that is not empty, as part of an entity's path."""
     name = next(filter(None, candidates), "body").rpartition("/")[2].partition(".")[0]
     return re.sub(r"[^\w-]+", "_", name, flags=re.ASCII)[:40].strip("_") or "body"
 
 
 def moving_links(base: bool, joints: Sequence[Any]) -> tuple[int, ...]:
-    """Return the links that time can move: the base if it can, and what a joint moves."""
+    """Return the links that can move: the base if it can, and those moved by joints."""
     moving = {BASE} if base else set()
     for info in joints:
         if info[2] != FIXED or info[16] in moving:

@@ -17,7 +17,7 @@ def _import_pybullet() -> tuple[Any, str]:
 
 
 p, BUILD_TIME = _import_pybullet()
-"""`BUILD_TIME` is what the banner says; empty if pybullet was already imported."""
+"""Build time from the banner; empty if pybullet was already imported."""
 
 
 @functools.cache

@@ -33,7 +33,7 @@ def body_digest(body: str) -> str | None:
 
 
 def _found(body: str) -> tuple[Path, str]:
-    """Return a body's file, and the digest of what is read for it."""
+    """Return a body's file, and the digest of the files that are read for it."""
     bundled, is_folder = data_folder().resolve(), False
     candidates = [Path(body), bundled / body]
     if body == Scenario().body:

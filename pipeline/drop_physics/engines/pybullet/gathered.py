@@ -1,4 +1,4 @@
-"""One simulation of a watched script, as far as it is known: its bodies, samples and calls."""
+"""The state of one simulation of a watched script while it is decoded: bodies, samples, calls."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from drop_physics.trace.states import CONTACT, Joints, Rows
 BASE_WIDTH = 13
 """Numbers of the state of a base: position, orientation, velocity, spin."""
 BATCH, MOST_SAMPLES = 1 << 10, 1 << 13
-"""Samples that are yielded together, at first and at most."""
+"""Samples that are yielded together, first and at most."""
 BATCH_BYTES, MOST_BYTES = 1 << 21, 1 << 22
-"""Bytes of samples that are yielded together, at first and at most."""
+"""Bytes of samples that are yielded together, first and at most."""
 OF_ALL = 16
-"""Later this part of all samples so far: Rerun holds an index of all pieces in memory."""
+"""Later, this share of all samples so far: Rerun keeps an index of all pieces in memory."""
 CALLS_TOGETHER = 1 << 14
 
 
@@ -36,12 +36,12 @@ class Known:
     visual: list[Any]
     joints: list[Any]
     inertial: Any
-    """What the stream reported when it was added."""
+    """The description of the body in the stream."""
 
     def __post_init__(self) -> None:
         widths = [joint.widths for joint in self.body.joints]
         self.widths = [sum(each) for each in zip(*widths, strict=True)] or [0, 0, 0]
-        """How many positions, velocities and efforts each of its joints has."""
+        """Number of positions, velocities and efforts of each of its joints."""
 
     def joints_of(self, steps: Int64, times_s: Float64, values: Float64) -> Joints:
         """Return the joints at some steps, a row of numbers each."""
@@ -74,7 +74,7 @@ def points_of(points: bytes | bytearray, steps: Int64) -> Rows:
 
 
 class GatheredWorld:
-    """One simulation."""
+    """One simulation of a script."""
 
     def __init__(self, client: int, step: int, time_s: float) -> None:
         self.client, self.step = client, step
@@ -82,27 +82,27 @@ class GatheredWorld:
         self.ids: dict[int, Known] = {}
         self.sampled = False
         self.timeless = False
-        """Whether a timestep was not finite."""
+        """Whether any timestep was not finite."""
         self._layout: list[tuple[Known, bool]] = []
-        """The bodies in a sample, and whether their bases are."""
+        """The bodies in a sample, and whether their bases are in it."""
         self._constraints: list[tuple[int, int]] = []
-        """Ids, and how many forces they have."""
+        """Ids of constraints, and how many forces each has."""
         self._size = pipe.HEAD.size
-        """Bytes of a sample without contact points."""
+        """Bytes of a sample, without contact points."""
         self._room, self._room_bytes = BATCH, BATCH_BYTES
-        """How many samples, and bytes of them, are gathered."""
+        """Number of gathered samples, and their bytes."""
         self._all = self._all_bytes = 0
-        """How many have been yielded."""
+        """Number of samples that were yielded."""
         self._samples: list[bytes] = []
         self._first = self._call = self._bytes = 0
-        """Step of the first of these samples, calls before the last, and their bytes."""
+        """First step of these samples, calls before the last, and their bytes."""
         self._calls: list[tuple[int, int, bytes]] = []
-        """Step, number and payload of each call that was not yielded yet."""
+        """Step, number and payload of each call that is not yielded yet."""
         self._results: list[tuple[int, float]] = []
-        """What each of these returned."""
+        """The returned value of each of these."""
 
     def lay_out(self, layout: list[tuple[Known, bool]], constraints: list[tuple[int, int]]) -> None:
-        """Note what the next samples hold."""
+        """Set the content of the next samples."""
         self._layout, self._constraints = layout, constraints
         numbers = sum(width for _, width in constraints)
         numbers += sum(sum(known.widths) + BASE_WIDTH * has_base for known, has_base in layout)
@@ -118,7 +118,7 @@ class GatheredWorld:
 
     @property
     def is_full(self) -> bool:
-        """Whether enough is gathered to be yielded."""
+        """Whether enough samples are gathered to be yielded."""
         return (
             len(self._samples) >= self._room
             or self._bytes > self._room_bytes
@@ -126,7 +126,7 @@ class GatheredWorld:
         )
 
     def add_sample(self, step: int, payload: bytes, call: int) -> bool:
-        """Gather a sample; return whether it follows the one before."""
+        """Add a sample; return whether it follows the one before."""
         if not self._samples:
             self._first = step
         elif step != self._first + len(self._samples):
@@ -137,22 +137,22 @@ class GatheredWorld:
         return True
 
     def add_call(self, number: int, payload: bytes) -> None:
-        """Gather a call."""
+        """Add a call."""
         self._calls.append((self.step, number, payload))
 
     def add_result(self, result: float) -> None:
-        """Note what the last call returned."""
+        """Add the returned value of the last call."""
         if self._calls:
             self._results.append((len(self._calls) - 1, result))
 
     def gathered(self) -> Iterator[Calls | Samples]:
-        """Yield the calls and samples that were gathered."""
+        """Yield the gathered calls and samples."""
         yield from self.called()
         if self._samples:
             yield self._sampled()
 
     def called(self) -> Iterator[Calls]:
-        """Yield the calls that were gathered."""
+        """Yield the gathered calls."""
         if not self._calls:
             return
         steps, numbers, payloads = zip(*self._calls, strict=True)

@@ -35,14 +35,14 @@ VELOCITY, POSITION, PD = 0, 2, 3
 INERTIA_FROM_FILE, SELF_COLLISION, CONCAVE = 2, 8 | 16 | 32, 1
 """Flags: URDF_USE_INERTIA_FROM_FILE, the URDF_USE_SELF_COLLISION…, GEOM_FORCE_CONCAVE_TRIMESH."""
 MORE = 10.0
-"""Factor of what is to be raised or lowered where an advice gives no number."""
+"""Factor for a value to be raised or lowered, if an advice gives no number."""
 LIGHT_KG, LIGHT_KG_M2 = 1e-3, 1e-6
-"""Mass and inertia of a link that is to weigh nothing: with less, the solver fails."""
+"""Mass and inertia of a link that is to weigh nothing; with less, the solver fails."""
 UP, LIFTED_M = (0.0, 0.0, 1.0), 0.01
-"""Where a body is moved, and how far, where no depth is known."""
+"""Direction and distance by which a body is moved, if no depth is known."""
 RESIDUAL, TIMESTEPS = "solverResidualThreshold", ("fixedTimeStep", "numSubSteps", "timestep")
 PARAMETERS = {*ARGUMENTS[ENGINE]}.difference(TIMESTEPS, [CLIENT])
-"""What `parameter` sets; a timestep is varied by `timestep`."""
+"""Parameters of the engine that `parameter` sets; `timestep` varies timesteps."""
 WIDE = 1e3
 """A joint limit that nothing reaches [rad, m]."""
 
@@ -111,19 +111,19 @@ CALLS = {
     "without:vertical": Message("its vertical velocity handed on: p.getBaseVelocity(body)[0][2]"),
     "without:driven": Message("p.setJointMotorControl2(…, p.POSITION_CONTROL, …) in its place"),
 }
-"""Cures that no function's arguments make, by name and form."""
+"""Calls of cures that are more than the arguments of a function, by name and form."""
 UNSAID = {
     **dict.fromkeys(("ratio", "link", "client", "arguments", "argument"), "…"),
     "function": "resetJointState",
     "frame": "LINK_FRAME",
 }
-"""What a call names where a cure that is tried by its name alone does not say it."""
+"""Placeholder names in a call, for a cure that is tried by its name alone."""
 USUAL = {"gravity": -9.81, "timestep": 2.0, "substeps": 2.0, "mass": 1.0, "lifted": LIFTED_M}
-"""What is given where a cure has no number."""
+"""Default values of a cure without a number."""
 
 
 def call_of(cure: Cure) -> str:
-    """Return what a cure's user would write."""
+    """Return the call that a user would write for a cure."""
     text = CALLS.get(_key(cure))
     if text is not None:
         given = {
@@ -153,7 +153,7 @@ def _key(cure: Cure) -> str:
 
 
 def _factors(cure: Cure) -> dict[str, float]:
-    """Return by how much arguments are multiplied, where no number is known."""
+    """Return the factors of arguments, if no number is known."""
     match cure.name, cure.form:
         case "force", _ if cure.value is None:
             return {"force": MORE}
@@ -167,7 +167,7 @@ def _factors(cure: Cure) -> dict[str, float]:
 
 
 def _values(cure: Cure) -> Values:
-    """Return what arguments are given, by their names."""
+    """Return the arguments that a cure gives, by their names."""
     if cure.given or cure.name not in GIVEN:
         return cure.given
     first, others = GIVEN[cure.name]
@@ -192,14 +192,14 @@ GIVEN: dict[str, tuple[tuple[str, ...], dict[str, float]]] = {
     "ik": (("maxNumIterations",), {"maxNumIterations": 1000, "residualThreshold": 1e-6}),
     "constraint-force": (("maxForce",), {}),
 }
-"""Arguments that a cure's value is given to, and what is given without a value."""
+"""Arguments that take a cure's value, and their defaults without one."""
 
 
 # -- what a run does otherwise --------------------------------------------------------------------
 
 
 def applied(cure: Cure, scope: Scope) -> ChangedRun | None:
-    """Return what a run with a cure does otherwise; None if this engine has none such."""
+    """Return the run with a cure; None if this engine does not support it."""
     if cure.name == "parameter":
         name = cure.given["name"]
         value = whole_number(cure.value or 0.0)
@@ -217,13 +217,13 @@ def applied(cure: Cure, scope: Scope) -> ChangedRun | None:
 
 
 def left_out(function: str, file: str, line: int, argument: str | None) -> ChangedRun:
-    """Return a run without a call, or without an argument of it."""
+    """Return a run without a call, or without one of its arguments."""
     left = [] if argument is None else [argument]
     return ChangedRun([{**_leave([function], *left), "site": [file, line]}])
 
 
 def _leave(functions: list[str], *arguments: str) -> Operation:
-    """Return a call left out, or arguments of it."""
+    """Return the operation that leaves out a call, or arguments of it."""
     return {"do": "leave", "functions": functions, "arguments": [*arguments]}
 
 
@@ -238,7 +238,7 @@ def _at(scope: Scope) -> Operation:
 
 
 def _begins(call: str, values: Values) -> Operation:
-    """Return a call at the beginning of each simulation."""
+    """Return the operation of a call at the beginning of each simulation."""
     return {"do": "add", "functions": BEGINS, "call": call, "values": values}
 
 
@@ -247,14 +247,14 @@ def _set(*functions: str) -> Operation:
 
 
 def _done(do: str, *functions: str) -> Applies:
-    """Return what is done with calls about each body."""
+    """Return the operations on calls about each body."""
     return lambda scope, _: (
         {"do": do, "functions": [*functions], **_of(body)} for body in scope.bodies
     )
 
 
 def _engine(_: Scope, cure: Cure) -> Iterator[Operation]:
-    """Yield parameters of the engine, from the beginning on and whatever the script sets."""
+    """Yield operations that set parameters of the engine from the beginning on."""
     values = {name: whole_number(each) for name, each in _values(cure).items()}
     yield _begins(ENGINE, values)
     yield {**_set(ENGINE), "values": values, "given": True}
@@ -266,7 +266,7 @@ def _dynamics(
     links: Callable[[Body], Sequence[int]],
     factors: Mapping[str, float] | None = None,
 ) -> Iterator[Operation]:
-    """Yield properties of links, after their body is made and after a call sets them."""
+    """Yield operations that set properties of links, after each load and call that sets them."""
     for body in bodies:
         each = {
             "do": "add",
@@ -298,7 +298,7 @@ def _base(_: Body) -> list[int]:
 
 
 def _motors(*modes: int) -> Applies:
-    """Return what motors are given; of several joints each at least a force."""
+    """Return the operations on motor calls; of several joints, each gets at least a force."""
 
     def made(scope: Scope, cure: Cure) -> Iterator[Operation]:
         for body in scope.bodies:
@@ -317,7 +317,7 @@ def _motors(*modes: int) -> Applies:
 
 
 def _urdf_limits(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    """Give motors what a finding says, or what their file allows each of them."""
+    """Give motors the force of a finding, or the effort that their file allows."""
     motors = _motors(VELOCITY, POSITION, PD)
     if cure.given:
         yield from motors(scope, cure)
@@ -330,7 +330,7 @@ def _urdf_limits(scope: Scope, cure: Cure) -> Iterator[Operation]:
 
 
 def _motor_off(scope: Scope, _: Cure) -> Iterator[Operation]:
-    """Turn motors off after the load: those that no call commands, and the named one."""
+    """Switch off motors after the load: those that no call commands, and the named one."""
     for body in scope.bodies:
         named = scope.links(body) if scope.joint is not None else []
         for joint in body.joints:
@@ -362,7 +362,7 @@ def _damping(scope: Scope, cure: Cure) -> Iterator[Operation]:
 
 
 def _joint_damping(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    """Take the damping of joints away: of all, since a chain's joints act on each other."""
+    """Remove the damping of joints: of all, since a chain's joints act on each other."""
     yield from _dynamics(scope.bodies, _values(cure), _links)
 
 
@@ -389,7 +389,7 @@ def _mass_made(scope: Scope, cure: Cure) -> Iterator[Operation]:
 
 
 def _inertial(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    """Give links of which the file tells no mass next to none."""
+    """Give links whose file gives no mass next to none."""
     for body in scope.bodies:
         none = [n - 1 for n, each in enumerate(body.asked.links) if math.isnan(each.mass_kg)]
         links = cure.given.get("links", none)
@@ -417,7 +417,7 @@ def _both_masks(_: Scope, __: Cure) -> Iterator[Operation]:
 
 
 def _constraint(_: Scope, cure: Cure) -> Iterator[Operation]:
-    """Give constraints a force: where they are made, and where a call gives them another."""
+    """Give constraints a force: when they are made, and in each call that sets another."""
     factors, values = _factors(cure), _values(cure)
     given = {"factors": factors} if factors else {"values": values, "given": True}
     yield {**_set("changeConstraint"), **given}
@@ -452,7 +452,7 @@ def _repeated(_: Scope, __: Cure) -> Iterator[Operation]:
 
 
 def _lifted(*functions: str) -> Applies:
-    """Return bodies placed farther away, a thousandth more than what is asked for."""
+    """Place bodies farther away, a thousandth more than asked for."""
 
     def made(scope: Scope, cure: Cure) -> Iterator[Operation]:
         by_m = [1.001 * _number(cure) * each for each in cure.given.get("away", UP)]
@@ -463,7 +463,7 @@ def _lifted(*functions: str) -> Applies:
 
 
 def _mimic(scope: Scope, _: Cure) -> Iterator[Operation]:
-    """Join joints that their file wants to follow others by gears, their own motors off."""
+    """Connect joints that should follow others by gears, with their own motors off."""
     for body in scope.bodies:
         links = {joint.name: joint.link for joint in body.joints}
         for each in body.asked.mimics:
@@ -483,7 +483,7 @@ def _client(_: Scope, cure: Cure) -> Iterator[Operation]:
 
 
 def _without(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    """Leave a finding's call out."""
+    """Leave out the call of a finding."""
     place = _at(scope)
     if place:
         about = _of(scope.bodies[0]) if cure.form == "of-body" else {}
@@ -497,7 +497,7 @@ def _redirected(scope: Scope, cure: Cure) -> Iterator[Operation]:
 
 
 def _apart(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    """Give arguments of a finding's call in a call of their own."""
+    """Give arguments of a finding's call in an additional call."""
     yield {
         "do": "apart",
         "functions": [DYNAMICS],
@@ -550,7 +550,7 @@ TABLE: dict[str, Applies] = {
     "without:vertical": _done("fall", "resetBaseVelocity"),
     "without:driven": _done("drive", "resetJointState", STEP),
 }
-"""How each cure is applied, by name and form; `timestep` and `substeps` are made otherwise."""
+"""The function that makes each cure, by name and form; `timestep` and `substeps` are separate."""
 NEEDS = {
     "right-client": "function",
     "right-link": "arguments",
@@ -558,4 +558,4 @@ NEEDS = {
     "without": "function",
     "without:of-body": "function",
 }
-"""What a cure cannot be made without, by name and form: only a finding knows it."""
+"""Values that a cure needs, by name and form, and that only a finding knows."""

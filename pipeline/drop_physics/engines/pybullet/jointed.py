@@ -1,4 +1,4 @@
-"""The joints of a body that is dropped: what they are, and where they are after each step."""
+"""The joints of a dropped body, and their states after each step."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from drop_physics.trace.states import Joints
 
 
 def joints_of(body: int, links: Sequence[int], client: int) -> tuple[Joint, ...]:
-    """Return what connects a body's links, in order."""
+    """Return the joints of the body's links, in order."""
     infos = [p.getJointInfo(body, link, client) for link in links]
     return tuple(
         joint_of(info, info[1].decode(errors="replace"), _widths(info, body, client))
@@ -24,7 +24,7 @@ def joints_of(body: int, links: Sequence[int], client: int) -> tuple[Joint, ...]
 
 
 def _widths(info: Any, body: int, client: int) -> tuple[int, int, int]:  # noqa: ANN401 - PyBullet's
-    """Return how many positions, velocities and efforts a joint has."""
+    """Return the number of positions, velocities and efforts of a joint."""
     if info[2] == p.JOINT_FIXED:
         return 0, 0, 0
     state = p.getJointStateMultiDof(body, info[0], physicsClientId=client)
@@ -50,6 +50,6 @@ class JointStates:
         return [joint[of] for of in (0, 1, 3) for joint in found]
 
     def table(self, steps: Int64, timestep_s: float, values: Float64) -> Joints:
-        """Return what `now` gave in each step, shape (steps, numbers), as columns."""
+        """Return the results of `now` in each step, shape (steps, numbers), as columns."""
         times_s = np.asarray(steps * timestep_s, dtype=np.float64)
         return Joints(steps, times_s, *np.split(values, self._ends, axis=1))

@@ -51,7 +51,7 @@ class LastingWorld(World):
         )
 
     def restart(self, scenario: Scenario) -> None:
-        """Go back to the release, of a scenario that this world `serves`."""
+        """Return to the release of a scenario that this world `serves`."""
         self.scenario = scenario
         # Far from the floor the engine forgets the contacts of the fall before, and their impulses.
         self.place((0.0, 0.0, FAR_M), (0.0, 0.0, 0.0, 1.0))

@@ -20,22 +20,22 @@ from drop_physics.workers import ALARM, CPU_USED_UP, Worker, WorkerDiedError
 
 @dataclass(frozen=True)
 class Limits:
-    """What a trial may take."""
+    """Limits of a trial."""
 
     cpu_s: int = 20
-    """CPU time: other processes do not use it up."""
+    """CPU time [s], which other processes do not use up."""
     wall_s: int = 120
-    """Elapsed time, of a machine that does nothing else."""
+    """Elapsed time [s], on an idle machine."""
     memory_bytes: int = 4_000_000_000
-    """Address space."""
+    """Address space [bytes]."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a trial found."""
+    """The result of a trial."""
 
     problem: str
-    """What is wrong with the body, or ''."""
+    """The problem with the body, or ''."""
     files: tuple[Path, ...]
     """The URDF and its meshes."""
     digest: str
@@ -43,11 +43,11 @@ class Verdict:
 
 
 Verdicts = Mapping[Path, Verdict]
-"""What is known of a URDF, by its resolved path."""
+"""Verdicts on URDFs, by their resolved paths."""
 
 STANDARD_LIMITS = Limits()
 TRIAL = "drop_physics.engines.pybullet.trial:trial"
-"""What the separate process runs; this one must not import it."""
+"""Module that the separate process runs; this one must not import it."""
 
 _verdicts: dict[Path, Verdict] = {}
 trying = False
@@ -105,7 +105,7 @@ def digest_of(files: Sequence[Path]) -> str:
 
 
 def problem_of(path: Path, limits: Limits = STANDARD_LIMITS) -> tuple[str, list[Path]]:
-    """Return what is wrong with a URDF, or '', and its meshes."""
+    """Return the problem with a URDF, or '', and its meshes."""
     try:
         check_urdf(path)
     except BodyFileError as error:
@@ -141,14 +141,14 @@ def problem_of(path: Path, limits: Limits = STANDARD_LIMITS) -> tuple[str, list[
 
 
 def _named_beside(path: Path) -> list[Path]:
-    """Return the files that a URDF names and that are beside it: one of them may be mended."""
+    """Return the files that a URDF names and that are beside it: one may be mended."""
     names = re.findall(rb"""filename\s*=\s*["']([^"']+)""", path.read_bytes())
     beside = (path.parent / name.decode(errors="replace") for name in names)
     return [file for file in beside if file.is_file()]
 
 
 def first_problem(meshes: Sequence[Path]) -> str:
-    """Return what is wrong with the first mesh that Bullet would misread, or ''."""
+    """Return the problem with the first mesh that Bullet would misread, or ''."""
     try:
         for mesh in meshes:
             check_mesh(mesh)

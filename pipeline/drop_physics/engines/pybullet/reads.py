@@ -1,4 +1,4 @@
-"""What a watched script read: places as its process describes them, and as often as it counts."""
+"""The readings of a watched script: places as its process describes them, with their counts."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ class Reads:
         self._targets: dict[int, dict[Subject | int, None]] = {}
         """What each place read, in that order; constraints as their ids."""
         self._cut: set[int] = set()
-        """Places of which something is missing."""
+        """Places whose targets are not all known."""
         self._waiting: list[tuple[GatheredWorld, int, Ids]] = []
-        """What was read of bodies that are not described yet."""
+        """Readings of bodies that are not described yet."""
 
     def describe(self, number: int, camera: dict[str, Any] | None, **described: Any) -> None:  # noqa: ANN401
-        """Note a place."""
+        """Add a place."""
         seen = camera and Lens(**{name: tuple(its or ()) for name, its in camera.items()})
         described["arguments"] = tuple(described["arguments"])
         self._places[number] = {"number": number, "camera": seen, **described}
         self._targets[number] = {}
 
     def read(self, world: GatheredWorld, number: int, targets: list[Ids]) -> None:
-        """Note what a place has read."""
+        """Add what a place has read."""
         self._waiting += [(world, number, target) for target in targets]
         self.bodies_came()
 
     def bodies_came(self) -> None:
-        """Name what has been read by the numbers of bodies, where these are known."""
+        """Replace ids that have been read by the numbers of bodies, if these are known."""
         waiting, self._waiting = self._waiting, []
         for world, number, ids in waiting:
             if "constraintUniqueId" in self._places[number]["arguments"]:
@@ -58,12 +58,12 @@ class Reads:
             self._cut.add(number)
 
     def forget(self, world: GatheredWorld | None) -> None:
-        """Note that the bodies of a simulation that were not described, or all, never will be."""
+        """Give up on bodies of a simulation that were not described: on those, or on all."""
         self._cut |= {number for its, number, _ in self._waiting if world in (its, None)}
         self._waiting = [each for each in self._waiting if world not in (each[0], None)]
 
     def counted(self, counters: Sequence[int]) -> Iterator[Reading]:
-        """Yield all places, with what was counted of each."""
+        """Yield all places, with their counts."""
         self.forget(None)
         for number, place in self._places.items():
             at, targets = number * pipe.COUNTERS, self._targets[number]

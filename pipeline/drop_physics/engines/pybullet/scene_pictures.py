@@ -23,15 +23,15 @@ from drop_physics.scenario import Camera
 from drop_physics.trace.events import Model, Pose
 
 SQUARE = 1 / 4
-"""About the side of a plane's squares, in distances of the camera."""
+"""Approximate side of a plane's squares, in distances of the camera."""
 BEND = 0.02
-"""Where nearness bends by more of itself between pixels, there is an edge: a flat face has none."""
+"""A larger curvature of nearness between pixels is an edge: a flat face has none."""
 SHADES = 8
-"""Shades that differ by less are one: a gif has few colours."""
+"""Shades that differ by less become one, because a gif has few colours."""
 EDGE = 0.35
 """Share of its colour that an edge keeps."""
 OUTLINE = 40
-"""Least brightness of an edge over that of a dark page, of 255: black bodies are seen."""
+"""Least brightness of an edge over a dark page, of 255, so that black bodies are seen."""
 DRAWN_MESHES = (".obj", ".stl", ".dae")
 NOWHERE: Pose = (0.0, 0.0, -1e4), (0.0, 0.0, 0.0, 1.0)
 Float32 = NDArray[np.float32]
@@ -86,12 +86,12 @@ def drawn(
 
 
 def _placed(model: Model) -> Pose:
-    """Return where a shape is on its part."""
+    """Return the pose of a shape on its part."""
     return model.shape.position_m, model.shape.orientation
 
 
 def _after(pose: Float64, offset: Pose) -> Pose | None:
-    """Return where a shape is whose part has this pose; None if that is absent."""
+    """Return the pose of a shape whose part has this pose; None if the part is absent."""
     if np.isnan(pose).any():
         return None
     place: Pose = p.multiplyTransforms(pose[:3].tolist(), pose[3:].tolist(), *offset)
@@ -174,7 +174,7 @@ def _picture(
 
 
 def _around(there: Flags) -> tuple[slice, slice]:
-    """Return the rows and columns where something is, and two more on each side."""
+    """Return the rows and columns that are not empty, and two more on each side."""
     rows, columns = (np.flatnonzero(there.any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         return slice(0), slice(0)
@@ -182,7 +182,7 @@ def _around(there: Flags) -> tuple[slice, slice]:
 
 
 def _edges(numbers: Int64, nearness: Float32) -> Flags:
-    """Return where bodies and faces end; `nearness` is 1 over the distance."""
+    """Return the edges of bodies and faces; `nearness` is 1 over the distance."""
     edges = np.zeros(numbers.shape, np.bool_)
     for each, near, marks in ((numbers, nearness, edges), (numbers.T, nearness.T, edges.T)):
         ends = each[1:] != each[:-1]

@@ -89,4 +89,4 @@ def distances(
 
 
 _DISTANCE = itemgetter(8)
-"""Takes the distance of a point of `getContactPoints`."""
+"""Returns the distance of a point of `getContactPoints`."""

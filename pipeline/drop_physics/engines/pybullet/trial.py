@@ -21,7 +21,7 @@ from drop_physics.scenario import STANDARD_CAMERA, Coordinates, Scenario
 from drop_physics.workers import under_load
 
 LONGEST_WORDS = 200
-"""Characters of what Bullet says that are quoted: the last ones."""
+"""Number of characters of Bullet's messages that are quoted, from the end."""
 STEPS = 3
 """Number of steps made from inside the floor: the first has contact, where meshes fail."""
 
@@ -69,7 +69,7 @@ def _meshes_of(path: str) -> list[Path]:
 
 
 _BULLETS = re.compile(r"b3\w+\[[^]]*\]:")
-"""Where in its own source Bullet prints."""
+"""Places in its source that Bullet prints in messages."""
 
 
 def _drop(path: str, coordinates: Coordinates) -> None:
@@ -88,7 +88,7 @@ def _drop(path: str, coordinates: Coordinates) -> None:
 
 
 def _limit(limits: probe.Limits) -> None:
-    """Let the system end this process, without a core dump, if it takes too much."""
+    """Let the system end this process, without a core dump, if it exceeds a limit."""
     if sys.platform == "win32":
         return
     import resource

@@ -19,7 +19,7 @@ from drop_physics.physics.theory import impact_time_free
 from drop_physics.scenario import Camera, Renderer, Scenario
 
 LIGHT = (0.5, -1.2, 2.0)
-"""Where it comes from: no two faces of a box have one shade. The standard view, which is that of
+"""Direction of our light: no two faces of a box have one shade. The standard view, which is that of
 the experiment, has PyBullet's own light."""
 
 
@@ -31,7 +31,7 @@ class Picture(NamedTuple):
     depth: NDArray[np.float32]
     """0 at the near plane, 1 at the far plane and where there is nothing."""
     bodies: Int64
-    """Whose pixel each is; below 0 where there is nothing."""
+    """Number of the body of each pixel; below 0 where there is none."""
 
 
 class VisibleWorld(World):
@@ -56,7 +56,7 @@ class VisibleWorld(World):
     def __init__(self, scenario: Scenario, renderer: Renderer) -> None:
         self._renderer = renderer
         self.gl_renderer = ""
-        """What EGL draws with, as its driver reports it."""
+        """The renderer of EGL, as its driver reports it."""
         super().__init__(scenario)
 
     def _load_body(self) -> int:
@@ -75,12 +75,12 @@ class VisibleWorld(World):
         self.gl_renderer = printed[0].partition("GL_RENDERER=")[2].partition("\n")[0]
 
     def photograph(self, camera: Camera) -> Picture:
-        """Return a picture of the world as it is now."""
+        """Return a picture of the world in its present state."""
         return picture_of(self._client, camera, self._renderer, lit=camera.view != "standard")
 
 
 def picture_of(client: int, camera: Camera, renderer: Renderer, *, lit: bool) -> Picture:
-    """Return a picture of what a simulation holds now; `lit` by our own light, or PyBullet's."""
+    """Return a picture of a simulation's present state, `lit` by our own light or PyBullet's."""
     width, height = camera.size_px
     _, _, rgba, depth, bodies = p.getCameraImage(
         width,
@@ -103,7 +103,7 @@ def picture_of(client: int, camera: Camera, renderer: Renderer, *, lit: bool) ->
 
 
 SHARE_OF_HEIGHT = {"close": 1 / 6, "follow": 1 / 4}
-"""How much of a picture's height the body takes."""
+"""The share of a picture's height that the body takes."""
 
 
 def framed(camera: Camera, scenario: Scenario) -> Camera:

@@ -1,6 +1,6 @@
-"""Interprets what a watched script's process sends of PyBullet: from frames to events.
+"""Interpret what a watched script's process sends about PyBullet: from frames to events.
 
-The other end of `watch`; the stream is described in `watching.pipe`.
+It is the other end of `watch`; the stream is described in `watching.pipe`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ NOTES = frozenset(
         *("reading", "read", "dynamics", "carried", "layout", "real_time", "fault"),
     )
 )
-"""Notes about its simulations."""
+"""Kinds of notes about its simulations."""
 TIMESTEPS = ("timeStep", "fixedTimeStep")
 """Arguments of `setTimeStep` and `setPhysicsEngineParameter`."""
 
@@ -62,10 +62,10 @@ class BulletDecoder:
     def __init__(self, finer: int, faults: list[str]) -> None:
         self._finer, self._faults = finer, faults
         self._timesteps: dict[int, int] = {}
-        """The number of each site that is a timestep and is divided, by site."""
+        """Index of the timestep among each site's numbers, if it is divided, by site."""
         self.calls = 0
         self._called = self.raised = -1
-        """The sites of the latest call, and of the latest that raised."""
+        """The sites of the latest call, and of the latest one that raised."""
         self.samples = 0
         self.real_time = False
         self._worlds: dict[int, GatheredWorld] = {}
@@ -74,25 +74,25 @@ class BulletDecoder:
         self._solvers: dict[tuple[int, int], SolverStop] = {}
         self._reads = Reads()
         self._caller: GatheredWorld | None = None
-        """The simulation that the last call was for."""
+        """The simulation of the last call."""
 
     @property
     def steps(self) -> int:
-        """How many steps all simulations have made: a sample each, after their first."""
+        """The number of steps of all simulations: each has a sample per step, and a first one."""
         return self.samples - sum(world.sampled for world in self._worlds.values())
 
     @property
     def is_used(self) -> bool:
-        """Whether the script has a simulation of PyBullet's."""
+        """Whether the script has a simulation in PyBullet."""
         return bool(self._worlds)
 
     @property
     def time_s(self) -> float:
-        """Simulated time [s], of the simulation that is furthest."""
+        """The simulated time of the simulation that is furthest [s]."""
         return max((world.time_s(world.step) for world in self._worlds.values()), default=0.0)
 
     def take(self, kind: bytes, payload: bytes) -> Iterable[Event]:
-        """Return the events in a frame that is no note."""
+        """Return the events in a frame that is not a note."""
         if kind == pipe.SAMPLE:
             return self._add_sample(payload)
         if kind == pipe.CALL:
@@ -110,9 +110,9 @@ class BulletDecoder:
         return getattr(self, f"_on_{what}")(**values) or ()
 
     def rest(self, counters: Sequence[int]) -> Iterator[Event]:
-        """Yield what is gathered and not yet yielded; the stream is over.
+        """Yield the events that were gathered but not yet yielded, at the end of the stream.
 
-        `counters` are those of the shared memory: how often places have read.
+        `counters` are those of the shared memory: the numbers of readings.
         """
         for world in self._worlds.values():
             yield from world.gathered()
@@ -123,7 +123,7 @@ class BulletDecoder:
     # -- numbers ----------------------------------------------------------------------------------
 
     def _add_sample(self, payload: bytes) -> Iterable[Event]:
-        """Take a sample, as most frames are; return what is gathered before it, if that is much."""
+        """Add a sample, as most frames are; return the events before it, if enough are gathered."""
         number, step = pipe.HEAD.unpack_from(payload)
         world = self._worlds[number]
         gathered = [*world.gathered()] if world.is_full else ()
@@ -260,7 +260,7 @@ class BulletDecoder:
         yield Appearance(self._at(known.world), known.body, there=True)
 
     def _changed(self, known: Known, **what: Any) -> Iterator[Event]:  # noqa: ANN401
-        """Yield what was gathered before something about a body changes."""
+        """Yield the gathered events before something about a body changes."""
         yield from known.world.gathered()
         known.body = replace(known.body, **what)
 

@@ -308,7 +308,7 @@ class World:
         )
 
     def notes(self) -> Iterator[str]:
-        """Yield what the engine does not take from the URDF: nothing."""
+        """Yield remarks about what the engine does not take from the URDF: there are none."""
         yield from ()
 
     def _dynamics(self, body: int | None = None, link: int = -1) -> Any:  # noqa: ANN401
@@ -391,7 +391,7 @@ class World:
 
     @functools.cached_property
     def joints(self) -> tuple[Joint, ...]:
-        """What connects the body's links, in order."""
+        """The joints of the body's links, in order."""
         return joints_of(self._body, self._links, self._client)
 
     @functools.cached_property
@@ -400,7 +400,7 @@ class World:
 
     @functools.cached_property
     def inertial_frames(self) -> Float64:
-        """Where the inertia of base and links is in their frames: poses, shape (links + 1, 7)."""
+        """The frames of inertia of base and links in their own frames: poses, shape (links + 1, 7)."""
         if self.scenario.coordinates == "maximal":  # of which the engine reports leftovers
             return np.array([[0.0] * 6 + [1.0]])
         dynamics = [self._dynamics(link=link) for link in (-1, *self._links)]
