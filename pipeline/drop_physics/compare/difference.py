@@ -112,8 +112,8 @@ class When(NamedTuple):
 
     step: int
     phase: int
-    """In this order: `LED`, a sample that a step led to; `INPUT`, the inputs given then; `FIRST`, a
-    first sample, after the inputs that led to it."""
+    """`LED` (a sample that a step led to) comes before `INPUT` (the inputs given then) and `FIRST`
+    (a first sample, after the inputs that led to it)."""
     call: int = 0
     """Number of calls of the script before it."""
 

@@ -1,9 +1,9 @@
-"""Which term of the sum made two runs differ first.
+"""Find the term of the sum that first made two runs differ.
 
-From the state where both begin, a position is what its velocity moved it, step by step, and what
-the step itself made of that; and the velocity is the sum of what each term gave it, M^-1 P. So how
-far two runs are apart is, without a rest, a sum over the terms: what a term gave in one run and not
-in the other, times the time since.
+From the state where both begin, a position is the sum of what its velocity moved it in each step
+and what the step itself added; and the velocity is the sum of what each term gave it, M^-1 P. So
+the distance between two runs is, without a remainder, a sum over the terms: what a term gave in one
+run and not in the other, times the time since.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 from drop_physics.trace.history import Seen
 
 INTEGRATOR, SET = "integrator", "set"
-"""What no term of the sum is: how a step moves what it has given a velocity; and what calls set."""
+"""Causes beside the terms of the sum: how a step moves a body with its velocity; and calls."""
 CLEARLY = 0.5
-"""The share of what all terms did that the first one has at least."""
+"""Least share of the terms' whole effect that the first term has."""
 LEAST, MOST = 256, 4096
 """Steps that are explained at a time."""
 
 
 @dataclass
 class _Way:
-    """How one position of a run came about, since it was last set."""
+    """The sources of one position in a run since it was last set."""
 
     began: int = -1
-    """Of the script's own steps, the last before it."""
+    """The last step of the script's own before it."""
     start: tuple[Float64, Float64] | None = None
-    """Position and velocity then."""
+    """Position and velocity at that step."""
     end: Float64 | None = None
     given: dict[str, Float64] = field(default_factory=dict)
-    """By term, velocity times the time since."""
+    """Velocity times the time since, by term."""
     known: bool = True
 
 

@@ -1,4 +1,4 @@
-"""What variations of a run tell of it: growth of a displacement, convergence, digits that stand."""
+"""What variations of a run show: growth of a displacement, convergence, reliable digits."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from drop_physics.drop.convergence import SAFETY_FACTOR, richardson, solution_or
 from drop_physics.experiments.run_distance import APART, Apart, Track
 
 LOST = 1e-3
-"""Where a displacement has grown so far, the outcome is one of many [m, rad]."""
+"""Distance [m, rad] beyond which the outcome is one of many."""
 LEAST_GROWTH = 100.0
-"""Factor below which growth has no rate: a displacement also drifts."""
+"""Least growth that has a rate: a displacement also drifts."""
 LEAST_ORDER, MOST_ORDER = 0.5, 2.5
-"""Engines' methods are of order 1 or 2: another is a chance of these timesteps."""
+"""Range of observed orders: engines' methods have order 1 or 2, and another order is chance."""
 ROUNDED = 1e-12
 """Changes below this share of a position are its rounding [1]."""
 
@@ -28,26 +28,26 @@ class Growth:
     """How a small displacement grows."""
 
     rate_per_s: float | None
-    """As exp(rate t); None where it does not grow like that."""
+    """Rate of exp(rate t); None if it does not grow like that."""
     from_s: float | None
-    """From here on the rate is fitted."""
+    """Time from which on the rate is fitted."""
     until_s: float | None
-    """Until here the rate is fitted."""
+    """Time up to which the rate is fitted."""
     lost_s: float | None
-    """From when on the outcome is one of many: it has grown beyond 1e-3 [m, rad]."""
+    """Time from which on the outcome is one of many: it has grown beyond 1e-3 [m, rad]."""
     start: float
     """The displacement [m, rad]."""
     most: float
     """The largest distance [m, rad]."""
     unit: str
-    """Of that, `m` or `rad`."""
+    """Unit of the largest distance, `m` or `rad`."""
 
 
 def growth(nudged: Apart, nudge: float) -> Growth | None:
-    """Return how a displacement grows; None if it does not, a hundredfold.
+    """Return the growth of a displacement; None if it grows less than a hundredfold.
 
-    Least squares of ln d = c + rate t, between ten times the displacement and `LOST`; where
-    ln d = c + n ln t fits as well, it drifts.
+    The rate is that of ln d = c + rate t by least squares, between ten times the displacement and
+    `LOST`; if ln d = c + n ln t fits as well, it drifts instead.
     """
     t, d = nudged.furthest
     if not len(d) or d.max() < LEAST_GROWTH * nudge:
@@ -93,13 +93,13 @@ class Converging:
     unit: str
     """`m` or `rad`."""
     ends: tuple[float, float, float]
-    """Where it ends with each timestep, the coarsest first [m, rad]."""
+    """Final position with each timestep, the coarsest first [m, rad]."""
     order: float | None
-    """Observed; None where it does not converge."""
+    """Observed order; None if it does not converge."""
     extrapolated: float | None
-    """Where it would end with a timestep of 0 [m, rad]."""
+    """Extrapolated final position with a timestep of 0 [m, rad]."""
     uncertainty: float | None
-    """Of that: Roache's safety factor times its distance from the finest [m, rad]."""
+    """Uncertainty of that: Roache's safety factor times its distance from the finest [m, rad]."""
 
 
 def converging(timesteps_s: Sequence[float], runs: Sequence[Apart | None]) -> list[Converging]:
@@ -153,7 +153,7 @@ def _converging(
 
 @dataclass(frozen=True)
 class Standing:
-    """To how many digits a position is the same in all variations."""
+    """The digits of a position that are the same in all variations."""
 
     body: str
     """Its label."""
@@ -162,17 +162,17 @@ class Standing:
     unit: str
     """`m`, or `rad` of an orientation or a joint that turns."""
     moved: float
-    """The largest distance from its start [m, rad]: what digits count of."""
+    """The largest distance from its start [m, rad], of which the digits count."""
     end: float
     """The largest distance between a variation and the script's own run, at the end."""
     end_digits: int | None
-    """To how many digits the end stands; None where it is the same to the bit."""
+    """Digits of the end that are the same in all; None if it is the same to the bit."""
     end_by: str | None
     """The variation that ends farthest."""
     most: float
     """The largest distance at any time."""
     most_digits: int | None
-    """To how many digits it stands at any time."""
+    """Digits that are the same in all at any time."""
     most_by: str | None
     """The variation that is farthest at any time."""
 
@@ -183,7 +183,7 @@ moves less than `APART`, unless a variation moves it as much."""
 
 
 def standing(runs: Mapping[str, Apart]) -> list[Standing]:
-    """Return what stands of each position that matters, the least first."""
+    """Return the reliable digits of each position that matters, the fewest first."""
     by_part: dict[tuple[str, str | None, str], dict[str, Track]] = {}
     for name, run in runs.items():
         for track in run.tracks:
@@ -219,7 +219,7 @@ def standing(runs: Mapping[str, Apart]) -> list[Standing]:
 
 
 def _digits(moved: float, off: float) -> int | None:
-    """Return how many digits of a distance stand."""
+    """Return the number of digits of a distance that are not affected by `off`."""
     if not off:
         return None
     if not math.isfinite(off) or not moved:

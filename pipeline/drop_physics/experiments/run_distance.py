@@ -17,11 +17,11 @@ from drop_physics.trace.history import Seen
 from drop_physics.trace.states import motion_of
 
 APART = 1e-6
-"""Runs count as apart from here on [m, rad]."""
+"""Least distance at which runs count as apart [m, rad]."""
 MOST_POINTS = 4096
-"""Of a curve."""
+"""Most points of a curve."""
 STEPS = 4096
-"""Of the script's own run, that are compared at a time."""
+"""Steps of the script's own run that are compared at a time."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Distance:
     joint: str | None
     """Its name; null of a base."""
     time_s: float
-    """Of the script's own run."""
+    """Time in the script's own run."""
 
 
 @dataclass
@@ -45,17 +45,17 @@ class Track:
     """One position of both runs: of a base, its orientation, or of a joint."""
 
     number: int
-    """Of the body, in the script's own run."""
+    """Number of the body in the script's own run."""
     other: int
-    """The same in the other run."""
+    """Number of the body in the other run."""
     body: str
     joint: str | None
     unit: str
     start: Float64
     last: Float64
-    """Where the script's own run ends, as far as both go."""
+    """Final position in the script's own run, as far as both runs go."""
     theirs: Float64
-    """Where the other one ends."""
+    """Final position in the other run."""
     moved: float = 0.0
     """The largest distance of the script's own run from its start."""
     most: float = 0.0
@@ -63,14 +63,14 @@ class Track:
     end: float = 0.0
     end_s: float = 0.0
     from_step: int | None = None
-    """Of the script's own run: the first where they are more than `APART` apart."""
+    """First step of the script's own run at which they are more than `APART` apart."""
     from_s: float = math.inf
     first: float = 0.0
-    """How far they are apart then."""
+    """Their distance at that step."""
     same: bool = True
 
     def add(self, steps: Int64, times_s: Float64, mine: Float64, theirs: Float64) -> Float64:
-        """Add some steps, and return how far apart they are."""
+        """Add some steps, and return the distances at them."""
         off = distances(mine, theirs)
         self.moved = max(self.moved, float(distances(mine, self.start[None]).max()))
         self.last, self.theirs = mine[-1], theirs[-1]
@@ -96,7 +96,7 @@ class Apart:
 
     tracks: list[Track]
     curves: Mapping[str, tuple[Float64, Float64]] = field(repr=False)
-    """By unit, times [s] and the largest distance then."""
+    """Times [s], and the largest distance at each, by unit."""
 
     @property
     def end(self) -> list[Distance]:
@@ -115,13 +115,13 @@ class Apart:
 
     @property
     def first(self) -> Track | None:
-        """What is first more than `APART` apart, of several the farthest; None if nothing is."""
+        """The position that is first more than `APART` apart, or the farthest of several; None if none is."""
         apart = [each for each in self.tracks if each.from_step is not None]
         return min(apart, key=lambda each: (each.from_s, -each.first), default=None)
 
     @property
     def from_s(self) -> float | None:
-        """When they are first more than `APART` apart."""
+        """Time at which they are first more than `APART` apart."""
         return None if self.first is None else self.first.from_s
 
     @property

@@ -106,7 +106,7 @@ class DataTable:
     has_total: bool = False
     """Whether the last row is the sum of the others."""
     failed: Sequence[bool] = ()
-    """Which rows failed; rows beyond its end did not."""
+    """Whether something failed in each row; rows beyond its end did not fail."""
     left_out: Callable[[str], Words] | None = None
     """Returns a sentence about the columns left out for want of room, given their heads."""
     margin: str = ""

@@ -400,7 +400,7 @@ class World:
 
     @functools.cached_property
     def inertial_frames(self) -> Float64:
-        """The frames of inertia of base and links in their own frames: poses, shape (links + 1, 7)."""
+        """Frames of inertia of base and links in their own frames: poses, shape (links + 1, 7)."""
         if self.scenario.coordinates == "maximal":  # of which the engine reports leftovers
             return np.array([[0.0] * 6 + [1.0]])
         dynamics = [self._dynamics(link=link) for link in (-1, *self._links)]
