@@ -1,4 +1,4 @@
-"""How far two runs of one script are apart."""
+"""The distance between two runs of one script."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class Track:
 
 @dataclass(frozen=True)
 class Apart:
-    """How far two runs are apart."""
+    """The distances between two runs."""
 
     tracks: list[Track]
     curves: Mapping[str, tuple[Float64, Float64]] = field(repr=False)
@@ -115,7 +115,7 @@ class Apart:
 
     @property
     def first(self) -> Track | None:
-        """The position that is first more than `APART` apart, or the farthest of several; None if none is."""
+        """The position first more than `APART` apart, the farthest of several; None without any."""
         apart = [each for each in self.tracks if each.from_step is not None]
         return min(apart, key=lambda each: (each.from_s, -each.first), default=None)
 
