@@ -34,6 +34,9 @@ from hypothesis import HealthCheck, settings
 from skipping import pytest_runtest_makereport as pytest_runtest_makereport
 from skipping import pytest_runtest_setup as pytest_runtest_setup
 
+# Processes that tests start load what others have compiled, as a user's do.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 os.environ["DROP_LANG"] = "en"  # in which the tests expect what is printed, wherever they run
 # The same examples every time: a test that fails is a change, and no bad luck.
 settings.register_profile(

@@ -518,6 +518,14 @@ def test_bodies_come_and_go_and_ids_are_used_again(plain: Plain) -> None:
     assert sorted(gone) == [20, 40, 60]
 
 
+@pytest.mark.starts
+def test_arguments_may_be_long(bench: Bench) -> None:
+    text = "import pybullet as p\np.connect(p.DIRECT)\np.stepSimulation()\n"
+    given = [str(number) + "," * 5_000 for number in range(20)]  # a program may have 2 MB of them
+    bench.record(bench.script(text), *given)
+    assert read(bench.out).origin["arguments"] == given
+
+
 def test_a_constraint_takes_the_entity_of_one_that_is_gone(bench: Bench) -> None:
     text = """
         p.connect(p.DIRECT)

@@ -23,11 +23,11 @@ from drop_physics.trace.states import Rows
 
 Properties = dict[str, Any]
 
-PROPERTY_BYTES, CLOSING_BYTES = 1 << 16, 1 << 24
-"""Limits of a property, where the engine's report takes 18,000; and of the one that closes a
-recording: it has a digest of 64 letters for each body with joints, constraint and client."""
-LONGEST_TEXT = 4096
-"""Characters in a property: as many as a path may have."""
+PROPERTY_BYTES, LARGEST_BYTES = 1 << 16, 1 << 24
+"""Limits of a property, where the engine's report takes 18,000, and of two that are larger: a script's
+arguments, of which Linux allows two megabytes, and what closes a recording, with a digest of 64
+letters for each body with joints, constraint and client."""
+LARGE = schema.ORIGIN_PROPERTY, schema.RECORDING_PROPERTY
 
 
 def rows(chunk: Chunk, table: Table, path: Path) -> Rows:
@@ -84,8 +84,6 @@ def told(chunk: Chunk, path: Path) -> Iterator[tuple[At, str]]:
 def series(chunk: Chunk, path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
     """Return steps and values, of shape (n,) and (n, k); None of a chunk that names the series.
 
-    Behind a constraint's forces is its id, where the chunk has it.
-
     Raises
     ------
     RecordingError
@@ -99,37 +97,23 @@ def series(chunk: Chunk, path: Path) -> tuple[NDArray[np.int64], NDArray[np.floa
     if flat.null_count or len(set(lengths.tolist())) > 1:
         what = Message("{entity} must hold equally many numbers in each row", entity=chunk.entity)
         raise damaged(path, what)
-    values = flat.to_numpy().reshape(len(steps), -1).copy()
-    if chunk.batch.schema.get_field_index(schema.CONSTRAINT) >= 0:
-        lists = _column(chunk, schema.CONSTRAINT, _is_list_of(pa.types.is_float64), path)
-        ids = _flat(lists, 1)
-        if ids is None or ids.null_count:
-            raise damaged(path, wrong_count(chunk.entity, 1, schema.CONSTRAINT))
-        values = np.column_stack((values, ids.to_numpy()))
-    return steps, values
+    return steps, flat.to_numpy().reshape(len(steps), -1).copy()
 
 
-def forces(
-    chunk: Chunk, path: Path
-) -> Iterator[tuple[int, NDArray[np.int64], NDArray[np.float64]]]:
-    """Yield ids of constraints, steps and forces, of shape (n,) and (n, k), from a chunk of them.
+def holders(chunk: Chunk, path: Path) -> NDArray[np.int64]:
+    """Return the id of the constraint whose forces are in each row, shape (n,).
 
     Raises
     ------
     RecordingError
         If a chunk holds anything else.
     """
-    read = series(chunk, path)
-    if read is None:
-        return
-    steps, values = read
-    if chunk.batch.schema.get_field_index(schema.CONSTRAINT) < 0:  # as it was before
-        yield int(chunk.entity.rpartition("_")[2]), steps, values
-        return
-    order = np.argsort(values[:, -1], kind="stable")
-    ids, firsts = np.unique(values[order, -1], return_index=True)
-    for number, rows in zip(ids.tolist(), np.split(order, firsts[1:]), strict=True):
-        yield int(number), steps[rows], values[rows, :-1]
+    if chunk.batch.schema.get_field_index(schema.CONSTRAINT) < 0:  # as once: its entity's name
+        return np.full(chunk.batch.num_rows, int(chunk.entity.rpartition("_")[2]))
+    ids = _flat(_column(chunk, schema.CONSTRAINT, _is_list_of(pa.types.is_int64), path), 1)
+    if ids is None or ids.null_count:
+        raise damaged(path, wrong_count(chunk.entity, 1, schema.CONSTRAINT))
+    return np.asarray(ids.to_numpy())
 
 
 def calls(chunk: Chunk, path: Path) -> Calls:
@@ -242,12 +226,12 @@ def values(chunk: Chunk, path: Path) -> Properties:
     Raises
     ------
     RecordingError
-        If it holds anything but short texts, numbers up to `LARGEST`, and booleans.
+        If it holds anything but texts, numbers up to `LARGEST`, and booleans.
     """
     name, batch = chunk.entity.removeprefix("__properties/"), chunk.batch
     if batch.num_rows != 1:
         raise damaged(path, Message("its property {name} must have one row", name=name))
-    if chunk.size > (CLOSING_BYTES if name == schema.RECORDING_PROPERTY else PROPERTY_BYTES):
+    if chunk.size > (LARGEST_BYTES if name in LARGE else PROPERTY_BYTES):
         what = Message("its property {name} takes {size:,} bytes", name=name, size=chunk.size)
         raise damaged(path, what)
     read: Properties = {}
@@ -282,7 +266,7 @@ _PLAIN = (pa.types.is_float64, pa.types.is_int64, pa.types.is_boolean, pa.types.
 def _is_plain(value: object) -> bool:
     if isinstance(value, float):
         return abs(value) <= LARGEST
-    return value is not None and not (isinstance(value, str) and len(value) > LONGEST_TEXT)
+    return value is not None
 
 
 def _column(chunk: Chunk, name: str, is_right: Callable[[Any], bool], path: Path) -> pa.Array:

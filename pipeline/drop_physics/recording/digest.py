@@ -90,6 +90,12 @@ class Digests:
         numbers = np.column_stack((steps.astype(np.float64), values))
         self._series.setdefault(entity, RowsDigest()).update(numbers)
 
+    def add_holders(self, entity: str, steps: NDArray[np.int64], ids: NDArray[np.int64]) -> None:
+        """Add which constraints have an entity's rows, where that is not the one in its name."""
+        others = ids != int(entity.rpartition("_")[2])
+        if others.any():
+            self.add_series(f"{entity}_", steps[others], ids[others])
+
     def add_calls(self, seen: Calls, sites: Mapping[int, Site]) -> None:
         """Add calls of one simulation."""
         self._calls.setdefault(seen.client, CallsDigest()).update(seen, widths_of(seen, sites))

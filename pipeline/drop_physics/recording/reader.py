@@ -221,6 +221,8 @@ def contents(path: Path) -> Contents:
             if (read := columns.series(chunk, path)) is not None:
                 sampled.add(chunk, read[0])
                 made.add_series(entity, *read)
+                if entity.startswith(f"{schema.CONSTRAINTS}/"):
+                    made.add_holders(entity, read[0], columns.holders(chunk, path))
         elif entity == schema.IMAGE or entity.startswith("camera/"):
             sampled.add_picture(chunk)
         elif entity.startswith("__properties/"):

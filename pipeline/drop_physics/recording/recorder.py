@@ -266,9 +266,13 @@ class Recorder:
                 entity = f"{schema.JOINTS}/{self.bodies[number].label}/{name}"
                 self._add_series(entity, at, getattr(joints, name))
         for number, slot in self._slots_of(seen).items():
-            forces = seen.constraints[number]
-            rows = np.column_stack((forces, np.full(len(forces), number)))
-            self._add_series(f"{schema.CONSTRAINTS}/{seen.client}_{slot}", at, rows)
+            entity, forces = f"{schema.CONSTRAINTS}/{seen.client}_{slot}", seen.constraints[number]
+            if forces.shape[1]:
+                ids = np.full(len(forces), number)
+                self._made.add_series(entity, at.steps, forces)
+                self._made.add_holders(entity, at.steps, ids)
+                rows = np.column_stack((forces, ids))
+                self._series.hold(entity, at, rows, kind=rows.shape[1])
         states = rows_of_bases(seen)
         self._made.tables[schema.STATES.entity].update(states)
         if len(states):
@@ -409,7 +413,8 @@ def _series_chunk(entity: str, at: Times, parts: list[NDArray[np.float64]]) -> C
     values = np.concatenate(parts)
     if not entity.startswith(f"{schema.CONSTRAINTS}/"):
         return writer.scalars_chunk(entity, at, values)
-    return writer.scalars_chunk(entity, at, values[:, :-1], {schema.CONSTRAINT: values[:, -1]})
+    ids = {schema.CONSTRAINT: values[:, -1].astype(np.int64)}
+    return writer.scalars_chunk(entity, at, values[:, :-1], ids)
 
 
 def _calls_chunk(_: str, __: Times, parts: list[tuple[Calls, NDArray[np.int64]]]) -> Chunk:

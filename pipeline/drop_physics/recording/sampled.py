@@ -146,8 +146,11 @@ class RecordedSamples:
             if entity.startswith(f"{schema.CONSTRAINTS}/"):
                 client = int(entity.rpartition("/")[2].partition("_")[0])
                 for chunk in self.chunks(entity, first, end):
-                    for number, steps, values in columns.forces(chunk, self.path):
-                        forces.setdefault((client, number), []).append((steps, values))
+                    if (read := columns.series(chunk, self.path)) is not None:
+                        ids = columns.holders(chunk, self.path)
+                        for number in np.unique(ids).tolist():
+                            its = read[0][ids == number], read[1][ids == number]
+                            forces.setdefault((client, number), []).append(its)
         return Piece(
             first,
             end,

@@ -276,7 +276,7 @@ def times(at: Times) -> list[rr.TimeColumn]:
 
 
 def scalars_chunk(
-    entity: str, at: Times, values: Float64, beside: Mapping[str, Float64] | None = None
+    entity: str, at: Times, values: Float64, beside: Mapping[str, NDArray[Any]] | None = None
 ) -> Chunk:
     """Return values, shape (n, k), as k series; beside them numbers that are not drawn."""
     count, width = values.shape
