@@ -24,9 +24,9 @@ from drop_physics.trace.states import Rows
 Properties = dict[str, Any]
 
 PROPERTY_BYTES, LARGEST_BYTES = 1 << 16, 1 << 24
-"""Limits of a property, where the engine's report takes 18,000, and of two that are larger: a script's
-arguments, of which Linux allows two megabytes, and what closes a recording, with a digest of 64
-letters for each body with joints, constraint and client."""
+"""Limits of a property, where the engine's report takes 18,000; and of those that are larger: a
+script's arguments, of which Linux allows two megabytes, and what closes a recording, with a digest
+of 64 letters for each body with joints, constraint and client."""
 LARGE = schema.ORIGIN_PROPERTY, schema.RECORDING_PROPERTY
 
 
