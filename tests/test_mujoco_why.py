@@ -86,6 +86,10 @@ class RunChanged:
         return float(self.d.body(body).xpos[2])
 
 
+FRICTIONS = [("geom", 0), ("pair", 0), ("pair", 1)]
+"""Where a coefficient of friction is written: of geometries, and of both ways of pairs."""
+
+
 def test_a_finer_timestep_is_seen_by_steps_alone() -> None:
     run = RunChanged(finer=4)
     run.call["mj_step"](run.m, run.d, nstep=2)
@@ -306,12 +310,12 @@ def _arm() -> Body:
         (
             Cure("friction", "0_arm", 0.4, form="above"),
             'friction="0.8"',
-            [("geom_friction", 0, "least", 0.8)],
+            [(f"{kind}_friction", c, "least", 0.8) for kind, c in FRICTIONS],
         ),
         (
             Cure("friction", "0_arm", 6.0, form="condim"),
             'condim="6"',
-            [("geom_condim", None, "value", 6)],
+            [("geom_condim", None, "value", 6), ("pair_dim", None, "value", 6)],
         ),
         (
             Cure("friction", "elbow", 0.0, form="loss"),

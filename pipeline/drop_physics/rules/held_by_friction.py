@@ -59,8 +59,8 @@ def _(runs: Runs, scene: Scene) -> Float64:
 def _(worst: Worst) -> Said:
     went_m, wanted = _went(worst), worst.needed / (worst.weight or worst.normal)
     advice = Message(
-        "a friction well above {wanted:.2g} of one <geom> of the pair (the larger counts), or "
-        "press them together with more force"
+        "a friction well above {wanted:.2g} where they touch (that of a <pair> counts, else of the "
+        "<geom> with the higher priority, else the larger), or press them together with more force"
     )
     return Said(
         message=Message(

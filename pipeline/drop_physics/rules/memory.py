@@ -121,15 +121,24 @@ def without_joint(inputs: Inputs) -> Iterator[Said]:
     """A body without a joint is part of the world: no force moves it."""
     for (client, act, place), force in inputs.lasting.forces.items():
         body = body_at(inputs, client, place) if act is Act.SET_BODY_FORCE else None
-        if body is None or body.moving:
+        if body is None or (body.moving and place):
             continue
+        written = f"{force.call.function}[{place}]"
         message = Message(
             "{body} is given {field}, and has no joint: what has none is part of the world, which "
             "no force moves",
             body=body.label,
-            field=f"{force.call.function}[{place}]",
+            field=written,
         )
         advice = Message("<freejoint/> in its <body>")
+        if place == 0:
+            message = Message("{field} is of the world, which no force moves", field=written)
+            first = next(each for each in bodies_of(inputs, client) if each.moving)
+            advice = Message(
+                "the index of the body that is meant, such as {index} of {body}",
+                index=first.engine_id,
+                body=first.label,
+            )
         yield Said(call=force.call, subject=body, message=message, advice=advice, share=1.0)
 
 

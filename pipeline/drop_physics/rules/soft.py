@@ -11,6 +11,7 @@ from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.laws.mujoco.contact import impedance, rest_depth_m, shortest_s
 from drop_physics.rules.answer import Cure, Effect
+from drop_physics.rules.body_properties import thickness_m
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import distance, effort
 from drop_physics.rules.rule import Match, Said, Worst, body_rule, pair_rule
@@ -21,7 +22,6 @@ from drop_physics.rules.thresholds import (
     LEFT_M,
     SINKS_M,
     SINKS_STEPS,
-    STANDARD_M_S2,
     STEADY_SHARE,
 )
 from drop_physics.trace.events import Equality
@@ -92,6 +92,7 @@ def _(worst: Worst) -> Said | None:
             "text": text,
             "usual": usual,
         },
+        advice=Message("{call} of both <geom>s, or of the <pair> of them"),
         cure=Cure("solref", worst.body),
         effect=Effect(worst.size, "m"),
         share=worst.size / worst.body_size_m,
@@ -112,16 +113,22 @@ def _carries(worst: Worst, solref: Sequence[float], solimp: Sequence[float]) -> 
     if not masses_kg or any(len(each.links) > 1 and each.moving for each in both):
         return None
     light = min(masses_kg, key=lambda number: masses_kg[number])
-    ratio = worst.force / (STANDARD_M_S2 * max(masses_kg[light], 1e-300))
-    if ratio < CARRIES:
+    mine = (each for each in worst.scene.seen.settings if each.client == worst.subject.client)
+    *_, told = mine
+    gravity_m_s2 = np.linalg.norm([told.values[f"gravityAcceleration{axis}"] for axis in "XYZ"])
+    weight = float(gravity_m_s2) * masses_kg[light]
+    if not weight or worst.force < CARRIES * weight:
         return None
-    advice, left_m = Message("give {light} more mass"), 0.0
-    cure = Cure("mass", worst.scene.body(light).label)
+    advice, left_m = Message("give {light} a mass nearer to that of what lies on it"), 0.0
+    cure: Cure | None = None
     least_s = shortest_s(worst.timestep)
-    if 0 < least_s < solref[0]:
+    touching = zip(map(worst.scene.body, worst.bodies), worst.links, strict=True)
+    thin_m = min(thickness_m(body, link) for body, link in touching)
+    # What is pressed flat may let its load down on something else.
+    if 0 < least_s < solref[0] and worst.size < thin_m / 2:
         advice = Message(
             "{call} of both <geom>s, the least for this timestep, leaves {left:.2g} mm; or give "
-            "{light} more mass"
+            "{light} a mass nearer to that of what lies on it"
         )
         cure = Cure("solref", worst.body, least_s, form="contact")
         left_m = _left_m(worst.size, solref, solimp, least_s)
@@ -134,7 +141,7 @@ def _carries(worst: Worst, solref: Sequence[float], solimp: Sequence[float]) -> 
         values={
             "depth": worst.size * 1e3,
             "force": effort(worst.force, "N"),
-            "ratio": ratio,
+            "ratio": worst.force / weight,
             "light": worst.scene.body(light).label,
             "mass": masses_kg[light],
             "left": left_m * 1e3,

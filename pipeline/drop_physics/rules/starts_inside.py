@@ -92,7 +92,7 @@ def static_parent(pair: PairColumns) -> Match:
     force, depth = np.zeros(len(keys)), np.zeros(len(keys))
     np.add.at(force, which.ravel(), points.normal_n[own])
     np.maximum.at(depth, which.ravel(), -points.distance_m[own])
-    return Match(keys[:, 0], depth, {"force": force, "links": keys[:, 2:]}, keys=keys[:, 1:])
+    return Match(keys[:, 0], depth, {"links": keys[:, 2:]}, most={"force": force}, keys=keys[:, 1:])
 
 
 @static_parent.counts

@@ -53,11 +53,13 @@ def equalities_of(described: DescribedModel, client: int) -> Iterator[Equality]:
 def softness_of(arrays: Arrays, first: int, second: int) -> tuple[Numbers, Numbers]:
     """Return `solref` and `solimp` of a contact of two geoms (`mj_contactParam`).
 
-    Those of the geom of higher priority, else both weighted by `solmix`; of two `solref` of which
-    one is a stiffness, the lower.
+    Those of a `<pair>` of both, or of the geom of higher priority, else both weighted by `solmix`;
+    of two `solref` of which one is a stiffness, the lower.
     """
     if int(np.ravel(arrays.get("opt.enableflags", 0))[0]) & OVERRIDES:
         return _numbers(arrays["opt.o_solref"]), _numbers(arrays["opt.o_solimp"])
+    for pair in _pairs_of(arrays, first, second):
+        return _numbers(arrays["pair_solref"][pair]), _numbers(arrays["pair_solimp"][pair])
     both = first, second
     rank = [int(arrays["geom_priority"][geom]) for geom in both]
     refs, imps, mixes = (
@@ -78,12 +80,21 @@ def softness_of(arrays: Arrays, first: int, second: int) -> tuple[Numbers, Numbe
 def friction_of(arrays: Arrays, first: int, second: int) -> tuple[int, float]:
     """Return `condim` and the coefficient of rolling friction of two geoms (`mj_contactParam`).
 
-    Those of the geom of higher priority, else the larger of both.
+    Those of a `<pair>` of both, or of the geom of higher priority, else the larger of both.
     """
+    for pair in _pairs_of(arrays, first, second):
+        return int(arrays["pair_dim"][pair]), float(arrays["pair_friction"][pair, 3])
     rank = [int(arrays["geom_priority"][geom]) for geom in (first, second)]
     geoms = [geom for geom in (first, second) if arrays["geom_priority"][geom] == max(rank)]
     condim, friction = (arrays[f"geom_{name}"][geoms] for name in ("condim", "friction"))
     return int(condim.max()), float(friction[:, 2].max())
+
+
+def _pairs_of(arrays: Arrays, first: int, second: int) -> list[int]:
+    """Return the numbers of the `<pair>`s that name two geoms."""
+    named = np.sort([arrays.get(f"pair_geom{side}", []) for side in (1, 2)], axis=0)
+    meant = np.sort([[first], [second]], axis=0)
+    return np.flatnonzero((named == meant).all(axis=0)).tolist()
 
 
 def _numbers(values: NDArray[Any]) -> Numbers:

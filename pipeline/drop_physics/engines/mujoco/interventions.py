@@ -267,10 +267,14 @@ def _friction(scope: Scope, cure: Cure) -> Iterator[Operation]:
         yield _write("dof_frictionloss", value=number, **_of(scope))
         return
     if cure.form == "condim":
-        yield _write("geom_condim", value=int(number or 3), **_with_other(scope))
+        for field in ("geom_condim", "pair_dim"):
+            yield _write(field, value=int(number or 3), **_with_other(scope))
         return
     how = {"factor": MORE} if number is None else {LEAST[cure.form]: number}
-    yield _write("geom_friction", column=0, of="body", names=_all_links(scope), **how)
+    its = {"of": "body", "names": _all_links(scope)}
+    yield _write("geom_friction", column=0, **(_with_other(scope) if cure.form else its), **how)
+    for column in (0, 1):
+        yield _write("pair_friction", column=column, **its, **how)
 
 
 def _impratio(_: Scope, cure: Cure) -> Iterator[Operation]:
@@ -285,9 +289,10 @@ def _softness(scope: Scope, cure: Cure) -> Iterator[Operation]:
         yield _write("eq_solref", column=0, value=cure.value, **links)
         return
     solref = SOLREF if cure.value is None else (cure.value, 1.0)
-    yield _write("geom_solref", value=solref, **_with_other(scope))
-    if cure.value is None:
-        yield _write("geom_solimp", value=SOLIMP, **_with_other(scope))
+    for kind in ("geom", "pair"):
+        yield _write(f"{kind}_solref", value=solref, **_with_other(scope))
+        if cure.value is None:
+            yield _write(f"{kind}_solimp", value=SOLIMP, **_with_other(scope))
 
 
 def _with_other(scope: Scope) -> dict[str, Any]:

@@ -581,6 +581,9 @@ def _rows(module: Any, m: Any, kind: str, of: str, names: Sequence[str]) -> Any:
         return np.flatnonzero(np.isin(m.dof_jntid if of == "joint" else m.dof_bodyid, ids))
     if kind == "geom" and of == "body":
         return np.flatnonzero(np.isin(m.geom_bodyid, ids))
+    if kind == "pair":
+        pairs = m.geom_bodyid[np.stack([m.pair_geom1, m.pair_geom2])]
+        return np.flatnonzero(np.isin(pairs, ids).any(axis=0))
     if kind == "jnt" and of == "body":
         return np.flatnonzero(np.isin(m.jnt_bodyid, ids))
     if kind == "eq" and of == "body":

@@ -1,0 +1,162 @@
+"""What an attacker's MuJoCo scripts are told: nothing false of right ones, and the right number.
+
+Verification: the truth of each model of MODELS stands beside it; the numbers are those of MuJoCo
+itself, or of a run that does what is advised.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from drop_physics.rules.answer import Finding
+from drop_physics.stages.analyze import analyze
+from drop_physics.stages.record import record_script
+
+FLOOR = '<geom name="floor" type="plane" size="3 3 .1"/>'
+RAMP = '<geom name="ramp" type="box" size="2 .5 .05" euler="0 15 0" friction="1"/>'
+PEDESTAL = """<body name="pedestal" pos="0 0 .25"><geom type="cylinder" size=".06 .25"/>
+<body name="forearm" pos="0 0 .24"><joint name="yaw" axis="0 1 0" damping="1"/>
+<geom type="capsule" fromto="0 0 0 .4 0 .0" size=".05" mass="1"/></body></body>"""
+
+
+def box(name: str, height: float, half: float, mass: float, more: str = "") -> str:
+    return (
+        f'<body name="{name}" pos="0 0 {height}"><freejoint/><geom name="{name}" type="box" '
+        f'size="{half} {half} {half}" mass="{mass}" {more}/></body>'
+    )
+
+
+def on_ramp(name: str, more: str = "") -> str:
+    return RAMP + box(name, 0.156, 0.1, 1, more).replace(" pos", ' euler="0 15 0" pos')
+
+
+def pair(first: str, second: str, words: str) -> str:
+    return f'<contact><pair geom1="{first}" geom2="{second}" {words}/></contact>'
+
+
+@dataclass(frozen=True)
+class Model:
+    """A model, what runs before each of its steps, and how many there are."""
+
+    bodies: str
+    more: str = ""
+    drive: str = "pass"
+    steps: int = 300
+
+    @property
+    def text(self) -> str:
+        """Return it as MuJoCo reads it."""
+        return f"<mujoco><worldbody>{self.bodies}</worldbody>{self.more}</mujoco>"
+
+
+MODELS = {
+    # The script writes qvel[0] alone, before each step.
+    "racket": Model(
+        '<geom type="box" pos="1.2 0 .2" size=".05 .5 .2"/><body name="racket" pos=".9 0 .2">'
+        '<joint type="slide" axis="1 0 0"/><geom type="box" size=".05 .2 .1" mass="5"/></body>',
+        drive="d.qvel[0] = 0.5",
+        steps=900,
+    ),
+    # Lengths in mm: the floor carries 9810 N, which is what 1 kg weighs.
+    "part": Model(FLOOR + box("part", 55, 50, 1), '<option gravity="0 0 -9810"/>'),
+    # 500 kg on 0.5 kg, where gravity is 1.62 m/s²: some thousand times its weight.
+    "light": Model(
+        FLOOR + box("light", 0.1, 0.1, 0.5) + box("heavy", 0.3, 0.1, 500),
+        '<option gravity="0 0 -1.62"/>',
+        steps=1000,
+    ),
+    # What is pressed flat lets its load down on the floor: no time constant leaves 2 mm.
+    "tiny": Model(FLOOR + box("tiny", 0.05, 0.05, 0.001) + box("huge", 0.2, 0.1, 1000), steps=1000),
+    "paired": Model(
+        on_ramp("paired", 'friction="1"'), pair("paired", "ramp", 'friction=".05 .05"')
+    ),
+    "slick": Model(on_ramp("slick", 'friction="1"'), pair("slick", "ramp", 'condim="1"')),
+    "sunk": Model(
+        FLOOR + box("sunk", 0.1, 0.1, 1), pair("sunk", "floor", 'solref="0.3 1"'), steps=2500
+    ),
+    "pedestal": Model(
+        PEDESTAL,
+        '<actuator><position joint="yaw" kp="200" kv="20"/></actuator>',
+        "d.ctrl[0] = 0.6",
+    ),
+    # Index 0 is the world.
+    "crate": Model(FLOOR + box("crate", 0.1, 0.1, 1), drive="d.xfrc_applied[0, :3] = 20, 0, 0"),
+}
+
+SCRIPT = """
+import mujoco
+
+def run(text, steps, drive):
+    m = mujoco.MjModel.from_xml_string(text)
+    d = mujoco.MjData(m)
+    for k in range(steps):
+        drive(m, d, k)
+        mujoco.mj_step(m, d)
+
+"""
+
+
+ALONE = ("tiny",)
+"""Models of which the same is said as of a worse one."""
+
+
+def analyzed(folder: Path, *names: str) -> list[Finding]:
+    """Return the findings of a script that steps some models, one after the other."""
+    script, text = folder / "models.py", SCRIPT
+    for name in names:
+        model = MODELS[name]
+        text += f"def {name}(m, d, k):\n    {model.drive}\n"
+        text += f"run('''{model.text}''', {model.steps}, {name})\n"
+    script.write_text(text, encoding="utf-8")
+    return list(analyze(record_script(str(script), out=folder / "run.rrd").recording).findings)
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> list[Finding]:
+    together = [name for name in MODELS if name not in ALONE]
+    return analyzed(tmp_path_factory.mktemp("attacks"), *together)
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        ("slides", r"_paired slides .*coefficient 0\.05.*\(that of a <pair> counts"),
+        ("slides", r"_slick slides .* condim 1.*condim=\"3\""),
+        ("deep-penetration", r"_sunk gets 11 mm .* solref 0\.3 1,.*or of the <pair>"),
+        ("deep-penetration", r"_heavy gets 9\.04 mm .* 1\.08e\+03 times .*leaves 0\.5\d mm"),
+        ("not-taken", r"xfrc_applied\[0\] is of the world.* such as 1 of \d+_crate"),
+    ],
+)
+def test_what_is_wrong_is_said_as_it_is(found: list[Finding], code: str, words: str) -> None:
+    said = [f"{each.message} {each.advice}" for each in found if each.code == code]
+    assert [each for each in said if re.search(words, each, re.DOTALL)], said
+
+
+def test_a_body_that_is_pressed_flat_gets_no_depth_as_advice(tmp_path: Path) -> None:
+    (finding,) = analyzed(tmp_path, "tiny")
+    assert finding.advice == "give 1_tiny a mass nearer to that of what lies on it"
+
+
+@pytest.mark.parametrize("name", ["racket", "part"])
+def test_nothing_is_said_of_what_is_right(found: list[Finding], name: str) -> None:
+    assert [each.message for each in found if name in each.message] == []
+
+
+def test_a_force_of_several_points_is_that_of_the_pair(found: list[Finding]) -> None:
+    model = mujoco.MjModel.from_xml_string(MODELS["pedestal"].text)
+    data, most, force = mujoco.MjData(model), 0.0, np.zeros(6)
+    data.ctrl[0] = 0.6
+    for _ in range(MODELS["pedestal"].steps):
+        mujoco.mj_step(model, data)
+        total = 0.0
+        for k in range(data.ncon):
+            mujoco.mj_contactForce(model, data, k, force)
+            total += force[0]
+        most = max(most, total)
+    (said,) = (each.message for each in found if each.code == "static-parent")
+    assert f"up to {most:.0f} N" in said
