@@ -9,6 +9,23 @@ from asked import codes, findings
 
 FLOOR = "p.setGravity(0, 0, -9.81)\np.loadURDF('plane.urdf')\n"
 BALL = "ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.1)\n"
+BELT = """
+p.setGravity(0, 0, -9.81)
+plate = p.createCollisionShape(p.GEOM_BOX, halfExtents=[3, .3, .05])
+box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .08, .06])
+belt = p.createMultiBody(0, plate, -1, [0, 0, .3])
+"""
+LIFT = (
+    BELT
+    + """
+cube = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1] * 3)
+b = p.createMultiBody(2, cube, -1, [0, 0, .45])
+for i in range(240):
+    p.resetBasePositionAndOrientation(belt, [0, 0, .3 + 3 * i / 240], [0, 0, 0, 1])
+    {velocity}
+    steps(1)
+"""
+)
 
 SILENT = {
     "restitution that is set after the landing": (
@@ -67,6 +84,28 @@ SILENT = {
         "p.changeDynamics(b, -1, linearDamping=0, angularDamping=0)\nsteps(60)\n"
         "p.changeDynamics(b, -1, mass=5)\nsteps(60)",
         "momentum-drift",
+    ),
+    "a ball that is sent off while it lands": (
+        "p.setGravity(0, 0, -9.81)\np.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE))\n"
+        + BALL
+        + "b = p.createMultiBody(1, ball, -1, [0, 0, .5])\nsteps(72)\n"
+        "p.resetBaseVelocity(b, [1, 0, 0], [0, 10, 0])\nsteps(100)",
+        "starts-in-contact",
+    ),
+    "parcels that fall onto a belt": (
+        BELT + "for z in (.45, .55):\n    p.createMultiBody(.5, box, -1, [2 * z - 1.5, 0, z])\n"
+        "for i in range(240):\n"
+        "    p.resetBasePositionAndOrientation(belt, [0, 0, .3], [0, 0, 0, 1])\n"
+        "    p.resetBaseVelocity(belt, [1, 0, 0])\n    steps(1)",
+        "overwritten",
+    ),
+    "a lift that is set with its velocity": (
+        LIFT.format(velocity="p.resetBaseVelocity(belt, [0, 0, 3])"),
+        "overwritten",
+    ),
+    "a plate that is set a little deeper than it came": (
+        LIFT.format(velocity="p.resetBaseVelocity(belt, [0, 0, 3])"),
+        "starts-in-contact",
     ),
 }
 """Scene, and what is not said of it."""
@@ -178,6 +217,30 @@ def test_what_is_not_sure_is_not_said(what: str, tmp_path: Path) -> None:
     scene, code = SILENT[what]
     found = [each for each in findings(scene, tmp_path / "scene.rrd") if each.code == code]
     assert [each.message for each in found if "every" in each.message or each.level != "note"] == []
+
+
+def test_what_has_no_mass_is_moved_by_no_force(tmp_path: Path) -> None:
+    (found,) = (
+        each
+        for each in findings(LIFT.format(velocity="pass"), tmp_path / "scene.rrd")
+        if each.code == "overwritten"
+    )
+    assert found.advice is not None
+    assert "p.resetBaseVelocity" in found.advice
+    assert "force" not in found.advice
+    assert found.proposed  # what it presses onto something else still gets into it
+
+
+def test_a_body_that_gets_a_mass_is_held_by_a_constraint(tmp_path: Path) -> None:
+    """Before, it has no velocities: an analysis of this failed."""
+    scene = (
+        BELT + "b = p.createMultiBody(.5, box, -1, [0, 0, 1])\n"
+        "c = p.createConstraint(belt, -1, b, -1, p.JOINT_FIXED, [0] * 3, [0, 0, -.7], [0] * 3)\n"
+        "for i in range(60):\n"
+        "    p.resetBasePositionAndOrientation(belt, [i / 240, 0, .3], [0, 0, 0, 1])\n"
+        "    p.resetBaseVelocity(belt, [1, 0, 0])\n    steps(1)"
+    )
+    assert "not-finite" not in codes(scene, tmp_path / "scene.rrd")
 
 
 READ = {

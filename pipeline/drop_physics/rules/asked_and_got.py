@@ -463,10 +463,19 @@ def command_overwritten(inputs: Inputs) -> Iterator[Said]:
 @input_rule("overwritten", "asked", "pose-set-each-step")
 def pose_set_each_step(inputs: Inputs) -> Iterator[Said]:
     """A pose that is set step after step has no force: it goes through what it meets."""
+    carried = [
+        use
+        for use in inputs.of(Act.SET_VELOCITY)
+        if any(np.any(each) for each in (*use.low.values(), *use.high.values()))
+    ]
     for use in inputs.of(Act.SET_JOINT, Act.SET_POSE):
         call, body = use.first, use.body
         made = inputs.scene.seen.samples.get(call.client, 1) - 1 - call.at.step
         if body is None or len(use.steps) < HALF_THE_STEPS * max(made, 1):
+            continue
+        # What stays in its place goes through nothing, nor what has the velocity of its way.
+        stays = use.constant("posObj") and use.constant("ornObj")
+        if stays or any(each.body is body and each.steps & use.steps for each in carried):
             continue
         number = int(call.values.get("jointIndex", (BASE,))[0])
         deep = {
@@ -482,7 +491,11 @@ def pose_set_each_step(inputs: Inputs) -> Iterator[Said]:
             joint = body.joints[number].name if number >= 0 else None
             cure = Cure("without", joint or body.label, form="driven")
         else:
-            advice = Message("move it by a force, a velocity, or a constraint")
+            # What it presses onto something else stays in the way of any velocity, too.
+            cure = Cure("support-velocity", bodies=(body.label,))
+            advice = Message("{call}, or give it a mass and move it by a constraint")
+            if body.base_moves:
+                advice = Message("move it by a force, a velocity, or a constraint")
         yield Said(
             call=call,
             subject=body,
@@ -500,6 +513,7 @@ def pose_set_each_step(inputs: Inputs) -> Iterator[Said]:
             },
             advice=advice,
             cure=cure,
+            proposed=call.act is Act.SET_POSE,
             effect=Effect(most, "m"),
             share=most / DEEP_M,
         )

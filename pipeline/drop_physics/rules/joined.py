@@ -132,6 +132,8 @@ def _swings_m_s(joined: ConstraintColumns) -> float:
     fastest = [0.0]
     for body in joined.bodies:
         for _, steps in joined.scene.intervals(body.number) if body.base_moves else ():
+            if steps.law.tree.fixed:  # as long as it has no mass
+                continue
             acts = steps.steps >= joined.began
             velocity, g = steps.after.velocity[acts], steps.reported.gravity_m_s2[acts]
             down = g / np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-300)

@@ -76,6 +76,7 @@ def _(worst: Worst) -> Said | None:
         message=message if cause is None else joined(": ", [message, cause]),
         advice=advice,
         cure=cure,
+        proposed=cure is not None and cure.name == "support-velocity",
         effect=Effect(worst.size, "m"),
         share=share,
         level="broken" if broken else None,
@@ -175,10 +176,10 @@ def starts_in_contact(pair: PairColumns) -> Match | None:
     came_m = pair.most(points.approach_m_s)[rows].clip(0.0) * pair.timestep_s[rows]
     jumped = (pair.depth_m[rows] > JUMPED * came_m + DEEP_M)[:, None]
     # A body that came with the step before may be listed as touching only now.
-    late = placing.placed(bodies, steps - 1) & ~follows[rows, None]
+    late = placing.posed(bodies, steps - 1) & ~follows[rows, None]
     late &= ~np.any(placing.moved(bodies, steps), axis=1, keepdims=True)
     # What calls set no deeper than its velocity brings it moves on.
-    placed = placing.placed(bodies, steps) & (jumped | placing.came(bodies, steps))
+    placed = placing.posed(bodies, steps) & (jumped | placing.came(bodies, steps))
     placed |= late & jumped
     # Of two, that which was loaded last, or which alone was placed.
     its = placed.any(axis=1)

@@ -30,6 +30,8 @@ class Placing:
         self._sites: dict[tuple[int, int], list[tuple[int, str]]] = {}
         self._restored: set[int] = set()
         """Keys of bodies and steps that begin with a restored state: no call chose where."""
+        self._posed: set[int] = set()
+        """Keys of bodies and steps before which a call set where they are."""
         self._bodies, self._puts = seen.bodies, seen.puts
 
     @cached_property
@@ -48,14 +50,15 @@ class Placing:
         """Take a piece."""
         self._sites = {key: told[-1:] for key, told in self._sites.items()}
         for call in piece.calls.of(*PLACES):
-            if call.act is Act.RESTORE:
-                self._restored |= {
-                    body.number * STEPS + call.at.step + 1
-                    for body in self._bodies.values()
-                    if body.client == call.client
-                }
-            values = call.values
+            values, restores = call.values, call.act is Act.RESTORE
             (number,) = values.get("bodyUniqueId", (call.result,))
+            keys = {
+                body.number * STEPS + call.at.step + 1
+                for body in self._bodies.values()
+                if body.client == call.client and (restores or body.engine_id == number)
+            }
+            self._posed |= keys
+            self._restored |= keys if restores else set()
             if np.isfinite(number):
                 told = self._sites.setdefault((call.client, int(number)), [])
                 told.append((call.at.step, site_of(call)))
@@ -63,10 +66,13 @@ class Placing:
     def placed(self, bodies: Int64, steps: Int64) -> Flags:
         """Return whether each body was placed for a step, once: not in those around it, too."""
         keys = bodies * STEPS + steps
-        once = np.isin(keys, self._every) & ~np.isin(keys, [*self._restored])
-        for near in range(1, NEAR + 1):
-            once &= ~(np.isin(keys - near, self._every) | np.isin(keys + near, self._every))
-        return once
+        return _once(keys, self._every) & ~np.isin(keys, [*self._restored])
+
+    def posed(self, bodies: Int64, steps: Int64) -> Flags:
+        """Return the same of those that were loaded, or got a pose: not a velocity alone."""
+        keys = bodies * STEPS + steps
+        posed = _once(keys, np.array([*self._posed], np.int64)) | np.isin(keys, self._came)
+        return self.placed(bodies, steps) & posed
 
     def moved(self, bodies: Int64, steps: Int64) -> Flags:
         """Return whether each body was placed for a step."""
@@ -84,3 +90,11 @@ class Placing:
         """Return file and line of the last call that placed a body for a step."""
         told = self._sites.get((body.client, body.engine_id), [])
         return next((site for at, site in reversed(told) if at < step), None)
+
+
+def _once(keys: Int64, among: Int64) -> Flags:
+    """Return which keys are among some, and none of the steps around them."""
+    once = np.isin(keys, among)
+    for near in range(1, NEAR + 1):
+        once &= ~(np.isin(keys - near, among) | np.isin(keys + near, among))
+    return once
