@@ -103,10 +103,6 @@ SILENT = {
         LIFT.format(velocity="p.resetBaseVelocity(belt, [0, 0, 3])"),
         "overwritten",
     ),
-    "a plate that is set a little deeper than it came": (
-        LIFT.format(velocity="p.resetBaseVelocity(belt, [0, 0, 3])"),
-        "starts-in-contact",
-    ),
 }
 """Scene, and what is not said of it."""
 
