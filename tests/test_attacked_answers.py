@@ -107,6 +107,13 @@ SILENT = {
 """Scene, and what is not said of it."""
 
 
+RAM = """
+shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.05] * 3)
+r = p.createMultiBody(0, -1, -1, linkMasses=[1], linkCollisionShapeIndices=[shape],
+    linkVisualShapeIndices=[-1], linkPositions=[[0, 0, 0]], linkOrientations=[[0, 0, 0, 1]],
+    linkInertialFramePositions=[[0, 0, 0]], linkInertialFrameOrientations=[[0, 0, 0, 1]],
+    linkParentIndices=[0], linkJointTypes=[p.JOINT_PRISMATIC], linkJointAxis=[[1, 0, 0]])
+"""
 GRIPPER = """
 def box(mass, at, half):
     return p.createMultiBody(mass, p.createCollisionShape(p.GEOM_BOX, halfExtents=half), -1, at)
@@ -237,6 +244,25 @@ def test_a_body_that_gets_a_mass_is_held_by_a_constraint(tmp_path: Path) -> None
         "    p.resetBaseVelocity(belt, [1, 0, 0])\n    steps(1)"
     )
     assert "not-finite" not in codes(scene, tmp_path / "scene.rrd")
+
+
+def test_a_joint_that_is_sent_on_into_a_wall_is_stopped_by_it(tmp_path: Path) -> None:
+    """More steps for each target bring it no farther, and it may be meant to press."""
+    scene = RAM + (
+        "wall = p.createMultiBody(0, shape, -1, [.4, 0, 0])\n"
+        "for i in range(360):\n"
+        "    p.setJointMotorControl2(r, 0, p.POSITION_CONTROL, .5 * i / 240, force=30)\n"
+        "    steps(1)"
+    )
+    off = [each for each in findings(scene, tmp_path / "a.rrd") if each.code == "off-target"]
+    assert {each.level for each in off} == {"note"}
+    (stopped,) = (each for each in off if each.other is not None)
+    assert "against 1_box" in stopped.message
+    assert stopped.advice is None
+    # Before it gets there it lags by 9 of its targets' changes, 2.08 mm each.
+    (lags,) = (each for each in off if each.other is None)
+    assert lags.effect is not None
+    assert lags.effect.value == pytest.approx(9 * 0.5 / 240, rel=0.01)
 
 
 READ = {

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.joints import REST_STEPS
@@ -44,15 +46,19 @@ def rests_off(targets: TargetColumns) -> Match | None:
     where = (targets.row >= 0) & (rests | (targets.first < targets.driven.steps.steps[0]))
     if targets.late or not where.any():
         return None
-    causes = np.full(len(where), None, object)
-    rows = np.flatnonzero(where & rests)
+    lasts = {**targets.numbers, "cause": _causes(targets, where & rests)}
+    keys = np.column_stack([targets.keys, targets.first])
+    return Match(where, targets.off, lasts=lasts, keys=keys)
+
+
+def _causes(targets: TargetColumns, which: Flags) -> NDArray[Any]:
+    """Return why the target that is missed most among some is missed; None for the others."""
+    causes, rows = np.full(len(which), None, object), np.flatnonzero(which)
     for at in rows[[int(targets.off[rows].argmax())]] if len(rows) else ():
         stood = targets.stood.only(np.array([at]))
         held = targets.scene.joints.holding(targets.driven, int(stood.row[0]))
         causes[at] = cause_of(targets.scene, targets.driven, held, stood)
-    lasts = {**targets.numbers, "cause": causes}
-    keys = np.column_stack([targets.keys, targets.first])
-    return Match(where, targets.off, lasts=lasts, keys=keys)
+    return causes
 
 
 @rests_off.counts
@@ -123,7 +129,7 @@ def _lawful(targets: TargetColumns) -> Flags:
 @target_rule("off-target", "note")
 def follows_behind(targets: TargetColumns) -> Match | None:
     """Targets change before their joint is there: its gains leave a share of each change."""
-    return _followed(targets, _lawful(targets))
+    return _followed(targets, _lawful(targets) & (targets.at_limit == 0))
 
 
 @follows_behind.says
@@ -153,7 +159,11 @@ def _(worst: Worst) -> Said | None:
 def falls_behind(targets: TargetColumns) -> Match | None:
     """Targets change before their joint is there, and its motor is at its limit."""
     weak = ~_lawful(targets) & ~np.isnan(targets.lawful) & (targets.at_limit > 0)
-    return _followed(targets, weak)
+    match = _followed(targets, weak)
+    if match is not None:
+        against = _causes(targets, targets.stopped & (match.size > 0))
+        match = replace(match, numbers={**match.numbers, "against": against})
+    return match
 
 
 @falls_behind.counts
@@ -169,6 +179,8 @@ def _(worst: Worst) -> Said | None:
     there = going is not None and going.at_rest[0] and going.off[0] <= going.least
     if there and last - first + 1 < REST_STEPS:
         return None  # one of many on the way to that at which it stands
+    if worst.against is not None:  # it may press on purpose
+        return _missed(worst, replace(worst.against, level="note"))
     weak = at_limit(effort(worst.limit, worst.effort), worst.limited, worst.count)
     if worst.left > 1:  # whatever its force, its gain leaves a gap
         return _missed(worst, Cause(weak, Message("give each target more steps")))

@@ -76,8 +76,10 @@ class TargetColumns:
             "stood": np.column_stack([stood.first, stood.last]),
         }
         """What is said of each, whatever the rule."""
+        self.stopped = self._stopped()
+        """Which end with the motor at its limit, against what touches its links."""
         self.pressed = self._pressed()
-        """Which end with the joint pressed onto a body that it holds."""
+        """Which of these end with the joint pressed onto a body that it holds."""
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - a column of `Stood`
         return getattr(self.stood, name)
@@ -90,19 +92,20 @@ class TargetColumns:
         alike = np.floor(changed / self.least)
         return np.isin(alike, alike[self.off <= self.least])
 
-    def _pressed(self) -> Flags:
-        """Return which end with the joint pressed onto a body that it holds."""
+    def _stopped(self) -> Flags:
         stood, steps, rows, k = self.stood, self.driven.steps, self.stood.row, self.stood.k
-        none = np.zeros(len(stood), np.bool_)
         if not steps.covered:
-            return none
+            return np.zeros(len(stood), np.bool_)
         rate = steps.law.tree.first_rate + k
         motor, contacts = (steps.terms[name][rows, rate] for name in ("motors", "contacts"))
         against = -contacts * np.sign(motor)
-        pressed = self.driven.at_limit[rows, k] & (against > HALF_THE_STEPS * np.abs(motor))
-        pressed &= rows >= 0
-        for at in np.flatnonzero(pressed)[:1].tolist():
-            held = self.scene.joints.holding(self.driven, int(rows[at]))
-            if not holds_off(self.scene, held, k, -float(np.sign(motor[at]))):
-                return none
-        return np.asarray(pressed)
+        stopped = self.driven.at_limit[rows, k] & (against > HALF_THE_STEPS * np.abs(motor))
+        return np.asarray(stopped & (rows >= 0))
+
+    def _pressed(self) -> Flags:
+        for at in np.flatnonzero(self.stopped)[:1].tolist():
+            row, k = int(self.stood.row[at]), self.stood.k
+            away = -float(np.sign(self.driven.torque[row, k]))
+            if holds_off(self.scene, self.scene.joints.holding(self.driven, row), k, away):
+                return self.stopped
+        return np.zeros(len(self.stood), np.bool_)
