@@ -150,7 +150,7 @@ def _(worst: Worst) -> Said:
 def _slips(pair: PairColumns, slips: Flags) -> Match:
     """Return the steps in which single bodies slip on others, and nothing else pushes them.
 
-    Sums: of slip [m] and way of the centre [m], time [s]; normal, available, used impulse [N s],
+    Sums: of slip [m], with its direction and without, and way of the centre [m], time [s]; normal, available, used impulse [N s],
     and that against the slip which moving with the support takes; in a grip the moment about the
     contact of that, and what friction can give of it [N m s]. Those of forces in a grip leave out
     the steps in which it closes.
@@ -168,6 +168,11 @@ def _slips(pair: PairColumns, slips: Flags) -> Match:
     # What lies on one side presses with what it needs, on average: step by step it chatters.
     pressed = np.where(gripped, normal, np.abs(along))
     steady = ~gripped | (np.abs(pair.approach_m_s[rows]) < LANDS_M_S)
+    # How the links that touch slip past each other: they may turn together, and go along an arc,
+    # which either end of the step shows from one side.
+    ends = (pair.own(name) - pair.others(name) for name in ("ended_m_s", "carried_m_s"))
+    slip = np.mean([*ends], axis=0)[rows]
+    slip -= _dot(slip, line)[:, None] * line
     moved = lengths(way)
     needs = lengths(needed).clip(1e-300)
     turning, held = np.zeros((2, len(rows)))
@@ -185,7 +190,7 @@ def _slips(pair: PairColumns, slips: Flags) -> Match:
         "held": held,
     }
     sums = {name: each * steady * dt for name, each in forces.items()}
-    sums |= {"slid": pair.slip_m_s[rows] * dt, "moved": moved * dt, "way": way * dt[:, None]}
+    sums |= {"slid": pair.slip_m_s[rows] * dt, "moved": moved * dt, "way": slip * dt[:, None]}
     sums["needed"] = needed * (steady * dt)[:, None]
     firsts = {"began": pair.began_slip_m_s[rows]}
     bodies, step, placing = pair.body[rows], pair.step[rows], pair.scene.placing
