@@ -265,6 +265,20 @@ def test_a_joint_that_is_sent_on_into_a_wall_is_stopped_by_it(tmp_path: Path) ->
     assert lags.effect.value == pytest.approx(9 * 0.5 / 240, rel=0.01)
 
 
+def test_of_two_robots_that_are_alike_one_is_named(tmp_path: Path) -> None:
+    scene = (
+        "p.setGravity(0, 0, -9.81)\n"
+        "for y in (0, 2): p.loadURDF('kuka_iiwa/model.urdf', [0, y, 0], useFixedBase=True)\n"
+        "for _ in range(60):\n"
+        "    p.setJointMotorControl2(1, 3, p.POSITION_CONTROL, 1.2, positionGain=1.9)\n"
+        "    steps(1)"
+    )
+    said = [each.said for each in findings(scene, tmp_path / "a.rrd") if each.joint is not None]
+    assert [each for each in said if "joint_4" in each]
+    for each in said:
+        assert each.startswith(("0_model: ", "1_model: ")), each
+
+
 READ = {
     "joint states that are read for their positions": (
         "c = p.loadURDF('cartpole.urdf')\n"

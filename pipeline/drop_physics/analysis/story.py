@@ -22,7 +22,7 @@ from drop_physics.explain.touches import TouchTable
 from drop_physics.physics.base import Law
 from drop_physics.physics.laws.lookup import step_law
 from drop_physics.rules.answer import Finding, Scene
-from drop_physics.rules.every import Rules, ranked
+from drop_physics.rules.every import Rules, ranked, told_apart
 from drop_physics.trace.cures import Cure
 from drop_physics.trace.history import Piece, Seen
 
@@ -139,7 +139,8 @@ class Story:
 
         After the last piece.
         """
-        return ranked(each for each in self._found if self._reports(each) == reported)
+        found = ranked(each for each in self._found if self._reports(each) == reported)
+        return [*told_apart(found, self._seen.bodies.values())]
 
     @cached_property
     def _found(self) -> list[Finding]:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import replace
 
-from drop_physics.messages import Message
+from drop_physics import messages
 from drop_physics.rules import (  # noqa: F401 - their rules are registered
     asked_and_got,
     asleep,
@@ -49,6 +50,7 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
 )
 from drop_physics.rules.answer import Finding
 from drop_physics.rules.rule import Rules as Rules  # with all of them
+from drop_physics.trace.events import Body
 
 SHAKES = frozenset(("unstable", "motor-gain"))
 """What keeps a joint off its target, whatever its motor's limit is."""
@@ -62,7 +64,7 @@ def ranked(findings: Iterable[Finding]) -> list[Finding]:
     """Return findings, the gravest first; the same one on many bodies is one, the worst of them."""
     groups: dict[tuple[str, str | None, str], list[Finding]] = {}
     for each in _worst_misses(findings):
-        text = each.message.template if isinstance(each.message, Message) else each.message
+        text = each.message.template if isinstance(each.message, messages.Message) else each.message
         groups.setdefault((each.code, each.reason, text), []).append(each)
     found = sorted((_one_of(group) for group in groups.values()), key=lambda each: each.rank)
     if found and found[0].level in ("broken", "asked"):
@@ -79,6 +81,19 @@ def ranked(findings: Iterable[Finding]) -> list[Finding]:
         else each
         for each in found
     ]
+
+
+def told_apart(findings: Iterable[Finding], bodies: Collection[Body]) -> Iterator[Finding]:
+    """Yield findings, with the body before a joint that several differently named bodies have."""
+    whose: defaultdict[str, set[str]] = defaultdict(set)
+    for body in bodies:
+        for joint in body.joints:
+            whose[joint.name].add(body.label)
+    for each in findings:
+        if each.joint is None or each.body is None or len(whose[each.joint]) < 2:
+            yield each
+        else:
+            yield replace(each, message=messages.joined(": ", [each.body, each.message]))
 
 
 def _worst_misses(findings: Iterable[Finding]) -> Iterator[Finding]:

@@ -92,12 +92,9 @@ def _size(use: Use) -> float:
 
 
 def _came_to_nothing(inputs: Inputs, number: int) -> bool:
-    """Return whether the first push of a body is not to be seen: too weak, or opposed at once."""
-    for (one, _), life in inputs.lives.items():
-        if one == number and life.pushed_m_s is not None:
-            weak = float(np.linalg.norm(life.pushed_m_s)) < NEGLIGIBLE * life.fastest
-            return weak or life.opposed > 1 - NEGLIGIBLE
-    return False
+    """Return whether all else took the first push of a body away at once."""
+    pushed = (life for (one, _), life in inputs.lives.items() if one == number)
+    return any(life.opposed > 1 - NEGLIGIBLE for life in pushed)
 
 
 # -- force-off-centre -----------------------------------------------------------------------------

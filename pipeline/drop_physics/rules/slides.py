@@ -150,10 +150,10 @@ def _(worst: Worst) -> Said:
 def _slips(pair: PairColumns, slips: Flags) -> Match:
     """Return the steps in which single bodies slip on others, and nothing else pushes them.
 
-    Sums: of slip [m], with its direction and without, and way of the centre [m], time [s]; normal, available, used impulse [N s],
-    and that against the slip which moving with the support takes; in a grip the moment about the
-    contact of that, and what friction can give of it [N m s]. Those of forces in a grip leave out
-    the steps in which it closes.
+    Sums: of slip [m], with its direction and without, and way of the centre [m], time [s]; normal,
+    available, used impulse [N s], and that against the slip which moving with the support takes;
+    in a grip the moment about the contact of that, and what friction can give of it [N m s]. Those
+    of forces in a grip leave out the steps in which it closes.
     """
     free = np.isin(pair.body, [each.body.number for each in _free_bodies(pair.scene)])
     rows = np.flatnonzero(slips & free & (pair.normal_n > 0) & (pair.body != pair.other))

@@ -90,7 +90,13 @@ def unstable(bodies: BodyColumns) -> Match | None:
         size,
         {"first_rate": bodies.law.tree.first_rate},
         sums=sums,
-        most={"high": applied, "low": -applied, "least": -np.abs(applied), "greatest": greatest},
+        most={
+            "high": applied,
+            "low": -applied,
+            "least": -np.abs(applied),
+            "greatest": greatest,
+            "fastest": np.maximum(np.abs(before), np.abs(after)),
+        },
     )
 
 
@@ -118,13 +124,13 @@ def _(worst: Worst) -> Said:
         values={
             "name": name,
             "more": and_more(worst.among),
-            "rate": worst.size,
+            "rate": worst.fastest,
             "unit": unit,
             "term": cause_in_words(term),
         },
         advice=ADVICE[term],
         cure=Cure(CURES[term], worst.body, 0.0) if term in CURES else None,
-        effect=Effect(worst.size, unit),
+        effect=Effect(worst.fastest, unit),
         share=worst.size / worst.greatest,
         joint=joint,
     )
