@@ -151,9 +151,9 @@ def sweep(
     work = RunShard(plan, Path(out).resolve(), at_s, record, camera, verdicts())
     folder = Folder(Path(out))
     with folder.claimed(_identity(work)):
-        ledger, computed = _run(work, folder, until_ci_m, progress, jobs=jobs, ray=ray)
-        results = folder.merge(len(ledger.kept))
-        _check_any(ledger, results)
+        ledger, before = _run(work, folder, until_ci_m, progress, jobs=jobs, ray=ray)
+        results = folder.merge(ledger.shards)
+        runs, failed = _counted(results)
         studies, falls = studies_of(plan, results), _falls(plan, results)
         at_samples = _at_samples(results, at_s)
         if plot is not None:
@@ -172,9 +172,9 @@ def sweep(
     return Sweep(
         plan=plan,
         at_s=at_s,
-        runs=sum(shard.runs for shard in ledger.kept),
-        failed=sum(shard.failed for shard in ledger.kept),
-        computed=computed,
+        runs=runs,
+        failed=failed,
+        computed=sum(len(plan.runs_of(shard)) for shard in {*range(ledger.shards)} - before),
         results=folder.results,
         plot=None if plot is None else Path(plot),
         studies=studies,
@@ -193,19 +193,18 @@ def _run(
     *,
     jobs: int | None,
     ray: str | None,
-) -> tuple[Ledger, int]:
-    """Run the shards that are not yet in the folder; return all, and how many runs were made."""
+) -> tuple[Ledger, set[int]]:
+    """Run the shards that are not yet in the folder; return all, and which were there before."""
     plan = work.plan
     before = {shard: ShardDone.of(part) for shard, part in folder.finished(plan)}
-    if work.recorded and until_ci_m is None:
-        runs = plan.runs - sum(len(plan.runs_of(shard)) for shard in before)
-        check_room(folder.path / "recordings", runs * LEAST_BYTES)
     ledger = Ledger(plan, dict(before), until_ci_m, progress)
+    if work.recorded and until_ci_m is None:
+        check_room(folder.path / "recordings", (plan.runs - ledger.runs) * LEAST_BYTES)
     left = (shard for shard in range(plan.shards) if shard not in before)
     # Shards under way are finished: a worker leaves nothing half written.
-    todo = itertools.takewhile(lambda _: ledger.needed is None, left)
+    todo = itertools.takewhile(lambda _: not ledger.enough, left)
     try:
-        if ledger.needed is None:
+        if not ledger.enough:
             # Closing it also ends the workers.
             with contextlib.closing(_engine(work, todo, jobs=jobs, ray=ray)) as finished:
                 for shard, done in finished:
@@ -222,16 +221,22 @@ def _run(
         raise
     finally:
         release_world()
-    made = set(range(len(ledger.kept))) - set(before)
-    return ledger, sum(ledger.done[shard].runs for shard in made)
+    return ledger, {*before}
 
 
-def _check_any(ledger: Ledger, results: pl.LazyFrame) -> None:
-    """Raise an error if a single run failed."""
-    runs = sum(shard.runs for shard in ledger.kept)
-    if sum(shard.failed for shard in ledger.kept) < runs:
-        return
-    error = results.select("error").first().collect().item()
+def _counted(results: pl.LazyFrame) -> tuple[int, int]:
+    """Return how many runs there are, and how many failed.
+
+    Raises
+    ------
+    DropError
+        If all did.
+    """
+    errors = pl.col("error")
+    counts = results.select(runs=pl.len(), failed=errors.count(), first=errors.first())
+    runs, failed, error = counts.collect().row(0)
+    if failed < runs:
+        return runs, failed
     if runs == 1:
         raise DropError("the run failed with: {error}", error=error)
     raise DropError("all {runs:,} runs failed, the first with: {error}", runs=runs, error=error)

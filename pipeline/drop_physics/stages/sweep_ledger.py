@@ -27,34 +27,29 @@ class Ledger:
     def __init__(
         self, plan: Plan, done: dict[int, ShardDone], until_ci_m: float | None, progress: Progress
     ) -> None:
-        self.done = done
-        self.needed: int | None = None
-        """Number of shards that are enough; None if that is not known yet, or all are needed."""
+        self.shards = plan.shards
+        """Number of shards that are needed, as far as is known."""
+        self.enough = False
+        """Whether these are fewer than all."""
         self.narrow = False
         """Whether the interval is narrow enough after the shards followed so far."""
         self.runs = sum(shard.runs for shard in done.values())
-        self.failed = sum(shard.failed for shard in done.values())
-        self._plan, self._until_ci_m, self._progress = plan, until_ci_m, progress
+        self._failed = sum(shard.failed for shard in done.values())
+        self._plan, self._done, self._until_ci_m, self._progress = plan, done, until_ci_m, progress
         self._followed, self._errors, self._explained = 0, Moments(), Moments()
         self._follow()
 
-    @property
-    def kept(self) -> list[ShardDone]:
-        """The shards that count, in order; all must be done."""
-        shards = self._plan.shards if self.needed is None else self.needed
-        return [self.done[shard] for shard in range(shards)]
-
     def enter(self, shard: int, done: ShardDone) -> None:
         """Add a shard."""
-        self.done[shard] = done
+        self._done[shard] = done
         self.runs += done.runs
-        self.failed += done.failed
+        self._failed += done.failed
         self._follow()
 
     def _follow(self) -> None:
-        self._progress(self.runs, self.failed, self._plan.runs)
-        while self.needed is None and self._until_ci_m is not None and self._followed in self.done:
-            done = self.done[self._followed]
+        self._progress(self.runs, self._failed, self._plan.runs)
+        while not self.enough and self._until_ci_m is not None and self._followed in self._done:
+            done = self._done.pop(self._followed)
             self._errors = self._errors.merged(done.error_m)
             self._explained = self._explained.merged(done.explained_m)
             self._followed += 1
@@ -65,4 +60,4 @@ class Ledger:
             # Equal samples do not say how much the next one differs.
             self.narrow = interval[1] - interval[0] <= self._until_ci_m
             if self.narrow and samples.squares > 0:
-                self.needed = self._followed
+                self.shards, self.enough = self._followed, True
