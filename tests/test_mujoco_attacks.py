@@ -88,6 +88,50 @@ MODELS = {
     "crate": Model(FLOOR + box("crate", 0.1, 0.1, 1), drive="d.xfrc_applied[0, :3] = 20, 0, 0"),
 }
 
+# Models that explode, each alone: the same is said of all.
+HINGE = """<body name="arm" pos="0 0 1"><joint name="hinge" axis="0 0 1"/>
+<geom type="capsule" fromto="0 0 0 .2 0 0" size=".02" mass=".3"/></body>"""
+WHEEL = """<body name="rotor" pos="0 0 1"><joint name="hinge" axis="0 0 1"/>
+<geom type="cylinder" size="{0} .02" mass=".4"/></body>"""
+MOTOR = '<actuator><motor name="m" joint="hinge"/></actuator><option gravity="0 0 0"/>'
+TWO = """<body name="upper" pos="0 0 1"><joint name="shoulder" axis="0 1 0" damping="1"/>
+<geom type="capsule" fromto="0 0 0 .3 0 0" size=".03" mass="1"/>
+<body name="lower" pos=".3 0 0"><joint name="elbow" axis="0 1 0" damping="1" armature="{armature}"/>
+<geom type="capsule" fromto="0 0 0 .25 0 0" size=".025" mass=".5"/></body></body>"""
+TWO_SERVOS = """<option timestep="{timestep}"/><actuator>
+<position joint="shoulder" kp="300" kv="20"/><position joint="elbow" kp="200" kv="{kv}"/>
+</actuator>"""
+ARM = {"armature": 0.0, "timestep": 0.002, "kv": 10.0}
+EXPLODES = {
+    # kd h/I is 2.05, where 2 is the limit: 743,000 rad/s after 300 steps, and no reset.
+    "barely": Model(
+        WHEEL.format(0.1), MOTOR, "d.ctrl[0] = 0.5 - d.qpos[0] - 2.05 * d.qvel[0]", 300
+    ),
+    "held": Model(
+        HINGE,
+        MOTOR,
+        "d.ctrl[0] = d.ctrl[0] if k % 10 else 20 * (0.5 - d.qpos[0]) - 0.8 * d.qvel[0]",
+        300,
+    ),
+    # The rate is added where it is to be taken off.
+    "sign": Model(HINGE, MOTOR, "d.ctrl[0] = 5 * (0.5 - d.qpos[0]) + 0.05 * d.qvel[0]", 1000),
+    # The first step ends with what the second turns around; the third is a reset.
+    "at_once": Model(
+        WHEEL.format(0.03),
+        '<actuator><velocity joint="hinge" kv="5"/></actuator>',
+        "d.ctrl[0] = 0 if k else 10",
+        50,
+    ),
+    "rope": Model(
+        '<site name="a" pos="0 0 1"/><body name="bead" pos=".3 0 1"><joint name="hinge" '
+        'type="slide" axis="1 0 0"/><geom size=".01" mass=".01"/><site name="b"/></body>',
+        '<tendon><spatial name="t" damping="20"><site site="a"/><site site="b"/></spatial></tendon>'
+        + MOTOR,
+        "d.qvel[0] = d.qvel[0] if k else 0.1",
+    ),
+    "arm": Model(TWO.format(**ARM), TWO_SERVOS.format(**ARM), "d.ctrl[:] = -.2, .3", 100),
+}
+
 SCRIPT = """
 import mujoco
 
@@ -109,7 +153,7 @@ def analyzed(folder: Path, *names: str) -> list[Finding]:
     """Return the findings of a script that steps some models, one after the other."""
     script, text = folder / "models.py", SCRIPT
     for name in names:
-        model = MODELS[name]
+        model = MODELS.get(name) or EXPLODES[name]
         text += f"def {name}(m, d, k):\n    {model.drive}\n"
         text += f"run('''{model.text}''', {model.steps}, {name})\n"
     script.write_text(text, encoding="utf-8")
@@ -160,3 +204,47 @@ def test_a_force_of_several_points_is_that_of_the_pair(found: list[Finding]) -> 
         most = max(most, total)
     (said,) = (each.message for each in found if each.code == "static-parent")
     assert f"up to {most:.0f} N" in said
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        (
+            "barely",
+            r"^hinge turns around with every step, 1\.05 times .* up to 7\.43e\+05 rad/s, by w",
+        ),
+        ("held", r"^hinge turns around every 10 steps, 3\.3\d? times .*: actuator m"),
+        (
+            "sign",
+            r"^hinge turns around every 4\d steps, 1\.7\d? times .* up to \S+ rad/s, by what",
+        ),
+        ("at_once", r"^hinge turns around with every step and grows, .* has kv h/I = 55"),
+        ("rope", r"^hinge turns around with every step, .* by the spring and damper of tendon t"),
+    ],
+)
+def test_what_explodes_is_told_what_turns_it(tmp_path: Path, name: str, words: str) -> None:
+    said = [each for each in analyzed(tmp_path, name) if each.code == "unstable"]
+    assert [each for each in said if re.search(words, each.message)], said
+    assert [each.level for each in said] == ["model" if name == "sign" else "broken"]
+
+
+def test_each_number_that_is_advised_holds_in_all_poses(tmp_path: Path) -> None:
+    found = analyzed(tmp_path, "arm")
+    (advice,) = (str(each.advice) for each in found if each.joint == "elbow" and each.advice)
+    told = {
+        "kv": re.search(r"kv below (\S+)", advice),
+        "timestep": re.search(r"timestep below (\S+) ms", advice),
+        "armature": re.search(r"armature above (\S+)", advice),
+    }
+    for name, number in told.items():
+        assert number is not None
+        value = float(number[1]) * (1e-3 if name == "timestep" else 1)
+        changed = {**ARM, name: value}
+        model = mujoco.MjModel.from_xml_string(
+            Model(TWO.format(**changed), TWO_SERVOS.format(**changed)).text
+        )
+        data = mujoco.MjData(model)
+        data.ctrl[:] = -0.2, 0.3
+        while data.time < 3:
+            mujoco.mj_step(model, data)
+        assert np.abs(data.qvel).max() < 1e-6, name

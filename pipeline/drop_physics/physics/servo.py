@@ -1,21 +1,22 @@
-"""One degree of freedom on a spring and dampers: what a step makes of it.
+"""Degrees of freedom on springs and dampers: what a step makes of them.
 
-With inertia I, stiffness k, damping d taken at the end of a step and e at its beginning, a timestep
-h makes of position x and rate v, by semi-implicit Euler with its dampers on the left (MuJoCo's
-`mj_EulerSkip` and `mj_implicitSkip`):
+With a mass matrix M, stiffness k, damping d taken at the end of a step and e at its beginning, all
+diagonal, a timestep h makes of position x and rate v, by semi-implicit Euler with its dampers on
+the left (MuJoCo's `mj_EulerSkip` and `mj_implicitSkip`):
 
-    v' = v - h (k x + (d + e) v) / (I + h d)        x' = x + h v'
+    v' = v - h (M + h d)⁻¹ (k x + (d + e) v)        x' = x + h v'
 
-whose eigenvalues have the sum 2 - a - b and the product 1 - b, with
+It grows where an eigenvalue of this step is beyond 1: of one degree of freedom of inertia I where
+b > 2 or a > 2 (2 - b), with
 
     a = k h² / (I + h d)        b = h (d + e) / (I + h d)
 
-so it grows where b > 2 or a > 2 (2 - b): without dampers where k h² / I > 4. Runge and Kutta's step
-takes everything at its beginning: an eigenvalue z / h of the motion becomes
+without dampers where k h² / I > 4. Runge and Kutta's step takes everything at its beginning: an
+eigenvalue z / h of the motion becomes
 
     1 + z + z²/2 + z³/6 + z⁴/24
 
-Source: both are the schemes applied to I x" = -k x - (d + e) x', in closed form.
+Source: both are the schemes applied to M x" = -k x - (d + e) x', in closed form.
 """
 
 from __future__ import annotations
@@ -29,57 +30,73 @@ from numpy.typing import NDArray
 
 Float64 = NDArray[np.float64]
 
-HALVINGS = 60
-"""Bisections of a limit: as many as a double has digits."""
+HALVINGS = 30
+"""Bisections of a limit, of which two digits are told."""
 RANGE = 1e12
 """A limit is searched for between the current value divided by this and multiplied by this."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Servo:
-    """One degree of freedom, and how it is stepped."""
+@dataclass(frozen=True, eq=False)
+class Servos:
+    """Coupled degrees of freedom, each on a spring and dampers, and how they are stepped."""
 
     timestep_s: float
-    inertia: float
-    """[kg m²] or [kg]."""
-    stiffness: float
-    """[N m/rad] or [N/m]."""
-    ends: float = 0.0
-    """Damping evaluated at the end of a step [N m s/rad] or [N s/m]."""
-    begins: float = 0.0
-    """Damping evaluated at its beginning."""
+    inertia: Float64
+    """The mass matrix, shape (n, n) [kg m²] or [kg]."""
+    stiffness: Float64
+    """Shape (n,) [N m/rad] or [N/m]."""
+    ends: Float64
+    """Damping evaluated at the end of a step, shape (n,) [N m s/rad] or [N s/m]."""
+    begins: Float64
+    """Damping evaluated at its beginning, shape (n,)."""
     fourth_order: bool = False
     """Whether steps are Runge and Kutta's instead of Euler's."""
 
     @property
     def growth(self) -> float:
         """The factor by which a step multiplies a gap, in the long run."""
-        h, damping = self.timestep_s, self.ends + self.begins
+        h, one = self.timestep_s, np.eye(len(self.inertia))
+        pull, damping = np.diag(self.stiffness), np.diag(self.ends + self.begins)
         if self.fourth_order:
-            z = h * np.roots([self.inertia, damping, self.stiffness])
+            pulls, brakes = (np.linalg.solve(self.inertia, each) for each in (pull, damping))
+            z = h * np.linalg.eigvals(np.block([[0 * one, one], [-pulls, -brakes]]))
             return float(np.abs(1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24).max())
-        heavy = self.inertia + h * self.ends
-        a, b = self.stiffness * h * h / heavy, h * damping / heavy
-        return float(np.abs(np.roots([1.0, a + b - 2, 1 - b])).max())
+        heavy = self.inertia + h * np.diag(self.ends)
+        pulls, brakes = (h * np.linalg.solve(heavy, each) for each in (pull, damping))
+        step = np.block([[one - h * pulls, h * (one - brakes)], [-pulls, one - brakes]])
+        return float(np.abs(np.linalg.eigvals(step)).max())
 
     @property
     def grows(self) -> bool:
         """Whether gaps grow by more than rounding."""
-        return self.growth > 1 + 1e-9
+        return self.growth > 1 + 1e-7
 
-    def limit(self, name: str) -> float | None:
-        """Return where it begins to grow as one of its numbers changes; None if it never does."""
-        now = float(getattr(self, name))
-        if not now > 0:
-            return None
-        less = name != "inertia"
+    def alone(self, place: int) -> Servos:
+        """Return one of the degrees of freedom, while no spring nor damper acts on the others."""
+        inertia = 1 / np.linalg.inv(self.inertia)[place, place]
+        return replace(
+            self,
+            inertia=np.array([[inertia]]),
+            stiffness=self.stiffness[[place]],
+            ends=self.ends[[place]],
+            begins=self.begins[[place]],
+        )
 
-        def held(factor: float) -> bool:
-            changed: dict[str, Any] = {name: now / factor if less else now * factor}
-            return not replace(self, **changed).grows
+    def calmed(self, name: str, place: int, factor: float) -> Servos:
+        """Return them with a number of one divided by a factor, or its inertia multiplied."""
+        if name == "timestep_s":
+            return replace(self, timestep_s=self.timestep_s / factor)
+        values = np.array(getattr(self, name))
+        if name == "inertia":
+            values[place, place] *= factor
+        else:
+            values[place] /= factor
+        changed: dict[str, Any] = {name: values}
+        return replace(self, **changed)
 
-        found = _first(held)
-        return None if found is None else now / found if less else now * found
+    def limit(self, name: str, place: int) -> float | None:
+        """Return the least factor of `calmed` with which nothing grows; None without any."""
+        return _first(lambda factor: not self.calmed(name, place, factor).grows)
 
 
 def pd_effort(

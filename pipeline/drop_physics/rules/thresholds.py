@@ -316,6 +316,9 @@ soft_servo, whose kv acts while it settles."""
 DOUBLES = 2
 """Least factor from turn to turn of a joint that no law is known of. Unit: 1. Needed by: mujoco:
 own_pd_explodes; random actions do not double and double again."""
+GROWN = 10
+"""Least factor by which such turns grow in all where nothing breaks. Unit: 1. Needed by: a script
+that tries its motor out."""
 HOPS_STEPS = 50
 """Steps without contact after which a slide has ended; on soft contacts a body hops. Unit: 1.
 Needed by: mujoco: slides_down_the_ramp."""

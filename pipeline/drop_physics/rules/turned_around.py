@@ -2,32 +2,38 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.arrays import Flags, Float64
+from drop_physics.explain.cause_names import cause_in_words
+from drop_physics.fields import alternatives
 from drop_physics.messages import Message
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.kinematics import kinematics
-from drop_physics.physics.servo import Servo
-from drop_physics.rules.answer import Cure, Effect
+from drop_physics.physics.servo import Servos
+from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import link_of
 from drop_physics.rules.rule import Match, Said, Worst, joint_rule
+from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
-from drop_physics.rules.thresholds import CROSSINGS, DOUBLES
+from drop_physics.rules.thresholds import CROSSINGS, DOUBLES, GROWN, RINGS_STEPS
 from drop_physics.trace.events import Actuator
 
 FOURTH_ORDER, AT_THE_END = 1, (2, 3)
 """Of `opt.integrator`: Runge and Kutta's, and those that take actuators' damping at the end."""
 
 
-@joint_rule("unstable", "broken", least_count=CROSSINGS, engines=MUJOCOS)
+@joint_rule("unstable", "broken", engines=MUJOCOS)
 def turned_around(joints: JointColumns) -> Match:
     """A gain is too stiff for the timestep, or a damper for a step that takes it at its beginning.
 
     The rate turns around with every step and grows, by an actuator or a damper of a law that says
-    so; or it doubles each time, until the engine resets the state or the sum no longer closes.
+    so; or it turns again and again, faster each time, by what the script gives.
     """
     steps = joints.driven.steps
     nowhere = np.zeros(joints.target.shape, np.bool_)
@@ -38,31 +44,55 @@ def turned_around(joints: JointColumns) -> Match:
     explicit = int(joints.setting("integrator", 0)) == FOURTH_ORDER
     goes_on = steps.closes[:, None] & (before != 0)
     grown = goes_on & (np.abs(after) > np.abs(before))
+    turned = goes_on & (before * after < 0)
+    breaks = np.append(~steps.closes[1:], False)
+    fastest, broken = np.abs(after), np.repeat(breaks[:, None], before.shape[1], axis=1)
     if not explicit:  # whose steps may grow without turning around
-        grown &= before * after < 0
+        grown &= turned
     where, size = nowhere.copy(), np.zeros(nowhere.shape)
     named = np.full(nowhere.shape, "", dtype=object)
     numbers = {name: np.full(nowhere.shape, np.nan) for name in NUMBERS}
-    for k in np.flatnonzero(grown.any(axis=0)).tolist():
+    for k in np.flatnonzero((grown | turned).any(axis=0)).tolist():
         rows = np.flatnonzero(grown[:, k])
-        turner = _turner(joints, rows, first + k)
-        named[rows, k] = turner
-        servo = _servo(joints, int(rows[0]), k)
-        if servo is not None and servo.grows:
+        its = _servos(joints, k) if len(rows) else None
+        if its is not None and its[0].alone(its[1]).grows:
+            named[rows, k] = turner = _turner(joints, rows, first + k)
             acts = np.isin(turner, [_by(joints, k), "joint damping"])
-            where[rows[acts], k], size[rows[acts], k] = True, servo.growth
-            for name, value in _limits(servo).items():
+            where[rows[acts], k], size[rows[acts], k] = True, its[0].growth
+            numbers["gear"][rows, k] = ([each.gear for each in _actuators(joints, k)] or [1.0])[0]
+            for name, value in _limits(*its).items():
                 numbers[name][rows, k] = value
             continue
-        blown = _blown(grown[:, k], np.abs(before[:, k]), np.abs(after[:, k]), steps.closes)
-        driven_by = np.array([name.startswith("actuator ") for name in turner], np.bool_)
-        where[rows, k] = blown[rows] & driven_by
-        size[rows, k] = np.abs(after[rows, k] / before[rows, k])
-    timestep = steps.reported.timestep_s[:, None]
-    return Match(where, size, {"turner": named.astype(np.str_), "timestep": timestep, **numbers})
+        rows = np.flatnonzero(turned[:, k])
+        named[rows, k] = turner = _turner(joints, rows, first + k)
+        drives = [name.partition(" ")[0] in DRIVES for name in turner.tolist()]
+        fastest[rows, k] = tops = _tops(np.abs(after[:, k]), rows)
+        broken[rows, k] = ends = _tops(breaks, rows)
+        before_it = np.append(np.abs(after[: rows[:1].sum(), k]).max(initial=0.0), tops[:-1])
+        size[rows, k] = _growth(before_it, tops, np.array(drives, np.bool_), ends)
+        where[rows, k] = size[rows, k] > 0
+        numbers["lasts"][rows, k] = np.diff(rows, prepend=0)
+    noted = {"turner": named.astype(np.str_), "timestep": steps.reported.timestep_s[:, None]}
+    most = {"fastest": fastest, "broken": broken}
+    return Match(where, size, {**noted, **numbers}, most=most)
 
 
-NUMBERS = ("stiffness", "damping", "inertia", "kp", "kv", "least_timestep", "armature")
+@turned_around.counts
+def _(runs: Runs, _: Scene) -> Float64:
+    # A law that is known is broken by one turn before a reset as well.
+    sure = (runs.count >= CROSSINGS) | runs.broken | np.isnan(runs.inertia)
+    return np.where(sure, runs.size, 0.0)
+
+
+NUMBERS = (
+    *("stiffness", "damping", "gear", "inertia", "springs", "most", "gain", "least_timestep"),
+    *("armature", "implicit", "lasts"),
+)
+SERVOS = "position", "velocity"
+POSES = 100
+"""Poses of a piece in which a joint's inertia is looked at."""
+DRIVES = "actuator", "applied", "tendon"
+"""Kinds of terms that may turn a joint around by a law that is not known."""
 
 
 def _turner(joints: JointColumns, rows: NDArray[np.intp], place: int) -> NDArray[np.object_]:
@@ -86,126 +116,197 @@ def _actuators(joints: JointColumns, k: int) -> list[Actuator]:
     return [each for each in body.actuators if each.acts_on == "joint" and each.target == name]
 
 
-def _servo(joints: JointColumns, row: int, k: int) -> Servo | None:
-    """Return a joint with its actuator as a spring with dampers; None of a spherical joint."""
-    driven = joints.driven
-    steps, body = driven.steps, driven.body
-    joint = body.joints[link_of(body, k)]
-    its = _actuators(joints, k)
-    if joint.widths[1] != 1 or len(its) > 1:
+def _servos(joints: JointColumns, k: int) -> tuple[Servos, int] | None:
+    """Return the joints of a body as springs with dampers, and the place of one among them.
+
+    The pose is that of the piece's in which this one has the least inertia. None of a spherical
+    joint, and where several actuators act on it.
+    """
+    steps, body = joints.driven.steps, joints.driven.body
+    if body.joints[link_of(body, k)].widths[1] != 1 or len(_actuators(joints, k)) > 1:
         return None
-    stiffness = damping = 0.0
-    if its and its[0].kind in ("position", "velocity"):
-        scale = its[0].gear ** 2
-        damping = its[0].kv * scale
-        stiffness = its[0].kp * scale if its[0].kind == "position" else 0.0
     integrator = int(joints.setting("integrator", 0))
-    at_end = integrator in AT_THE_END
-    fourth = integrator == FOURTH_ORDER
-    ends = 0.0 if fourth else joint.damping + at_end * damping
-    inertias = np.linalg.inv(
-        mass_matrix(kinematics(steps.law.tree, steps.before.at(np.array([row]))))[0]
+    size, first = steps.law.tree.size, steps.law.tree.first_rate
+    stiffness, ends, begins = np.zeros((3, size))
+    own = begins if integrator == FOURTH_ORDER else ends
+    of_actuators = ends if integrator in AT_THE_END else begins
+    for joint, place in zip(body.joints, body.rates, strict=True):
+        at = slice(first + place.start, first + place.stop)
+        own[at] += joint.damping
+        for each in body.actuators:
+            if (each.acts_on, each.target) == ("joint", joint.name):
+                of_actuators[at] += each.kv * each.gear**2 * (each.kind in SERVOS)
+                stiffness[at] += each.kp * each.gear**2 * (each.kind == "position")
+    rows = np.unique(np.linspace(0, len(steps) - 1, POSES).astype(int))
+    rows = rows[np.isfinite(steps.before.position_m[rows]).all(axis=1)]
+    inverse = np.linalg.inv(mass_matrix(kinematics(steps.law.tree, steps.before.at(rows))))
+    least = int(np.argmax(inverse[:, first + k, first + k]))
+    held = np.flatnonzero((stiffness + ends + begins > 0) | (np.arange(size) == first + k))
+    servos = Servos(
+        timestep_s=float(steps.reported.timestep_s[rows[least]]),
+        inertia=np.linalg.inv(inverse[least][np.ix_(held, held)]),
+        stiffness=stiffness[held],
+        ends=ends[held],
+        begins=begins[held],
+        fourth_order=integrator == FOURTH_ORDER,
     )
-    place = steps.law.tree.first_rate + k
-    return Servo(
-        timestep_s=float(steps.reported.timestep_s[row]),
-        inertia=1 / float(inertias[place, place]),
-        stiffness=stiffness,
-        ends=ends,
-        begins=joint.damping + damping - ends,
-        fourth_order=fourth,
-    )
+    return servos, int(np.searchsorted(held, first + k))
 
 
-def _limits(servo: Servo) -> dict[str, float]:
+def _limits(servos: Servos, place: int) -> dict[str, float]:
     """Return where a joint would hold, each number changed alone; nan where none would do."""
-    limits = {
-        "kp": servo.limit("stiffness"),
-        "kv": servo.limit("begins"),
-        "least_timestep": servo.limit("timestep_s"),
-        "armature": servo.limit("inertia"),
+    alone = servos.alone(place)
+    now = {
+        "stiffness": float(alone.stiffness[0]),
+        "begins": float(alone.begins[0]),
+        "timestep_s": servos.timestep_s,
     }
-    held = {name: np.nan if value is None else value for name, value in limits.items()}
-    held["armature"] -= servo.inertia
-    numbers = {"stiffness": servo.stiffness, "damping": servo.begins, "inertia": servo.inertia}
-    return held | numbers
+
+    def calm(of: Servos, name: str, at: int) -> float:
+        factor = of.limit(name, at) if now.get(name, 1.0) else None
+        return np.nan if factor is None else factor
+
+    name = (
+        "stiffness" if now["stiffness"] and np.isfinite(calm(alone, "stiffness", 0)) else "begins"
+    )
+    implicit = replace(servos, ends=servos.ends + servos.begins, begins=0 * servos.begins)
+    return {
+        "stiffness": now["stiffness"],
+        "damping": now["begins"],
+        "inertia": float(alone.inertia[0, 0]),
+        "springs": float(name == "stiffness"),
+        "most": now[name] / calm(alone, name, 0),
+        "gain": now[name] / calm(servos, name, place),
+        "least_timestep": servos.timestep_s / calm(servos, "timestep_s", place),
+        "armature": (calm(servos, "inertia", place) - 1) * float(servos.inertia[place, place]),
+        "implicit": float(not implicit.grows),
+    }
 
 
-def _blown(grown: Flags, before: Float64, after: Float64, closes: Flags) -> Flags:
-    """Return the steps of runs that double with each turn until the sum no longer closes."""
-    doubles = grown & (after > DOUBLES * before)
-    found = np.zeros(len(grown), np.bool_)
-    ends = np.append(~closes[1:], False) & doubles
-    for end in np.flatnonzero(ends).tolist():
-        start = end
-        while start and doubles[start - 1]:
-            start -= 1
-        if end > start:
-            found[start : end + 1] = True
+def _tops(values: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
+    """Return the most of some values, (n,), from each of some rows on until the next."""
+    return np.maximum.reduceat(values, rows) if len(rows) else values[:0]
+
+
+def _growth(before: Float64, tops: Float64, drives: Flags, ends: Flags) -> Float64:
+    """Return by what the speed of a joint grows with each of its turns, shape (turns,); else 0.
+
+    It grows GROWN times in all in RINGS_STEPS turns or more, or doubles with each until the sum no
+    longer closes. `drives` says whether what turns it may be its cause, `ends` where that is.
+    """
+    found = np.zeros(len(tops))
+    for factor in (1.0, DOUBLES):
+        grows = drives & (tops > factor * before) & (before > 0)
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], grows, [False]]).astype(int)))
+        for start, end in edges.reshape(-1, 2).tolist():
+            count, all_of_it = end - start, tops[end - 1] / before[start]
+            rings = count >= RINGS_STEPS and all_of_it >= GROWN
+            if rings or (factor == DOUBLES and count > 1 and ends[end - 1]):
+                found[start:end] = all_of_it ** (1 / count)
     return found
 
 
 @turned_around.says
 def _(worst: Worst) -> Said:
-    spring = worst.stiffness > 0 and np.isfinite(worst.kp)
-    unit = "kg" if worst.unit == "m" else "kg m²"
-    if np.isnan(worst.inertia):
+    often = Message("with every step")
+    if worst.lasts > 1:
+        often = Message("every {n:.0f} steps", n=worst.lasts)
+    message, advice, cure = _by_law(worst) if np.isfinite(worst.inertia) else _by_script(worst)
+    h, inertia = worst.timestep, worst.inertia
+    return Said(
+        message=message,
+        values={
+            "term": cause_in_words(worst.turner),
+            "often": often,
+            "fastest": f"{worst.fastest:.3g} {worst.unit}/s",
+            "growth": worst.size,
+            "kp": worst.stiffness / worst.gear**2,
+            "kv": worst.damping / worst.gear**2,
+            "damping": worst.damping,
+            "inertia": f"{inertia:.2g} {_unit(worst)}",
+            "timestep": h * 1e3,
+            "ratio": worst.stiffness * h**2 / inertia,
+            "share": worst.damping * h / inertia,
+            "most": worst.most * h ** (1 + worst.springs) / inertia,
+        },
+        advice=advice,
+        cure=cure,
+        effect=Effect(worst.size, "1"),
+        # Who gives more with each swing may mean to.
+        level="model" if worst.lasts > 1 and not worst.broken else None,
+        proposed=bool(worst.lasts > 1) or None,
+    )
+
+
+def _by_script(worst: Worst) -> tuple[Message, Message, Cure]:
+    """Return what is said where the law of what turns a joint is not known."""
+    cure = Cure("armature", worst.joint)
+    if worst.turner.startswith("tendon "):
         message = Message(
-            "{joint} turns around with every step, {growth:.3g} times as fast, until the state "
-            "is reset or no longer a number; what turns it is {term}, by what the script gives it"
+            "{joint} turns around {often}, {growth:.3g} times as fast each time, up to {fastest}, "
+            "by the spring and damper of {term}"
         )
         advice = Message(
-            "smaller gains in the script, a shorter timestep, or armature=… of the <joint>"
+            'a smaller damping of the tendon, a shorter timestep, or integrator="implicitfast"'
         )
-        cure = Cure("armature", worst.joint)
-    elif spring:
+        return message, advice, cure
+    message = Message(
+        "{joint} turns around {often}, {growth:.3g} times as fast each time, up to {fastest}, "
+        "by what the script gives it: {term}"
+    )
+    if worst.lasts > 1:
+        advice = Message(
+            "a gain of the rate that brakes, smaller gains, or forces that are given anew in each "
+            "step"
+        )
+        return message, advice, cure
+    advice = Message(
+        "smaller gains in the script, most of all that of the rate, a shorter timestep, or "
+        "armature=… of the <joint>"
+    )
+    return message, advice, cure
+
+
+def _by_law(worst: Worst) -> tuple[Message, Message, Cure]:
+    """Return what is said where the law is known, and what holds by it."""
+    gain, name = worst.gain / worst.gear**2, "kp" if worst.springs else "kv"
+    cure = Cure("gains", worst.joint, gain, form=f"{name}-below")
+    if worst.springs:
         message = Message(
-            "{joint} turns around with every step and grows, by {term}: kp = {stiffness:.3g} on an "
+            "{joint} turns around with every step and grows, by {term}: kp = {kp:.3g} on an "
             "inertia of {inertia} in steps of {timestep:.3g} ms has kp h²/I = {ratio:.3g}, "
             "and above {most:.3g} it grows"
         )
-        advice = Message(
-            "kp below {kp:.2g}, timestep below {shorter:.2g} ms, or armature above {armature} "
-            "hold it, each alone"
-        )
-        cure = Cure("gains", worst.joint, worst.kp, form="kp-below")
     elif worst.turner.startswith("actuator "):
         message = Message(
-            "{joint} turns around with every step and grows, by {term}: kv = {damping:.3g} on an "
+            "{joint} turns around with every step and grows, by {term}: kv = {kv:.3g} on an "
             "inertia of {inertia} in steps of {timestep:.3g} ms has kv h/I = {share:.3g}, and "
             "above {most:.3g} it grows"
         )
-        advice = Message(
-            "kv below {kv:.2g}, timestep below {shorter:.2g} ms, armature above {armature}, or "
-            'integrator="implicitfast" hold it, each alone'
-        )
-        cure = Cure("gains", worst.joint, worst.kv, form="kv-below")
     else:
         message = Message(
             "the rate of {joint} grows with every step, by its damping: damping = {damping:.3g} on "
             "an inertia of {inertia} in steps of {timestep:.3g} ms has damping h/I = {share:.3g}, "
             "and above 2.79 steps of Runge and Kutta grow, which take it at their beginning"
         )
-        advice = Message(
-            'integrator="Euler" or "implicitfast" takes it at the end; else damping below '
-            "{kv:.2g}, timestep below {shorter:.2g} ms or armature above {armature}"
-        )
-        cure = Cure("damping", worst.joint, worst.kv, form="below")
-    h, inertia = worst.timestep, worst.inertia
-    return Said(
-        message=message,
-        values={
-            "term": worst.turner,
-            "growth": worst.size,
-            "inertia": f"{inertia:.2g} {unit}",
-            "timestep": h * 1e3,
-            "shorter": worst.least_timestep * 1e3,
-            "armature": f"{worst.armature:.2g} {unit}",
-            "ratio": worst.stiffness * h**2 / inertia,
-            "share": worst.damping * h / inertia,
-            "most": (worst.kp * h**2 if spring else worst.kv * h) / inertia,
-        },
-        advice=advice,
-        cure=cure,
-        effect=Effect(worst.size, "1"),
-    )
+        gain, name = worst.gain, "damping"
+        cure = Cure("damping", worst.joint, gain, form="below")
+    ways = [Message("a timestep below {n:g} ms", n=_within(worst.least_timestep * 1e3))]
+    if np.isfinite(gain):
+        ways.insert(0, Message("{name} below {n:g}", name=name, n=_within(gain)))
+    if np.isfinite(worst.armature):
+        least = f"{-_within(-worst.armature):g} {_unit(worst)}"
+        ways.append(Message("armature above {least}", least=least))
+    if worst.implicit:
+        ways.append(Message('integrator="implicitfast"'))
+    return message, Message("each of these holds it: {ways}", ways=alternatives(ways)), cure
+
+
+def _unit(worst: Worst) -> str:
+    return "kg" if worst.unit == "m" else "kg m²"
+
+
+def _within(limit: float) -> float:
+    """Return a number of two digits that is no more than a limit."""
+    digit = 10.0 ** (np.floor(np.log10(abs(limit))) - 1)
+    return float(f"{np.floor(limit / digit) * digit:.2g}")
