@@ -18,7 +18,7 @@ from drop_physics.explain import commands, step_status, steps
 from drop_physics.explain.bodies import BodyConfigs
 from drop_physics.explain.causes import CAUSES, Totals
 from drop_physics.explain.recording import Explanation
-from drop_physics.explain.step_status import SEGMENTS, Judged
+from drop_physics.explain.step_status import SEGMENTS, SampleStatus
 from drop_physics.physics.impulses import Forces
 from drop_physics.physics.step_law import DampedTree, Reported
 from drop_physics.trace.history import Piece, Seen
@@ -566,7 +566,7 @@ def test_a_gear_between_joints_that_do_not_move_gives_nothing(seen: Callable[[st
 
 def test_the_first_that_applies(seen: Callable[[str], Seen]) -> None:
     """A cube that is held, touches the arm and is pushed is `pushed`; then `constrained`."""
-    found: dict[int, Judged] = {}
+    found: dict[int, SampleStatus] = {}
     for piece in Explanation(seen(HOLD)).pieces():
         found |= piece.bodies
     cube = found[1]

@@ -19,7 +19,7 @@ from drop_physics.analysis.results import (
 from drop_physics.explain.body_history import BodyHistory
 from drop_physics.explain.causes import Totals
 from drop_physics.explain.rows import SampleRows, rows_of
-from drop_physics.explain.step_status import SEGMENTS, Judged
+from drop_physics.explain.step_status import SEGMENTS, SampleStatus
 from drop_physics.explain.steps import Steps
 from drop_physics.physics.laws.lookup import step_law
 from drop_physics.physics.vectors import triple
@@ -62,7 +62,12 @@ class BodyStory:
         return [step for step in steps if step is not None]
 
     def add(
-        self, judged: Judged, history: BodyHistory, touched: Sequence[ContactRun], *, detailed: bool
+        self,
+        judged: SampleStatus,
+        history: BodyHistory,
+        touched: Sequence[ContactRun],
+        *,
+        detailed: bool,
     ) -> SampleRows:
         """Take a piece, and its runs in contact; return a row for each of its samples."""
         # A flight's theory is the law of an engine that reports no sum of its own.
@@ -156,7 +161,7 @@ class BodyStory:
         )
 
 
-def _sum_of(steps: Steps, row: int, judged: Judged, time_s: float) -> StepSum:
+def _sum_of(steps: Steps, row: int, judged: SampleStatus, time_s: float) -> StepSum:
     at = int(np.searchsorted(judged.steps, steps.steps[row]))
     terms = {name: each[row].tolist() for name, each in steps.terms.items()}
     return StepSum(

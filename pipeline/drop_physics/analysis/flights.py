@@ -12,7 +12,7 @@ from drop_physics.analysis.results import BodyFlight, FlightSample
 from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.alone import law_of, motion_of
 from drop_physics.explain.decomposition import error_and_terms
-from drop_physics.explain.step_status import FLIGHT, SET, UNEXPLAINED, Judged
+from drop_physics.explain.step_status import FLIGHT, SET, UNEXPLAINED, SampleStatus
 from drop_physics.explain.steps import Steps
 from drop_physics.explain.times import StepTimes
 from drop_physics.physics.base import Law, Motion
@@ -45,7 +45,7 @@ class Flights:
         self._open: _OpenFlight | None = None
         self._done: list[BodyFlight] = []
 
-    def add(self, judged: Judged) -> dict[int, Float64]:
+    def add(self, judged: SampleStatus) -> dict[int, Float64]:
         """Take a piece; return how far each sample in flight is off free fall [m], (3,), by row."""
         errors_m: dict[int, Float64] = {}
         for steps in judged.intervals:

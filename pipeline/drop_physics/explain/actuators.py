@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drop_physics.arrays import Float64
-from drop_physics.explain.driving import given_to
+from drop_physics.explain.driving import control_of
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.steps import BodySteps
 from drop_physics.trace.events import Actuator, Body
@@ -78,7 +78,7 @@ class ActuatorTable:
 
     def _add(self, actuator: Actuator, steps: BodySteps, piece: Piece) -> None:
         sums = self._sums.setdefault((steps.body.number, actuator.number), _Sums())
-        given = given_to(actuator, steps.body, piece, steps.steps)
+        given = control_of(actuator, steps.body, piece, steps.steps)
         sums.given = float(given[-1])
         if actuator.ctrl_range is not None:
             low, high = actuator.ctrl_range

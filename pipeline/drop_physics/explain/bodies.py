@@ -83,7 +83,7 @@ class Record:
         self._known: Int64 | None = None
         self._coefficients: dict[str, tuple[Int64, Float64]] = {}
 
-    def told(self, steps: Int64) -> Float64:
+    def base_at(self, steps: Int64) -> Float64:
         """Return the state of the base that calls last set before samples, shape (n, 13).
 
         A state that was set at a step follows the sample of that step, unless it is the first
@@ -104,9 +104,9 @@ class Record:
         """
         if name not in self._coefficients:
             held = [each for each in self.dynamics if name in each.reported]
-            told = np.array([each.at.step for each in held] or [0], np.int64)
+            steps = np.array([each.at.step for each in held] or [0], np.int64)
             numbers = [each.reported[name] for each in held] or [np.array([np.nan])]
-            self._coefficients[name] = told, np.array(numbers, np.float64)
+            self._coefficients[name] = steps, np.array(numbers, np.float64)
         return self._coefficients[name]
 
     def puts_between(self, first: int, end: int) -> list[Put]:
@@ -149,8 +149,8 @@ class Records(dict[int, Record]):
     def any(self, name: str) -> bool:
         """Return whether any link was ever reported with a coefficient other than 0."""
         latest, changing = self._table(name)
-        told = latest, *(numbers for _, numbers in changing.values())
-        return any(np.nan_to_num(each).any() for each in told)
+        tables = latest, *(numbers for _, numbers in changing.values())
+        return any(np.nan_to_num(each).any() for each in tables)
 
     def _table(self, name: str) -> tuple[Float64, dict[int, tuple[Int64, Float64]]]:
         """Return the last reports by body and link, and all reports of bodies that changed.
@@ -158,14 +158,14 @@ class Records(dict[int, Record]):
         The last row of the former stands for bodies without a record.
         """
         if name not in self._tables:
-            told = {number: record.coefficients(name) for number, record in self.items()}
-            widest = max((numbers.shape[1] for _, numbers in told.values()), default=1)
-            latest = np.full((max(told, default=-1) + 2, widest), np.nan)
-            for number, (_, numbers) in told.items():
+            reports = {number: record.coefficients(name) for number, record in self.items()}
+            widest = max((numbers.shape[1] for _, numbers in reports.values()), default=1)
+            latest = np.full((max(reports, default=-1) + 2, widest), np.nan)
+            for number, (_, numbers) in reports.items():
                 latest[number, : numbers.shape[1]] = numbers[-1]
                 latest[number, numbers.shape[1] :] = numbers[-1, -1]
             changing = {
-                number: each for number, each in told.items() if (each[1] != each[1][0]).any()
+                number: each for number, each in reports.items() if (each[1] != each[1][0]).any()
             }
             self._tables[name] = latest, changing
         return self._tables[name]
@@ -209,7 +209,7 @@ class BodyConfigs:
     ) -> None:
         self._record, self._other, self._laws = record, other, laws
         self._step_law = step_law
-        self._told = [each.at.step for each in settings]
+        self._settings = [each.at.step for each in settings]
         self._dynamics = [each.at.step for each in record.dynamics]
         self._came = [each.at.step + each.sampled - 1 for each in record.came[1:]]
         kinds = [_kind(each.values) for each in settings]
@@ -228,8 +228,8 @@ class BodyConfigs:
         first, last = int(began[0]), int(began[-1])
         changes = {
             step
-            for told in (self._told, self._dynamics, self._record.given_steps, self._came)
-            for step in told[bisect_right(told, first) : bisect_right(told, last)]
+            for changed in (self._settings, self._dynamics, self._record.given_steps, self._came)
+            for step in changed[bisect_right(changed, first) : bisect_right(changed, last)]
         }
         rows = sorted({0, *np.searchsorted(began, [*changes]).tolist()} if changes else (0,))
         keys = [self._at(int(began[row])) for row in rows]
@@ -240,8 +240,8 @@ class BodyConfigs:
     def _at(self, began: int) -> tuple[int, ...]:
         """Return the indices of settings, dynamics, calls and life of a step that began then."""
         settings, dynamics, given, life = (
-            bisect_right(told, began)
-            for told in (self._told, self._dynamics, self._record.given_steps, self._came)
+            bisect_right(changed, began)
+            for changed in (self._settings, self._dynamics, self._record.given_steps, self._came)
         )
         return self._which[max(settings - 1, 0)], dynamics - 1, given - 1, life
 

@@ -103,7 +103,7 @@ def _samples(record: Record, bases: Rows | None, joints: Joints | None) -> BodyH
     if bases is not None and np.array_equal(steps, bases["step"]):
         base = np.ascontiguousarray(motion_of(bases))
     else:
-        base = record.told(steps)
+        base = record.base_at(steps)
         if bases is not None:
             sampled = bases["step"]
             within = np.isin(sampled, steps)

@@ -8,7 +8,7 @@ import numpy as np
 
 from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.changes import energy_of
-from drop_physics.explain.step_status import SEGMENTS, UNEXPLAINED, WHYS, Judged, Why
+from drop_physics.explain.step_status import SEGMENTS, UNEXPLAINED, WHYS, SampleStatus, Why
 from drop_physics.explain.steps import BodySteps
 from drop_physics.physics.step_law import DampedTree
 from drop_physics.physics.tree import States
@@ -35,7 +35,7 @@ def family(cause: str) -> str:
 
 
 @dataclass
-class Left:
+class UnexplainedSamples:
     """The samples that are unexplained for one reason."""
 
     samples: int = 0
@@ -60,7 +60,7 @@ class Totals:
     samples: int = 0
     segments: Int64 = field(default_factory=lambda: np.zeros(len(SEGMENTS), np.int64))
     """Number of samples of each segment, in the order of SEGMENTS."""
-    unexplained: dict[Why, Left] = field(default_factory=dict)
+    unexplained: dict[Why, UnexplainedSamples] = field(default_factory=dict)
     remainder: float = 0.0
     """The largest remainder of an explained sample, over the largest term of its step."""
     start_j: float = 0.0
@@ -91,7 +91,7 @@ class Totals:
         """The number of explained samples."""
         return self.samples - int(self.segments[UNEXPLAINED])
 
-    def add(self, judged: Judged) -> None:
+    def add(self, judged: SampleStatus) -> None:
         """Add a piece."""
         self.samples += len(judged.steps)
         self.segments += np.bincount(judged.segment, minlength=len(SEGMENTS))
@@ -100,7 +100,7 @@ class Totals:
         left = judged.why >= 0
         for number in np.unique(judged.why[left]).tolist() if left.any() else ():
             rows = np.flatnonzero(judged.why == number)
-            why = self.unexplained.setdefault(WHYS[number], Left())
+            why = self.unexplained.setdefault(WHYS[number], UnexplainedSamples())
             if not why.samples:
                 why.first_step = int(judged.steps[rows[0]])
             why.samples += len(rows)

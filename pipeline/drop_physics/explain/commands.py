@@ -195,15 +195,15 @@ class MotorCommands:
         for joint in joints:
             joint.begin(piece.first)
         timesteps = self._timesteps_at(piece)
-        for told in piece.calls.commands():
-            changes, values = timesteps[told.client]
-            timestep_s = values[np.searchsorted(changes, told.calls)]
-            for number, link in np.unique((told.bodies, told.joints), axis=1).T.tolist():
-                its = (told.bodies == number) & (told.joints == link)
-                came, which = piece.calls.bodies_at(told.client, number, told.calls)
+        for command in piece.calls.commands():
+            changes, values = timesteps[command.client]
+            timestep_s = values[np.searchsorted(changes, command.calls)]
+            for number, link in np.unique((command.bodies, command.joints), axis=1).T.tolist():
+                its = (command.bodies == number) & (command.joints == link)
+                came, which = piece.calls.bodies_at(command.client, number, command.calls)
                 for k in np.unique(which[its & (which >= 0)]).tolist():
                     rows = its & (which == k)
-                    self._command(came[k], link, told.only(rows), timestep_s[rows])
+                    self._command(came[k], link, command.only(rows), timestep_s[rows])
         loaded = [each for each in self._came if each.at.step < piece.end]
         self._came = self._came[len(loaded) :]
         for each in loaded:
@@ -244,27 +244,29 @@ class MotorCommands:
                 np.add.at(efforts[:, place], rows, given[order[found]])
         return efforts
 
-    def _command(self, came: Appearance, link: int, told: Command, timestep_s: Float64) -> None:
+    def _command(self, came: Appearance, link: int, command: Command, timestep_s: Float64) -> None:
         """Add calls for one joint."""
         body, widths = came.body, _widths(came.body)
         if not 0 <= link < len(widths) or not widths[link]:
             return
-        width, modes = widths[link], told.values["controlMode"][:, 0]
+        width, modes = widths[link], command.values["controlMode"][:, 0]
         # A call on a body that was not listed yet counts from the moment it was.
-        early = (told.steps < came.at.step) | (
-            (told.steps == came.at.step) & (told.calls < came.at.call)
+        early = (command.steps < came.at.step) | (
+            (command.steps == came.at.step) & (command.calls < came.at.call)
         )
-        steps = np.where(early, came.at.step, told.steps)
-        moments = np.stack((steps, np.where(early, came.at.call, told.calls), told.calls, modes))
-        columns = _columns(told, steps, width, timestep_s)
+        steps = np.where(early, came.at.step, command.steps)
+        moments = np.stack(
+            (steps, np.where(early, came.at.call, command.calls), command.calls, modes)
+        )
+        columns = _columns(command, steps, width, timestep_s)
         key = body.number, link
         motor, servo = np.isin(modes, (VELOCITY, POSITION, TORQUE)), modes == PD
         if motor.any():
             joint = self._joints.setdefault(key, _JointCommands(_fresh((width,))))
             joint.calls.append((moments[:, motor], columns[motor]))
-            torque, efforts = modes == TORQUE, told.torques
+            torque, efforts = modes == TORQUE, command.torques
             if torque.any() and efforts is not None and efforts.shape[1] == width:
-                joint.torques.append((told.calls[torque], steps[torque], efforts[torque]))
+                joint.torques.append((command.calls[torque], steps[torque], efforts[torque]))
         if servo.any():
             joint = self._servos.setdefault(
                 (body.client, body.engine_id, link), _JointCommands(_fresh((width,)))
@@ -277,21 +279,21 @@ class MotorCommands:
         A call sets the timestep, and so does a new simulation under the client number of an earlier
         one, which the engine's report shows.
         """
-        told: dict[int, list[tuple[int, float]]] = {}
+        reported: dict[int, list[tuple[int, float]]] = {}
         for call in piece.calls.of(*SETS_TIMESTEP):
             if (timestep_s := call.timestep_s) is not None:
-                told.setdefault(call.client, []).append((call.at.call, timestep_s))
+                reported.setdefault(call.client, []).append((call.at.call, timestep_s))
         reports = [each for each in self._reports if each.at.step < piece.end]
         self._reports = self._reports[len(reports) :]
         for report in reports:
-            told.setdefault(report.client, []).append((report.at.call - 1, _timestep_s(report)))
+            reported.setdefault(report.client, []).append((report.at.call - 1, _timestep_s(report)))
         found: defaultdict[int, tuple[Int64, Float64]] = defaultdict(
             lambda: (np.empty(0, np.int64), np.array([TIMESTEP_S]))
         )
-        for client in self._first.keys() | told.keys():
+        for client in self._first.keys() | reported.keys():
             if (timestep_s := self._timesteps.get(client)) is None:
                 timestep_s = self._initially(piece, client)
-            changes = sorted(told.get(client, []), key=itemgetter(0))
+            changes = sorted(reported.get(client, []), key=itemgetter(0))
             values = np.array([timestep_s, *(value for _, value in changes)])
             found[client] = np.array([number for number, _ in changes], np.int64), values
             self._timesteps[client] = float(values[-1])
@@ -313,19 +315,19 @@ def _timestep_s(report: Settings) -> float:
     return float(np.ravel(report.values["fixedTimeStep"])[0])
 
 
-def _columns(told: Command, steps: Int64, width: int, timestep_s: Float64) -> Float64:
+def _columns(command: Command, steps: Int64, width: int, timestep_s: Float64) -> Float64:
     """Return the columns that calls set for a joint, shape (n, NAMES, width); the rest is nan."""
-    mode, single = told.values["controlMode"], width == 1
+    mode, single = command.values["controlMode"], width == 1
     position, torque = mode == POSITION, mode == TORQUE
     force, target, rate = (
-        told.given("force", width),
-        told.given("targetPosition"),
-        told.given("targetVelocity"),
+        command.given("force", width),
+        command.given("targetPosition"),
+        command.given("targetVelocity"),
     )
-    turning = told.values.get("targetVelocity", np.full((len(steps), width), np.nan))
+    turning = command.values.get("targetVelocity", np.full((len(steps), width), np.nan))
     turning = turning if turning.shape[1] == width else np.full((len(steps), width), np.nan)
-    kp, kd, top = map(told.given, ("positionGain", "velocityGain", "maxVelocity"))
-    site = float(told.site.number)
+    kp, kd, top = map(command.given, ("positionGain", "velocityGain", "maxVelocity"))
+    site = float(command.site.number)
     columns = np.empty((len(steps), len(NAMES), width))
     for k, numbers in enumerate(
         (

@@ -412,7 +412,7 @@ class _Sides:
             still = np.flatnonzero(~self.moves[:, side])
             for number, its in groups(self._bodies[still, side]):
                 rows = still[its]
-                base = self._records[number].told(self._ends[rows])
+                base = self._records[number].base_at(self._ends[rows])
                 if not base[:, 7:].any():
                     continue
                 arm = self.at_m[rows, side] - base[:, :3]

@@ -12,7 +12,7 @@ from drop_physics.explain.causes import CAUSES, OF_REPLAYS, family
 from drop_physics.explain.contact_points import Pairs
 from drop_physics.explain.joints import Driven, JointTable, target_of
 from drop_physics.explain.recording import ExplainedPiece
-from drop_physics.explain.step_status import Judged
+from drop_physics.explain.step_status import SampleStatus
 from drop_physics.explain.times import StepTimes
 from drop_physics.explain.touches import PRESSED, TouchTable
 from drop_physics.trace.history import Seen
@@ -117,7 +117,7 @@ class CurveTable:
         if parts is None or parts[0].columns["rate"].shape[1] == driven.rate.shape[1]:
             self._keep(("joints", number, -1), driven.steps.steps, columns)
 
-    def _energy(self, number: int, judged: Judged) -> None:
+    def _energy(self, number: int, judged: SampleStatus) -> None:
         for steps in judged.intervals:
             changes = steps.changes
             start_j = self._start_j.setdefault(number, changes.begin_j)

@@ -14,7 +14,7 @@ LOUDER = {"motor": 0, "general": 0, "muscle": 0, "velocity": 1, "position": 2}
 """Rank of an actuator's kind: of several on one joint, the highest is taken for its command."""
 
 
-def given_to(actuator: Actuator, body: Body, piece: Piece, ends: Int64) -> Float64:
+def control_of(actuator: Actuator, body: Body, piece: Piece, ends: Int64) -> Float64:
     """Return the control of an actuator in the steps to samples, shape (n,); nan if unknown."""
     steps, values = piece.controls.get(body.client, (np.empty(0, np.int64), np.empty((0, 0))))
     given = np.full(len(ends), np.nan)
@@ -25,7 +25,7 @@ def given_to(actuator: Actuator, body: Body, piece: Piece, ends: Int64) -> Float
     return given
 
 
-def changed_at(actuator: Actuator, body: Body, piece: Piece, ends: Int64) -> Float64:
+def control_changed_at(actuator: Actuator, body: Body, piece: Piece, ends: Int64) -> Float64:
     """Return the step at which an actuator's control last changed, shape (n,); nan if unknown.
 
     If that was before the piece, it is the step at which any actuator's control last changed.
@@ -41,7 +41,7 @@ def changed_at(actuator: Actuator, body: Body, piece: Piece, ends: Int64) -> Flo
     return found
 
 
-def taken(actuator: Actuator, given: Float64) -> Float64:
+def clamped(actuator: Actuator, given: Float64) -> Float64:
     """Return an actuator's control, clamped to its range."""
     return given if actuator.ctrl_range is None else np.clip(given, *actuator.ctrl_range)
 
@@ -53,7 +53,7 @@ def limit_of(actuator: Actuator) -> float:
     return max(abs(each) for each in actuator.force_range) * abs(actuator.gear)
 
 
-def asked_of(body: Body, piece: Piece, ends: Int64, timestep_s: Float64) -> Commanded:
+def actuator_commands(body: Body, piece: Piece, ends: Int64, timestep_s: Float64) -> Commanded:
     """Return the commands of a body's joints in the steps to samples, from their actuators.
 
     A joint without an actuator has a motor that is off.
@@ -70,10 +70,12 @@ def asked_of(body: Body, piece: Piece, ends: Int64, timestep_s: Float64) -> Comm
         k = place.get(actuator.target) if actuator.acts_on == "joint" else None
         if k is None:
             continue
-        given = taken(actuator, given_to(actuator, body, piece, ends))
+        given = clamped(actuator, control_of(actuator, body, piece, ends))
         columns["impulse"][:, k] = limit_of(actuator) * timestep_s
         columns["torque_since"][:, k] = np.nan
-        columns["told"][:, k] = columns["began"][:, k] = changed_at(actuator, body, piece, ends)
+        columns["told"][:, k] = columns["began"][:, k] = control_changed_at(
+            actuator, body, piece, ends
+        )
         if actuator.kind == "position" and actuator.gear:
             columns["mode"][:, k] = POSITION
             columns["target"][:, k] = given / actuator.gear

@@ -32,7 +32,7 @@ Poses = Callable[[int, Int64], tuple[Tree, States]]
 
 
 @dataclass(frozen=True)
-class Held:
+class ConstraintVersion:
     """A constraint as calls have set it, from a moment on."""
 
     at: At
@@ -58,7 +58,7 @@ class Held:
     """The step since which its limit in newtons is what it is."""
 
 
-class Acting(NamedTuple):
+class ConstraintEffect(NamedTuple):
     """The effect of constraints on one body in n steps."""
 
     forces: Forces
@@ -73,7 +73,7 @@ class Constraints:
 
     def __init__(self, law: StepLaw | None) -> None:
         self._law = law
-        self._told: dict[tuple[int, int], list[Held]] = {}
+        self._versions: dict[tuple[int, int], list[ConstraintVersion]] = {}
         """The versions of each constraint in order, by client and the engine's id."""
         self._forces: Mapping[tuple[int, int], tuple[Int64, Float64]] = {}
         self._timesteps_s: dict[int, float] = {}
@@ -82,7 +82,7 @@ class Constraints:
     def begin(self, forces: Mapping[tuple[int, int], tuple[Int64, Float64]]) -> None:
         """Set the forces of a piece, and drop versions that its steps no longer need."""
         self._forces = forces
-        self._told = {key: told[-1:] for key, told in self._told.items()}
+        self._versions = {key: versions[-1:] for key, versions in self._versions.items()}
 
     def create(self, call: Call, at: At, bodies: tuple[int, int]) -> None:
         """Add a call of `createConstraint`; `bodies` are the numbers of parent and child."""
@@ -91,7 +91,7 @@ class Constraints:
         parent, child = (int(values.get(f"{role}LinkIndex", (-1,))[0]) for role in roles)
         pivots = [values.get(f"{role}FramePosition", (0.0,) * 3) for role in roles]
         turned = [_turned(values.get(f"{role}FrameOrientation", ())) for role in roles]
-        held = Held(
+        held = ConstraintVersion(
             at,
             int(values.get("jointType", (-1,))[0]),
             bodies,
@@ -102,15 +102,17 @@ class Constraints:
             call.at.step,
             limited_since=call.at.step,
         )
-        self._told.setdefault((call.client, int(call.result)), []).append(held)
+        self._versions.setdefault((call.client, int(call.result)), []).append(held)
 
     def change(self, call: Call) -> None:
         """Add a call of `changeConstraint`."""
         values, step = call.values, call.at.step
-        told = self._told.get((call.client, int(values.get("userConstraintUniqueId", (-1,))[0])))
-        if not told:
+        versions = self._versions.get(
+            (call.client, int(values.get("userConstraintUniqueId", (-1,))[0]))
+        )
+        if not versions:
             return
-        held, pivot = told[-1], values.get("jointChildPivot", ())
+        held, pivot = versions[-1], values.get("jointChildPivot", ())
         moved = replace(
             held,
             pivots_m=(held.pivots_m[0], pivot if len(pivot) == 3 else held.pivots_m[1]),
@@ -125,66 +127,66 @@ class Constraints:
         limit_n_s = values.get("maxForce", (np.nan,))[0] * self.timestep_s(call.client)
         if np.isfinite(limit_n_s) and limit_n_s != held.limit_n_s:
             held = replace(held, limit_n_s=limit_n_s, limited=call, limited_since=step)
-        if held != told[-1]:
-            told.append(replace(held, at=call.at))
+        if held != versions[-1]:
+            versions.append(replace(held, at=call.at))
 
     def set_timestep(self, call: Call) -> None:
         """Add a call that may set the timestep, by which limits in newtons follow from impulses."""
         if call.timestep_s is None:
             return
         self._timesteps_s[call.client] = call.timestep_s
-        for (client, _), told in self._told.items():
+        for (client, _), versions in self._versions.items():
             if client == call.client:
-                told.append(replace(told[-1], at=call.at, limited_since=call.at.step))
+                versions.append(replace(versions[-1], at=call.at, limited_since=call.at.step))
 
     def timestep_s(self, client: int) -> float:
         """Return the timestep of a simulation as calls have set it so far [s]."""
         return self._timesteps_s.get(client, TIMESTEP_S)
 
-    def in_steps(self) -> Iterator[tuple[list[Held], Int64, Float64]]:
+    def in_steps(self) -> Iterator[tuple[list[ConstraintVersion], Int64, Float64]]:
         """Yield the versions of each constraint of the latest piece, its steps, and its forces."""
         for key, (steps, forces) in self._forces.items():
-            if key in self._told and len(steps):
-                yield self._told[key], steps, forces
+            if key in self._versions and len(steps):
+                yield self._versions[key], steps, forces
 
-    def of_client(self, client: int) -> list[Held]:
+    def of_client(self, client: int) -> list[ConstraintVersion]:
         """Return the latest version of each constraint of a simulation."""
-        return [told[-1] for (of, _), told in self._told.items() if of == client]
+        return [versions[-1] for (of, _), versions in self._versions.items() if of == client]
 
     def is_only_one_on(self, body: int) -> bool:
         """Return whether a single constraint holds a body."""
-        holds = (True for told in self._told.values() if body in told[-1].bodies)
+        holds = (True for versions in self._versions.values() if body in versions[-1].bodies)
         return len([*islice(holds, 2)]) == 1
 
     def gears(self, body: int) -> bool:
         """Return whether a gear acts on a body, or did in the latest piece."""
-        held = (each for told in self._told.values() for each in told)
+        held = (each for versions in self._versions.values() for each in versions)
         return any(each.kind == GEAR and body in each.bodies for each in held)
 
-    def acting(self, sample: int) -> list[Held]:
+    def acting(self, sample: int) -> list[ConstraintVersion]:
         """Return the constraints that acted in the step to a sample of the piece."""
         found = []
-        for key, told in self._told.items():
-            before = [held for held in told if held.at.step < sample]
+        for key, versions in self._versions.items():
+            before = [held for held in versions if held.at.step < sample]
             if before and key in self._forces and sample in self._forces[key][0]:
                 found.append(before[-1])
         return found
 
     def on(
         self, body: int, tree: Tree, ends: Int64, before: States, timestep_s: Float64, poses: Poses
-    ) -> Acting:
+    ) -> ConstraintEffect:
         """Return the effect of constraints on a body in the steps to samples `ends`, shape (n,)."""
         acting, geared, unknown = Forces(), None, np.zeros(len(ends), np.bool_)
         if self._law is None:
-            return Acting(acting, geared, unknown)
-        for key, told in self._told.items():
-            if not any(body in held.bodies for held in told) or key not in self._forces:
+            return ConstraintEffect(acting, geared, unknown)
+        for key, versions in self._versions.items():
+            if not any(body in held.bodies for held in versions) or key not in self._forces:
                 continue
             sampled, forces = self._forces[key]
             # A constraint has no forces in steps in which it did not exist.
             found, rows = rows_of(sampled, ends)
-            which = np.searchsorted([h.at.step for h in told], sampled[found], side="left") - 1
-            for number, held in enumerate(told):
+            which = np.searchsorted([h.at.step for h in versions], sampled[found], side="left") - 1
+            for number, held in enumerate(versions):
                 its = which == number
                 if not its.any() or body not in held.bodies:
                     continue
@@ -218,7 +220,7 @@ class Constraints:
                         acting = acting.then(replace(forces_on, step=at))
                     else:
                         unknown[at] = True
-        return Acting(acting, geared, unknown)
+        return ConstraintEffect(acting, geared, unknown)
 
 
 def _is_geared(tree: Tree, link: int) -> bool:
@@ -231,7 +233,9 @@ def _turned(orientation: Vector, default: Vector = UPRIGHT) -> Vector:
     return orientation if len(orientation) == 4 else default
 
 
-def _axes(held: Held, side: int, kin: Kinematics, ends: Int64, poses: Poses) -> Float64:
+def _axes(
+    held: ConstraintVersion, side: int, kin: Kinematics, ends: Int64, poses: Poses
+) -> Float64:
     """Return the parent's frame in the world, shape (n, 3, 3)."""
     if held.kind == POINT:
         return np.zeros((len(ends), 3, 3))

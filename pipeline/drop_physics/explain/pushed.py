@@ -55,20 +55,23 @@ def pushed(
     """
     found, rows = rows_of([each.at.step + 1 for each in given], ends)
     within = np.array([BASE <= given[k].link < tree.links for k in found], np.bool_)
-    told, rows = [given[k] for k in found[within]], rows[within]
-    if not told:
+    active, rows = [given[k] for k in found[within]], rows[within]
+    if not active:
         return Forces()
-    link = np.array([each.link for each in told], np.int64)
+    link = np.array([each.link for each in active], np.int64)
     late = (link != BASE) & (_numbers(rows, link) < refreshed[rows])
-    used = history.at(begins[rows]).then(_poses(told, record, history, begins[rows], late))
+    used = history.at(begins[rows]).then(_poses(active, record, history, begins[rows], late))
     kin = kinematics(tree, used.states(tree))
-    numbers = np.arange(len(told))
-    vector, torque = np.array([each.vector for each in told]), np.array([[p.torque] for p in told])
-    local = np.array([not each.in_world_axes for each in told])
-    point = np.where(torque, 0.0, np.array([each.position_m for each in told]))
+    numbers = np.arange(len(active))
+    vector, torque = (
+        np.array([each.vector for each in active]),
+        np.array([[p.torque] for p in active]),
+    )
+    local = np.array([not each.in_world_axes for each in active])
+    point = np.where(torque, 0.0, np.array([each.position_m for each in active]))
     for one in np.unique(link):  # at the centre, so that it has no moment
         turning = np.flatnonzero(torque[:, 0] & ~local & (link == one))
-        point[turning] = kin.position_m(int(one))[len(told) + turning]
+        point[turning] = kin.position_m(int(one))[len(active) + turning]
     acting = pushes(
         kin,
         step=numbers,
@@ -77,7 +80,7 @@ def pushed(
         point_m=point,
         torque_n_m=np.where(torque, vector, 0.0),
         in_link_frame=local,
-        pose=len(told) + numbers,
+        pose=len(active) + numbers,
     )
     return replace(acting, step=rows)
 
@@ -89,13 +92,13 @@ def _numbers(rows: Int64, link: Int64) -> Int64:
 
 
 def _poses(
-    told: Sequence[Push], record: Record, history: BodyHistory, begins: Int64, late: Flags
+    active: Sequence[Push], record: Record, history: BodyHistory, begins: Int64, late: Flags
 ) -> BodyHistory:
     """Return the states at which pushes act.
 
     That is the state that the body had at the call, or with which the step before it began.
     """
-    steps = np.array([each.at.step for each in told], np.int64)
+    steps = np.array([each.at.step for each in active], np.int64)
     sampled = np.flatnonzero(history.sampled)
     found = sampled[np.minimum(np.searchsorted(history.steps[sampled], steps), len(sampled) - 1)]
     found = np.where(history.steps[found] == steps, found, begins)
@@ -104,7 +107,7 @@ def _poses(
     places: list[int] = []
     put = {each.at.step for each in record.puts_between(int(steps.min()), int(steps.max()) + 1)}
     for number in np.flatnonzero(~late & np.isin(steps, [*put])).tolist():
-        push = told[number]
+        push = active[number]
         puts = record.puts_between(push.at.step, push.at.step + 1)
         earlier = [each for each in puts if order(each.at) <= order(push.at)]
         if earlier:  # what was set after the push is not where it acted

@@ -15,11 +15,11 @@ from drop_physics.explain.body_history import BodyHistory, history_of
 from drop_physics.explain.causes import Totals
 from drop_physics.explain.commands import MotorCommands
 from drop_physics.explain.joined import Constraints
-from drop_physics.explain.step_status import Judged, StepVerdicts, judged
+from drop_physics.explain.step_status import SampleStatus, StepVerdicts, judged
 from drop_physics.explain.steps import (
-    Around,
     BodySteps,
     Interval,
+    PieceContext,
     StepBatch,
     batches_of,
     intervals_of,
@@ -53,7 +53,7 @@ class ExplainedPiece:
     """A piece of a recording, explained."""
 
     piece: Piece
-    bodies: Mapping[int, Judged]
+    bodies: Mapping[int, SampleStatus]
     """The bodies that have samples in the piece, by number."""
     histories: Mapping[int, BodyHistory]
     """The states of the same bodies, which begin with the last ones of the piece before."""
@@ -119,7 +119,7 @@ class Explanation:
         yield from map(self._explained, self.seen.pieces(steps))
 
     def _explained(self, piece: Piece) -> ExplainedPiece:
-        piece = self.begun(piece)
+        piece = self.prepared(piece)
         histories = self._histories(piece)
         touching = Touching(piece.contacts, self.records, histories)
         intervals = [
@@ -140,7 +140,7 @@ class Explanation:
         for batch, verdict in batches:
             for steps in batch.bodies:
                 found[steps.body.number].append((steps, verdict))
-        bodies: dict[int, Judged] = {}
+        bodies: dict[int, SampleStatus] = {}
         for number, (history, first) in histories.items():
             sampled = history.steps[first:][history.sampled[first:]]
             its = sorted(found[number], key=lambda each: int(each[0].steps[0]))
@@ -152,9 +152,9 @@ class Explanation:
             piece, bodies, held, self._constraints, self.records, batches, self.frictions
         )
 
-    def begun(self, piece: Piece) -> Piece:
+    def prepared(self, piece: Piece) -> Piece:
         """Process the calls of a piece, and return it with forces averaged over whole steps."""
-        self._pushes = self._told(piece)
+        self._pushes = self._take_calls(piece)
         return replace(piece, contacts=self._in_substeps(piece.contacts))
 
     def batches(
@@ -166,7 +166,7 @@ class Explanation:
     ) -> list[tuple[StepBatch, StepVerdicts]]:
         """Return the steps of a piece with their verdicts; equal bodies share a batch."""
         assert self._law is not None  # other engines are explained by `Replayed`
-        around = Around(
+        around = PieceContext(
             law=self._law,
             times=self.times,
             commands=self._commands,
@@ -189,13 +189,13 @@ class Explanation:
         PyBullet divides the impulses of the last of several substeps by the whole timestep.
         """
         for client, settings in self._settings.items():
-            told = [each.at.step for each in settings]
+            changed = [each.at.step for each in settings]
             substeps = np.array([substeps_of(each.values) for each in settings])
             if (substeps == 1).all():
                 continue
             here = [n for n, body in self.seen.bodies.items() if body.client == client]
             rows = np.flatnonzero(np.isin(contacts["body_a"], here))
-            at = np.searchsorted(told, contacts["step"][rows] - 1, side="right") - 1
+            at = np.searchsorted(changed, contacts["step"][rows] - 1, side="right") - 1
             contacts = contacts.copy()
             for name in FORCES:
                 contacts[name][rows] *= substeps[np.maximum(at, 0)]
@@ -219,7 +219,7 @@ class Explanation:
         _, config = next(self._configs[number].of(ends[:1] - 1))
         tree = config.law.tree
         if number not in histories:
-            history = BodyHistory.of_base(record.told(ends), ends)
+            history = BodyHistory.of_base(record.base_at(ends), ends)
         else:
             history, _ = histories[number]
             sampled = np.flatnonzero(history.sampled)
@@ -229,7 +229,7 @@ class Explanation:
 
     # -- calls ------------------------------------------------------------------------------------
 
-    def _told(self, piece: Piece) -> dict[int, list[Push]]:
+    def _take_calls(self, piece: Piece) -> dict[int, list[Push]]:
         """Process the calls of a piece; return the pushes that its steps need, by body."""
         pushes = {
             number: [each for each in held if each.at.step + 1 >= piece.first]

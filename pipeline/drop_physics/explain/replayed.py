@@ -16,7 +16,7 @@ from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.bodies import Record
 from drop_physics.explain.body_history import BodyHistory
 from drop_physics.explain.changes import Transitions, changes_of
-from drop_physics.explain.driving import asked_of
+from drop_physics.explain.driving import actuator_commands
 from drop_physics.explain.recording import Explanation
 from drop_physics.explain.step_status import (
     CONSTRAINED,
@@ -75,7 +75,7 @@ class Replayed(Explanation):
         super().__init__(seen)
         self.frictions = seen.frictions
 
-    def begun(self, piece: Piece) -> Piece:
+    def prepared(self, piece: Piece) -> Piece:
         """Return a piece unchanged: its calls are not needed to know what acted."""
         return piece
 
@@ -139,7 +139,7 @@ class Replayed(Explanation):
             before=before,
             after=after,
             put=~history.sampled[where],
-            asked=asked_of(body, piece, ends, timestep_s),
+            asked=actuator_commands(body, piece, ends, timestep_s),
             reported=reported,
             sides=sides,
             **columns_of(added, real, size),

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.arrays import Float64
-from drop_physics.explain.step_status import SEGMENTS, Judged
+from drop_physics.explain.step_status import SEGMENTS, SampleStatus
 from drop_physics.explain.times import StepTimes
 from drop_physics.trace.events import Body
 
@@ -108,7 +108,7 @@ def table_of(bodies: Sequence[SampleRows]) -> pl.DataFrame:
 
 
 def rows_of(
-    judged: Judged,
+    judged: SampleStatus,
     base_m: Float64,
     errors_m: Mapping[int, Float64],
     times: StepTimes,
@@ -145,7 +145,7 @@ def rows_of(
     return SampleRows(judged.body, named | (details_of(judged) if detailed else {}))
 
 
-def details_of(judged: Judged) -> dict[str, Float64]:
+def details_of(judged: SampleStatus) -> dict[str, Float64]:
     """Return further columns: position and motor of each joint, and energy given by each term.
 
     Spherical joints are left out.

@@ -54,7 +54,7 @@ WHYS: tuple[Why, ...] = (
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class SampleStatus:
     """One body in a piece; arrays have one row per sample, shape (n,)."""
 
     body: Body
@@ -109,7 +109,7 @@ class StepVerdicts:
 
 def judged(
     body: Body, sampled: Int64, intervals: Sequence[tuple[BodySteps, StepVerdicts]]
-) -> Judged:
+) -> SampleStatus:
     """Return the status of samples of a body, given the verdicts on their steps."""
     segment, kind = np.full((2, len(sampled)), SET, np.int8)
     why = np.full(len(sampled), -1, np.int8)
@@ -119,7 +119,9 @@ def judged(
         why[rows], unexplained[rows] = verdict.why[its], verdict.unexplained[its]
         kind[rows] = verdict.kind[its]
         segment[rows] = verdict.segment[its]
-    return Judged(body, sampled, segment, kind, why, unexplained, [each for each, _ in intervals])
+    return SampleStatus(
+        body, sampled, segment, kind, why, unexplained, [each for each, _ in intervals]
+    )
 
 
 def _kinds(steps: Steps) -> Int8:

@@ -41,7 +41,7 @@ SUBSTEPS: Reason = "substeps"
 
 
 @dataclass(frozen=True, eq=False)
-class Around:
+class PieceContext:
     """What is known of all bodies of a piece."""
 
     law: StepLaw
@@ -75,7 +75,7 @@ class Interval:
         """The states of the interval."""
         return self.whole.at(slice(self.first, self.end))
 
-    def kind(self, around: Around) -> Hashable:
+    def kind(self, around: PieceContext) -> Hashable:
         """Return a key that intervals share if they may be one batch."""
         config, body = self.config, self.record.body
         if self.pushes or {*config.reasons} & WITHOUT_SUM:
@@ -244,7 +244,7 @@ def columns_of(added: Summed | None, real: Flags, size: int) -> dict[str, Any]:
     return {"terms": terms, "remainder": added.remainder[real], "largest": added.largest[real]}
 
 
-def batches_of(intervals: Iterable[Interval], around: Around) -> list[StepBatch]:
+def batches_of(intervals: Iterable[Interval], around: PieceContext) -> list[StepBatch]:
     """Return the steps of intervals; equal bodies share a batch."""
     groups: dict[Hashable, list[Interval]] = {}
     kept = [part for each in intervals for part in _known_apart(each, around)]
@@ -253,7 +253,7 @@ def batches_of(intervals: Iterable[Interval], around: Around) -> list[StepBatch]
     return [_batch(group, around) for group in groups.values()]
 
 
-def _known_apart(interval: Interval, around: Around) -> Iterator[Interval]:
+def _known_apart(interval: Interval, around: PieceContext) -> Iterator[Interval]:
     """Split an interval into runs of steps whose substeps are known, and runs of the others."""
     config = interval.config
     if {*config.reasons} & WITHOUT_SUM != {SUBSTEPS} or not config.law.tree.size:
@@ -277,7 +277,7 @@ def _closes(steps: Steps) -> Flags:
     return np.asarray(steps.closes & (acts | (steps.alone == FLIGHT)))
 
 
-def _batch(group: Sequence[Interval], around: Around) -> StepBatch:
+def _batch(group: Sequence[Interval], around: PieceContext) -> StepBatch:
     """Return the steps of equal bodies under equal settings."""
     config, law = group[0].config, group[0].config.law
     parts, bodies = [each.states for each in group], [each.record.body for each in group]

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.engine_report import LARGEST
 from drop_physics.fields import shown
 from drop_physics.messages import Message
@@ -81,7 +82,7 @@ def told(chunk: Chunk, path: Path) -> Iterator[tuple[At, str]]:
         yield At(step, time_s, call), text
 
 
-def series(chunk: Chunk, path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
+def series(chunk: Chunk, path: Path) -> tuple[Int64, Float64] | None:
     """Return steps and values, of shape (n,) and (n, k); None of a chunk that names the series.
 
     Raises
@@ -100,7 +101,7 @@ def series(chunk: Chunk, path: Path) -> tuple[NDArray[np.int64], NDArray[np.floa
     return steps, flat.to_numpy().reshape(len(steps), -1).copy()
 
 
-def holders(chunk: Chunk, path: Path) -> NDArray[np.int64]:
+def holders(chunk: Chunk, path: Path) -> Int64:
     """Return the id of the constraint whose forces are in each row, shape (n,).
 
     Raises
@@ -167,14 +168,12 @@ def impulses(chunk: Chunk, path: Path) -> Impulses:
 
 def _lists(
     chunk: Chunk, kinds: Mapping[str, Callable[[Any], bool]], path: Path
-) -> tuple[
-    NDArray[np.int64], NDArray[np.float64], dict[str, NDArray[Any]], dict[str, NDArray[np.int64]]
-]:
+) -> tuple[Int64, Float64, dict[str, NDArray[Any]], dict[str, Int64]]:
     """Return steps and times [s] of a chunk, the elements of its lists, and how many each has."""
     steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path).to_numpy()
     times = _column(chunk, schema.TIME_TIMELINE, pa.types.is_duration, path)
     held: dict[str, NDArray[Any]] = {}
-    counts: dict[str, NDArray[np.int64]] = {}
+    counts: dict[str, Int64] = {}
     for name, is_right in kinds.items():
         lists = _column(chunk, name, _is_list_of(is_right), path)
         flat = between(lists)
@@ -302,7 +301,7 @@ def _is_list_of(is_right: Callable[[Any], bool]) -> Callable[[Any], bool]:
     return lambda kind: pa.types.is_list(kind) and is_right(kind.value_type)
 
 
-def times_s(chunk: Chunk) -> NDArray[np.float64]:
+def times_s(chunk: Chunk) -> Float64:
     """Return the simulated time of each row [s], shape (rows,); of static rows 0."""
     index = chunk.batch.schema.get_field_index(schema.TIME_TIMELINE)
     if index < 0:

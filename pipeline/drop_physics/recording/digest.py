@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.recording import schema
 from drop_physics.trace.events import Calls, Impulses, Site, widths_of
 
@@ -57,12 +58,12 @@ class CallsDigest:
     def __init__(self) -> None:
         self._heads, self._numbers = RowsDigest(), RowsDigest()
 
-    def update(self, seen: Calls, widths: NDArray[np.int64]) -> None:
+    def update(self, seen: Calls, widths: Int64) -> None:
         """Add calls, each with its count of numbers."""
         heads = np.column_stack((seen.steps, seen.calls, seen.sites, widths))
         self.add(np.hstack((heads.view(np.float64), seen.results[:, None])), seen.numbers)
 
-    def add(self, heads: NDArray[np.float64], numbers: NDArray[np.float64]) -> None:
+    def add(self, heads: Float64, numbers: Float64) -> None:
         """Add rows of numbers, and what they hold."""
         self._heads.update(heads)
         self._numbers.update(numbers)
@@ -85,12 +86,12 @@ class Digests:
         """Digests of calls, by client."""
         self._impulses: dict[int, CallsDigest] = {}
 
-    def add_series(self, entity: str, steps: NDArray[np.int64], values: NDArray[Any]) -> None:
+    def add_series(self, entity: str, steps: Int64, values: NDArray[Any]) -> None:
         """Add rows of series."""
         numbers = np.column_stack((steps.astype(np.float64), values))
         self._series.setdefault(entity, RowsDigest()).update(numbers)
 
-    def add_holders(self, entity: str, steps: NDArray[np.int64], ids: NDArray[np.int64]) -> None:
+    def add_holders(self, entity: str, steps: Int64, ids: Int64) -> None:
         """Add which constraints have an entity's rows, where that is not the one in its name."""
         others = ids != int(entity.rpartition("_")[2])
         if others.any():

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 from rerun import RecordingStream
 from rerun.blueprint import Corner2D
 
+from drop_physics.arrays import Float64
 from drop_physics.recording import schema
 from drop_physics.scenario import View
 from drop_physics.trace.events import Body
@@ -99,7 +99,7 @@ def look_of_drop(height_m: float, camera: View | None, entities: Iterable[str] =
     return Look(eye, frozenset(shown), speed=SLOW_MOTION)
 
 
-def eye_around(low_m: NDArray[np.float64], high_m: NDArray[np.float64]) -> Eye:
+def eye_around(low_m: Float64, high_m: Float64) -> Eye:
     """Return where to look from, for the box between two corners to fill the view."""
     centre = (low_m + high_m) / 2
     half = np.maximum((high_m - low_m) / 2, LEAST_REACH_M)

@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.recording import json_rows, pictures, schema, writer
 from drop_physics.recording.digest import (
     Digests,
@@ -327,8 +327,8 @@ class Recorder:
         self,
         client: int,
         rows: Rows,
-        steps: NDArray[np.int64],
-        times_s: NDArray[np.float64],
+        steps: Int64,
+        times_s: Float64,
     ) -> None:
         """Take the contact points of some samples."""
         self._made.tables[schema.CONTACTS.entity].update(rows)
@@ -346,7 +346,7 @@ class Recorder:
         self._add_series(entity, Times(seen.steps, seen.times_s), seen.values)
         yield from self._series.flush()
 
-    def _add_series(self, entity: str, at: Times, values: NDArray[np.float64]) -> None:
+    def _add_series(self, entity: str, at: Times, values: Float64) -> None:
         """Take one number per row and joint."""
         if values.shape[1]:
             self._made.add_series(entity, at.steps, values)
@@ -409,7 +409,7 @@ def _table_chunk(entity: str, at: Times, parts: list[Rows]) -> Chunk:
     return writer.rows_chunk(schema.TABLES[entity], rows, at)
 
 
-def _series_chunk(entity: str, at: Times, parts: list[NDArray[np.float64]]) -> Chunk:
+def _series_chunk(entity: str, at: Times, parts: list[Float64]) -> Chunk:
     values = np.concatenate(parts)
     if not entity.startswith(f"{schema.CONSTRAINTS}/"):
         return writer.scalars_chunk(entity, at, values)
@@ -417,7 +417,7 @@ def _series_chunk(entity: str, at: Times, parts: list[NDArray[np.float64]]) -> C
     return writer.scalars_chunk(entity, at, values[:, :-1], ids)
 
 
-def _calls_chunk(_: str, __: Times, parts: list[tuple[Calls, NDArray[np.int64]]]) -> Chunk:
+def _calls_chunk(_: str, __: Times, parts: list[tuple[Calls, Int64]]) -> Chunk:
     """Return the calls of one simulation, each part with its counts of numbers."""
     columns = zip(*([*vars(calls).values()][1:] for calls, _ in parts), strict=True)
     whole = Calls(parts[0][0].client, *map(np.concatenate, columns))

@@ -16,7 +16,7 @@ from drop_physics.explain.bodies import Record
 from drop_physics.explain.joined import Constraints
 from drop_physics.explain.joints import Driven, JointTable
 from drop_physics.explain.recording import ExplainedPiece
-from drop_physics.explain.step_status import Judged, StepVerdicts
+from drop_physics.explain.step_status import SampleStatus, StepVerdicts
 from drop_physics.explain.steps import BodySteps, StepBatch, Steps
 from drop_physics.explain.targets import Targets
 from drop_physics.explain.times import StepTimes
@@ -170,7 +170,7 @@ class Scene:
     """The same, the steps of equal bodies together."""
     records: Mapping[int, Record] = field(init=False)
     """What was told of each body that is not soft, by its number."""
-    judged: Mapping[int, Judged] = field(init=False)
+    judged: Mapping[int, SampleStatus] = field(init=False)
     constraints: Constraints = field(init=False)
     ends: dict[int, int] = field(init=False, default_factory=dict)
     """The last sample of each body, by its number."""
@@ -254,7 +254,7 @@ class Scene:
         for found in self.joints.latest.values():
             yield from found
 
-    def intervals(self, *bodies: int) -> Iterator[tuple[Judged, BodySteps]]:
+    def intervals(self, *bodies: int) -> Iterator[tuple[SampleStatus, BodySteps]]:
         """Yield bodies of the latest piece, all or those of some numbers, each with its steps."""
         for number in bodies or self.judged:
             for steps in self.judged[number].intervals if number in self.judged else ():
@@ -284,7 +284,7 @@ class Scene:
         """
         place_m, axes = np.full((len(samples), 3), np.nan), np.full((len(samples), 3, 3), np.nan)
         if number not in self.judged and link == BASE:
-            base = self.records[number].told(samples)
+            base = self.records[number].base_at(samples)
             place_m, axes = base[:, :3], np.moveaxis(rotation(base[:, 3:7].T), -1, 0)
         for _, steps in self.intervals(number):
             _, rows, its = np.intersect1d(steps.steps, samples, return_indices=True)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64, Int64
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.rotations import rotate_inverse
@@ -17,9 +17,6 @@ from drop_physics.rules.tables import PairColumns
 from drop_physics.rules.thresholds import HULL_EVERY, HULL_OFF_M
 from drop_physics.trace.events import Surface
 from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 SAME_M = 1e-3
 """Points of a link this close are looked at once."""
@@ -87,7 +84,7 @@ def _local_m(scene: Scene, number: int, link: int, at_m: Float64, ends: Int64) -
     """Return points in the axes of a link as steps began; nan where its pose is not known."""
     local_m = np.full((len(at_m), 3), np.nan)
     if number not in scene.judged and link == BASE:
-        base = scene.records[number].told(ends)
+        base = scene.records[number].base_at(ends)
         return rotate_inverse(base[:, 3:7], at_m - base[:, :3])
     for _, steps in scene.intervals(number):
         rows = np.flatnonzero(np.isin(ends, steps.steps))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Cure, Effect, Scene
@@ -20,8 +20,6 @@ from drop_physics.rules.thresholds import (
     ROLLS_SLIP,
     SLIPS_STEPS,
 )
-
-Float64 = NDArray[np.float64]
 
 ROLLS_WITH = 6
 """The least `condim` with which rolling friction acts."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.arrays import Float64, Int64
-from drop_physics.explain.joined import FIXED, POINT, Held
+from drop_physics.explain.joined import FIXED, POINT, ConstraintVersion
 from drop_physics.physics.rotations import matrix
 from drop_physics.rules.answer import Scene
 from drop_physics.rules.body_properties import size_m
@@ -33,12 +33,17 @@ class ConstraintColumns:
     """One constraint in n steps: columns of shape (n,), or (n, 3) of its forces [N]."""
 
     def __init__(
-        self, scene: Scene, told: list[Held], which: Rows, steps: Int64, forces_n: Float64
+        self,
+        scene: Scene,
+        told: list[ConstraintVersion],
+        which: Rows,
+        steps: Int64,
+        forces_n: Float64,
     ) -> None:
         self.scene, self.step, self.forces_n = scene, steps, forces_n
         self.noted: Mapping[str, Float64] = {}
         self._told, self._which = told, which
-        self.last: Held = told[which[-1]]
+        self.last: ConstraintVersion = told[which[-1]]
         """As it is in the last step."""
         self.began = self.last.made.at.step + 1
         """The first step in which it acts."""
@@ -97,7 +102,9 @@ class ConstraintColumns:
         self.scene.carried[key] = np.concatenate([before, values])[-rows:]
         return self.scene.carried[key]
 
-    def _ends(self, held: Held, samples: Int64, *, after: bool) -> tuple[Float64, Float64]:
+    def _ends(
+        self, held: ConstraintVersion, samples: Int64, *, after: bool
+    ) -> tuple[Float64, Float64]:
         """Return points and axes of both frames, shape (m, 2, 3) and (m, 2, 3, 3)."""
         points_m = np.full((len(samples), 2, 3), np.nan)
         axes = np.full((len(samples), 2, 3, 3), np.nan)

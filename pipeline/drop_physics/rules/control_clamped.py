@@ -6,8 +6,8 @@ What it is sent to lies outside of its range of control, or the model has actuat
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Float64
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.engines import MUJOCOS, NO_ACTUATION, is_off
@@ -26,7 +26,6 @@ from drop_physics.rules.thresholds import (
 from drop_physics.trace.acts import Act
 from drop_physics.trace.writes import written_by
 
-Float64 = NDArray[np.float64]
 SENT = "position", "velocity"
 """The kinds of actuators that are sent somewhere."""
 

@@ -95,7 +95,7 @@ def _where(
         return (pose[1].position_m(link), pose[1].matrix(link)) if same else None
     if link != BASE or number not in scene.records:
         return None
-    base = scene.records[number].told(steps)
+    base = scene.records[number].base_at(steps)
     return base[:, :3], np.moveaxis(rotation(base[:, 3:7].T), -1, 0)
 
 

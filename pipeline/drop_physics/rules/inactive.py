@@ -59,5 +59,5 @@ def _way_m(inputs: Inputs, number: int, end: int) -> Float64:
     motion = inputs.motions.get(number)
     if motion is not None and motion.first_m is not None and motion.last_m is not None:
         return motion.last_m - motion.first_m
-    base = inputs.scene.records[number].told(np.array([0, end]))[:, :3]
+    base = inputs.scene.records[number].base_at(np.array([0, end]))[:, :3]
     return np.asarray(base[1] - base[0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from drop_physics.arrays import Float64
-from drop_physics.explain.driving import given_to
+from drop_physics.explain.driving import control_of
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.engines import MUJOCOS
@@ -22,7 +22,7 @@ def keyframe_without_control(joints: JointColumns) -> Match | None:
     body, steps = joints.driven.body, joints.driven.steps
     if steps.steps[0] != 1 or len(steps) < WATCHED or not (body.keyframes and body.actuators):
         return None
-    given = [given_to(each, body, joints.scene.piece, steps.steps) for each in body.actuators]
+    given = [control_of(each, body, joints.scene.piece, steps.steps) for each in body.actuators]
     watched = np.array(given)[:, :WATCHED]
     begins, now = steps.before.joints[0], watched[:, 0]
     keys = [each for each in body.keyframes if np.abs(begins - each.joints).max() < BACK]
@@ -65,7 +65,7 @@ def never_loaded(joints: JointColumns) -> Match | None:
     keys = [each for each in body.keyframes if any(each.given)]
     if not keys or not len(steps):
         return None
-    given = [given_to(each, body, joints.scene.piece, steps.steps) for each in body.actuators]
+    given = [control_of(each, body, joints.scene.piece, steps.steps) for each in body.actuators]
     begins = steps.before.joints[0]
     at_key = any(np.abs(begins - each.joints).max() < BACK for each in body.keyframes)
     where = ~np.any(given, axis=0) & (not at_key or steps.steps[0] > 1)

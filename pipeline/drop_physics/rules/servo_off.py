@@ -10,8 +10,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.joints import REST_STEPS
 from drop_physics.explain.targets import SETTLED, SETTLED_STEPS
 from drop_physics.messages import Message
@@ -34,8 +34,6 @@ from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import EACH_STEP, HOLDS, IN_DEGREES_RAD, OWN_SHARE, SPRING_SHARE
 from drop_physics.trace.events import Actuator
 
-Float64 = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 CLAMPED = "joint force range"
 """The term that a joint's own range of force takes off its actuators."""
 SPARE = 1.3

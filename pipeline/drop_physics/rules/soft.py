@@ -203,7 +203,7 @@ def constraint_lags(bodies: BodyColumns) -> Match | None:
     rows, parts = np.arange(len(bodies.step)), []
     for equality, lead, link in _follows(bodies):
         # Where it is as a step begins: what is written before it counts.
-        led_m = bodies.scene.records[lead].told(bodies.step)[:, :3]
+        led_m = bodies.scene.records[lead].base_at(bodies.step)[:, :3]
         apart_m = led_m - kinematics(bodies.law.tree, bodies.before).position_m(link)
         way_m = np.linalg.norm(np.diff(led_m, axis=0, prepend=np.nan), axis=1)
         speed_m_s = way_m / bodies.reported.timestep_s

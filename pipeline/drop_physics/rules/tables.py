@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.arrays import Flags, Float64, Int8, Int64
-from drop_physics.explain.driving import given_to
+from drop_physics.explain.driving import control_of
 from drop_physics.explain.joints import Driven, target_of
 from drop_physics.explain.step_status import StepVerdicts
 from drop_physics.explain.steps import BodySteps, StepBatch, Steps
@@ -175,7 +175,7 @@ class ActuatorColumns:
         self.noted: dict[str, Float64] = {}
         self.keys = np.full((len(steps), 1), steps.body.number)
         self.given = np.column_stack(
-            [given_to(each, steps.body, scene.piece, steps.steps) for each in self.actuators]
+            [control_of(each, steps.body, scene.piece, steps.steps) for each in self.actuators]
         )
         """What each was given, before it is clamped; nan if it is not known."""
         key = "given", self.number

@@ -39,7 +39,10 @@ def tunnelled(bodies: BodyColumns) -> Match | None:
     before_m, after_m = bodies.before.position_m, bodies.after.position_m
     body = bodies.batch.bodies[0].body
     parts = [
-        (other, *_crossing(before_m, after_m, scene.records[other.number].told(bodies.step), box))
+        (
+            other,
+            *_crossing(before_m, after_m, scene.records[other.number].base_at(bodies.step), box),
+        )
         for other, box in _standing(scene)
         if other.client == body.client and _may_meet(body, other, box)
     ]
