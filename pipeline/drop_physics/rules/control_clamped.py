@@ -107,7 +107,14 @@ def _(worst: Worst) -> Said:
     )
 
 
-@actuator_rule("off-target", "note", reason="units", engines=MUJOCOS)
+@actuator_rule(
+    "off-target",
+    "note",
+    reason="units",
+    least_count=COASTS_STEPS,
+    consecutive=True,
+    engines=MUJOCOS,
+)
 def sent_by_turns(actuators: ActuatorColumns) -> Match:
     """A position actuator sends a joint without a range by more than a turn at once."""
     turning = {
@@ -121,10 +128,17 @@ def sent_by_turns(actuators: ActuatorColumns) -> Match:
         else np.inf
         for each in actuators.actuators
     ]
-    by = np.abs(actuators.given - actuators.before)
-    # What is computed is seldom a whole number, and what is in degrees most often is.
-    whole = actuators.given == np.round(actuators.given)
-    return Match(whole & (by > np.array(least)), by, {"given": actuators.given})
+    given, by = actuators.given, np.abs(actuators.given - actuators.before)
+    # What is computed is seldom a whole number that stays, and what is in degrees most often is.
+    jumps = (by > np.array(least)) & (given == np.round(given))
+    return Match(
+        jumps | (by == 0), np.abs(given), {"given": given}, firsts={"jumps": jumps}, begins=jumps
+    )
+
+
+@sent_by_turns.counts
+def _(runs: Runs, _: Scene) -> Float64:
+    return np.where(runs.jumps, runs.size, 0.0)
 
 
 @sent_by_turns.says

@@ -62,21 +62,22 @@ def _ends(inputs: Inputs, client: int) -> int:
 
 @input_rule("reset-leaves", "model", "reset-clears", engines=MUJOCOS)
 def reset_clears_force(inputs: Inputs) -> Iterator[Said]:
-    """A reset of the state sets forces on joints to zero, and nothing gives them again."""
+    """A reset of the state sets forces to zero, and nothing gives them again."""
     for (client, act, place), force in inputs.lasting.forces.items():
         steps = _ends(inputs, client) - force.since
         by_reset = force.since in inputs.lasting.episodes[client] and not force.now.any()
-        if act is not Act.SET_JOINT_FORCE or not (by_reset and force.from_start):
-            continue
-        if steps >= WATCHED and not force.was_cleared:
+        # A body may be pushed for a while; what is reset before a step never pushes it.
+        is_drive = act is Act.SET_JOINT_FORCE and force.from_start
+        is_lost = act is not Act.SET_ACTIVE and not force.acts
+        if by_reset and (is_drive or is_lost) and steps >= WATCHED and not force.was_cleared:
             message = Message(
                 "{name} is given 0 in {steps} after a reset, which clears it: before it was "
                 "{was:.4g}",
                 name=f"{force.call.function}[{place}]",
                 steps=so_many(steps),
-                was=force.most[0],
+                was=force.most[np.abs(force.most).argmax()],
             )
-            advice = Message("data.qfrc_applied[:] = … after each reset")
+            advice = Message("data.{field}[:] = … after each reset", field=force.call.function)
             yield Said(call=force.call, message=message, advice=advice, share=1.0)
 
 
