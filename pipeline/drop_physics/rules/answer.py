@@ -40,8 +40,8 @@ from drop_physics.trace.history import Piece, Seen
 Rows = NDArray[np.intp]
 Level = Literal["broken", "asked", "model", "repeat", "note"]
 LEVELS: tuple[Level, ...] = get_args(Level)
-"""Not physics any more; asked for one thing and got another; true to the engine, perhaps not to
-you; another run may differ; worth knowing. The gravest first."""
+"""The levels, the gravest first: no longer physics; not what the script asked for; what the engine
+does, though perhaps not what was meant; may differ in another run; worth knowing."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Effect:
     """How much it is: a magnitude."""
 
     value: float
-    """Not negative."""
+    """The magnitude, at least 0."""
     unit: str
     """SI."""
 
@@ -155,7 +155,7 @@ class Scene:
     origin: Mapping[str, Any]
     """The script, and how it ended."""
     times: Mapping[int, StepTimes]
-    """By client."""
+    """Times of steps by client."""
     joints: JointTable
     touches: TouchTable
     actuators: ActuatorTable = field(default_factory=ActuatorTable)
@@ -175,7 +175,7 @@ class Scene:
     ends: dict[int, int] = field(init=False, default_factory=dict)
     """The last sample of each body, by its number."""
     targets: dict[int, Targets] = field(init=False, default_factory=dict)
-    """Of the position motors of each body, by its number."""
+    """Targets of the position motors of each body, by its number."""
     going: dict[tuple[int, int], Any] = field(init=False, default_factory=dict)
     """The table of the target that goes on, by body and rate."""
     carried: dict[tuple[str, int], NDArray[Any]] = field(init=False, default_factory=dict)

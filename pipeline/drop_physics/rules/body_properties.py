@@ -40,9 +40,9 @@ class AskedOfBodies:
     def __init__(self, appearances: list[Appearance]) -> None:
         self._came = {each.body.number: each.at.call for each in appearances if each.came}
         self._loads: dict[tuple[int, int], list[Call]] = {}
-        """By client and the engine's id."""
+        """Calls that loaded a body, by client and the engine's id."""
         self.of: defaultdict[str, AskedProperty] = defaultdict(AskedProperty)
-        """By the name of an argument."""
+        """What was asked for, by the name of the argument."""
 
     def see(self, piece: Piece) -> None:
         """Take a piece."""

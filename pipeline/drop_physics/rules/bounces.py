@@ -125,7 +125,7 @@ def _(worst: Worst) -> Said | None:
 
 
 FINER = 4.0
-"""By what a timestep is divided to be tried."""
+"""Divisor of the timestep in a trial."""
 
 
 @pair_rule("energy-gained", "broken", consecutive=True, argument="restitution", engines=ANY)

@@ -44,7 +44,7 @@ class ConstraintColumns:
         self.noted: Mapping[str, Float64] = {}
         self._told, self._which = told, which
         self.last: ConstraintVersion = told[which[-1]]
-        """As it is in the last step."""
+        """The constraint as it is in the last step."""
         self.began = self.last.made.at.step + 1
         """The first step in which it acts."""
         self.keys = np.full((len(steps), 2), (self.bodies[-1].number, self.last.made.at.call))

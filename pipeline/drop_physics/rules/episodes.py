@@ -86,7 +86,7 @@ class Episodes:
 
     ended: list[Episode] = field(default_factory=list)
     _now: dict[int, Episode] = field(default_factory=dict)
-    """By client."""
+    """The current episode of each client."""
     _set: dict[Named, tuple[float, ...]] = field(default_factory=dict)
     """The numbers of the latest call of each setter."""
 

@@ -19,7 +19,7 @@ class SentAnswer:
     link: int
     point_m: tuple[float, ...]
     place: int
-    """Which of the points it is that were asked for, one after the other."""
+    """Index of the point among those that were asked for in turn."""
     times: int
     """How many answers for this point they had got, one after the other."""
 
@@ -29,7 +29,7 @@ class SentAnswers:
     """Grows piece by piece."""
 
     latest: dict[int, list[SentAnswer]] = field(default_factory=dict)
-    """By the number of a body: those of the latest piece, after the last one before it."""
+    """Answers by body: those of the latest piece, and the last one before it."""
     _asked: dict[int, Call] = field(default_factory=dict)
     """The latest question, by body."""
 

@@ -28,7 +28,7 @@ class LastingForce:
 
     client: int
     place: int
-    """Of the body, or the joint's rate, as the engine counts them."""
+    """The engine's index of the body, or of the joint's rate."""
     call: Call
     """The first that wrote it after a step."""
     now: Float64
@@ -87,7 +87,7 @@ class Lasting:
     """The steps before which a state was reset, by client; 0 is the run's beginning."""
 
     positions: dict[int, PositionWrites] = field(default_factory=dict)
-    """By client."""
+    """Positions that were written, by client."""
     turned: dict[tuple[int, int], tuple[Call, tuple[float, ...]]] = field(default_factory=dict)
     """The first writes of positions that are turns about z with w last, by client and place."""
     stale: dict[tuple[int, str], list[Call]] = field(default_factory=dict)

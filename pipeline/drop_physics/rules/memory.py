@@ -149,7 +149,7 @@ def model_edited(inputs: Inputs) -> Iterator[Said]:
     lasting = inputs.lasting
     anew = {(each.call.client, each.call.at.step) for each in lasting.edits[Act.SET_DERIVED]}
     derived: dict[tuple[int, int], tuple[int, float]] = {}
-    """At which step, and from which mass, what is derived was computed, by client and body."""
+    """The step at which derived values were computed, and the mass then, by client and body."""
     worst: dict[int, tuple[float, float, float, ModelEdit, int]] = {}
     for edit in lasting.edits[Act.SET_MASS]:
         client, step = edit.call.client, edit.call.at.step

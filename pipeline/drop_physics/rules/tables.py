@@ -196,7 +196,7 @@ class PairColumns:
         self.scene, self.side, self.pairs = scene, side, scene.touches.pairs
         self.noted: dict[str, Float64] = {}
         self.sign = -1.0 if side else 1.0
-        """Of what acts on its body, where a column is of side 0."""
+        """Sign of what acts on this side's body, in columns that hold what acts on side 0."""
         self.keys = self.pairs.body[:, [side, 1 - side]]
         self.body, self.other = self.pairs.body[:, side], self.pairs.body[:, 1 - side]
 

@@ -77,9 +77,9 @@ class TargetColumns:
         }
         """What is said of each, whatever the rule."""
         self.stopped = self._stopped()
-        """Which end with the motor at its limit, against what touches its links."""
+        """Whether each ends with the motor at its limit, against what touches its links."""
         self.pressed = self._pressed()
-        """Which of these end with the joint pressed onto a body that it holds."""
+        """Whether each of these ends with the joint pressed onto a body that it holds."""
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - a column of `Stood`
         return getattr(self.stood, name)

@@ -189,7 +189,7 @@ LATE = {
 }
 """What long steps do, by engine."""
 FINER = 4.0
-"""By what a timestep is divided to be tried."""
+"""Divisor of the timestep in a trial."""
 
 
 @body_rule("timestep-too-long", "model", engines=ANY)

@@ -25,7 +25,8 @@ from drop_physics.rules.thresholds import CROSSINGS, DOUBLES, GROWN, RINGS_STEPS
 from drop_physics.trace.events import Actuator
 
 FOURTH_ORDER, AT_THE_END = 1, (2, 3)
-"""Of `opt.integrator`: Runge and Kutta's, and those that take actuators' damping at the end."""
+"""Values of `opt.integrator`: Runge-Kutta, and those that use the damping of actuators at the
+end of a step."""
 
 
 @joint_rule("unstable", "broken", engines=MUJOCOS)

@@ -38,7 +38,7 @@ DRAGGED, TURNED = "robots with dragged wheels", "robots that turn on dragged whe
 more so."""
 ADVICE = Message("{call} of the wheels or the ground, or change the wheels' speed more slowly")
 OF_BOTH = {PYBULLET: Message("the product of both"), MUJOCO: Message("the larger of both")}
-"""Which coefficient of a pair counts, by engine."""
+"""The coefficient of a pair that the engine uses."""
 
 
 @joint_rule("wheel-slip", "asked", engines=ANY)

@@ -31,7 +31,7 @@ ABOVE = 2.0
 LARGER = 64
 """Factor of the memory of a model's contacts and constraints."""
 AWAY = 1.001
-"""Of the way that a body is moved away from another."""
+"""Factor of the distance by which a body is moved away from another."""
 ARMATURE_KG_M2 = 0.01
 """Armature of a joint whose controller is the script's own, so that no limit is known."""
 LEAST = {"": "value", "above": "least"}
@@ -121,7 +121,7 @@ CALLS = {
     "forward:read": Message("mujoco.mj_forward(…) after qpos is written"),
     "without": Message("without {left_out}"),
 }
-"""By name and form."""
+"""Messages by name and form."""
 UNSAID = {"function": "xfrc_applied", "parent": "…", "child": "…"}
 """What a call names where a cure that is tried by its name alone does not say it."""
 FACTORS = {"gains": "kp", "forcerange": "forcerange", "friction": "friction", "mass": "mass"}

@@ -93,9 +93,9 @@ class ModelChanges:
         self._draw = random.Random(variation.get("seed", 0)).uniform
         mine = [each for each in enumerate(operations) if each[1].get("engine") == ENGINE]
         self._operations = [*mine, *((-1, each) for each in _varied(variation))]
-        """By number; what is varied has none."""
+        """Operations with their numbers; those of a variation have -1."""
         self._models: dict[int, ChangedModel] = {}
-        """By the `id` of the MjModel, which is used again."""
+        """Changes by the `id` of the MjModel, which Python may reuse."""
         self._data: dict[int, ChangedData] = {}
         self._sited = any("site" in each for _, each in self._operations)
 

@@ -1,4 +1,4 @@
-"""At which call of PyBullet a trial parts from a run: the first that it makes otherwise."""
+"""Finds the first call of PyBullet that a trial makes differently from the run before it."""
 
 from __future__ import annotations
 
