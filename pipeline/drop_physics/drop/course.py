@@ -36,7 +36,8 @@ class Course:
         """The first sample that is not the release, and how many there are."""
         self._settling = Settling(case)
         self._last: Motion | None = None
-        self._arriving: Motion = case.start
+        self.arriving: Motion = case.start
+        """The last sample before the first contact."""
         self._upright, self._beside = True, False
         self._crossing_s: float | None = None
         self._deepest_m = 0.0
@@ -50,11 +51,6 @@ class Course:
         assert self.lowest is not None
         return float(self.lowest[0].position_m[0, 2])
 
-    @property
-    def arriving(self) -> Motion:
-        """The last sample before the first contact."""
-        return self._arriving
-
     def add(self, part: DropSamples) -> tuple[Motion, list[int]]:
         """Take further samples.
 
@@ -62,7 +58,9 @@ class Course:
         -------
         The sample before each, and the samples at which the phase may change.
         """
-        before = _before(part, self._last)
+        before = part.before()
+        if self._last is not None:
+            before = Motion.joined((self._last, part.at(slice(-1))))
         self.air.add(part, before)
         settled = self._settling.add(part)
         self.touchdowns.add(part, before)
@@ -115,7 +113,7 @@ class Course:
             time_damped_s=landing.time_damped_s if landing else None,
             time_simulated_s=crossing_s,
             step=step,
-            speed_m_s=float(np.linalg.norm(self._arriving.velocity_m_s[0])),
+            speed_m_s=float(np.linalg.norm(self.arriving.velocity_m_s[0])),
             lowest_m=lowest_m,
             lowest_step=lowest_step,
             penetration_m=penetration_m,
@@ -145,9 +143,9 @@ class Course:
             fell = slice(flew + 1)
             self._upright &= not (turned_rad(case, part.orientation[fell]) > FLAT_RAD).any()
         if 0 < flew <= len(part):
-            self._arriving = part.at(np.array([flew - 1]))
+            self.arriving = part.at(np.array([flew - 1]))
         elif flew == 0 and self._last is not None:
-            self._arriving = self._last
+            self.arriving = self._last
         if self._crossing_s is None and case.floor_height_m is not None and flew > 0:
             row = crossing(before.position_m[:flew, 2], heights_m[:flew], case.floor_height_m)
             if row is not None:
@@ -196,16 +194,6 @@ class Course:
                 self.overlapped |= bool(inside.any())
         if self.through is not None and not case.over_floor(part.position_m[row:]):
             self._beside = True
-
-
-def _before(part: Motion, last: Motion | None) -> Motion:
-    """Return the sample before each; of the very first itself."""
-    before = part.before()
-    if last is None:
-        return before
-    for name in ("position_m", "orientation", "velocity_m_s", "spin_rad_s"):
-        getattr(before, name)[0] = getattr(last, name)[0]
-    return before
 
 
 def _state(motion: Motion) -> Float64:

@@ -49,7 +49,7 @@ def flight_of(case: Case) -> Flight:
         parts.append(part.at(slice(int(near[0]) if len(near) else len(part))))
         if len(near):
             break
-    return Flight(case, _one(parts))
+    return Flight(case, Motion.joined(parts))
 
 
 def apart(run: Flight, golden: Flight, *, parts_at: int | None) -> Message:
@@ -162,12 +162,7 @@ def _path(law: Law, motion: Motion, last: int) -> Motion:
     motions = [motion.at(slice(0, 1))]
     for _ in range(last):
         motions.append(law.step(motions[-1]))
-    return _one(motions)
-
-
-def _one(motions: list[Motion]) -> Motion:
-    names = [each.name for each in fields(Motion)]
-    return Motion(*(np.concatenate([getattr(each, name) for each in motions]) for name in names))
+    return Motion.joined(motions)
 
 
 def _off(path: Motion, law: Law, other: Flight) -> tuple[float, bool]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.arrays import Flags, Float64, Vector
+from drop_physics.physics.rowed import Rowed
 
 EXACT_MACHINES = ("x86_64", "AMD64")
 """Machines on which each operation rounds once."""
@@ -35,7 +36,7 @@ class Drag(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Motion:
+class Motion(Rowed):
     """The motion of one rigid part, a row per sample; vectors in world axes, (samples, 3)."""
 
     position_m: Float64
@@ -44,10 +45,6 @@ class Motion:
     """World from body axes: unit quaternions x, y, z, w, shape (samples, 4)."""
     velocity_m_s: Float64
     spin_rad_s: Float64
-
-    def __len__(self) -> int:
-        """Return the number of samples."""
-        return len(self.position_m)
 
     def at(self, samples: slice | NDArray[np.intp]) -> Motion:
         """Return some of the samples."""
