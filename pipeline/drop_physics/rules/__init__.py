@@ -1,1 +1,1 @@
-"""Answers: what a recording says to the question why a simulation did that, one file each."""
+"""Rules, one file each, that answer from a recording why a simulation did what it did."""

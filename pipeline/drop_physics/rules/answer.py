@@ -1,4 +1,4 @@
-"""What an answer is, and what it is read from."""
+"""Findings, and the scene from which rules read."""
 
 from __future__ import annotations
 
@@ -46,12 +46,12 @@ does, though perhaps not what was meant; may differ in another run; worth knowin
 
 @dataclass(frozen=True)
 class Effect:
-    """How much it is: a magnitude."""
+    """The magnitude of a finding."""
 
     value: float
     """The magnitude, at least 0."""
     unit: str
-    """SI."""
+    """The unit, in SI."""
 
 
 @dataclass(frozen=True)
@@ -59,11 +59,11 @@ class Span:
     """The steps that it covers."""
 
     first: int
-    """The first of them."""
+    """The first of these steps."""
     last: int
-    """The last of them."""
+    """The last of these steps."""
     count: int
-    """Number of these in which it holds."""
+    """Number of these steps in which the finding holds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,13 +71,13 @@ class Finding:
     """What was asked and what happened instead, why, and what changes it."""
 
     code: str
-    """A stable name, for scripts."""
+    """A stable name for use in scripts."""
     level: Level
     """How grave it is, the gravest first: `broken` is no physics any more; `asked`: one thing was
     asked, another happened; `model`: true to the engine, perhaps not to you; `repeat`: another run
     may differ; `note`."""
     reason: str | None = None
-    """The one of a code's causes that it is, in a word; null where a code has one cause only."""
+    """The cause, in a word; null where the code has one cause only."""
     message: str
     """What was seen, with numbers, and why."""
     advice: str | None = None
@@ -86,28 +86,28 @@ class Finding:
     """Whether the advice is only to be tried: neither the sum of impulses nor a call proves that
     what it changes is the cause. `drop why` tries it."""
     cure: Cure | None = None
-    """The same as an intervention that can be tried; null where no call changes it."""
+    """The advice as an intervention that can be tried; null where no call changes it."""
     body: str | None = None
-    """Label of the body that it is about; of the worst, where it is about several."""
+    """Label of the body that the finding is about: the worst, where there are several."""
     bodies: int = 1
-    """How many it stands for."""
+    """Number of bodies for which the finding stands."""
     joint: str | None = None
-    """Name of the joint that it is about."""
+    """Name of the joint that the finding is about."""
     other: str | None = None
     """Label of the other body, in JSON `with`."""
     effect: Effect | None = None
-    """How much it is."""
+    """The magnitude of what was found."""
     share: float = 0.0
-    """The effect over what is normal for it: ranks findings of one level."""
+    """The ratio of the effect to what is normal for it; ranks findings of one level."""
     steps: Span | None = None
     """The steps that it covers."""
     site: str | None = None
     """File and line of the call that caused it; of a notebook, cell and line."""
 
     verdict: str | None = None
-    """What trials show of it, the best of them, where `drop why` was run on this recording."""
+    """The best result of its trials, where `drop why` was run on this recording."""
     tried: tuple[Mapping[str, Any], ...] = ()
-    """These trials."""
+    """The trials of this finding."""
 
     @property
     def said(self) -> str:
@@ -118,7 +118,7 @@ class Finding:
 
     @property
     def told(self) -> str:
-        """The same, and how many other bodies it holds for."""
+        """The message, and for how many other bodies it holds."""
         if self.bodies < 2:
             return self.said
         others = counted(self.bodies - 1, "other body", "other bodies")
@@ -126,7 +126,7 @@ class Finding:
 
     @property
     def advised(self) -> str | None:
-        """The advice as it is said: a proposal to be tried; None of what a trial has refuted."""
+        """The advice as shown: a proposal if it is only to be tried; None if a trial refuted it."""
         same = self.cure and (self.cure.name, self.cure.value)
         shown = {
             each["verdict"] for each in self.tried if (each["name"], each.get("value")) == same
@@ -139,19 +139,19 @@ class Finding:
 
     @property
     def rank(self) -> tuple[int, float]:
-        """Where it stands among others: the gravest first."""
+        """The key by which findings are sorted, the gravest first."""
         return LEVELS.index(self.level), -self.share
 
 
 @dataclass(kw_only=True)
 class Scene:
-    """What answers may read besides the pieces of a recording.
+    """What rules may read besides the pieces of a recording.
 
-    The tables grow piece by piece, and are complete when answers are asked for.
+    The tables grow piece by piece, and are complete when the rules are asked.
     """
 
     seen: Seen
-    """Bodies, settings, puts: nothing that has to be read from the samples."""
+    """The events of the recording: bodies, settings, states set by calls; no samples."""
     origin: Mapping[str, Any]
     """The script, and how it ended."""
     times: Mapping[int, StepTimes]
@@ -160,16 +160,16 @@ class Scene:
     touches: TouchTable
     actuators: ActuatorTable = field(default_factory=ActuatorTable)
     call_of: Callable[[Cure], str] = lambda cure: cure.call
-    """Returns a cure as its user would write it, in the words of the engine."""
+    """Returns a cure as a user of the engine would write it."""
     asked: AskedOfBodies = field(init=False)
     placing: Placing = field(init=False)
     inputs: Inputs = field(init=False)
     piece: Piece = field(init=False)
-    """The latest, and what its bodies did in it, by their numbers."""
+    """The latest piece, and what its bodies did in it, by their numbers."""
     batches: Sequence[tuple[StepBatch, StepVerdicts]] = field(init=False)
-    """The same, the steps of equal bodies together."""
+    """The latest piece, with the steps of equal bodies together."""
     records: Mapping[int, Record] = field(init=False)
-    """What was told of each body that is not soft, by its number."""
+    """The record of each body that is not soft, by its number."""
     judged: Mapping[int, SampleStatus] = field(init=False)
     constraints: Constraints = field(init=False)
     ends: dict[int, int] = field(init=False, default_factory=dict)
@@ -177,12 +177,12 @@ class Scene:
     targets: dict[int, Targets] = field(init=False, default_factory=dict)
     """Targets of the position motors of each body, by its number."""
     going: dict[tuple[int, int], Any] = field(init=False, default_factory=dict)
-    """The table of the target that goes on, by body and rate."""
+    """The table of the target in effect, by body and rate."""
     carried: dict[tuple[str, int], NDArray[Any]] = field(init=False, default_factory=dict)
-    """What columns hand on from piece to piece, by their name and the number of a body."""
+    """Values that columns keep from piece to piece, by name and the number of a body."""
     _explained: ExplainedPiece = field(init=False)
     kept: dict[object, Any] = field(init=False, default_factory=dict)
-    """What rules work out once, by rule and subject."""
+    """Values that rules compute once, by rule and subject."""
     _ends: dict[int, dict[int, tuple[int, States]]] = field(init=False, default_factory=dict)
     """The last step of each body before the latest piece, and the state after it: by its number
     and which of those that had it is meant."""
@@ -193,7 +193,7 @@ class Scene:
         self.inputs = Inputs(self)
 
     def see(self, explained: ExplainedPiece) -> None:
-        """Take a piece, before any answer does."""
+        """Add a piece, before any rule is asked."""
         self.piece, self.judged = explained.piece, explained.bodies
         self._explained, self.batches, self.records = (
             explained,
@@ -318,7 +318,7 @@ class Scene:
         return (before or told)[-1].values
 
     def only_site(self, act: Act) -> str | None:
-        """Return the only place whose calls do something; None if there are several."""
+        """Return the only place whose calls do an act; None if there are several."""
         places = {each.place for each in self._sites.values() if each.act is act}
         return places.pop() if len(places) == 1 else None
 
@@ -329,7 +329,7 @@ class Scene:
 
 
 def and_more(number: int) -> str:
-    """Return what follows the name of one of so many."""
+    """Return what follows the name of one of several bodies."""
     return Message(" (and {n} more)", n=number - 1) if number > 1 else ""
 
 

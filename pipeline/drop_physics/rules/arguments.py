@@ -1,4 +1,4 @@
-"""The numbers of a call by argument, and where each stands."""
+"""The numbers of a call by argument, and where in the call each stands."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def given(call: Call, name: str) -> tuple[float, ...]:
 
 
 def number(call: Call, name: str, default: float = math.nan) -> float:
-    """Return the number of an argument that is one."""
+    """Return the number of an argument that has one number."""
     numbers = given(call, name)
     return numbers[0] if numbers else default
 

@@ -18,16 +18,16 @@ from drop_physics.trace.history import Piece, Seen
 
 @dataclass
 class AskedProperty:
-    """What calls of `changeDynamics` made of a property; all by the number of a body."""
+    """A property as calls of `changeDynamics` set it; all by the number of a body."""
 
     values: dict[int, float] = field(default_factory=dict)
-    """The greatest that a call set."""
+    """The greatest value that a call set."""
     since: dict[int, int] = field(default_factory=dict)
-    """After which step it was set first."""
+    """The step after which it was first set."""
     sites: dict[int, str] = field(default_factory=dict)
     """File and line of the last call."""
     changed: set[int] = field(default_factory=set)
-    """Bodies of which calls set different values, one after the other."""
+    """Bodies for which calls set different values, one after the other."""
 
     def site(self, *bodies: int) -> str | None:
         """Return file and line of the call for the first of some bodies that has one."""
@@ -35,7 +35,7 @@ class AskedProperty:
 
 
 class AskedOfBodies:
-    """Grows piece by piece, for all answers."""
+    """The properties that calls set, for all rules; grows piece by piece."""
 
     def __init__(self, appearances: list[Appearance]) -> None:
         self._came = {each.body.number: each.at.call for each in appearances if each.came}
@@ -45,7 +45,7 @@ class AskedOfBodies:
         """What was asked for, by the name of the argument."""
 
     def see(self, piece: Piece) -> None:
-        """Take a piece."""
+        """Add a piece."""
         for call in piece.calls.of(*MAKES):
             if np.isfinite(call.result):
                 self._loads.setdefault((call.client, int(call.result)), []).append(call)
@@ -60,7 +60,7 @@ class AskedOfBodies:
                 asked.values[body.number] = max(asked.values.get(body.number, value), value)
 
     def load(self, body: Body) -> Call | None:
-        """Return the call that made a body: ids are used again."""
+        """Return the call that made a body; the engine uses ids again."""
         came = self._came.get(body.number, -1)
         made = self._loads.get((body.client, body.engine_id), [])
         return next((each for each in reversed(made) if each.at.call <= came), None)
@@ -72,7 +72,7 @@ class AskedOfBodies:
 
 
 def part_named(body: Body, link: int) -> str:
-    """Return what a link is called; of a body that has no other, what that is."""
+    """Return the name of a link, or of its body if that has no other link."""
     single = len(body.links) < 2 or link + 1 >= len(body.links)
     return body.label if single else f"{body.label} ({body.links[link + 1]})"
 

@@ -1,4 +1,4 @@
-"""The choice of findings, as of a linter: which are reported, and which are too grave."""
+"""The choice of findings, as linters have it: which are reported, and which fail the command."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from drop_physics.rules.codes import CODES
 from drop_physics.rules.thresholds import MINOR
 
 MEANT = frozenset(("no-gravity",))
-"""What may be meant where it is no mistake: it is folded away even alone."""
+"""Codes of what may be meant; such a finding is folded away even if it is alone."""
 ALL, NEVER = "all", "never"
 """Words in place of codes, and of a level."""
 
@@ -25,12 +25,12 @@ class Picked:
     """Codes or reasons, as one place names them: a project's settings, or a command."""
 
     select: frozenset[str] | None = None
-    """Only these are reported; None where it does not say."""
+    """The codes that are reported; None where this place does not say."""
     ignore: frozenset[str] = frozenset()
-    """These are not."""
+    """The codes that are not reported."""
 
     def reports(self, names: set[str | None], before: bool) -> bool:
-        """Return whether what has these names is reported; `before`: without this."""
+        """Return whether a finding of these names is reported; `before`: whether it was so far."""
         if self.select is not None:
             before = bool(self.select & names)
         return before and not self.ignore & names
@@ -38,7 +38,7 @@ class Picked:
 
 @dataclass(frozen=True)
 class Choice:
-    """The findings that are reported: a command counts more than a script, that than settings."""
+    """The findings that are reported: a command overrides a script, which overrides settings."""
 
     project: Picked = field(default_factory=Picked)
     command: Picked = field(default_factory=Picked)
@@ -82,7 +82,7 @@ def picked(select: list[str] | None, ignore: list[str] | None, path: Path | None
 
 
 def option_of(key: str, path: Path | None) -> str:
-    """Return what an option is called, in a project's file or in a command."""
+    """Return the name of an option in a project's file or in a command."""
     return f"--{key}" if path is None else Message("{key} in {path}", key=key, path=str(path))
 
 
@@ -108,7 +108,7 @@ def level_of(name: str, path: Path | None = None) -> Level | None:
 
 
 def minor(findings: Sequence[Finding]) -> list[Finding]:
-    """Return the findings that are no mistake, and explain little of what is wrong."""
+    """Return the findings that are no mistake and explain little of what is wrong."""
     mistakes = [each for each in findings if each.level in ("broken", "asked")]
     most = max((each.share for each in mistakes or findings), default=0.0)
     return [

@@ -185,4 +185,4 @@ CODES: dict[str, str] = {
     "wheel-slip": "Wheels turned farther than their robot went.",
     "wrong-body": "A body that was to stay was given mass.",
 }
-"""These can be selected, ignored and explained."""
+"""The codes and reasons that can be selected, ignored and explained."""

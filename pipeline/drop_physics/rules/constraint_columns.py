@@ -1,4 +1,4 @@
-"""The table of constraints: how far the frames are apart that each joins, and what it gives."""
+"""The table of constraints: how far apart the frames are that each joins, and its force."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ class ConstraintColumns:
 
     @property
     def bodies(self) -> list[Body]:
-        """Its parent and child, but for the world."""
+        """Its parent and child, without the world."""
         return [self.scene.body(number) for number in self.last.bodies if number >= 0]
 
     @property
     def part_m(self) -> float:
-        """The size of the smaller part: the diagonal of its box, or else its body's size."""
+        """The size of the smaller part: the diagonal of its box, or else the size of its body."""
         sizes: list[float] = []
         for number, link in zip(self.last.bodies, self.last.links, strict=True):
             if number >= 0:
@@ -68,7 +68,7 @@ class ConstraintColumns:
         return min(sizes)
 
     def of_held(self, name: str) -> Float64:
-        """Return a number of what was told, as it was in each step, shape (n,)."""
+        """Return a field of the constraint as it was in each step, shape (n,)."""
         return np.array([getattr(each, name) for each in self._told], np.float64)[self._which]
 
     def apart_at_first(self) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""The engines that there are words for: a rule speaks of one, or of any."""
+"""The engines that rules have words for: a rule is about one of them, or about any."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ STATES = Act.SAVE, Act.RESTORE, Act.CLEAR
 BY_HAND = Act.SET_POSE, Act.SET_VELOCITY, Act.SET_JOINT
 """and so does the first of these in a gap between steps."""
 SETTINGS = Act.SET_GRAVITY, Act.SET_TIMESTEP, Act.SET_ENGINE
-"""The engine's own settings."""
+"""Calls that change settings of the engine."""
 SETS = (
     *(Act.SET_PROPERTY, Act.CONSTRAIN, Act.CHANGE_CONSTRAINT, Act.RELEASE, Act.COMMAND),
     *SETTINGS,
@@ -71,7 +71,7 @@ class Episode:
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """What it is compared with: episodes of the same saved state, or of the same call."""
+        """The group of episodes that are compared: of one saved state, or of one call."""
         act, client = self.begin.act, self.begin.client
         if act is Act.SAVE:
             return client, self.begin.result
@@ -82,7 +82,7 @@ class Episode:
 
 @dataclass
 class Episodes:
-    """Grows piece by piece."""
+    """The episodes of a recording; grows piece by piece."""
 
     ended: list[Episode] = field(default_factory=list)
     _now: dict[int, Episode] = field(default_factory=dict)
@@ -103,7 +103,7 @@ class Episodes:
                 yield each
 
     def see(self, scene: Scene) -> None:
-        """Take a piece."""
+        """Add a piece."""
         calls = scene.piece.calls
         if not any(site.act in (*STATES, *BY_HAND) for site in calls.sites.values()):
             return  # in the whole recording nothing begins an episode

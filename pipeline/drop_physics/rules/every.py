@@ -1,4 +1,4 @@
-"""All rules, and in which order a reader sees what they found."""
+"""All rules, and the order in which a reader sees what they found."""
 
 from __future__ import annotations
 
@@ -53,15 +53,15 @@ from drop_physics.rules.rule import Rules as Rules  # with all of them
 from drop_physics.trace.events import Body
 
 SHAKES = frozenset(("unstable", "motor-gain"))
-"""What keeps a joint off its target, whatever its motor's limit is."""
+"""Codes that explain why a joint is off its target, whatever its motor's limit is."""
 FAST = frozenset(("beyond-urdf",))
-"""What says that a joint goes faster than it may."""
+"""Codes that say that a joint goes faster than it may."""
 BESIDE_NOTHING = frozenset(("default-damping",))
-"""What is true of nearly every run, and an answer only where nothing was asked in vain."""
+"""Codes that are true of nearly every run, and an answer only where nothing was asked in vain."""
 
 
 def ranked(findings: Iterable[Finding]) -> list[Finding]:
-    """Return findings, the gravest first; the same one on many bodies is one, the worst of them."""
+    """Return findings, the gravest first; of equal ones on many bodies only the worst."""
     groups: dict[tuple[str, str | None, str], list[Finding]] = {}
     for each in _worst_misses(findings):
         text = each.message.template if isinstance(each.message, messages.Message) else each.message

@@ -17,9 +17,9 @@ from drop_physics.rules.engines import NO_CONTACT, is_off
 from drop_physics.trace.events import Body, Collision
 
 MOST_PAIRS = 200
-"""Pairs of shapes that are looked at: in a world of more, filters are a design."""
+"""Largest number of pairs of shapes that are examined: in a world of more, filters are intended."""
 EVERY = 2000
-"""Steps of a piece that are looked at."""
+"""Number of steps of a piece that are examined."""
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ SPARE = 1.3
 
 @dataclass(frozen=True)
 class Cause:
-    """Why."""
+    """Why a joint is off its target."""
 
     why: Message
     advice: Message | None = None
@@ -36,7 +36,7 @@ class Cause:
     level: Level = "asked"
     other: str | None = None
     need: str = ""
-    """What the advice says that the motor takes."""
+    """What the advice says about the force of the motor."""
 
 
 def cause_of(scene: Scene, driven: Driven, held: Holding, stood: Stood) -> Cause | None:
@@ -57,7 +57,7 @@ def cause_of(scene: Scene, driven: Driven, held: Holding, stood: Stood) -> Cause
 
 
 def at_limit(limit: str, count: int, steps: int) -> Message:
-    """Return that a motor is at its limit in some of its steps."""
+    """Return the cause of a motor that is at its limit in some of its steps."""
     return Message(
         "its motor is at its limit of {limit} in {count} of {steps} steps",
         limit=limit,

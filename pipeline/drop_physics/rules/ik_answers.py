@@ -21,12 +21,12 @@ class SentAnswer:
     place: int
     """Index of the point among those that were asked for in turn."""
     times: int
-    """How many answers for this point they had got, one after the other."""
+    """Number of answers that this point had got before."""
 
 
 @dataclass
 class SentAnswers:
-    """Grows piece by piece."""
+    """The answers of inverse kinematics; grows piece by piece."""
 
     latest: dict[int, list[SentAnswer]] = field(default_factory=dict)
     """Answers by body: those of the latest piece, and the last one before it."""
@@ -34,7 +34,7 @@ class SentAnswers:
     """The latest question, by body."""
 
     def see(self, calls: Log) -> None:
-        """Take the calls of a piece."""
+        """Add the calls of a piece."""
         self.latest = {body: sent[-1:] for body, sent in self.latest.items()}
         if not self.latest and not calls.of(Act.SOLVE_IK):
             return

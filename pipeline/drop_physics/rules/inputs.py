@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from drop_physics.rules.answer import Scene
 
 Place = tuple[int, int]
-"""Number of a body, and its link."""
+"""Number of a body, and a link of it."""
 _NAMES: dict[Act, tuple[Sequence[str], Sequence[str]]] = {
     Act.CONSTRAIN: (("parentBodyUniqueId", "childBodyUniqueId"), ("parent", "child")),
     Act.FILTER_PAIR: (("bodyUniqueIdA", "bodyUniqueIdB"), ("linkIndexA", "linkIndexB")),
@@ -49,7 +49,7 @@ FOLLOWED = (
     *(Act.CHANGE_CONSTRAINT, Act.CONSTRAIN, Act.SET_GRAVITY, Act.SET_TIMESTEP, Act.SET_ENGINE),
     *(Act.SET_REAL_TIME, Act.SET_PROPERTY, Act.CLEAR, *PUSHES, *FILTERS),
 )
-"""What is followed of calls; of those that command joints torques, and all where nothing steps."""
+"""Acts of calls that are followed; of commands of joints only torques, and all if nothing steps."""
 WRITTEN = (
     *(Act.SET_BODY_FORCE, Act.SET_JOINT_FORCE, Act.SET_MASS, Act.SET_DERIVED),
     *(Act.SET_STATE, Act.SET_ACTIVE, Act.RESET_STATE),
@@ -59,7 +59,7 @@ WRITTEN = (
 
 @dataclass
 class Use:
-    """How one place in the script used a function, on one body if it names one."""
+    """How one site in the script used a function, on one body if its calls name one."""
 
     first: Call
     body: Body | None
@@ -67,7 +67,7 @@ class Use:
     """When each of the calls was made."""
     last: Call = field(init=False)
     low: dict[str, Float64] = field(default_factory=dict)
-    """The least of each number of an argument, by its name."""
+    """The least value of each number of an argument, by the argument's name."""
     high: dict[str, Float64] = field(default_factory=dict)
 
     def add(self, call: Call) -> None:
@@ -83,12 +83,12 @@ class Use:
 
     @property
     def count(self) -> int:
-        """How many calls it is."""
+        """Number of calls."""
         return len(self.made)
 
     @cached_property
     def steps(self) -> set[int]:
-        """Steps before the calls, of which there are no more."""
+        """The steps before which the calls were made, each once."""
         return {at.step for at in self.made}
 
     def constant(self, name: str) -> bool:
@@ -126,20 +126,20 @@ class BodyLife:
     last: int = 0
     count: int = 0
     fastest: float = 0.0
-    """The greatest of its rates."""
+    """The greatest of the body's rates."""
     pushed_m_s: Float64 | None = None
     """The change of a free base's velocity that the first force from a call made, shape (3,)."""
     opposed: float = 0.0
-    """The share of it that all else but gravity took away in that step."""
+    """The share of that change that everything else but gravity took away in that step."""
     falls: bool = False
     """Whether there was gravity."""
     held: bool = False
     """Whether a constraint acted on it."""
     tilt_rad: float = 0.0
-    """How far its base has tipped over at last."""
+    """The angle by which its base has tipped over in the end."""
 
     def add(self, steps: BodySteps) -> None:
-        """Add some steps, not none."""
+        """Add one or more steps."""
         up = rotate_inverse(self.before.orientation, np.array([[0.0, 0.0, 1.0]]))
         upright = rotate(steps.after.orientation[-1:], up)[0, 2]
         self.tilt_rad = float(np.arccos(np.clip(upright, -1, 1)))
@@ -170,7 +170,7 @@ class Drive:
 
 @dataclass
 class Inputs:
-    """Grows chunk by chunk; complete when the rules are asked."""
+    """The table of calls; grows chunk by chunk, and is complete when the rules are asked."""
 
     scene: Scene
     uses: dict[tuple[int, int, int | None, float], Use] = field(default_factory=dict)
@@ -183,7 +183,7 @@ class Inputs:
     """The joints that calls command, by the number of a body."""
     motions: defaultdict[int, BaseMotion] = field(default_factory=lambda: defaultdict(BaseMotion))
     lives: dict[tuple[int, int], BodyLife] = field(default_factory=dict)
-    """Keys are the number of a body, and which of those that had it is meant."""
+    """Lives by the number of a body, and which body of that number is meant."""
     first_lives: dict[int, BodyLife] = field(default_factory=dict)
     """The first life of each body, by its number."""
     drives: dict[tuple[int, int], Drive] = field(default_factory=dict)
@@ -218,7 +218,7 @@ class Inputs:
     episodes: Episodes = field(default_factory=Episodes)
 
     def see(self) -> None:
-        """Take a chunk."""
+        """Add a chunk."""
         calls = self.scene.piece.calls
         bases = by_body(self.scene.piece.bases)
         for call in calls.of(*FOLLOWED):

@@ -1,4 +1,4 @@
-"""What answers about joints share: names, units and numbers as text."""
+"""What rules about joints share: names, units, and numbers as text."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from drop_physics.rules.thresholds import IN_DEGREES_RAD
 from drop_physics.trace.events import Body, Joint
 
 OFF = {"rad": 1e-2, "m": 1e-3}
-"""Closer than that a joint is at its target."""
+"""Distance below which a joint is at its target."""
 
 
 def link_of(body: Body, k: int) -> int:

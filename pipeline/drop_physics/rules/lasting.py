@@ -19,7 +19,7 @@ WIDTHS = {Act.SET_BODY_FORCE: 6, Act.SET_JOINT_FORCE: 1, Act.SET_ACTIVE: 1}
 """How many elements of a field belong together: force and torque of a body, one of a joint or of
 what an equality is switched by."""
 UNIT = 1e-3
-"""The square of a quaternion's length is as close to 1."""
+"""Largest difference from 1 of the square of a quaternion's length."""
 
 
 @dataclass
@@ -30,28 +30,28 @@ class LastingForce:
     place: int
     """The engine's index of the body, or of the joint's rate."""
     call: Call
-    """The first that wrote it after a step."""
+    """The first call that wrote it after a step."""
     now: Float64
-    """What it is, shape (width,)."""
+    """The value, shape (width,)."""
     since: int
-    """The steps before it became what it is."""
+    """The number of steps before it got this value."""
     most: Float64
-    """The largest that it was while it acted on from a write after a step."""
+    """The largest value that acted on after it had been written after a step."""
     writes: int = 0
-    """How many calls changed it to something else than zero."""
+    """The number of calls that changed it to something other than zero."""
     acts: int = 0
     """The number of steps in which it acted, until it was last written."""
     was_cleared: bool = False
-    """Whether a call wrote zero."""
+    """Whether a call set it to zero."""
     from_start: bool = False
     """Whether it was there before the first step of a run or an episode."""
 
     def until(self, step: int) -> int:
-        """Return in how many steps it acted before a step."""
+        """Return the number of steps in which it acted before a step."""
         return self.acts + (step - self.since if self.now.any() else 0)
 
     def become(self, now: Float64, step: int) -> None:
-        """Take what it is from a step on."""
+        """Set the value from a step on."""
         self.acts, self.since, self.now = self.until(step), step, now
         if np.linalg.norm(now) > np.linalg.norm(self.most):
             self.most = now
@@ -71,17 +71,17 @@ class PositionWrites:
 
     first: Call
     steps: set[int] = field(default_factory=set)
-    """The steps before each."""
+    """The number of steps before each write."""
     is_computed: bool = False
-    """Whether one was followed by a function that computes what depends on them."""
+    """Whether a write was followed by a function that computes what depends on positions."""
 
 
 @dataclass
 class Lasting:
-    """What stays, by client."""
+    """The values that stay, by client."""
 
     forces: dict[tuple[int, Act, int], LastingForce] = field(default_factory=dict)
-    """What was written, by client, field and place."""
+    """The writes, by client, field and place."""
     edits: defaultdict[Act, list[ModelEdit]] = field(default_factory=lambda: defaultdict(list))
     episodes: defaultdict[int, set[int]] = field(default_factory=lambda: defaultdict(lambda: {0}))
     """The steps before which a state was reset, by client; 0 is the run's beginning."""
@@ -94,7 +94,7 @@ class Lasting:
     """Writes of positions that a function read around, by client and its name."""
 
     def see(self, calls: list[Call]) -> None:
-        """Take the calls between some steps, in order."""
+        """Add the calls between some steps, in order."""
         for call in calls:
             if call.act is Act.SET_STATE:
                 self._turn(call)

@@ -19,7 +19,7 @@ from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body
 
 BASE_M = 3
-"""Coordinates of a free base that come before its quaternion."""
+"""Number of coordinates of a free base that come before its quaternion."""
 
 
 def bodies_of(inputs: Inputs, client: int) -> list[Body]:

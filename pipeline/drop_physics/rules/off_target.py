@@ -74,7 +74,7 @@ def _(worst: Worst) -> Said:
 
 
 def _missed(worst: Worst, cause: Cause) -> Said:
-    """Return what is said of a target that was missed, and why."""
+    """Return the words about a target that was missed, and why it was."""
     message = Message("{joint}{more} misses a target of {target} by {off} at step {last}: {why}")
     going = worst.scene.going.get(tuple(worst.noted.keys[0, :2].tolist()))
     if going is not None and going.first[0] == worst.stood[0]:

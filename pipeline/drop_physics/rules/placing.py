@@ -14,9 +14,9 @@ from drop_physics.trace.events import Body
 from drop_physics.trace.history import Piece, Seen
 
 PLACES = Act.LOAD, Act.MAKE, Act.SET_POSE, Act.SET_JOINT, Act.RESTORE
-"""What places bodies."""
+"""Acts of calls that place bodies."""
 NEAR = 3
-"""What calls move more often than every so many steps is animated."""
+"""A body that calls move more often than once in so many steps is animated."""
 
 
 class Placing:
@@ -47,7 +47,7 @@ class Placing:
         }
 
     def see(self, piece: Piece) -> None:
-        """Take a piece."""
+        """Add a piece."""
         self._sites = {key: told[-1:] for key, told in self._sites.items()}
         for call in piece.calls.of(*PLACES):
             values, restores = call.values, call.act is Act.RESTORE
@@ -64,12 +64,12 @@ class Placing:
                 told.append((call.at.step, site_of(call)))
 
     def placed(self, bodies: Int64, steps: Int64) -> Flags:
-        """Return whether each body was placed for a step, once: not in those around it, too."""
+        """Return whether each body was placed for a step, but not for the steps around it."""
         keys = bodies * STEPS + steps
         return _once(keys, self._every) & ~np.isin(keys, [*self._restored])
 
     def posed(self, bodies: Int64, steps: Int64) -> Flags:
-        """Return the same of those that were loaded, or got a pose: not a velocity alone."""
+        """Return the same of bodies that were loaded, or got a pose, not only a velocity."""
         keys = bodies * STEPS + steps
         posed = _once(keys, np.array([*self._posed], np.int64)) | np.isin(keys, self._came)
         return self.placed(bodies, steps) & posed

@@ -17,7 +17,7 @@ from drop_physics.trace.readings import Reading
 
 
 def _read(inputs: Inputs, act: Act) -> Iterator[tuple[Reading, Body, int]]:
-    """Yield the readings that do this, each with a body and its link; -1 for none."""
+    """Yield the readings of some functions, each with a body and its link; -1 for none."""
     for each in inputs.scene.seen.readings:
         for subject in each.targets if each.act is act else ():
             if body := inputs.scene.seen.bodies.get(subject.body):

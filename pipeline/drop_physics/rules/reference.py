@@ -43,13 +43,13 @@ class Limit:
     """A threshold of a rule."""
 
     name: str
-    """Name of the constant."""
+    """Name of the constant in the source."""
     value: float
     """Value in its unit."""
     unit: str
     """`share` of what the meaning names, `1` of a count."""
     meaning: str
-    """What it limits."""
+    """The quantity that it limits."""
 
 
 @dataclass(frozen=True)
@@ -57,15 +57,15 @@ class CodeExample:
     """A script of the documentation that shows a code, and what is said of it."""
 
     asked: str
-    """What its user asks."""
+    """The question of its user."""
     script: str
     """The script, from the root of the repository."""
     line: str | None
     """The line that a finding cites; null where it cites none."""
     says: str
-    """What the finding says."""
+    """The message of the finding."""
     advises: str | None = None
-    """What it advises; null where it does not."""
+    """The advice of the finding; null where it has none."""
 
 
 @dataclass(frozen=True)
@@ -77,13 +77,13 @@ class CodeReference:
     reason_of: str | None
     """The code that it is a reason of; null for a code."""
     level: Level | None
-    """How grave it is, unless a finding says another; null where that depends."""
+    """The level, unless a finding states another; null where that depends."""
     meaning: str
     """What was asked and what happened instead, in a sentence."""
     measured: list[str] = field(default_factory=list)
-    """What is looked for, a sentence per rule."""
+    """The conditions that are looked for, a sentence per rule."""
     thresholds: list[Limit] = field(default_factory=list)
-    """The numbers that decide."""
+    """The thresholds that decide."""
     says: list[str] = field(default_factory=list)
     """What a finding says; … is a number or a name."""
     advises: list[str] = field(default_factory=list)
@@ -93,8 +93,8 @@ class CodeReference:
     example: CodeExample | None = None
     """A script that shows it; null where the documentation has none."""
     cures: tuple[tuple[str, Cure, bool], ...] = field(default=(), metadata={"json": False})
-    """Those of its rules, nan where a value depends; the engine that writes the call of each, and
-    whether it is to be tried."""
+    """The thresholds of its rules, nan where a value depends; the engine that writes the call of
+    each, and whether it is to be tried."""
 
 
 def reference_of(name: str) -> CodeReference:
@@ -116,7 +116,7 @@ def reference_of(name: str) -> CodeReference:
 
 @cache
 def references() -> dict[str, CodeReference]:
-    """Return all of them, by their names."""
+    """Return the meanings of all codes and reasons, by their names."""
     held = json.loads(resources.files(__package__).joinpath(FILE).read_text(encoding="utf-8"))
     return {name: reference_from(name, held.get(name, {})) for name in CODES}
 
@@ -162,7 +162,7 @@ def blanked(template: str) -> Message:
 
 
 def sentences() -> Iterator[str]:
-    """Yield what is translated of all of them, but for what stands in the rules as a `Message`."""
+    """Yield the texts of all meanings, without those that rules have as a `Message`."""
     for each in references().values():
         yield from (each.meaning, *each.measured, *(limit.meaning for limit in each.thresholds))
         if each.example is not None:

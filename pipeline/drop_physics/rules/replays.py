@@ -15,7 +15,7 @@ from drop_physics.trace.acts import Act
 
 
 def _of_steps(bodies: BodyColumns, why: str) -> Match:
-    """Return the steps of simulations that were replayed which have some reason."""
+    """Return the steps of replayed simulations that are unexplained for some reason."""
     piece = bodies.scene.piece
     client = bodies.of_each(lambda each: each.body.client)
     replayed = np.isin(client, [each for each, held in piece.impulses.items() if held])

@@ -63,7 +63,7 @@ class Match:
 
     where: NDArray[Any]
     size: Float64
-    """How much it is: of the largest the numbers are kept."""
+    """The sizes: the numbers of the largest are kept."""
     numbers: Numbers = field(default_factory=dict)
     sums: Numbers = field(default_factory=dict)
     """Numbers that are added up; `until_` and the name are those until the largest."""
@@ -74,17 +74,17 @@ class Match:
     lasts: Numbers = field(default_factory=dict)
     """Numbers that are kept of the last row."""
     keys: Int64 | None = None
-    """What each row is about, where that is not the table's: shape (rows, k)."""
+    """The subject of each row, where that is not the table's: shape (rows, k)."""
 
     counts: Int64 | None = None
     """Number of steps of each row in which it holds; None for all."""
     begins: Flags | None = None
-    """Rows in which a run begins anew, also where one goes on."""
+    """Rows in which a run begins anew, even while one goes on."""
     holds: Flags | None = None
-    """Rows in which it holds, where that is known late; None for all."""
+    """Rows in which the rule holds, where that is known late; None for all."""
 
     def runs(self, table: RuleTable) -> Runs:
-        """Return the rows in which it holds, one by one."""
+        """Return the rows in which the rule holds, one by one."""
         where = self.where
         chosen = where.dtype == np.bool_
         places = np.nonzero(where) if chosen else (where,)
@@ -135,36 +135,36 @@ class Said:
 
     message: Message
     values: Mapping[str, object] = field(default_factory=dict)
-    """What texts name besides."""
+    """Further values that texts name."""
     cure: Cure | None = None
-    """What would change it, to be tried."""
+    """The change that would cure it, which can be tried."""
     advice: Message | None = None
     """The advice, where the cure's call alone is not enough."""
     proposed: bool | None = None
     """Whether what is advised is only to be tried, where the rule does not say so for all."""
     effect: Effect | None = None
     share: float | None = None
-    """The effect over what is normal for it; the size, if it is None."""
+    """The ratio of the effect to what is normal for it; the size, if it is None."""
     reason: str | None = None
     other: str | None = None
     level: Level | None = None
-    """The level where it is not the rule's."""
+    """The level, where it is not the rule's."""
     code: str | None = None
-    """The code where it is not the rule's."""
+    """The code, where it is not the rule's."""
     steps: Span | None = None
-    """The steps that it covers, where these are others than those in which it holds."""
+    """The steps of the finding, where these are not those in which the rule holds."""
     site: str | None = None
     """File and line, where the rule names no argument or call that is the cause."""
     call: Call | None = None
     """The call that is the cause."""
     subject: Body | None = None
-    """The body, where the rule is of inputs."""
+    """The body, for a rule of inputs."""
     joint: str | None = None
-    """The joint, where the table is not of joints."""
+    """The joint, where the table is not one of joints."""
 
     @property
     def body(self) -> str | None:
-        """What the body is called."""
+        """The name of the body."""
         return None if self.subject is None else self.subject.label
 
 
@@ -195,7 +195,7 @@ class Worst:
 
     @property
     def span(self) -> Span:
-        """Its steps, as a finding says them; those of a target are `stood`, its first and last."""
+        """The steps as a finding says them; for a target, the first and last step of `stood`."""
         if (stood := vars(self).get("stood")) is not None:
             return Span(stood[0], stood[1], stood[1] - stood[0] + 1)
         first, last = vars(self).get("within", (-self.first, self.last))
@@ -203,7 +203,7 @@ class Worst:
 
     @property
     def engine(self) -> str:
-        """The engine that stepped it, whose words are said."""
+        """The engine that stepped the body, which decides the words of the texts."""
         return engine_of(self.scene.seen)
 
     @property
@@ -213,7 +213,7 @@ class Worst:
 
     @property
     def steps(self) -> str:
-        """How many steps, as text."""
+        """The number of steps, as text."""
         return so_many(self.count)
 
     def time_s(self, step: int) -> float:
@@ -222,7 +222,7 @@ class Worst:
 
 
 def filled(text: str, values: Mapping[str, object], worst: object) -> str:
-    """Return a text with what it names, of some values and of the worst."""
+    """Return a text, filled with some values and the worst's."""
     if not isinstance(text, Message) or text.values:
         return text
     names = {name for _, name, _, _ in Formatter().parse(text.template) if name}
@@ -231,7 +231,7 @@ def filled(text: str, values: Mapping[str, object], worst: object) -> str:
 
 
 def every_run(runs: Runs, _: Scene) -> Float64:
-    """Return the sizes of runs, all of which count."""
+    """Return the sizes of runs; all of them count."""
     return runs.size
 
 
@@ -243,11 +243,11 @@ class Rule:
     level: Level
     table: TableName
     matches: Callable[[Any], Any]
-    """A `Match` in a table, or None; of inputs what is said."""
+    """The function: returns a `Match` in a table, or None; for inputs, what is said."""
     reason: str | None = None
-    """The one of the code's causes that it is."""
+    """The cause, of those that the code has."""
     least_count: float = 1
-    """Least number of steps in which it holds."""
+    """Least number of steps in which the rule holds."""
     consecutive: bool = False
     """Whether runs of consecutive steps are told apart, and the worst of each key counts."""
     subject: int | None = None
@@ -256,7 +256,7 @@ class Rule:
     argument: str | None = None
     """The argument of `changeDynamics` whose call is the cause."""
     engines: tuple[str, ...] = BULLETS
-    """The engines whose words it has: it is asked of their recordings."""
+    """The engines for which the rule has words: only their recordings are examined."""
     proposes: bool = False
     """Whether its advice is only to be tried: the message says what is seen, and no cause."""
     sizes: Callable[[Runs, Scene], Float64] = every_run
@@ -264,16 +264,16 @@ class Rule:
 
     @property
     def meaning(self) -> str:
-        """What the code means, in a sentence."""
+        """The meaning of the code, in a sentence."""
         return (self.matches.__doc__ or "").strip()
 
     def says(self, words: Callable[[Worst], Said | None]) -> Callable[[Worst], Said | None]:
-        """Take what is said of the worst; None if nothing is."""
+        """Set the function that words the worst; it returns None if there is nothing to say."""
         self.words = words
         return words
 
     def counts(self, sizes: Callable[[Runs, Scene], Float64]) -> Callable[[Runs, Scene], Float64]:
-        """Take how much each run is, shape (runs,); 0 if it is not said."""
+        """Set the function that measures runs, shape (runs,); 0 for runs that do not count."""
         self.sizes = sizes
         return sizes
 

@@ -49,7 +49,7 @@ class RuleTable(Protocol):
 
     @property
     def keys(self) -> Int64:
-        """What each row is about: numbers of bodies, shape (n, k)."""
+        """The bodies that each row is about: their numbers, shape (n, k)."""
 
     @property
     def step(self) -> Int64:
@@ -103,7 +103,7 @@ class JointColumns:
         self.keys = np.full((shape[0], 1), driven.body.number)
         self.lower, self.upper = (np.broadcast_to(each, shape) for each in (law.lower, law.upper))
         self.target = target_of(driven)
-        """Position that is asked for; nan where none is."""
+        """The commanded position; nan where there is none."""
         self.rate_before = driven.steps.before.velocity[:, driven.steps.law.tree.first_rate :]
         pd = self.asked.pd == 1
         self.motor = (self.asked.force > 0) & ~pd
@@ -133,9 +133,10 @@ class JointColumns:
         return np.broadcast_to(np.diag(matrix)[steps.law.tree.first_rate :], self.target.shape)
 
     def latest(self, name: str, events: Flags, values: Float64) -> Float64:
-        """Return of each row the value at the latest event up to it, that of an earlier piece too.
+        """Return for each row the value at the latest event up to it, also of an earlier piece.
 
-        Shape (n, joint_rates) all; nan before the first event. `name` tells apart what is asked.
+        All arrays have the shape (n, joint_rates); nan before the first event. `name` tells apart
+        the values that are kept.
         """
         key = name, self.driven.body.number
         before = self.scene.carried.get(key, np.full(values.shape[1], np.nan))
@@ -146,7 +147,7 @@ class JointColumns:
         return found
 
     def previous(self, name: str, values: Float64) -> Float64:
-        """Return of each row the value one row earlier, in an earlier piece too; else nan."""
+        """Return for each row the value one row earlier, also of an earlier piece; else nan."""
         key = name, self.driven.body.number
         before = self.scene.carried.get(key, np.full(values.shape[1], np.nan))
         self.scene.carried[key] = values[-1]
@@ -177,11 +178,11 @@ class ActuatorColumns:
         self.given = np.column_stack(
             [control_of(each, steps.body, scene.piece, steps.steps) for each in self.actuators]
         )
-        """What each was given, before it is clamped; nan if it is not known."""
+        """The control of each actuator before it is clamped; nan if it is not known."""
         key = "given", self.number
         earlier = scene.carried.get(key, np.zeros(len(self.actuators)))
         self.before = np.vstack([earlier, self.given[:-1]])
-        """The same in the step before; 0 before the first."""
+        """The control in the step before; 0 before the first."""
         scene.carried[key] = self.given[-1]
         ranges = [each.ctrl_range or (-np.inf, np.inf) for each in self.actuators]
         self.lower, self.upper = np.broadcast_to(
@@ -190,7 +191,7 @@ class ActuatorColumns:
 
 
 class PairColumns:
-    """Steps of pairs of bodies that touch, seen from the body on one side: what `Pairs` has."""
+    """Steps of pairs of bodies that touch, from the side of one body: the columns of `Pairs`."""
 
     def __init__(self, scene: Scene, side: int) -> None:
         self.scene, self.side, self.pairs = scene, side, scene.touches.pairs
@@ -232,7 +233,7 @@ class PairColumns:
 
 
 class BodyColumns:
-    """Steps of equal bodies, one body after the other: what `Steps` has, and whose they are."""
+    """The steps of equal bodies, one body after the other, with the columns of `Steps`."""
 
     def __init__(self, scene: Scene, batch: StepBatch, verdict: StepVerdicts) -> None:
         self.scene, self.batch, self.of, self.verdict = scene, batch, batch.whole, verdict
@@ -247,9 +248,9 @@ class BodyColumns:
         return np.repeat([value(each) for each in bodies], [len(each) for each in bodies], axis=0)
 
     def greatest(self, name: str, values: Float64) -> Float64:
-        """Return of each row the greatest so far of its body, in earlier pieces too.
+        """Return for each row the greatest value so far of its body, also of earlier pieces.
 
-        Shape (n, k) both. `name` tells apart what is asked.
+        Both have the shape (n, k). `name` tells apart the values that are kept.
         """
         found, name = np.empty_like(values), f"{name} of {values.shape[1]}"
         for each in self.batch.bodies:
@@ -272,7 +273,7 @@ class BodyColumns:
 
     @property
     def puts(self) -> Int64:
-        """How often calls had set the body before each step: with each it begins anew."""
+        """Number of times that calls had set the body before each step; each begins a new run."""
         records, its = self.scene.records, self.batch.bodies
         puts = ([put.at.step for put in records[each.body.number].puts] for each in its)
         return np.concatenate(
@@ -281,7 +282,7 @@ class BodyColumns:
 
     @property
     def segment(self) -> Int8:
-        """What each sample is: indices into `SEGMENTS`."""
+        """The segment of each sample: an index into `SEGMENTS`."""
         return self.verdict.segment
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - a column of `Steps`

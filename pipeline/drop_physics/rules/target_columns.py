@@ -54,16 +54,16 @@ class TargetColumns:
         self.noted: Mapping[str, Float64] = {"site": driven.asked.site[stood.row, stood.k]}
         self.ended = np.full(m, not going)
         self.ends_run = np.zeros(m, np.bool_)
-        """Whether each stood at the last of its body's steps."""
+        """Whether each target was in effect at the last of its body's steps."""
         self.late = False
-        """Whether it is of earlier steps, and was seen when they were."""
+        """Whether the target belongs to earlier steps, and was judged with them."""
         self.off = np.abs(stood.gap)
         unit, _ = units_of(driven, stood.k)
         self.least = AT_TARGET_M if unit == "m" else AT_TARGET_RAD
         """Gap below which the joint is at its target."""
         self.kd = driven.asked.kd[stood.row, stood.k]
         self.at_rest = driven.resting[stood.row, stood.k]
-        """Whether the joint is, for however many steps the target stood."""
+        """Whether the joint is at its target, for however many steps it was in effect."""
         share = self.off if unit == "rad" else self.off / size_m(driven.body)
         self.numbers: Mapping[str, NDArray[Any]] = {
             "off": self.off,
@@ -75,7 +75,7 @@ class TargetColumns:
             "most": driven.asked.max_velocity[stood.row, stood.k],
             "stood": np.column_stack([stood.first, stood.last]),
         }
-        """What is said of each, whatever the rule."""
+        """Values that every rule's text may name, by name."""
         self.stopped = self._stopped()
         """Whether each ends with the motor at its limit, against what touches its links."""
         self.pressed = self._pressed()
@@ -86,7 +86,7 @@ class TargetColumns:
 
     @cached_property
     def reached(self) -> Flags:
-        """Return which the joint got to before they had changed by more than `least`."""
+        """Return which targets the joint reached before they had changed by more than `least`."""
         steps = np.abs(np.diff(self.stood.target))
         changed = np.append(0.0, np.cumsum(steps))[: len(self.stood)]
         alike = np.floor(changed / self.least)

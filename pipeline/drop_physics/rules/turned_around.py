@@ -91,7 +91,7 @@ NUMBERS = (
 )
 SERVOS = "position", "velocity"
 POSES = 100
-"""Poses of a piece in which a joint's inertia is looked at."""
+"""Number of poses of a piece in which a joint's inertia is examined."""
 DRIVES = "actuator", "applied", "tendon"
 """Kinds of terms that may turn a joint around by a law that is not known."""
 
@@ -240,7 +240,7 @@ def _(worst: Worst) -> Said:
 
 
 def _by_script(worst: Worst) -> tuple[Message, Message, Cure]:
-    """Return what is said where the law of what turns a joint is not known."""
+    """Return the words where the law of what turns a joint is not known."""
     cure = Cure("armature", worst.joint)
     if worst.turner.startswith("tendon "):
         message = Message(
@@ -269,7 +269,7 @@ def _by_script(worst: Worst) -> tuple[Message, Message, Cure]:
 
 
 def _by_law(worst: Worst) -> tuple[Message, Message, Cure]:
-    """Return what is said where the law is known, and what holds by it."""
+    """Return the words where the law is known, and what holds by it."""
     gain, name = worst.gain / worst.gear**2, "kp" if worst.springs else "kv"
     cure = Cure("gains", worst.joint, gain, form=f"{name}-below")
     if worst.springs:

@@ -22,7 +22,7 @@ from drop_physics.trace.events import Body, Collision
 
 Pair = tuple[Place, Place]
 Shapes = dict[Place, list[Collision]]
-"""Shapes that are convex, by link."""
+"""Convex shapes, by link."""
 
 LOOKS = 200
 """Number of steps of a piece, evenly spread, in which overlaps are looked for."""
@@ -30,9 +30,9 @@ SELF_COLLISION, OF_PARENTS = 8, 16 | 32 | 8192
 """`flags` of `loadURDF`: `URDF_USE_SELF_COLLISION`, and those that say whether a link collides with
 its parent: …`_EXCLUDE_PARENT`, …`_EXCLUDE_ALL_PARENTS`, …`_INCLUDE_PARENT`."""
 USUAL = {True: (1, -1), False: (2, -3)}
-"""Collision group and mask of what no call gave one: what can move, and what cannot."""
+"""Default collision group and mask: of bodies that can move, and of others."""
 POINT = Collision(BASE, "sphere", (DEEP_M,), "", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-"""What stands for a link without a shape."""
+"""Shape that stands for a link without one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +171,7 @@ def _overlapping(
 
 
 def _pressed(scene: Scene, pair: Pair) -> Int64:
-    """Return the samples to which a contact of two links pushed."""
+    """Return the samples to which a contact between two links pushed."""
     points = scene.touches.pairs.points
     places = np.stack([points.body, points.link], axis=2)
     its = [(places == both).all(axis=(1, 2)) for both in (pair, pair[::-1])]

@@ -26,7 +26,7 @@ from drop_physics.rules.thresholds import (
 from drop_physics.trace.motors import POSITION
 
 FULL = 1 - 1e-9
-"""Share of the clamp's limit at which a rate is there."""
+"""Share of the clamp's limit from which a rate counts as clamped."""
 AXES = (
     "spin about x",
     "spin about y",
@@ -48,7 +48,7 @@ ADVICE: Mapping[str, Message] = {
 """Terms that answer to rates and act at once. The solver's react to others: what lies on something
 trembles so, and what a motor's own gains turn around is `motor-gain`."""
 CURES = {"joint damping": "joint-damping", "damping": "damping"}
-"""What takes such a term away."""
+"""The change that takes away such a term."""
 
 
 def _own(bodies: BodyColumns) -> Flags:
