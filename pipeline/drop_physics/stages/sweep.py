@@ -319,7 +319,7 @@ def _engine(
         jobs = 1 if steps < SHORT_STEPS else cores()
     jobs = min(jobs, plan.shards)
     if jobs == 1:
-        return engines.in_this_process(work, todo)
+        return ((shard, work(shard)) for shard in todo)
     return engines.in_processes(work, todo, jobs=jobs)
 
 

@@ -1,4 +1,4 @@
-"""Engines that run the shards: this process, a pool of processes, or Ray. The work is the same.
+"""Engines that run the shards: threads, a pool of processes, or Ray. The work is the same.
 
 Each engine takes a function of a shard's number, requests shards only as workers become free, and
 yields results as they arrive, in any order. If a worker dies nothing is lost: its shard is run
@@ -38,12 +38,6 @@ HTTP2_SETTINGS = b"\x04"
 HTTP2_HELLO = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + b"\0\0\0" + HTTP2_SETTINGS + bytes(5)
 """The first bytes of a client of HTTP/2, which Ray uses: the preface and empty settings (RFC
 9113, 3.4). The server answers with its own settings, a frame whose fourth byte is its type."""
-
-
-def in_this_process(work: Callable[[int], T], shards: Iterable[int]) -> Generator[tuple[int, T]]:
-    """Run shards one after another."""
-    for shard in shards:
-        yield shard, work(shard)
 
 
 def in_threads(
