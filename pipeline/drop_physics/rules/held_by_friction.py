@@ -17,6 +17,7 @@ from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.rule import Match, Said, Worst, body_rule
 from drop_physics.rules.runs import Runs
+from drop_physics.rules.steady import is_steady
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import (
     AT_LIMIT_SHARE,
@@ -42,7 +43,7 @@ IMPRATIO = 10.0
 @body_rule("slides", "asked", consecutive=True, subject=1, engines=MUJOCOS)
 def slides_off(bodies: BodyColumns) -> Match | None:
     """The weight of what lies on something, or is gripped, asks more of friction than it gives."""
-    return _held(bodies, closes=False)
+    return _held(bodies, steady=False)
 
 
 @slides_off.counts
@@ -94,7 +95,7 @@ def _(worst: Worst) -> Said:
 )
 def gives_way(bodies: BodyColumns) -> Match | None:
     """Friction below its limit is a damper: what hangs on it moves, however much of it there is."""
-    return _held(bodies, closes=True)
+    return _held(bodies, steady=True)
 
 
 @gives_way.counts
@@ -108,10 +109,12 @@ def _(runs: Runs, _: Scene) -> Float64:
 @gives_way.says
 def _(worst: Worst) -> Said:
     went_m, settings = _went(worst), worst.scene.seen.settings[-1].values
-    advice, cure = None, Cure("noslip", value=5.0)
+    advice: Message | None = None
+    sticks = bool(settings.get("noslip_iterations"))
+    cure = None if sticks else Cure("noslip", value=5.0)
     ratio = float(np.ravel(settings.get("impratio", 1.0))[0])
     if not settings.get("cone") or ratio < IMPRATIO:
-        advice = Message('{call}, or noslip_iterations="5"')
+        advice = None if sticks else Message('{call}, or noslip_iterations="5"')
         cure = Cure("impratio", value=IMPRATIO)
     return Said(
         message=Message(
@@ -161,10 +164,11 @@ def _beyond(runs: Runs) -> Flags:
     return np.asarray((runs.needed > gives) & (gives > LOADED * runs.needed))
 
 
-def _held(bodies: BodyColumns, *, closes: bool) -> Match | None:
+def _held(bodies: BodyColumns, *, steady: bool) -> Match | None:
     """Return the steps of a free body in which it lies on something, or is pressed from two sides.
 
-    With `closes` also those in which a grip closes, which presses with more than it holds with.
+    Not those in which a grip closes, which presses with more than it holds with; with `steady` only
+    those in which what presses has not changed for a while.
 
     Sums: of time [s]; impulses of normal forces, of what friction could give and gave, of what the
     weight takes of it, and presses with where it lies [N s]; the way at the contact, with signs and
@@ -200,7 +204,9 @@ def _held(bodies: BodyColumns, *, closes: bool) -> Match | None:
     holds = (total > 0) & (summed(unsure.astype(float)) == 0) & np.isfinite(available)
     holds &= gripped | (lowest == highest)
     mean = weight[:, None] / total[row, None]
-    if not closes:
+    if steady:
+        holds &= is_steady(total)
+    else:
         holds &= ~(gripped & _closes(total > 0, summed(points.approach_m_s[its] * mean[:, 0])))
     if not holds.any():
         return None

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from drop_physics.arrays import Flags, Float64, Int64
+from drop_physics.arrays import Float64, Int64
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.laws.mujoco.contact import impedance, rest_depth_m, shortest_s
@@ -15,6 +15,7 @@ from drop_physics.rules.body_properties import thickness_m
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import distance, effort
 from drop_physics.rules.rule import Match, Said, Worst, body_rule, pair_rule
+from drop_physics.rules.steady import is_steady
 from drop_physics.rules.tables import BodyColumns, PairColumns
 from drop_physics.rules.thresholds import (
     CARRIES,
@@ -22,24 +23,11 @@ from drop_physics.rules.thresholds import (
     LEFT_M,
     SINKS_M,
     SINKS_STEPS,
-    STEADY_SHARE,
 )
 from drop_physics.trace.events import Equality
 
 USUAL_S, USUAL_SHARE = 0.02, 0.9
 """MuJoCo's own time constant of `solref`, and the share of `solimp` from the first touch on."""
-
-
-def _steady(values: Float64) -> Flags:
-    """Return where the last SINKS_STEPS of some values, (n,) or (n, k), hardly changed, (n,)."""
-    columns = values if values.ndim > 1 else values[:, None]
-    found = np.zeros(len(columns), np.bool_)
-    if len(columns) >= SINKS_STEPS:
-        last = np.lib.stride_tricks.sliding_window_view(columns, SINKS_STEPS, axis=0)
-        change = np.linalg.norm(np.ptp(last, axis=2), axis=1)
-        size = np.linalg.norm(last, axis=1).max(axis=1)
-        found[SINKS_STEPS - 1 :] = change <= STEADY_SHARE * size
-    return found
 
 
 def _staying(pair: PairColumns, depth_m: Float64, least_m: float) -> Int64:
@@ -51,7 +39,7 @@ def _staying(pair: PairColumns, depth_m: Float64, least_m: float) -> Int64:
     lasts[SINKS_STEPS - 1 :] = (pair.keys[first] == pair.keys[last]).all(axis=1) & (
         pair.step[last] - pair.step[first] == SINKS_STEPS - 1
     )
-    return np.asarray(rows[lasts & _steady(depth_m[rows])])
+    return np.asarray(rows[lasts & is_steady(depth_m[rows])])
 
 
 @pair_rule("deep-penetration", "model", engines=MUJOCOS)
@@ -209,7 +197,7 @@ def constraint_lags(bodies: BodyColumns) -> Match | None:
         speed_m_s = way_m / bodies.reported.timestep_s
         numbers = [apart_m, speed_m_s, np.full(len(rows), equality.kind, object)]
         numbers.append(np.tile(equality.solref[:2], (len(rows), 1)))
-        steady = _steady(apart_m) & _steady(speed_m_s)
+        steady = is_steady(apart_m) & is_steady(speed_m_s)
         keys = np.column_stack([bodies.keys, np.full(len(rows), lead)])
         parts.append((rows, np.linalg.norm(apart_m, axis=1) * steady, keys, steady, *numbers))
     if not parts:
