@@ -88,7 +88,7 @@ MODELS = {
     "crate": Model(FLOOR + box("crate", 0.1, 0.1, 1), drive="d.xfrc_applied[0, :3] = 20, 0, 0"),
 }
 
-# Models that explode, each alone: the same is said of all.
+# Models that are told the same, each alone.
 HINGE = """<body name="arm" pos="0 0 1"><joint name="hinge" axis="0 0 1"/>
 <geom type="capsule" fromto="0 0 0 .2 0 0" size=".02" mass=".3"/></body>"""
 WHEEL = """<body name="rotor" pos="0 0 1"><joint name="hinge" axis="0 0 1"/>
@@ -102,7 +102,7 @@ TWO_SERVOS = """<option timestep="{timestep}"/><actuator>
 <position joint="shoulder" kp="300" kv="20"/><position joint="elbow" kp="200" kv="{kv}"/>
 </actuator>"""
 ARM = {"armature": 0.0, "timestep": 0.002, "kv": 10.0}
-EXPLODES = {
+SINGLE = {
     # kd h/I is 2.05, where 2 is the limit: 743,000 rad/s after 300 steps, and no reset.
     "barely": Model(
         WHEEL.format(0.1), MOTOR, "d.ctrl[0] = 0.5 - d.qpos[0] - 2.05 * d.qvel[0]", 300
@@ -145,6 +145,26 @@ def run(text, steps, drive):
 """
 
 
+# At 200 m/s three steps touch the wall, whose contact is far too soft to stop what comes.
+BULLET = """<geom type="box" pos=".2 0 1" size=".01 .5 .5"/>
+<body name="bullet" pos="0 0 1"><freejoint/><geom size=".01" mass=".01" solref="{0} 1"
+priority="1"/></body>"""
+TIMED = '<option timestep="{0}" gravity="0 0 0"/>'
+SHOT = "d.qvel[0] = d.qvel[0] if k else 200"
+SINGLE["bullet"] = Model(BULLET.format(0.02), TIMED.format(5e-5), SHOT, 60)
+# A hand presses with 30 N from the first step on, and its fingers have closed after 25 steps.
+HAND = """<body name="hand" pos="0 0 .2"><body name="l" pos="-.05 0 0"><joint name="l" type="slide"
+axis="1 0 0"/><geom type="box" size=".01 .02 .03" mass=".05"/></body><body name="r" pos=".05 0 0">
+<joint name="r" type="slide" axis="-1 0 0"/><geom type="box" size=".01 .02 .03" mass=".05"/></body>
+</body>"""
+GRIPS = (
+    """<option noslip_iterations="{0}"/><actuator><motor joint="l"/><motor joint="r"/></actuator>"""
+)
+for number in (0, 10):
+    SINGLE[f"grip{number}"] = Model(
+        HAND + box("block", 0.2, 0.025, 0.2), GRIPS.format(number), "d.ctrl[:] = 15, 15", 1000
+    )
+
 ALONE = ("tiny",)
 """Models of which the same is said as of a worse one."""
 
@@ -153,7 +173,7 @@ def analyzed(folder: Path, *names: str) -> list[Finding]:
     """Return the findings of a script that steps some models, one after the other."""
     script, text = folder / "models.py", SCRIPT
     for name in names:
-        model = MODELS.get(name) or EXPLODES[name]
+        model = MODELS.get(name) or SINGLE[name]
         text += f"def {name}(m, d, k):\n    {model.drive}\n"
         text += f"run('''{model.text}''', {model.steps}, {name})\n"
     script.write_text(text, encoding="utf-8")
@@ -248,3 +268,35 @@ def test_each_number_that_is_advised_holds_in_all_poses(tmp_path: Path) -> None:
         while data.time < 3:
             mujoco.mj_step(model, data)
         assert np.abs(data.qvel).max() < 1e-6, name
+
+
+def test_a_bullet_that_touches_a_wall_and_passes_is_told_what_stops_it(tmp_path: Path) -> None:
+    (finding,) = analyzed(tmp_path, "bullet")
+    assert re.search(r"^\d_bullet passes through .* although they touch", finding.message)
+    advice = re.fullmatch(
+        r'timestep/(\d+) with solref="(\S+) 1" of both <geom>s', finding.advice or ""
+    )
+    assert advice is not None
+    text = BULLET.format(float(advice[2])), TIMED.format(5e-5 / float(advice[1]))
+    model = mujoco.MjModel.from_xml_string(Model(*text).text)
+    data = mujoco.MjData(model)
+    data.qvel[0] = 200
+    while data.time < 0.01:
+        mujoco.mj_step(model, data)
+    assert data.qpos[0] < 0.2
+
+
+def test_a_creep_is_told_from_when_the_grip_has_closed(tmp_path: Path) -> None:
+    model = mujoco.MjModel.from_xml_string(SINGLE["grip0"].text)
+    data = mujoco.MjData(model)
+    data.ctrl[:] = 15, 15
+    for _ in range(500):
+        mujoco.mj_step(model, data)
+    (finding,) = analyzed(tmp_path, "grip0")
+    speed = re.search(r"creeps \S+ mm .* (\S+) mm/s", finding.message)
+    assert speed is not None
+    assert float(speed[1]) == pytest.approx(-1e3 * data.body("block").cvel[5], rel=0.03)
+
+
+def test_what_slips_while_a_grip_closes_is_no_creep(tmp_path: Path) -> None:
+    assert analyzed(tmp_path, "grip10") == []

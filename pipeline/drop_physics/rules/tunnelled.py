@@ -8,14 +8,16 @@ from collections import Counter
 import numpy as np
 
 from drop_physics.arrays import Flags, Float64, Int64
+from drop_physics.explain.overlap import is_convex
 from drop_physics.explain.steps import BodySteps
 from drop_physics.fields import fraction
 from drop_physics.messages import Message
 from drop_physics.physics.columns import rotation
+from drop_physics.physics.laws.mujoco.contact import shortest_s
 from drop_physics.physics.tree import BASE
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.arguments import site_of
-from drop_physics.rules.engines import ANY, MUJOCO
+from drop_physics.rules.engines import ANY, MUJOCO, MUJOCOS
 from drop_physics.rules.rule import Match, Said, Worst, body_rule
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import ENDLESS_M, LONG_S
@@ -67,9 +69,70 @@ def tunnelled(bodies: BodyColumns) -> Match | None:
         {
             "step": bodies.step[rows],
             "part": share,
+            "timestep": bodies.reported.timestep_s[rows],
         },
         keys=np.column_stack([bodies.body[rows], boxes]),
     )
+
+
+@body_rule("tunnelled", "broken", engines=MUJOCOS)
+def pushed_through(bodies: BodyColumns) -> Match | None:
+    """A body gets into a box, which its contacts do not stop it from, and out on the other side."""
+    scene, tree, body = bodies.scene, bodies.law.tree, bodies.batch.bodies[0].body
+    if tree.links or not tree.size or len(body.collisions) != 1:
+        return None  # of several shapes the centre may be in none
+    if not is_convex(body.collisions[0]):
+        return None
+    parts = []
+    for other, box in _standing(scene):
+        if other.client != body.client or not _may_meet(body, other, box):
+            continue
+        base = scene.records[other.number].base_at(bodies.step)
+        place = _in_box(bodies.before.position_m, base, box) / (np.array(box.size_m) / 2)
+        came, left = _crossing(bodies.before.position_m, bodies.after.position_m, base, box)
+        outside = np.abs(place) > 1
+        steps = np.flatnonzero(outside.any(axis=1))
+        # From one step outside to the next, with steps between in which it is inside, or in one.
+        last, now = steps[:-1], steps[1:]
+        across = (outside[last] & (place[last] * place[now] < -1)).any(axis=1)
+        across &= (now - last > 1) | ((came < left) & (came > 0) & (left < 1))[last]
+        across &= bodies.step[now] - bodies.step[last] == now - last
+        rows = now[across & (bodies.body[last] == bodies.body[now])] - 1
+        parts.append((rows, np.full(len(rows), other.number)))
+    if not parts:
+        return None
+    rows, boxes = map(np.concatenate, zip(*parts, strict=True))
+    touched = _touching(bodies, rows, boxes)
+    rows, boxes = rows[touched], boxes[touched]
+    speed = np.linalg.norm(bodies.before.velocity[rows, 3:6], axis=1)
+    keys = np.column_stack([bodies.body[rows], boxes])
+    timestep = bodies.reported.timestep_s[rows]
+    return Match(rows, speed, {"step": bodies.step[rows], "timestep": timestep}, keys=keys)
+
+
+@pushed_through.says
+def _(worst: Worst) -> Said:
+    thick_m = min(min(box.size_m) for each, box in _standing(worst.scene) if each is worst.partner)
+    return Said(
+        message=Message(
+            "{body} passes through {other} at {time:.4g} s although they touch: at {speed:.3g} m/s "
+            "their contact is too soft to stop it within {thick:.3g} m"
+        ),
+        values={"time": worst.time_s(worst.step), "speed": worst.size, "thick": thick_m},
+        cure=_stopping(worst, thick_m, worst.size),
+        effect=Effect(thick_m, "m"),
+        share=thick_m / worst.body_size_m,
+    )
+
+
+def _stopping(worst: Worst, thick_m: float, speed_m_s: float) -> Cure:
+    """Return a contact that stops a body within half of what it would pass, and steps that let it.
+
+    At critical damping it is stopped within 1 / e of what it goes in a time constant.
+    """
+    constant_s = float(f"{thick_m / (2 * speed_m_s):.1g}")
+    finer = max(1, math.ceil(shortest_s(worst.timestep) / constant_s - 1e-6))
+    return Cure("solref", worst.body, constant_s, form="stopping", given={"finer": finer})
 
 
 @tunnelled.says
@@ -85,6 +148,9 @@ def _(worst: Worst) -> Said | None:
     advice: Message | None = Message("use a timestep in which it goes less than that: {call}")
     finer = min(max(2, math.ceil(2 / worst.part - 1e-6)), 64)
     cure: Cure | None = Cure("timestep", value=float(finer))
+    if worst.engine == MUJOCO:
+        advice = None
+        cure = _stopping(worst, worst.size * worst.part, worst.size / worst.timestep)
     if isinstance(why, Call):
         message = Message(
             "{body} passes through {other} at {time:.4g} s: a call of "
@@ -108,7 +174,7 @@ def _(worst: Worst) -> Said | None:
         },
         advice=advice,
         cure=cure,
-        effect=Effect(worst.size, "m"),
+        effect=Effect(worst.size * min(worst.part, 1.0), "m"),
         share=worst.size / worst.body_size_m,
         site=site_of(why) if isinstance(why, Call) else None,
     )
@@ -158,13 +224,8 @@ def _crossing(
 
     Slab by slab; a way misses the box where it leaves one before it is in all.
     """
-    turns = np.moveaxis(rotation(base[:, 3:7].T), -1, 0)
-    shape = np.moveaxis(rotation(np.array(box.orientation)[:, None]), -1, 0)[0]
     half_m = np.array(box.size_m) / 2
-    begins, ends = (
-        (np.einsum("nji,nj->ni", turns, each - base[:, :3]) - box.position_m) @ shape
-        for each in (before_m, after_m)
-    )
+    begins, ends = (_in_box(each, base, box) for each in (before_m, after_m))
     with np.errstate(divide="ignore", invalid="ignore"):
         sides = np.array([(face - begins) / (ends - begins) for face in (-half_m, half_m)])
     # What goes along a slab is in it all the way, or never.
@@ -172,6 +233,14 @@ def _crossing(
     came = np.where(along, np.where(outside, np.inf, -np.inf), sides.min(axis=0))
     left = np.where(along, np.where(outside, -np.inf, np.inf), sides.max(axis=0))
     return came.max(axis=1), left.min(axis=1)
+
+
+def _in_box(place_m: Float64, base: Float64, box: Collision) -> Float64:
+    """Return places from the centre of a box of a body, in the box's axes [m], shape (n, 3)."""
+    turns = np.moveaxis(rotation(base[:, 3:7].T), -1, 0)
+    shape = np.moveaxis(rotation(np.array(box.orientation)[:, None]), -1, 0)[0]
+    of_body = np.einsum("nji,nj->ni", turns, place_m - base[:, :3])
+    return np.asarray((of_body - box.position_m) @ shape)
 
 
 # -- timestep-too-long ----------------------------------------------------------------------------

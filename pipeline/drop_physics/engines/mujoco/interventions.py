@@ -92,6 +92,7 @@ CALLS = {
     "solref": 'solref="0.02 1" solimp="0.9 0.95 0.001"',
     "solref:given": 'solref="{value:g} 1"',
     "solref:contact": 'solref="{value:g} 1"',
+    "solref:stopping": Message('timestep/{finer:g} with solref="{value:g} 1" of both <geom>s'),
     "restitution": 'solref="-{stiffness:g} -{damping:.3g}"',
     "mass": 'mass="{value:g}"',
     "concave": Message("split it into convex parts, a <geom> for each"),
@@ -166,7 +167,8 @@ def applied(cure: Cure, scope: Scope) -> ChangedRun | None:
         return left_out(str(cure.given["function"]), file, int(line), None)
     made = TABLE.get(cure.name)
     operations = [] if made is None else [{"engine": ENGINE, **each} for each in made(scope, cure)]
-    return ChangedRun(operations) if operations else None
+    finer = {name: cure.given[name] for name in ("finer",) if cure.given.get(name, 1) > 1}
+    return ChangedRun(operations, finer) if operations else None
 
 
 def left_out(function: str, file: str, line: int, argument: str | None) -> ChangedRun | None:
