@@ -43,15 +43,15 @@ GEOMS = {
 """Types of geometries (`mjtGeom`)."""
 JOINTS = {BALL: "spherical", SLIDE: "prismatic", HINGE: "revolute"}
 WIDTHS = {BALL: (4, 3, 0), SLIDE: (1, 1, 0), HINGE: (1, 1, 0)}
-"""Positions and velocities of a joint; what drives it is among the impulses."""
+"""Numbers of a joint's positions, velocities and efforts; what drives it is among the impulses."""
 SHOWN_GROUPS = 3
 """Geometries of the first groups are shown, as MuJoCo's viewer does."""
 UNPAINTED = (0.5, 0.5, 0.5, 1.0)
-"""The colour of a geometry that takes that of its material."""
+"""Colour of a geometry that has that of its material."""
 ROUNDED = 1e-12
-"""A mass whose part that a matrix lacks is a smaller share of it was not edited."""
+"""Share of a mass below which what the mass matrix lacks of it is no edit."""
 MOST_KEYFRAMES = 64
-"""So many of a model are told."""
+"""Largest number of a model's keyframes that are listed."""
 NOWHERE, UPRIGHT = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])
 TRANSMISSIONS = {0: "joint", 1: "joint", 2: "slider-crank", 3: "tendon", 4: "site", 5: "body"}
 """What an actuator acts on (`mjtTrn`)."""
@@ -69,7 +69,8 @@ class LinkOf:
     joint: int
     """MuJoCo's joint before it; -1 where it is welded to its parent."""
     whole: bool
-    """Whether it is the last of its body, which has the mass; else it is between two joints."""
+    """Whether the link is the last of its body, which has the mass; else it is between two
+    joints."""
 
 
 @dataclass(frozen=True)
@@ -78,11 +79,11 @@ class DescribedBody:
 
     body: Body
     links: tuple[LinkOf, ...]
-    """Its base and links."""
+    """The body's base and links."""
     positions: Int64
-    """Where the coordinates of its joints are in `qpos`."""
+    """Indices of the coordinates of its joints in `qpos`."""
     rates: Int64
-    """Where their rates are in `qvel`."""
+    """Indices of the rates of its joints in `qvel`."""
     balls: tuple[tuple[slice, slice, Float64], ...]
     """The joints that turn about a point: where their coordinates and rates are among those, and
     the axes of inertia of their link in its body's."""
@@ -90,7 +91,7 @@ class DescribedBody:
     """MuJoCo's joint that frees its base; -1 if it is not free."""
 
     def as_number(self, number: int, client: int) -> DescribedBody:
-        """Return it as a body of another simulation of the same model."""
+        """Return the same as a body of another simulation of the model."""
         label = f"{number}_{_plain(self.body.name)}"
         return replace(self, body=replace(self.body, number=number, label=label, client=client))
 
@@ -111,7 +112,8 @@ class DescribedModel:
     dof_of: Mapping[int, tuple[int, int]]
     """The number of the body, and the place in its generalised velocity, by degree of freedom."""
     names: Mapping[str, list[str]]
-    """All names by MuJoCo's kind: `body`, `jnt`, `geom`, `actuator`, `tendon`, `eq`."""
+    """The names of all elements by MuJoCo's kind: `body`, `jnt`, `geom`, `actuator`, `tendon`,
+    `eq`."""
 
 
 def described(
@@ -197,7 +199,7 @@ def _top(parents: list[int], body: int) -> int:
 
 
 def _names(arrays: Arrays, kind: str) -> list[str]:
-    """Return the names of all elements of a kind; of one without, its kind and number."""
+    """Return the names of all elements of a kind; one without a name gets its kind and number."""
     held = bytes(arrays["names"]) if "names" in arrays else b""
     word = {"jnt": "joint", "eq": "equality", "key": "keyframe"}.get(kind, kind)
     found = []
@@ -352,7 +354,7 @@ def _joint(
     before: int,
     joints: list[Joint],
 ) -> Joint:
-    """Return what connects a link to the one before it (`mj_kinematics`)."""
+    """Return the joint that connects a link to the one before it (`mj_kinematics`)."""
     inertial = _inertial(arrays, body) if whole else (NOWHERE, UPRIGHT)
     if which == 0:
         at, turn = _placed(arrays, body)
@@ -544,7 +546,7 @@ def _shapes(
     members: list[int],
     folder: Path,
 ) -> tuple[tuple[Shape, ...], tuple[Collision, ...]]:
-    """Return what is drawn, and what is touched, of a body."""
+    """Return the shapes of a body that are drawn, and those that collide."""
     whole = {each.of: link for link, each in enumerate(links, BASE) if each.whole and each.of >= 0}
     shapes: list[Shape] = []
     collisions: list[Collision] = []

@@ -23,7 +23,7 @@ from drop_physics.workers import how_it_ended, users_environment
 Float64 = NDArray[np.float64]
 
 MODULE = "mujoco.explain.answering"
-"""What is asked in the script's interpreter."""
+"""The module that is run in the script's interpreter."""
 TOUCH = np.dtype(
     [
         ("step", np.int64),
@@ -58,7 +58,7 @@ class ImpulseTerm(NamedTuple):
 
 @dataclass
 class Vocabulary:
-    """What the pieces of one model name by number."""
+    """What the pieces of one model refer to by number."""
 
     terms: list[ImpulseTerm] = field(default_factory=list)
     patterns: list[NDArray[np.int64]] = field(default_factory=list)
@@ -67,7 +67,7 @@ class Vocabulary:
 
 @dataclass(frozen=True)
 class ReplayedPiece:
-    """What became of some steps of one simulation, without a gap."""
+    """The explanation of successive steps of one simulation."""
 
     world: int
     model: int
@@ -78,15 +78,16 @@ class ReplayedPiece:
     reason: NDArray[np.uint8]
     """Why not `EXPLAINED`, into its `REASONS`, shape (n,)."""
     steps: NDArray[np.int64]
-    """Those that have a sum, shape (k,)."""
+    """The steps that have a sum, shape (k,)."""
     pattern: NDArray[np.int32]
     """The list of terms of each of them, shape (k,)."""
     values: Float64
     """Impulses [N s or N m s], step by step, within a step term by term, within it dof by dof."""
     remainder: NDArray[np.float32]
-    """The part of M (u' - u) that no term is, in shares of the largest impulse, shape (k,)."""
+    """The part of M (u' - u) that no term explains, as a share of the largest impulse, shape
+    (k,)."""
     largest: NDArray[np.float32]
-    """The largest impulse of each, shape (k,)."""
+    """The largest impulse of each step, shape (k,)."""
     touches: NDArray[Any]
     """The contact points, as `TOUCH`."""
     vocabulary: Vocabulary

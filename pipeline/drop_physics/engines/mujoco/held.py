@@ -17,7 +17,7 @@ Numbers = tuple[float, ...]
 KINDS = {0: "connect", 1: "weld"}
 """Kinds of equalities between bodies (`mjtEq`)."""
 BODY, SITE = 1, 6
-"""What an equality joins (`mjtObj`)."""
+"""Kinds of things that an equality joins (`mjtObj`)."""
 OVERRIDES = 1
 """The bit of `opt.enableflags` by which all contacts are as soft as the options say."""
 

@@ -47,7 +47,7 @@ KINDS = {
     "tendon friction": "friction loss",
     "tendon limit": "tendon",
 }
-"""What a recording calls MuJoCo's causes, where its word is another."""
+"""Names of MuJoCo's causes in a recording, where they differ."""
 UNKNOWN, NOT_REPLAYED = map(REPLAYS.index, ("unknown", "not replayed"))
 NAMES = {
     "actuator": "actuator",
@@ -62,14 +62,14 @@ NAMES = {
 
 @dataclass(frozen=True)
 class _CausePart:
-    """What of a term acts on one body."""
+    """The part of a term that acts on one body."""
 
     cause: ImpulseCause
     body: DescribedBody
     columns: Int64
     """Columns of the term, shape (w,)."""
     rows: Int64
-    """Where each of them is among the cause's places."""
+    """Index of each column among the cause's degrees of freedom."""
 
 
 @dataclass(eq=False)
@@ -171,7 +171,7 @@ class ExplainedSteps:
                 block[:, at : at + 3] = rotate_inverse(many, block[:, at : at + 3])
 
     def _parts_of(self, number: int, term: ImpulseTerm, numbers: Iterator[int]) -> list[_CausePart]:
-        """Return what of a term acts on which body."""
+        """Return the parts of a term that act on each body."""
         if number in self._parts:
             return self._parts[number]
         of_body: dict[int, list[tuple[int, int]]] = {}
@@ -202,7 +202,7 @@ class ExplainedSteps:
         return parts
 
     def _named(self, term: ImpulseTerm, body: int) -> tuple[str, str]:
-        """Return what a recording calls a term on a body, and what it is due to."""
+        """Return a recording's name of a term on a body, and what causes it."""
         kind, names = KINDS.get(term.kind, term.kind), self.described.names
         if term.kind in ("push", "friction"):
             bodies = self._geoms[[term.first, term.second], 0].tolist()
@@ -263,12 +263,12 @@ class ExplainedSteps:
 
 
 def _centre(described: DescribedModel, made: DescribedBody) -> Float64:
-    """Return where the centre of mass of a base is in its frame [m], shape (3,)."""
+    """Return the centre of mass of a base in its frame [m], shape (3,)."""
     return np.asarray(described.arrays["body_ipos"][made.root], np.float64)
 
 
 def _replay(reason: str) -> int:
-    """Return what a recording calls the reason for which a step has no sum."""
+    """Return a recording's name of the reason why a step has no sum."""
     return REPLAYS.index(reason or "unknown")
 
 

@@ -19,7 +19,7 @@ ALIGNED = 64
 NEAR = 1024
 """Arrays of a model with gaps of at most so many bytes are compared together."""
 MOST_HFIELD = 1 << 16
-"""Bytes of height fields that are compared at each step."""
+"""Number of bytes of height fields that are compared at each step."""
 EDITABLE = re.compile(
     r"qpos0|qpos_spring"
     r"|body_(pos|quat|ipos|iquat|mass|subtreemass|inertia|invweight0|gravcomp|margin)"
@@ -37,7 +37,7 @@ EDITABLE = re.compile(
 
 
 def view_of(address: int, size: int) -> memoryview:
-    """Return memory of this process as bytes; who looks must keep its owner alive."""
+    """Return memory of this process as bytes; the caller must keep its owner alive."""
     return memoryview((ctypes.c_char * size).from_address(address)).cast("B")
 
 
@@ -73,18 +73,7 @@ class StatePart:
 
 
 class StateMemory:
-    """Some arrays that lie one behind the other.
-
-    Parameters
-    ----------
-    arrays
-        The arrays, by name; those without elements lie nowhere.
-
-    Raises
-    ------
-    LookupError
-        If they do not lie so.
-    """
+    """Arrays that lie one behind the other in memory."""
 
     def __init__(self, arrays: dict[str, Any]) -> None:
         held = {name: array for name, array in arrays.items() if array.nbytes}
@@ -97,7 +86,7 @@ class StateMemory:
                 raise LookupError(f"{after} does not lie behind {before}")
         self.view = view_of(begin, self.size) if names else memoryview(b"")
         self.saved = bytearray(self.size)
-        """What was last looked at: it is compared as it is, and written to as `kept`."""
+        """The memory as last read: compared as it is, and written to as `kept`."""
         self.kept = memoryview(self.saved)
         self.parts = [
             StatePart(name, places[name] - begin, held[name].nbytes, self.view, self.saved)
@@ -105,7 +94,7 @@ class StateMemory:
         ]
 
     def changed(self) -> tuple[int, bytes]:
-        """Return how many arrays do not hold what was remembered, and these as a frame has them."""
+        """Return the number of arrays that have changed, and these as a frame has them."""
         found = []
         for part in self.parts:
             if part.saved.tobytes() != part.view.tobytes():

@@ -22,7 +22,7 @@ Float64 = NDArray[np.float64]
 PIECE_STEPS, PIECE_BYTES = 1 << 12, 1 << 22
 """A piece has at most so many steps, and bytes of states."""
 LENGTH = struct.Struct("<I")
-"""Before each payload in a spool."""
+"""Header of each payload in a spool."""
 WHERE = struct.Struct("<4xII")
 """Simulation and site in a `frames.STEP_HEAD`."""
 STEP_HEAD = np.dtype(
@@ -41,11 +41,11 @@ class MujocoModel:
     number: int
     digest: str
     fields: list[tuple[str, np.dtype[Any], tuple[int, ...]]]
-    """What may be edited in it: name, type and shape."""
+    """The fields that may be edited: name, type and shape."""
     arrays: dict[str, NDArray[Any]]
-    """What an analysis reads, by MuJoCo's names; options as `opt.timestep`."""
+    """The constants that an analysis reads, by MuJoCo's names; options as `opt.timestep`."""
     held: dict[int, NDArray[Any]] = field(default_factory=dict)
-    """What its edited fields hold now, by number of the field."""
+    """The values of its edited fields, by number of the field."""
 
 
 @dataclass(frozen=True)
@@ -64,13 +64,13 @@ class Written(NamedTuple):
     step: int
     """The step that is the first to see it."""
     cause: str
-    """One of `frames.CAUSES`."""
+    """The cause: one of `frames.CAUSES`."""
     argument: int
-    """The keyframe that was reset to."""
+    """The keyframe to which the state was reset."""
     site: int
-    """Where it was seen, or the function called."""
+    """The site where the write was seen, or the function that was called."""
     since: int
-    """The call before, or -1: who writes without a call does so between the two."""
+    """The site of the call before, or -1: a write without a call lies between the two."""
     time_s: float
     """The time of the state afterwards [s]."""
     parts: dict[str, tuple[NDArray[np.uint32] | None, NDArray[Any]]]
@@ -88,7 +88,7 @@ class Edited(NamedTuple):
     name: str
     """The field, as a script writes it: `geom_friction`, `opt.timestep`."""
     indices: NDArray[np.uint32]
-    """Into the flat array."""
+    """Indices into the flat array."""
     old: NDArray[Any]
     new: NDArray[Any]
     site: int
@@ -108,15 +108,15 @@ class StepPiece:
     functions: NDArray[np.uint8]
     """The function that made each, into `frames.STEPS`, shape (n,)."""
     stale: NDArray[np.uint8]
-    """0, or `frames.STALE` or `UNPOSED`: data were of another state, shape (n,)."""
+    """0, `frames.STALE` or `frames.UNPOSED`: whether data belonged to another state, shape (n,)."""
     sites: NDArray[np.int32]
-    """Where each was called, shape (n,)."""
+    """The site of each call, shape (n,)."""
     parts: dict[str, Float64]
     """The state after each step, by name of `frames.CORE`, shape (n, width)."""
     written: list[Written]
     edited: list[Edited]
     warnings: list[tuple[int, int, int, int]]
-    """Step, kind, how often in that step, and last info."""
+    """Warnings: step, kind, how often in that step, and last info."""
 
 
 @dataclass
@@ -131,7 +131,7 @@ class _World:
     step: int = 0
     site: int = -1
     payloads: list[bytes] = field(default_factory=list)
-    """The steps that are gathered."""
+    """The steps gathered so far."""
     written: list[Written] = field(default_factory=list)
     edited: list[Edited] = field(default_factory=list)
     warnings: list[tuple[int, int, int, int]] = field(default_factory=list)
@@ -139,10 +139,10 @@ class _World:
 
     def __post_init__(self) -> None:
         self.most = min(PIECE_STEPS, -(-PIECE_BYTES // max(self.size, 1)))
-        """How many steps make a piece."""
+        """Number of steps that make a piece."""
 
     def piece(self) -> StepPiece:
-        """Return what was gathered, and begin anew."""
+        """Return the gathered steps, and begin anew."""
         n, begins = len(self.payloads), STEP_HEAD.itemsize
         raw = np.frombuffer(b"".join(self.payloads), np.uint8).reshape(n, begins + self.size)
         heads = np.ascontiguousarray(raw[:, :begins]).view(STEP_HEAD)[:, 0]
@@ -191,7 +191,7 @@ class Received:
         self.callbacks: list[str] = []
         self.faults: list[str] = []
         self.warning_kinds = 0
-        """How many kinds of warnings MuJoCo has; 0 while it has not warned."""
+        """Number of kinds of warnings in MuJoCo; 0 while it has not warned."""
         self.viewer = False
         """Whether the script opened a passive viewer."""
         self.posed_without_steps: dict[int, int] = {}
@@ -208,7 +208,7 @@ class Received:
         return sum(world.step for world in self._worlds.values())
 
     def take(self, payload: bytes) -> Iterable[StepPiece]:
-        """Take a payload; return the pieces that are whole by now."""
+        """Read a payload; return the pieces that are complete now."""
         if self._spool is not None:
             self._spool.write(LENGTH.pack(len(payload)) + payload)
         kind = payload[:1]
@@ -232,7 +232,7 @@ class Received:
         return ()
 
     def rest(self) -> Iterator[StepPiece]:
-        """Yield what is gathered; the stream is over."""
+        """Yield the rest, at the end of the stream."""
         for world in self._worlds.values():
             if world.payloads:
                 yield world.piece()

@@ -58,15 +58,15 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 GIVEN_FIRST = ("ctrl", "qfrc_applied", "xfrc_applied")
-"""What a script may have set before its first step, and is zero else."""
+"""Parts that a script may have set before its first step, and that are zero otherwise."""
 STATE = ("qpos", "qvel", "act", "ctrl", "qfrc_applied", "xfrc_applied", "eq_active")
 PLACES = ("mocap_pos", "mocap_quat")
 """The parts of a state that a script writes to mean something by it."""
 MOVING = ("qpos", "qvel")
 MOVES = frozenset((*MOVING, *PLACES))
-"""The parts of it that say where bodies are, and how they move."""
+"""The parts of the state that say where bodies are, and how they move."""
 BY_MEMORY = frozenset(("memory", *CAUSES[CAUSES.index("mj_forward") :]))
-"""Causes of what the script has written by itself."""
+"""Causes of changes that the script made by itself."""
 SILENT = frozenset(("step", "posed"))
 """Causes that are no act of the script."""
 PLACES_BODIES = re.compile(r"opt\.|body_i?(pos|quat)|jnt_|qpos0|geom_(type|size|pos|quat)")
@@ -76,9 +76,9 @@ SHAPES_BODIES = re.compile(r"body_|jnt_|dof_|geom_|qpos0")
 _FULL = "inertia", "contacts full", "constraints full"
 _BAD = "bad position", "bad velocity", "bad acceleration", "bad control"
 WARNINGS = {7: (*_FULL, *_BAD), 8: (*_FULL, "drawing full", *_BAD)}
-"""What MuJoCo warns of (`mjtWarning`), by how many kinds a version knows."""
+"""Names of MuJoCo's warnings (`mjtWarning`), by the number of kinds that a version knows."""
 MOST_NOTES = 3
-"""Different texts that are noted of one kind."""
+"""Largest number of different texts that are noted of one kind."""
 
 
 @dataclass
@@ -88,14 +88,14 @@ class MujocoSimulation:
     client: int
     model: int
     first: int
-    """The first step, of the MjData's."""
+    """The number of its first step among those of the MjData."""
     described: DescribedModel
     number: int
     """The number of its first body."""
     held: dict[str, NDArray[Any]]
     """The parts of the state as they are, flat."""
     held_at: int
-    """After so many steps of the MjData."""
+    """The number of steps of the MjData so far."""
     arrays: dict[str, NDArray[Any]]
     """The model's constants, with what was edited."""
     began: bool = False
@@ -109,21 +109,21 @@ class MujocoSimulation:
     ends: int = 0
     """The last step of which there is a sample."""
     warned: dict[int, EngineWarning] = field(default_factory=dict)
-    """What MuJoCo warned of, by its number of the kind."""
+    """MuJoCo's warnings, by its number of the kind."""
     written: dict[int, Float64] = field(default_factory=dict)
     """`qpos` as it was written before steps of the piece."""
     given: dict[int, Float64] = field(default_factory=dict)
-    """What actuators were given before steps of the piece, where that changed."""
+    """The controls of actuators before steps of the piece, where they changed."""
     turns: BinaryIO | None = None
     """A file of the orientations of its free bodies before each step."""
     ctrl: Float64 | None = None
-    """What its actuators were given in the last step."""
+    """The controls of its actuators in the last step."""
     since: list[tuple[int, float, float]] = field(default_factory=list)
-    """Where its timestep changed: step, and time and timestep from there on."""
+    """The changes of its timestep: step, and time and timestep from there on."""
 
     @property
     def free(self) -> dict[int, int]:
-        """The free bodies, by number: where each is in the file."""
+        """The index of each free body in the file, by its number."""
         numbers = [made.body.number for made in self.described.bodies if made.free >= 0]
         return {number: place for place, number in enumerate(numbers)}
 
@@ -142,7 +142,7 @@ class MujocoSimulation:
         return self.since_s + (step - self.since_step) * self.timestep_s
 
     def take(self, written: Written) -> dict[str, Int64]:
-        """Take what was written; return where that changed something, by part."""
+        """Apply what was written; return where that changed something, by part."""
         changed = {}
         for name, (indices, values) in written.parts.items():
             old = self.held.get(name)
@@ -165,7 +165,7 @@ class MujocoSimulation:
 
 @dataclass
 class _Rows:
-    """Calls that were gathered."""
+    """The calls gathered so far."""
 
     steps: list[int] = field(default_factory=list)
     numbers: list[int] = field(default_factory=list)
@@ -187,21 +187,21 @@ class MujocoDecoder:
         self._described_before: dict[str, tuple[DescribedBody, ...]] = {}
         """The bodies of each model, by its digest: many states may have the same."""
         self._edited: set[int] = set()
-        """The edits that were told, by the identity of their values, which are kept."""
+        """The edits that were reported, by the identity of their values, which are kept."""
         self._kept: list[NDArray[Any]] = []
         self._sites: dict[tuple[str, str, int, int], int] = {}
         """The numbers of acts by what is set, in which form, and the sites of the calls around."""
         self._shown: dict[tuple[str, str, str, int], int] = {}
-        """The same by how they are shown."""
+        """The numbers of acts, by how they are shown."""
         self._new_sites: list[Site] = []
         self._calls = 0
         self.samples = self.replayed = self.explains = 0
         """Samples; steps that were replayed to the bit, and of these, those whose sum closes."""
         self.remainder = 0.0
-        """What the sum of a step leaves, over its largest term, at most."""
+        """The largest share of a step's largest term that its sum leaves."""
 
     def close(self) -> None:
-        """Remove what was kept."""
+        """Close the files, and remove the folder."""
         for file in (self._spool, *(each.turns for each in self._simulations.values())):
             if file is not None:
                 file.close()
@@ -210,7 +210,7 @@ class MujocoDecoder:
 
     @property
     def steps(self) -> int:
-        """How many steps all simulations have made."""
+        """Number of steps that all simulations have made."""
         return 0 if self._received is None else self._received.steps
 
     @property
@@ -220,7 +220,7 @@ class MujocoDecoder:
 
     @property
     def time_s(self) -> float:
-        """Simulated time of what was taken so far, of the simulation that is furthest [s]."""
+        """The simulated time so far of the simulation that is furthest [s]."""
         return max((each.time_s(each.ends) for each in self._simulations.values()), default=0.0)
 
     def take(self, payload: bytes) -> Iterable[Event]:
@@ -233,7 +233,7 @@ class MujocoDecoder:
         return self._on_pieces(pieces) if pieces else ()
 
     def rest(self) -> Iterator[Event]:
-        """Yield what is left; the stream is over."""
+        """Yield the remaining events, at the end of the stream."""
         if self._received is not None:
             yield from self._on_pieces(self._received.rest())
             if not self.steps:
@@ -272,7 +272,7 @@ class MujocoDecoder:
             yield from of_simulation[key].events(piece, its.times_then_s(steps), numbers)
 
     def notes(self) -> Iterator[Message]:
-        """Yield what is worth knowing about the recording."""
+        """Yield notes about the recording."""
         received = self._received
         if received is None:
             return
@@ -308,7 +308,7 @@ class MujocoDecoder:
             yield from self._on_piece(piece)
 
     def _on_piece(self, piece: StepPiece) -> Iterator[Event]:
-        """Yield what happened in a piece, cut where an edit changes how its samples are read."""
+        """Yield the events of a piece, cut where an edit changes how its samples are read."""
         simulation = self._simulation(piece.world, piece.model, piece.first)
         self._warned(simulation, piece)
         end = _end(piece)
@@ -325,7 +325,7 @@ class MujocoDecoder:
             yield from self._on_steps(simulation, piece, first, last, here)
 
     def _warned(self, its: MujocoSimulation, piece: StepPiece) -> None:
-        """Count what MuJoCo warned of in a piece."""
+        """Count MuJoCo's warnings in a piece."""
         assert self._received is not None
         kinds = WARNINGS.get(self._received.warning_kinds, ())
         for step, kind, count, info in piece.warnings:
@@ -363,7 +363,7 @@ class MujocoDecoder:
     def _on_steps(
         self, its: MujocoSimulation, piece: StepPiece, first: int, end: int, edits: list[Edited]
     ) -> Iterator[Event]:
-        """Yield what happened from one step of a piece to before another."""
+        """Yield the events from one step of a piece to before another."""
         assert self._received is not None
         rows, puts = _Rows(), list[Event]()
         changes = list[Event]()
@@ -401,7 +401,7 @@ class MujocoDecoder:
         yield self._sampled(its, piece, first, end)
 
     def _beginning(self, its: MujocoSimulation) -> Iterator[Event]:
-        """Yield what a simulation is, as it is before its first step."""
+        """Yield the events that describe a simulation before its first step."""
         its.began, its.timestep_s = True, _timestep(its)
         at = At(0, 0.0, self._calls)
         its.since.append((0, 0.0, its.timestep_s))
@@ -437,7 +437,7 @@ class MujocoDecoder:
         return Settings(at, its.client, values | options, f"MuJoCo {self._received.version}")
 
     def _changed(self, its: MujocoSimulation, edits: list[Edited], step: int) -> Iterator[Event]:
-        """Yield what edits of the model have changed of settings and bodies."""
+        """Yield the settings and bodies that edits of the model have changed."""
         assert self._folder is not None
         at = At(step, its.time_s(step), self._calls)
         if any(edit.name.startswith("opt.") for edit in edits):
@@ -461,7 +461,7 @@ class MujocoDecoder:
                 yield Dynamics(at, new.body, now)
 
     def _described(self, its: MujocoSimulation, edited: Set[int] | None = None) -> DescribedModel:
-        """Return what a model is now: all of it, or some bodies anew, by number."""
+        """Describe the model as it is now: all of it, or some bodies anew, by number."""
         assert self._folder is not None
         bodies = {made.body.number: made for made in its.described.bodies}
         return described(
@@ -475,7 +475,7 @@ class MujocoDecoder:
     # -- states -----------------------------------------------------------------------------------
 
     def _keep_turns(self, its: MujocoSimulation, piece: StepPiece, first: int, end: int) -> None:
-        """Keep how free bodies are turned before each step, for what is explained later."""
+        """Store the orientations of free bodies before each step, for the explanation later."""
         assert self._folder is not None
         free = [made for made in its.described.bodies if made.free >= 0]
         if not free:
@@ -499,7 +499,7 @@ class MujocoDecoder:
         its.written = {step: qpos for step, qpos in its.written.items() if step >= end}
 
     def _controls(self, its: MujocoSimulation, first: int) -> Iterator[Controls]:
-        """Yield what actuators were given, where that changed."""
+        """Yield the controls of actuators, where they changed."""
         names = tuple(its.described.names["actuator"])
         given, its.given = its.given, {}
         if first == its.first and names:
@@ -558,7 +558,7 @@ class MujocoDecoder:
         return Put(at, made.body, base, position[0], velocity[0], np.empty(0), counts)
 
     def _mocap(self, its: MujocoSimulation, made: DescribedBody) -> tuple[Float64, Float64] | None:
-        """Return where a base is that the script moves; None of others."""
+        """Return the pose of a base that the script moves; None for others."""
         which = int(its.arrays["body_mocapid"][made.root]) if made.links[0].of > 0 else -1
         if which < 0 or "mocap_pos" not in its.held:
             return None
@@ -571,7 +571,7 @@ class MujocoDecoder:
     def _on_written(
         self, its: MujocoSimulation, piece: StepPiece, written: Written, rows: _Rows
     ) -> Iterator[Put]:
-        """Take what was written before a step; yield the bodies that it moved."""
+        """Apply what was written before a step; yield the bodies that it moved."""
         step = written.step - its.first
         if written.step > its.first and its.start is None:
             its.start = dict(its.held)
@@ -683,7 +683,7 @@ class MujocoDecoder:
         values: Float64,
         rows: _Rows,
     ) -> None:
-        """Gather an act of the script."""
+        """Collect an act of the script."""
         number = self._sites.get((function, form, site, since))
         if number is None:
             number = self._site(function, form, site, since, names)
@@ -694,7 +694,7 @@ class MujocoDecoder:
         self._calls += 1
 
     def _site(self, function: str, form: str, site: int, since: int, names: tuple[str, ...]) -> int:
-        """Return the number of where an act of a form is made, between two calls."""
+        """Return the number of the place between two calls where an act of some form is made."""
         assert self._received is not None
         line, key = self._received.sites[site], (function, form, site, since)
         if since >= 0 and since != site:
@@ -745,7 +745,7 @@ def _timestep(its: MujocoSimulation) -> float:
 
 
 def _turns(its: MujocoSimulation) -> Float64:
-    """Return how free bodies are turned before each step, shape (n, bodies, 4)."""
+    """Return the orientations of free bodies before each step, shape (n, bodies, 4)."""
     if its.turns is None:
         return np.empty((0, 0, 4))
     its.turns.flush()
@@ -757,7 +757,7 @@ def _place(line: ScriptLine) -> str:
 
 
 def _edit(arrays: dict[str, NDArray[Any]], edit: Edited) -> None:
-    """Write into a model's constants what was edited."""
+    """Write edits into a model's constants."""
     if edit.name in arrays:
         held = arrays[edit.name] = np.array(arrays[edit.name])
         held.reshape(-1)[edit.indices] = edit.new

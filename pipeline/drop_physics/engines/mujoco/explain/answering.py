@@ -14,7 +14,7 @@ LENGTH = struct.Struct("<I")
 
 
 def main(path: str) -> None:
-    """Answer what a stream that was kept in a file asks."""
+    """Answer the request in a file that holds a stream."""
     replay = Replay()
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what MuJoCo prints must not get into the answer
