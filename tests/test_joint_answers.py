@@ -307,6 +307,20 @@ def test_pieces_say_the_same(steps: int, tmp_path: Path) -> None:
     assert [each.steps for each in parts] == [each.steps for each in whole]
 
 
+def test_a_weak_joint_is_not_counted_with_what_is_slow(tmp_path: Path) -> None:
+    scene = ARM + (
+        "go(0.8, 0)\np.setJointMotorControl2(k, 1, p.POSITION_CONTROL, 0.8, force=40)\n"
+        "p.setJointMotorControl2(k, 0, p.POSITION_CONTROL, 2.9, force=300, maxVelocity=0.1)\n"
+        "steps(480)\n"
+    )
+    slow, weak = said("off-target", scene, tmp_path)
+    assert (slow.joint, weak.joint) == ("lbr_iiwa_joint_1", "lbr_iiwa_joint_2")
+    assert "more)" not in slow.message
+    assert "maxVelocity" in slow.message
+    assert "its motor is at its limit of 40 N m" in weak.message
+    assert slow.share > weak.share
+
+
 # -- default-motor --------------------------------------------------------------------------------
 
 TORQUE = """

@@ -62,10 +62,9 @@ BESIDE_NOTHING = frozenset(("default-damping",))
 
 def ranked(findings: Iterable[Finding]) -> list[Finding]:
     """Return findings, the gravest first; of equal ones on many bodies only the worst."""
-    groups: dict[tuple[str, str | None, str], list[Finding]] = {}
+    groups: dict[tuple[str | None, ...], list[Finding]] = {}
     for each in _worst_misses(findings):
-        text = each.message.template if isinstance(each.message, messages.Message) else each.message
-        groups.setdefault((each.code, each.reason, text), []).append(each)
+        groups.setdefault((each.code, each.reason, *_texts(each)), []).append(each)
     found = sorted((_one_of(group) for group in groups.values()), key=lambda each: each.rank)
     if found and found[0].level in ("broken", "asked"):
         found = [each for each in found if each.code not in BESIDE_NOTHING]
@@ -96,17 +95,23 @@ def told_apart(findings: Iterable[Finding], bodies: Collection[Body]) -> Iterato
             yield replace(each, message=messages.joined(": ", [each.body, each.message]))
 
 
+def _texts(finding: Finding) -> tuple[str, ...]:
+    """Return the template of what is found, and that of why it is so."""
+    texts = finding.message, getattr(finding.message, "values", {}).get("why")
+    return tuple(getattr(each, "template", str(each)) for each in texts)
+
+
 def _worst_misses(findings: Iterable[Finding]) -> Iterator[Finding]:
-    """Yield findings; of the targets that joints of a body miss, only the gravest."""
-    told: set[tuple[str | None, bool]] = set()
+    """Yield findings; of the targets that joints of a body miss, only the gravest of each cause."""
+    told: set[tuple[object, ...]] = set()
     for each in sorted(findings, key=lambda each: each.rank):
         is_speed = each.effect is not None and each.effect.unit.endswith("/s")
-        miss = each.body, is_speed
+        of = {(each.body, is_speed, what) for what in (each.joint, _texts(each))}
         is_miss = each.code == "off-target" and each.reason is None
-        if not is_miss or miss not in told:
+        if not is_miss or not of & told:
             yield each
-        if is_miss and each.level == "asked":
-            told.add(miss)
+            if is_miss and each.level == "asked":
+                told |= of
 
 
 def _one_of(group: list[Finding]) -> Finding:

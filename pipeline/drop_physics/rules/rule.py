@@ -423,6 +423,8 @@ class Rules:
             sizes = self._sizes(place, runs)
             runs, sizes = runs.at(sizes > 0), sizes[sizes > 0]
             subjects = runs.keys[:, : 1 if rule.table in PARTS else rule.subject]
+            if rule.table == "targets":  # what is at its limit is another matter
+                subjects = np.column_stack([subjects, runs.weak])
             for subject in np.unique(subjects, axis=0):
                 its = np.flatnonzero((subjects == subject).all(axis=1))
                 mine = runs.at(its)

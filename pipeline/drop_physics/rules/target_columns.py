@@ -74,6 +74,7 @@ class TargetColumns:
             "force": driven.asked.force[stood.row, stood.k],
             "most": driven.asked.max_velocity[stood.row, stood.k],
             "stood": np.column_stack([stood.first, stood.last]),
+            "weak": stood.at_limit > HALF_THE_STEPS * stood.steps,
         }
         """Values that every rule's text may name, by name."""
         self.stopped = self._stopped()
