@@ -307,6 +307,15 @@ def test_pieces_say_the_same(steps: int, tmp_path: Path) -> None:
     assert [each.steps for each in parts] == [each.steps for each in whole]
 
 
+def test_a_target_that_jumps_is_not_followed(tmp_path: Path) -> None:
+    scene = BARE + (
+        "for q, n in ((0.5, 60), (-0.5, 60), (0.3, 300)):\n    for j in range(7):\n"
+        "        p.setJointMotorControl2(k, j, p.POSITION_CONTROL, q, positionGain=0.02)\n"
+        "    steps(n)\n"
+    )
+    assert "follows" not in " ".join(each.message for each in said("off-target", scene, tmp_path))
+
+
 def test_a_weak_joint_is_not_counted_with_what_is_slow(tmp_path: Path) -> None:
     scene = ARM + (
         "go(0.8, 0)\np.setJointMotorControl2(k, 1, p.POSITION_CONTROL, 0.8, force=40)\n"

@@ -27,6 +27,7 @@ from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.target_columns import TargetColumns
 from drop_physics.rules.thresholds import (
+    CROSSINGS,
     HALF_THE_STEPS,
     LAWFUL_GAP,
     LIMITED_OFTEN,
@@ -134,8 +135,8 @@ def follows_behind(targets: TargetColumns) -> Match | None:
 
 @follows_behind.says
 def _(worst: Worst) -> Said | None:
-    if not worst.moved:
-        return None  # the only target of the run
+    if worst.moved < CROSSINGS:
+        return None  # what jumps is not followed
     every = round(worst.count / worst.moved)
     often = Message("every {n} steps", n=every) if every > 1 else Message("with every step")
     return Said(

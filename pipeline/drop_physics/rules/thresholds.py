@@ -19,8 +19,8 @@ OTHER_FORCE = 0.01
 """Largest difference of a force from the one that was given. Unit: share. Needed by: rounding of
 impulses."""
 CROSSINGS = 3
-"""Least number of steps in which a joint passes its target. Unit: 1. Needed by: a joint that passes
-it once or twice overshoots for another reason."""
+"""Least number of steps in which a joint passes its target, or of targets that it follows. Unit: 1.
+Needed by: a joint that passes it once or twice overshoots for another reason."""
 IN_DEGREES_RAD = 6.283185307179586
 """Greatest target of a joint that is taken as radians. Unit: rad. Needed by:
 panda_degrees."""
