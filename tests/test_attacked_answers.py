@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -325,3 +326,52 @@ for kind in (p.JOINT_FIXED, p.JOINT_POINT2POINT):
     p.removeConstraint(c)
 """
     assert "weak-constraint" not in codes(scene, tmp_path / "scene.rrd")
+
+
+NO_SHAPE = """
+open("{path}", "w").write('<robot name="r"><link name="b"><inertial><mass value="1"/><inertia '
+    'ixx=".5" iyy=".5" izz=".5" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>')
+b = p.loadURDF("{path}")
+for i in range(60):
+    p.applyExternalTorque(b, -1, [0.001, 0.001, 0], p.WORLD_FRAME)
+    steps(1)
+"""
+
+
+def test_a_great_ratio_has_no_more_digits_than_are_known(tmp_path: Path) -> None:
+    found = findings(NO_SHAPE.format(path=tmp_path / "point.urdf"), tmp_path / "scene.rrd")
+    (one,) = (each for each in found if each.code == "inertia-from-shape")
+    assert re.search(r"would be \de\+\d+ times|would be \d\.\de\+\d+ times", one.message)
+
+
+def test_a_body_is_called_after_what_is_touched_of_it(tmp_path: Path) -> None:
+    scene = """
+p.setGravity(0, 0, -9.81)
+box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1] * 3)
+p.createMultiBody(0, box)
+p.createMultiBody(1, box, p.createVisualShape(p.GEOM_SPHERE, radius=.1), [0, 0, .15])
+steps(20)
+"""
+    (first, *_) = findings(scene, tmp_path / "scene.rrd")
+    assert (first.code, first.body) == ("starts-in-contact", "1_box")
+
+
+THROWS = """
+p.setTimeStep(1 / 2000)
+arm = p.createCollisionShape(
+    p.GEOM_BOX, halfExtents=[.05, .01, .01], collisionFramePosition=[.05, 0, 0])
+p.createMultiBody(0, -1, -1, [0, 0, 1], linkMasses=[1], linkCollisionShapeIndices=[arm],
+    linkVisualShapeIndices=[-1], linkPositions=[[0, 0, 0]], linkOrientations=[[0, 0, 0, 1]],
+    linkInertialFramePositions=[[.05, 0, 0]], linkInertialFrameOrientations=[[0, 0, 0, 1]],
+    linkParentIndices=[0], linkJointTypes=[p.JOINT_REVOLUTE], linkJointAxis=[[0, 0, 1]])
+p.setJointMotorControl2(0, 0, p.VELOCITY_CONTROL, force=0)
+wall = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.02, .05, .05])
+p.createMultiBody(0, wall, -1, [.012, .03, 1])
+steps(120)
+"""
+
+
+def test_a_joint_that_contacts_throw_to_the_clamp_is_told(tmp_path: Path) -> None:
+    found = {each.code: each for each in findings(THROWS, tmp_path / "scene.rrd")}
+    assert found["starts-in-contact"].level == "broken"
+    assert "joint1 reaches 100 rad/s" in found["velocity-clamped"].message

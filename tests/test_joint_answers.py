@@ -307,6 +307,33 @@ def test_pieces_say_the_same(steps: int, tmp_path: Path) -> None:
     assert [each.steps for each in parts] == [each.steps for each in whole]
 
 
+STANDS = (
+    FLOOR
+    + """
+p.setGravity(0, 0, -9.81)
+q = p.loadURDF("a1/a1.urdf", [0, 0, 0.32])
+legs = [j for j in range(p.getNumJoints(q)) if p.getJointInfo(q, j)[2] == p.JOINT_REVOLUTE]
+for j, a in zip(legs, [0, 0.9, -1.8] * 4):
+    p.resetJointState(q, j, a)
+    p.setJointMotorControl2(q, j, p.POSITION_CONTROL, a, force={force})
+steps(480)
+height = p.getBasePositionAndOrientation(q)[0][2]
+"""
+)
+
+
+def test_a_robot_that_stands_on_its_legs_is_to_try_more_force(tmp_path: Path) -> None:
+    first, *_ = said("off-target", STANDS.format(force=3), tmp_path)
+    assert (first.level, first.advice, first.proposed) == ("asked", "give it more force", True)
+    heights = []
+    for force in (3, 10):
+        names = run(STANDS.format(force=force))
+        heights.append(names["height"])
+        names["p"].disconnect()
+    assert heights[0] < 0.15 < 0.25 < heights[1]
+    assert said("off-target", STANDS.format(force=10), tmp_path / "strong") == []
+
+
 def test_a_target_that_jumps_is_not_followed(tmp_path: Path) -> None:
     scene = BARE + (
         "for q, n in ((0.5, 60), (-0.5, 60), (0.3, 300)):\n    for j in range(7):\n"

@@ -377,7 +377,7 @@ def numbers(text: str) -> list[float]:
         ("timestep-changed", "", r"1/500 s to 1/200 s at step 20: .*0\.01 s .* gives one 0\.005 s"),
         ("timestep-too-long", "coarse", r"in steps of 1/20 s: .*timestep/4"),
         ("joint-damping", "damped", r"driven with 3 N m .*damping of 100 takes 9\d% of"),
-        ("friction-loss", "rubbed", r"driven with 3 N m .*frictionloss of 100 takes 1?\d\d% of"),
+        ("joint-damping", "rubbed", r"driven with 3 N m .*frictionloss of 100 takes 1?\d\d% of"),
         ("armature", "heavy", r"driven with 3 N m .*armature of 100 takes 98% of"),
         ("target-clamped", "weak", r"weak is given up to 9, beyond its ctrlrange of -2 to 2 in 50"),
         ("off-target", "geared", r"given 0\.6 and sends geared to 0\.3, as its gear is 2"),

@@ -264,6 +264,8 @@ def test_momentum_that_nothing_gave(scene: str, unit: str, tmp_path: Path) -> No
     found = one(scene, tmp_path, "momentum-drift")
     assert found.effect is not None
     assert found.effect.unit == unit
+    # It promises no factor: where gains are shares per step, a finer timestep is another motion.
+    assert str(found.advice).startswith("a shorter timestep makes it less: p.setTimeStep(")
 
 
 SWAYING = """

@@ -46,7 +46,6 @@ CAUSES = frozenset(
         "inertia-from-shape",
         "inertia-without-mass",
         "joint-damping",
-        "friction-loss",
         "armature",
         "massless",
         "mimic-ignored",

@@ -9,6 +9,7 @@ import numpy as np
 from drop_physics.arrays import Float64
 from drop_physics.messages import Message, joined
 from drop_physics.physics.tree import BASE
+from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Cure, Effect, Scene, Span, so_many
 from drop_physics.rules.arguments import given, site_of
 from drop_physics.rules.inputs import Inputs, Use
@@ -536,7 +537,7 @@ def drive_lags(inputs: Inputs) -> Iterator[Said]:
         ahead_m = np.array(drive.targets_m) - places_m
         mean_m = ahead_m.mean(axis=0)
         gap_m = float(np.linalg.norm(mean_m))
-        made_m = float(np.linalg.norm(np.diff(places_m, axis=0), axis=1)[1:].mean())
+        made_m = float(lengths(np.diff(places_m, axis=0))[1:].mean())
         steady = np.abs(ahead_m - mean_m).max() <= SAME_GAP * gap_m
         if steady and 0 < made_m < (1 - SAME_GAP) * gap_m:
             yield Said(

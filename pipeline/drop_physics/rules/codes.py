@@ -87,7 +87,7 @@ CODES: dict[str, str] = {
         "PyBullet computes the inertia from the collision shape, not from the file."
     ),
     "inertia-without-mass": "A link has inertia, and no mass.",
-    "joint-damping": "A joint's damping takes most of the torque that it is given.",
+    "joint-damping": "A joint's damping or dry friction takes most of the torque that it is given.",
     "keyframe": "A model has a keyframe, and the run does not begin in it.",
     "law-mismatch": "A sample is not what the law says of the one before.",
     "link-counted-static": (

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.joined import FIXED, POINT, ConstraintVersion
 from drop_physics.physics.rotations import matrix
+from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Scene
 from drop_physics.rules.body_properties import size_m
 from drop_physics.trace.events import Body
@@ -121,4 +122,4 @@ def _apart(points_m: Float64, axes: Float64) -> tuple[Float64, Float64]:
     """Return gaps and angles between frames, shape (m,) each."""
     turned = np.einsum("nji,njk->nik", axes[:, 0], axes[:, 1])
     cosine = ((np.trace(turned, axis1=1, axis2=2) - 1) / 2).clip(-1, 1)
-    return np.linalg.norm(points_m[:, 0] - points_m[:, 1], axis=1), np.arccos(cosine)
+    return lengths(points_m[:, 0] - points_m[:, 1]), np.arccos(cosine)

@@ -10,6 +10,7 @@ from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.commands import DEFAULT
 from drop_physics.messages import Message
 from drop_physics.physics.tree import BASE
+from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.arguments import number
 from drop_physics.rules.joint import effort, link_of
@@ -71,7 +72,7 @@ def _pressed(joints: JointColumns) -> Float64:
     steps, body = joints.steps, joints.body
     if steps.law.tree.fixed or "contacts" not in steps.terms or not body.bounds_m:
         return np.full(joints.target.shape, np.inf)
-    pressed = np.linalg.norm(steps.terms["contacts"][:, 3:6], axis=1)
+    pressed = lengths(steps.terms["contacts"][:, 3:6])
     edges_m = np.diff(np.reshape(body.bounds_m, (-1, 2, 3)), axis=1).max(axis=(1, 2))
     alone = joints.of_joints(
         lambda joint: float(edges_m[joint.link + 1]) / 2 if joint.widths[1] == 1 else np.inf

@@ -11,6 +11,7 @@ from drop_physics.messages import Message
 from drop_physics.physics.dynamics import angular_momenta
 from drop_physics.physics.kinematics import kinematics, motion
 from drop_physics.physics.tree import BASE, States, Tree
+from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.rule import Match, Said, Worst, body_rule
 from drop_physics.rules.runs import Runs
@@ -46,13 +47,13 @@ def momentum_drift(bodies: BodyColumns) -> Match | None:
     ):
         turning[side, at], turned[side, at] = _turning(tree, states.at(at))
     damped = bodies.law.angular_damping != 0 or bodies.law.joint_damping.any()
-    speed_m_s = np.linalg.norm(after.velocity[:, 3:6], axis=1)
+    speed_m_s = lengths(after.velocity[:, 3:6])
     return Match(
         rows,
         np.zeros(len(rows)),
         sums={"drift": np.concatenate(integrated)[rows]},
         most={
-            "momentum": np.linalg.norm(momenta, axis=1),
+            "momentum": lengths(momenta),
             "moved": tree.masses_kg.sum() * speed_m_s,
             "turned": turned.max(axis=0),
             "damped": damped,
@@ -104,7 +105,7 @@ def _shares(runs: Runs) -> tuple[Float64, Float64]:
         (runs.drift, runs.momentum, runs.moved, True),
         (turns[1] - turns[0], np.linalg.norm(turns, axis=2).max(axis=0), runs.turned, ~runs.damped),
     ):
-        size = np.linalg.norm(drift, axis=1)
+        size = lengths(drift)
         # Where parts cancel, what is left is small against them.
         whole = np.maximum(greatest, OF_ALL_MOVED * parts)
         found.append(np.where(sure & (size > DRIFTS * whole) & (whole > 0), size / whole, 0.0))

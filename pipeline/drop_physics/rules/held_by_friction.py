@@ -12,6 +12,7 @@ import numpy as np
 from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.contact_points import COMMON
 from drop_physics.messages import Message
+from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import MUJOCOS
@@ -144,7 +145,7 @@ def _went(worst: Worst) -> float:
 
 def _ways(runs: Runs) -> tuple[Float64, Float64, Flags]:
     """Return ways at the contact and of the centre [m], and whether the first gets it anywhere."""
-    went_m, moved_m = (np.linalg.norm(each, axis=1) for each in (runs.slip, runs.way))
+    went_m, moved_m = (lengths(each) for each in (runs.slip, runs.way))
     straight = np.minimum(runs.slid, went_m) > STRAIGHT * np.maximum(runs.slid, moved_m)
     return went_m, moved_m, (went_m >= SLIPS_M) & straight
 
@@ -199,7 +200,7 @@ def _held(bodies: BodyColumns, *, steady: bool) -> Match | None:
     lowest, highest = np.full(n, np.inf), np.full(n, -np.inf)
     np.minimum.at(lowest, row, other)
     np.maximum.at(highest, row, other)
-    gripped = np.linalg.norm(summed(sign * normal * weight[:, None]), axis=1) < GRIPPED * total
+    gripped = lengths(summed(sign * normal * weight[:, None])) < GRIPPED * total
     available = summed(points.friction[its] * weight)
     holds = (total > 0) & (summed(unsure.astype(float)) == 0) & np.isfinite(available)
     holds &= gripped | (lowest == highest)
@@ -215,7 +216,7 @@ def _held(bodies: BodyColumns, *, steady: bool) -> Match | None:
     weigh = float(bodies.law.tree.masses_kg[0]) * bodies.reported.gravity_m_s2
     along = np.einsum("ni,ni->n", weigh, line)
     way -= np.einsum("ni,ni->n", way, line)[:, None] * line
-    speed, dt = np.linalg.norm(slip, axis=1), bodies.reported.timestep_s
+    speed, dt = lengths(slip), bodies.reported.timestep_s
     # Each step counts with the next touch, if that is not long after the one before.
     places = np.flatnonzero(holds)
     before = np.searchsorted(places, np.arange(n), side="right") - 1
@@ -232,9 +233,8 @@ def _held(bodies: BodyColumns, *, steady: bool) -> Match | None:
             "time": time,
             "normal": total[rows] * touching,
             "available": np.where(holds[rows], available[rows], 0.0) * touching,
-            "used": np.linalg.norm(summed(sign * points.tangential_n[its]), axis=1)[rows]
-            * touching,
-            "needed": np.linalg.norm(weigh - along[:, None] * line, axis=1)[at] * time,
+            "used": lengths(summed(sign * points.tangential_n[its]))[rows] * touching,
+            "needed": lengths(weigh - along[:, None] * line)[at] * time,
             "weight": np.where(gripped, 0.0, np.abs(along))[at] * time,
             "slid": speed[at] * time,
             "slower": holds[rows] & (speed[rows] < CREEPS_M_S),

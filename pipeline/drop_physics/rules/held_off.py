@@ -35,6 +35,8 @@ class Cause:
     cure: Cure | None = None
     level: Level = "asked"
     other: str | None = None
+    proposed: bool | None = None
+    """Whether the advice is to be tried."""
     need: str = ""
     """What the advice says about the force of the motor."""
 
@@ -135,6 +137,8 @@ def _held(
         why = Message(
             "its motor is at its limit of {limit} against {other}", limit=limit, other=body.label
         )
+        if not (driven.steps.law.tree.fixed or body.base_moves):  # it may stand on that
+            return Cause(why, MORE_FORCE, Cure("force"), other=body.label, proposed=True)
         load = held.from_one_side(most, k)
         if body.joints or not body.base_moves or (load is not None and load.anchored):
             return Cause(why, other=body.label)

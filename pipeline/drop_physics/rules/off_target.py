@@ -96,6 +96,7 @@ def _missed(worst: Worst, cause: Cause) -> Said:
         advice=cause.advice,
         cure=cure,
         level=None if cause.level == "asked" else cause.level,
+        proposed=cause.proposed,
         other=cause.other,
         effect=Effect(worst.off, worst.unit),
         share=worst.share,

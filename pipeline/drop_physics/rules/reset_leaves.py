@@ -8,6 +8,7 @@ import numpy as np
 
 from drop_physics.arrays import Float64
 from drop_physics.messages import Message
+from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Cure, Effect, Level, Scene
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import distance, place
@@ -117,8 +118,8 @@ def teleported(bodies: BodyColumns) -> Match | None:
     """A call puts a body elsewhere while it moves; a restored state is none of these."""
     if bodies.law.tree.fixed:
         return None
-    way = np.linalg.norm(bodies.before.position_m - bodies.came("position_m"), axis=1)
-    speed = np.linalg.norm(bodies.came("velocity")[:, 3:6], axis=1)
+    way = lengths(bodies.before.position_m - bodies.came("position_m"))
+    speed = lengths(bodies.came("velocity")[:, 3:6])
     where = bodies.put & (way > 0) & (speed > TELEPORTED_M_S)
     where &= ~bodies.scene.placing.restored(bodies.body, bodies.step)
     # Of all the first is told.

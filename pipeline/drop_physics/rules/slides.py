@@ -55,7 +55,7 @@ def _(runs: Runs, scene: Scene) -> Float64:
     beyond = (runs.until_against > runs.until_available) & (runs.slid >= SLIDES * runs.moved)
     slips = beyond | ((runs.turning > runs.held) & (runs.held > 0))
     rested = runs.began <= FROM_REST * runs.size
-    touches = runs.normal > NO_FORCE * np.linalg.norm(runs.needed, axis=1)
+    touches = runs.normal > NO_FORCE * lengths(runs.needed)
     sizes_m = np.array([size_m(scene.body(number)) for number in runs.keys[:, 0].tolist()])
     far = runs.slid > np.maximum(SLIPS_M, SLIPS_SHARE * sizes_m)
     return np.where(far & rested & slips & touches, runs.slid, 0.0)
@@ -117,7 +117,7 @@ def creeps(pair: PairColumns) -> Match:
 
 @creeps.counts
 def _(runs: Runs, _: Scene) -> Float64:
-    needed, went = (np.linalg.norm(each, axis=1) for each in (runs.needed, runs.way))
+    needed, went = (lengths(each) for each in (runs.needed, runs.way))
     holds = (went > CREEPS_M) & (runs.size * runs.time < CREEPS_STEADY * went)
     holds &= np.minimum(runs.slid, went) > CREEPS_STRAIGHT * np.maximum(runs.slid, runs.moved)
     holds &= np.maximum(needed, np.abs(runs.used)) < CREEPS_USED * runs.available
@@ -259,10 +259,10 @@ def friction_pyramid(pair: PairColumns) -> Match | None:
     clients = pair.scene.clients_with("set_enableConeFriction", 0)
     bodies = [number for number, body in pair.scene.seen.bodies.items() if body.client in clients]
     slides = (pair.slip_m_s > PYRAMID_M_S) & (pair.available_n > 0) & (pair.body != pair.other)
-    used = np.linalg.norm(pair.tangential_n, axis=1) / pair.available_n
+    used = lengths(pair.tangential_n) / pair.available_n
     more = used > PYRAMID
     where = slides & np.isin(pair.body, bodies)
-    along = pair.tangential_n / np.linalg.norm(pair.tangential_n, axis=1)[:, None]
+    along = pair.tangential_n / lengths(pair.tangential_n)[:, None]
     return Match(
         where,
         used,
@@ -306,7 +306,7 @@ def dragged_by_nothing(pair: PairColumns) -> Match | None:
         held = np.minimum(np.searchsorted(steps, pair.step[rows]), len(steps) - 1)
         moved = (held > 0) & (steps[held] == pair.step[rows])
         moved &= steps[held] - steps[held - 1] <= NEAR
-        moved &= np.linalg.norm(bases[held, 7:10], axis=1) < 1e-9
+        moved &= lengths(bases[held, 7:10]) < 1e-9
         where[rows] = moved
         ahead_m[rows] = bases[held, :3] - bases[held - 1, :3]
     if not where.any():
@@ -319,7 +319,7 @@ def dragged_by_nothing(pair: PairColumns) -> Match | None:
 @dragged_by_nothing.says
 def _(worst: Worst) -> Said | None:
     ways, size = np.array([worst.ahead_m, worst.went_m]), worst.body_size_m
-    behind, (ahead, went) = float(np.linalg.norm(ways[0] - ways[1])), np.linalg.norm(ways, axis=1)
+    behind, (ahead, went) = float(np.linalg.norm(ways[0] - ways[1])), lengths(ways)
     if went > STAYS * ahead or behind < AHEAD * size:
         return None
     advice = None

@@ -1,4 +1,4 @@
-"""`joint-damping`, `friction-loss`, `armature`, `off-target`: a MuJoCo joint stays slow.
+"""`joint-damping`, `armature`, `off-target`: a MuJoCo joint stays slow.
 
 What drives it goes where the model's damping, dry friction or armature is; and an actuator for
 rates, a damper itself, gives nothing at its target.
@@ -118,7 +118,8 @@ def _(worst: Worst) -> Said:
             "share": share,
         },
         cure=cure,
-        code=("joint-damping", "friction-loss", "armature")[k],
+        code="armature" if k == 2 else None,
+        reason="friction-loss" if k == 1 else None,
         effect=Effect(drive * share, worst.effort),
         share=share,
     )

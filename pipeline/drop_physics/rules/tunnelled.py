@@ -15,6 +15,7 @@ from drop_physics.messages import Message
 from drop_physics.physics.columns import rotation
 from drop_physics.physics.laws.mujoco.contact import shortest_s
 from drop_physics.physics.tree import BASE
+from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.engines import ANY, MUJOCO, MUJOCOS
@@ -65,7 +66,7 @@ def tunnelled(bodies: BodyColumns) -> Match | None:
     share = np.array([left - came for _, came, left in parts])[at, rows]
     return Match(
         rows,
-        np.linalg.norm(after_m - before_m, axis=1)[rows],
+        lengths(after_m - before_m)[rows],
         {
             "step": bodies.step[rows],
             "part": share,
@@ -267,7 +268,7 @@ def far(bodies: BodyColumns) -> Match | None:
     if bodies.law.tree.size != 6:
         return None
     step_s = bodies.reported.timestep_s / bodies.substeps
-    way_m = np.linalg.norm(bodies.after.velocity[:, 3:6], axis=1) * step_s
+    way_m = lengths(bodies.after.velocity[:, 3:6]) * step_s
     thick_m = bodies.of_each(_thick_m)
     meets = [bodies.scene.touching(bodies.body, bodies.step + later) for later in (0, 1)]
     far = (thick_m > 0) & (thick_m < ENDLESS_M) & (way_m > thick_m) & np.isfinite(way_m)

@@ -11,6 +11,7 @@ from drop_physics.explain.steps import Steps
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.tree import BASE, Tree
+from drop_physics.physics.vectors import lengths, summed
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.engines import ANY, MUJOCO
 from drop_physics.rules.rule import Match, Said, Worst, joint_rule
@@ -188,16 +189,16 @@ class Rolling:
         steps, n = self._steps, len(self._steps)
         timestep_s = steps.reported.timestep_s[:, None]
         outside = sum(steps.terms[name][:, 3:6] for name in ("contacts", "constraints", "applied"))
-        normal = _summed(self._normal[wheel] * self._normal_n[wheel, None], self.row[wheel], n)
-        normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-12)[:, None]
+        normal = summed(self.row[wheel], self._normal[wheel] * self._normal_n[wheel, None], count=n)
+        normal /= np.maximum(lengths(normal), 1e-12)[:, None]
         # A caster without a joint that drags on the same ground does not hold it.
         alike = np.einsum("ki,ki->k", self._normal, normal[self.row]) > WHEEL_ALIKE
         own = wheel | (alike & (self.rate == steps.law.tree.joint_rates))
-        others = outside / timestep_s - _summed(self._tangential_n[own], self.row[own], n)
+        others = outside / timestep_s - summed(self.row[own], self._tangential_n[own], count=n)
         others = others - np.einsum("ni,ni->n", others, normal)[:, None] * normal
         most = (self._friction * self._normal_n)[wheel, None]
-        available = _summed(most, self.row[wheel], n)[:, 0]
-        return np.asarray(np.linalg.norm(others, axis=1) > WHEEL_HELD * available)
+        available = summed(self.row[wheel], most, count=n)[:, 0]
+        return np.asarray(lengths(others) > WHEEL_HELD * available)
 
     def sums(self, rows: Rows, which: Rows) -> Float64:
         """Return the numbers of SUMS in each step of a wheel; `which` is that of each point."""
@@ -205,18 +206,18 @@ class Rolling:
         normal_n = self._normal_n[rows]
         forward, line = self._forward_m[rows], self._normal[rows]
         forward = forward - np.einsum("ki,ki->k", forward, line)[:, None] * line
-        arm = np.linalg.norm(forward, axis=1)
+        arm = lengths(forward)
         forward = forward / np.maximum(arm, 1e-12)[:, None]
         rolls, slips = self._rate[rows] * arm, np.einsum("ki,ki->k", self._slip_m_s[rows], forward)
-        across = np.linalg.norm(self._slip_m_s[rows] - slips[:, None] * forward, axis=1)
+        across = lengths(self._slip_m_s[rows] - slips[:, None] * forward)
         # Forwards is where it rolls, or where it goes if that is more: a locked wheel slides on.
         sign = np.where(2 * rolls < slips, -1.0, 1.0)
         rolls, slips = sign * rolls, sign * slips
-        means = _summed(np.column_stack([rolls, slips, across]) * normal_n[:, None], which, n)
+        means = summed(which, np.column_stack([rolls, slips, across]) * normal_n[:, None], count=n)
         normal = np.bincount(which, normal_n, n)
         rolled, slipped, across = means.T / normal
         available = np.bincount(which, normal_n * self._friction[rows], n)
-        used = np.linalg.norm(_summed(self._tangential_n[rows], which, n), axis=1)
+        used = lengths(summed(which, self._tangential_n[rows], count=n))
         limited = slipped * (used > WHEEL_AT_LIMIT * available)
         timestep_s = self._timestep_s[rows][np.searchsorted(which, np.arange(n))]
         numbers = [rolled, slipped, limited, across, available, normal, np.ones(n)]
@@ -232,10 +233,3 @@ def _share(rolled: Float64, slipped: Float64, limited: Float64) -> Float64:
 def _joint(tree: Tree, link: int) -> int:
     """Return the joint that moves a link: its own or the nearest below; BASE if there is none."""
     return next((each for each in tree.branch(link) if tree.joints[each] != "fixed"), BASE)
-
-
-def _summed(values: Float64, row: Rows, n: int) -> Float64:
-    """Return the sums of vectors by row, shape (n, k)."""
-    out = np.zeros((n, values.shape[1]))
-    np.add.at(out, row, values)
-    return out

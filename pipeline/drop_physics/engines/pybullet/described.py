@@ -54,7 +54,8 @@ class Numbering:
         """Return a body as it was added to the simulation."""
         joints = _joints(note)
         shapes = shapes_of(note["visual"], dynamics, note["inertial"])
-        kinds = [shape.kind for shape in shapes[:1]]
+        collisions = _collisions(note["collisions"])
+        kinds = [each.kind for each in collisions or shapes]
         name = _name(note["file"], note["name"], *kinds, note["base"])
         links = (note["base"] or "base", *(info[12] for info in note["joints"]))
         make_up = (
@@ -85,7 +86,7 @@ class Numbering:
             bool(note["flags"] & ENABLE_SLEEPING),
             note["hides_links"],
             tuple(note["bounds"]),
-            _collisions(note["collisions"]),
+            collisions,
             _asked(note),
             note["flags"],
             note["before"],
