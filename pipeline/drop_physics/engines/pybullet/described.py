@@ -55,8 +55,12 @@ class Numbering:
         joints = _joints(note)
         shapes = shapes_of(note["visual"], dynamics, note["inertial"])
         collisions = _collisions(note["collisions"])
-        kinds = [each.kind for each in collisions or shapes]
-        name = _name(note["file"], note["name"], *kinds, note["base"])
+        name = _name(
+            note["file"],
+            note["name"],
+            *(each.kind for each in collisions or shapes),
+            note["base"],
+        )
         links = (note["base"] or "base", *(info[12] for info in note["joints"]))
         make_up = (
             client,
