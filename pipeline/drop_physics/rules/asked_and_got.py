@@ -520,11 +520,9 @@ def pose_set_each_step(inputs: Inputs) -> Iterator[Said]:
         )
 
 
-def _branch(body: Body, link: int) -> Iterator[int]:
-    """Yield the links from one down to the base."""
-    while link >= 0:
-        yield link
-        link = body.joints[link].parent
+def _branch(body: Body, link: int) -> tuple[int, ...]:
+    """Return the links from one down to the base."""
+    return () if link < 0 else (link, *_branch(body, body.joints[link].parent))
 
 
 @input_rule("overwritten", "asked", "drive-lags")

@@ -55,9 +55,7 @@ from drop_physics.trace.events import Body
 SHAKES = frozenset(("unstable", "motor-gain"))
 """Codes that explain why a joint is off its target, whatever its motor's limit is."""
 FAST = frozenset(("beyond-urdf",))
-"""What says that a joint goes faster than it may."""
-MISSED = "off-target"
-"""What says that a joint is not where it was sent."""
+"""Codes that say that a joint goes faster than it may."""
 BESIDE_NOTHING = frozenset(("default-damping",))
 """Codes that are true of nearly every run, and an answer only where nothing was asked in vain."""
 
@@ -78,7 +76,7 @@ def ranked(findings: Iterable[Finding]) -> list[Finding]:
     told = {code: {each.body for each in found if each.code in code} for code in (SHAKES, FAST)}
     return [
         replace(each, advice=None, cure=None)
-        if each.code == MISSED and each.body in told[FAST if each.level == "note" else SHAKES]
+        if each.code == "off-target" and each.body in told[FAST if each.level == "note" else SHAKES]
         else each
         for each in found
     ]
@@ -99,7 +97,9 @@ def told_apart(findings: Iterable[Finding], bodies: Collection[Body]) -> Iterato
 
 def _texts(finding: Finding) -> tuple[str, ...]:
     """Return the template of what is found, and of a target that is missed that of why."""
-    why = getattr(finding.message, "values", {}).get("why") if finding.code == MISSED else None
+    why = (
+        getattr(finding.message, "values", {}).get("why") if finding.code == "off-target" else None
+    )
     return tuple(getattr(each, "template", str(each)) for each in (finding.message, why))
 
 
@@ -109,7 +109,7 @@ def _worst_misses(findings: Iterable[Finding]) -> Iterator[Finding]:
     for each in sorted(findings, key=lambda each: each.rank):
         is_speed = each.effect is not None and each.effect.unit.endswith("/s")
         of = {(each.body, is_speed, what) for what in (each.joint, _texts(each))}
-        is_miss = each.code == MISSED and each.reason is None
+        is_miss = each.code == "off-target" and each.reason is None
         if not is_miss or not of & told:
             yield each
             if is_miss and each.level == "asked":

@@ -273,9 +273,9 @@ class Inputs:
             its = its[(points.distance_m[its] < -DEEP_M) & (pairs.normal_n[pairs.row[its]] > 0)]
             links = points.link[its, (points.body[its, 1] == number).astype(int)]
             told = np.column_stack([points.step[its], -points.distance_m[its], links]).tolist()
+            deepest = self.deepest[number]
             for step, depth_m, link in told:
-                now = self.deepest[number].get(int(step), (0.0, 0))
-                self.deepest[number][int(step)] = max(now, (depth_m, int(link)))
+                deepest[int(step)] = max(deepest.get(int(step), (0.0, 0)), (depth_m, int(link)))
 
     def _bodies_of(self, *acts: Act) -> set[int]:
         """Return the numbers of the bodies that calls of some acts have named so far."""

@@ -86,8 +86,9 @@ def torque(inputs: Inputs) -> Iterator[Said]:
     }
     said = set[int]()
     for each, body, link in _read(inputs, Act.READ_JOINT):
-        alone = (body.number, link) in inputs.torque_alone and body.number not in varied
-        if alone and each.number not in said:
+        if (body.number, link) in inputs.torque_alone and not (
+            body.number in varied or each.number in said
+        ):
             said.add(each.number)
             yield Said(
                 subject=body,
