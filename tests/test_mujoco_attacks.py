@@ -132,6 +132,37 @@ SINGLE = {
     "arm": Model(TWO.format(**ARM), TWO_SERVOS.format(**ARM), "d.ctrl[:] = -.2, .3", 100),
 }
 
+# An arm that a keyframe bends; gravity is off, so that what it is given decides.
+BENT = """<body name="{0}" pos="0 0 1"><joint name="{0}" axis="0 0 1" damping="1" {1}/>
+<geom type="capsule" fromto="0 0 0 .3 0 0" size=".03" mass="1"/></body>"""
+SERVO = """<actuator><position joint="{0}" kp="100" kv="5"/></actuator>"""
+LOADED = "mujoco.mj_resetDataKeyframe(m, d, 0) if k == 0 else None"
+MODELS |= {
+    "kept": Model(
+        BENT.format("kept", ""),
+        SERVO.format("kept") + '<keyframe><key name="home" qpos=".5"/></keyframe>',
+        LOADED,
+        400,
+    ),
+    # The keyframe is loaded with its ctrl, and the script then asks for another pose.
+    "sent": Model(
+        BENT.format("sent", ""),
+        SERVO.format("sent") + '<keyframe><key name="home" qpos=".5" ctrl=".5"/></keyframe>',
+        LOADED + "; d.ctrl[0] = 0.9",
+        400,
+    ),
+    # At rest half-way between its target and the place of its own spring.
+    "sprung": Model(
+        BENT.format("sprung", 'stiffness="100"'), SERVO.format("sprung"), "d.ctrl[0] = 1", 900
+    ),
+    "afloat": Model(FLOOR + box("afloat", 0.6, 0.1, 1).replace("<body", '<body gravcomp="1"')),
+    "unreal": Model(
+        BENT.format("unreal", ""),
+        SERVO.format("unreal"),
+        "d.ctrl[0] = 0 if k < 99 else float('nan')",
+    ),
+}
+
 SCRIPT = """
 import mujoco
 
@@ -193,6 +224,16 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> list[Finding]:
         ("slides", r"_slick slides .* condim 1.*condim=\"3\""),
         ("deep-penetration", r"_sunk gets 11 mm .* solref 0\.3 1,.*or of the <pair>"),
         ("deep-penetration", r"_heavy gets 9\.04 mm .* 1\.08e\+03 times .*leaves 0\.5\d mm"),
+        ("reset-leaves", r"^kept is driven off .* home by 0\.5 rad: .* each actuator 0 ctrl="),
+        (
+            "off-target",
+            r"^sprung rests 0\.5 rad off .*: .* 50 N m stiffness=\"0\" of the <joint>, or",
+        ),
+        ("no-gravity", r"^gravcomp takes all of gravity off \d+_afloat.* gravcomp=\"0\""),
+        (
+            "not-finite",
+            r"^ctrl\[0\] is huge or no number in 201 steps, first in step 100, .* 0 for",
+        ),
         ("not-taken", r"xfrc_applied\[0\] is of the world.* such as 1 of \d+_crate"),
     ],
 )
@@ -206,7 +247,7 @@ def test_a_body_that_is_pressed_flat_gets_no_depth_as_advice(tmp_path: Path) -> 
     assert finding.advice == "give 1_tiny a mass nearer to that of what lies on it"
 
 
-@pytest.mark.parametrize("name", ["racket", "part"])
+@pytest.mark.parametrize("name", ["racket", "part", "sent"])
 def test_nothing_is_said_of_what_is_right(found: list[Finding], name: str) -> None:
     assert [each.message for each in found if name in each.message] == []
 

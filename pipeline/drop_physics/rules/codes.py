@@ -72,6 +72,7 @@ CODES: dict[str, str] = {
         "Friction is a pyramid along two axes, and turned or braked a body that slides "
         "between them."
     ),
+    "gravcomp": "gravcomp takes all of gravity off a body.",
     "ik-index": "Answers of inverse kinematics went to joints by index, fixed ones among them.",
     "ik-off": (
         "A hand is off its point although its joints are on their targets: inverse kinematics "

@@ -103,7 +103,7 @@ def _(worst: Worst) -> Said:
             "{name} is given {given:.4g} and sends {joint} to {to:.4g}, as its gear is {gear:g}"
         ),
         values=values,
-        advice=Message("give it the target times its gear"),
+        advice=Message("give it the target times its gear, if the script does not"),
     )
 
 

@@ -14,6 +14,10 @@ from drop_physics.rules.rule import Match, Said, Worst, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import BACK, WATCHED
+from drop_physics.trace.acts import Act
+
+LOADS = "mj_resetDataKeyframe"
+"""What loads a keyframe, with what it gives actuators."""
 
 
 @joint_rule("reset-leaves", "asked", engines=MUJOCOS)
@@ -26,12 +30,12 @@ def keyframe_without_control(joints: JointColumns) -> Match | None:
     watched = np.array(given)[:, :WATCHED]
     begins, now = steps.before.joints[0], watched[:, 0]
     keys = [each for each in body.keyframes if np.abs(begins - each.joints).max() < BACK]
-    # Of poses that look the same, one may have what it gives.
-    if (
-        not keys
-        or np.ptp(watched, axis=1).any()
-        or any(np.abs(now - key.given).max() < BACK for key in keys)
-    ):
+    calls = joints.scene.piece.calls.of(Act.RESET_STATE)
+    loaded = any(each.function == LOADS and not each.at.step for each in calls)
+    # Of poses that look the same, one may have what it gives; and what is loaded may be changed.
+    same = any(np.abs(now - key.given).max() < BACK for key in keys)
+    has_none = loaded and same and not now.any()
+    if not keys or np.ptp(watched, axis=1).any() or ((loaded or same) and not has_none):
         return None
     servos = {each.target for each in body.actuators if each.kind == "position"}
     served = [name_of(joints.driven, k) in servos for k in range(len(joints.at_target))]
@@ -40,19 +44,32 @@ def keyframe_without_control(joints: JointColumns) -> Match | None:
     given_now, given_there = (
         " ".join(f"{each:g}" for each in values) for values in (now, keys[0].given)
     )
-    texts = {"key": keys[0].name, "now": given_now, "given": given_there}
+    texts = {"key": keys[0].name, "now": given_now, "given": "" if has_none else given_there}
     numbers = {name: np.full(where.shape, text) for name, text in texts.items()}
     return Match(where, np.broadcast_to(off, where.shape), numbers)
 
 
 @keyframe_without_control.says
 def _(worst: Worst) -> Said:
+    off = distance(worst.size, worst.unit)
+    if not worst.given:
+        return Said(
+            level="model",
+            proposed=True,
+            message=Message(
+                "{joint} is driven off the pose of keyframe {key} by {off}: that keyframe gives "
+                "each actuator 0"
+            ),
+            values={"off": off},
+            advice=Message('ctrl="…" of the <key>'),
+            effect=Effect(worst.size, worst.unit),
+        )
     return Said(
         message=Message(
             "{body} begins in the pose of keyframe {key} and {joint} is driven off by {off}: ctrl "
             "is {now}, and that of the keyframe is {given}"
         ),
-        values={"off": distance(worst.size, worst.unit)},
+        values={"off": off},
         cure=Cure("keyframe-ctrl", worst.body),
         effect=Effect(worst.size, worst.unit),
     )

@@ -87,6 +87,29 @@ def floats_without_gravity(bodies: BodyColumns) -> Match | None:
     return Match(~acts, np.ones(len(acts)))
 
 
+@body_rule("no-gravity", "model", reason="gravcomp", least_count=FALLS_STEPS, engines=MUJOCOS)
+def floats_by_compensation(bodies: BodyColumns) -> Match | None:
+    """A free body that nothing touches, and whose `gravcomp` takes all of gravity off it."""
+    lifts = bodies.terms.get("gravity compensation")
+    if not bodies.batch.bodies[0].body.base_moves or lifts is None:
+        return None
+    weight, lift = bodies.terms["gravity"][:, 3:6], lifts[:, 3:6]
+    still = lift.any(axis=1) & (np.abs(lift + weight) <= 1e-9 * np.abs(weight)).all(axis=1)
+    acts = np.zeros(len(still), np.bool_)
+    acts[bodies.reported.contacts.step] = True
+    return Match(still & ~acts & ~bodies.after.velocity.any(axis=1), np.ones(len(still)))
+
+
+@floats_by_compensation.says
+def _(worst: Worst) -> Said | None:
+    if worst.count < worst.scene.ends[worst.subject.number]:
+        return None  # it moves at some time
+    return Said(
+        message=Message("gravcomp takes all of gravity off {body}, so it does not fall"),
+        cure=Cure("gravcomp", worst.body, 0.0),
+    )
+
+
 @floats_without_gravity.says
 def _(worst: Worst) -> Said | None:
     if worst.count < worst.scene.ends[worst.subject.number]:

@@ -15,7 +15,7 @@ from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.joints import REST_STEPS
 from drop_physics.explain.targets import SETTLED, SETTLED_STEPS
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Cure, Effect, Scene, Span
+from drop_physics.rules.answer import Cure, Effect, Level, Scene, Span
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import (
@@ -31,7 +31,14 @@ from drop_physics.rules.joint import (
 from drop_physics.rules.rule import Match, Said, Worst, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
-from drop_physics.rules.thresholds import EACH_STEP, HOLDS, IN_DEGREES_RAD, OWN_SHARE, SPRING_SHARE
+from drop_physics.rules.thresholds import (
+    EACH_STEP,
+    HOLDS,
+    IN_DEGREES_RAD,
+    OWN_SHARE,
+    SAGS,
+    SPRING_SHARE,
+)
 from drop_physics.trace.events import Actuator
 
 CLAMPED = "joint force range"
@@ -125,10 +132,17 @@ def _(worst: Worst) -> Said:
         cure=cure,
         reason=held.reason,
         effect=Effect(abs(held.gap), worst.unit),
-        # Controls that are never written are 0, too: nobody may have asked for that.
-        level=None if worst.scene.kept["sent", worst.subject.number] else "model",
+        level=_level(worst, held),
         steps=Span(held.since, worst.last, worst.last - held.since + 1),
     )
+
+
+def _level(worst: Worst, held: ServoGap) -> Level | None:
+    """Return how grave a gap is where it is less than others."""
+    if held.reason == "spring" and abs(held.gap) < SAGS * OFF[worst.unit]:
+        return "note"
+    # Controls that are never written are 0, too: nobody may have asked for that.
+    return None if worst.scene.kept["sent", worst.subject.number] else "model"
 
 
 Why = tuple[Message, Cure | None, Message | None]
@@ -192,9 +206,11 @@ def _spring(worst: Worst, held: ServoGap) -> Why:
         kp=held.kp,
         force=effort(held.own, worst.effort),
     )
-    left, cure = distance(near, worst.unit), Cure("gains", worst.joint, enough)
-    advice = Message('kp="{kp:g}" of the <position> leaves {left}', kp=enough, left=left)
+    left = distance(near, worst.unit)
+    cure: Cure | None = Cure("gains", worst.joint, enough)
+    advice = Message('kp="{kp:g}" of the <position>', kp=enough)
     if held.fixed:
+        advice = Message('kp="{kp:g}" of the <position> leaves {left}', kp=enough, left=left)
         advice = Message(
             '{leaves}, or gravcomp="1" of its bodies takes gravity off it', leaves=advice
         )
@@ -205,11 +221,8 @@ def _spring(worst: Worst, held: ServoGap) -> Why:
             kp=held.kp,
             force=effort(abs(held.back), worst.effort),
         )
-        advice = Message(
-            'stiffness="0" of the <joint>, its springref at the target, or a kp well above '
-            "{kp:g} of the <position>",
-            kp=enough,
-        )
+        cure = None
+        advice = Message('stiffness="0" of the <joint>, or its springref at the target')
     return why, cure, advice
 
 

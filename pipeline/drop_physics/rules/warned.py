@@ -1,4 +1,4 @@
-"""`auto-reset`, `buffer-full`: what the engine itself warned of."""
+"""`auto-reset`, `not-finite`, `buffer-full`: what the engine itself warned of."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from drop_physics.rules.rule import Said, input_rule
 from drop_physics.trace.events import EngineWarning
 
 POSITION = "bad position"
-CONTACTS = "contacts full"
+CONTACTS, CONTROL = "contacts full", "bad control"
 RESETS = POSITION, "bad velocity", "bad acceleration"
 """The warnings with which the engine resets the state."""
 
@@ -55,6 +55,28 @@ def auto_reset(inputs: Inputs) -> Iterator[Said]:
             effect=Effect(float(steps), "steps"),
             share=steps / all_steps,
         )
+
+
+@input_rule("not-finite", "broken", engines=MUJOCOS)
+def bad_control(inputs: Inputs) -> Iterator[Said]:
+    """A control that is huge or no number: no actuator acts in such a step."""
+    for warning in inputs.scene.seen.warnings:
+        if warning.kind == CONTROL:
+            yield Said(
+                steps=Span(warning.at.step, warning.last_step, warning.steps),
+                message=Message(
+                    "ctrl[{index}] is huge or no number in {steps}, first in step {first:,}, and "
+                    "MuJoCo then takes 0 for all controls",
+                    index=warning.info,
+                    steps=so_many(warning.steps),
+                    first=warning.at.step,
+                ),
+                advice=Message(
+                    "look for what the script divides by 0, or takes a root or arccos of"
+                ),
+                effect=Effect(float(warning.steps), "steps"),
+                share=float(warning.steps),
+            )
 
 
 @input_rule("buffer-full", "broken", engines=MUJOCOS)
