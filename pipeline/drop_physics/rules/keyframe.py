@@ -14,10 +14,7 @@ from drop_physics.rules.rule import Match, Said, Worst, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import BACK, WATCHED
-from drop_physics.trace.acts import Act
-
-LOADS = "mj_resetDataKeyframe"
-"""What loads a keyframe, with what it gives actuators."""
+from drop_physics.trace.acts import LOADS_KEYFRAME, Act
 
 
 @joint_rule("reset-leaves", "asked", engines=MUJOCOS)
@@ -31,7 +28,7 @@ def keyframe_without_control(joints: JointColumns) -> Match | None:
     begins, now = steps.before.joints[0], watched[:, 0]
     keys = [each for each in body.keyframes if np.abs(begins - each.joints).max() < BACK]
     calls = joints.scene.piece.calls.of(Act.RESET_STATE)
-    loaded = any(each.function == LOADS and not each.at.step for each in calls)
+    loaded = any(each.function == LOADS_KEYFRAME and not each.at.step for each in calls)
     # Of poses that look the same, one may have what it gives; and what is loaded may be changed.
     same = any(np.abs(now - key.given).max() < BACK for key in keys)
     has_none = loaded and same and not now.any()

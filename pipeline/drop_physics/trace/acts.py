@@ -94,6 +94,8 @@ class Act(Enum):
 
 ACTS: Mapping[str, Act] = {function: act for act in Act for function in act.value}
 """The act of each function, by the function's name."""
+LOADS_KEYFRAME = "mj_resetDataKeyframe"
+"""What loads a keyframe, with what it gives actuators."""
 PUSHES = Act.PUSH, Act.TWIST
 MAKES = Act.LOAD, Act.MAKE
 FILTERS = Act.FILTER_PAIR, Act.FILTER_GROUP
