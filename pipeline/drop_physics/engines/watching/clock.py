@@ -24,11 +24,11 @@ from .hidden import hide
 from .sites import LIBRARY
 
 CALL_S = 1e-4
-"""How long a call takes on the clock while a simulation runs in real time [s]."""
+"""Duration of a call on the clock while a simulation runs in real time [s]."""
 READ_S = 1e-6
-"""How long reading the clock takes [s]."""
+"""Duration of reading the clock [s]."""
 ASK_S, LONGEST_ASK_S = 1e-6, 1e-3
-"""How long asking for input takes [s]: more each time, until something happens."""
+"""Duration of asking for input [s]: longer each time, until something happens."""
 NAMES = ("time", "monotonic", "perf_counter")
 
 _OTHERS = LIBRARY + "site-packages" + os.sep

@@ -25,20 +25,20 @@ if TYPE_CHECKING:
     from .hooks import MujocoWatch
 
 Operation = Mapping[str, Any]
-"""What is done: `do` names it."""
+"""An operation, which `do` names."""
 Write = tuple[str, Any, Callable[[Any], Any]]
 """A field, as a script writes it: `geom_friction`, `opt.timestep`; which of its elements, None for
 all; and what they become."""
 
 ENGINE = "mujoco"
-"""What operations for this engine have as `engine`."""
+"""Value of `engine` in operations for MuJoCo."""
 DERIVED = (
     *("body_subtreemass", "body_invweight0", "dof_M0", "dof_invweight0"),
     *("tendon_length0", "tendon_invweight0", "actuator_acc0", "actuator_length0"),
 )
-"""What MuJoCo derives from masses, inertias and armatures (`mj_setConst`)."""
+"""Fields that MuJoCo derives from masses, inertias and armatures (`mj_setConst`)."""
 SOURCES = ("body_mass", "body_inertia", "body_ipos", "body_iquat", "dof_armature", "body_gravcomp")
-"""What it derives them from."""
+"""Fields from which MuJoCo derives them."""
 FREE, BALL = 0, 1
 """Types of joints (`mjtJoint`); those above have one coordinate."""
 LEAST_KG = 1e-15
@@ -54,7 +54,7 @@ SAME = 1e-6
 RESETS = ("mj_resetData", "mj_resetDataKeyframe", "mj_resetDataDebug", "mj_setState")
 """Functions that set a state, as a script's own writes do not."""
 LOADS = ("from_xml_path", "from_xml_string", "from_binary_path")
-"""What makes a model of a file or a text."""
+"""Functions that make a model from a file or a text."""
 
 
 class ModelChanges:
@@ -282,11 +282,11 @@ class ChangedModel:
         ]
         self._keeps = [each for each in changes.of("keep") if _has(m, each[1]["field"])]
         self._known: dict[str, Any] = {}
-        """What the script had in fields of which a write is undone."""
+        """The script's own values of fields in which a write is undone."""
         self._kept: list[tuple[str, Any, Any]] = []
-        """What the script has there: field, elements, and their values."""
+        """The values that the script sees: field, elements, and their values."""
         self._derived: tuple[bytes, dict[str, Any]] | None = None
-        """What was derived last: of what, and the arrays."""
+        """The last derivation: its inputs, and the derived arrays."""
 
     def enter(self, m: Any, site: list[Any] | None) -> None:
         """Write what differs into the model, in a call from a site."""

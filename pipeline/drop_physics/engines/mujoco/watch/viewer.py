@@ -14,7 +14,7 @@ SHOWN = (
     *("sync", "update_hfield", "update_mesh", "update_texture"),
     *("set_texts", "clear_texts", "set_figures", "clear_figures", "set_images", "clear_images"),
 )
-"""What a viewer is told and nothing hangs on."""
+"""Methods of a viewer that have no effect on the run."""
 MOST_GEOMS = 10_000
 """Geometries that a script may draw, as many as a window takes."""
 

@@ -16,7 +16,7 @@ CLIENT = "physicsClientId"
 CLIENT_AT = {
     name: names.index(CLIENT) if CLIENT in names else 1000 for name, names in ARGUMENTS.items()
 }
-"""Where each function takes its client as a positional argument."""
+"""Position of the client among each function's arguments; 1000 if it takes none."""
 BODY_NAMES = ("bodyUniqueId", "objectUniqueId", "bodyIndex")
 UNNAMED = "setJointMotorControl"
 """Takes arguments by place alone, and of client 0; their number and the mode say what they are."""
@@ -26,7 +26,7 @@ MODES = {
     1: ("force", ""),
     2: ("targetPosition", "positionGain"),
 }
-"""What the fourth and sixth argument of a motor call are, by its mode."""
+"""Names of the fourth and sixth argument of a motor call, by its mode."""
 
 
 def names_of(name: str, args: tuple[Any, ...]) -> Sequence[str]:

@@ -10,7 +10,7 @@ from .links import MOST_BYTES, walk
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 _read: dict[str, tuple[Any, dict[str, Any] | None]] = {}
-"""What files said, and their times and sizes then."""
+"""Contents of files that were read, with their times and sizes then."""
 
 
 def asked_of(path: str) -> dict[str, Any] | None:

@@ -21,7 +21,7 @@ MESH = 5
 EMPTY_M = 0.0021
 """The box of a link without collision shapes has edges of 2 mm."""
 FILE = 4
-"""Where `getVisualShapeData` names a shape's file."""
+"""Index of a shape's file in `getVisualShapeData`."""
 MOST_CORNERS = 1000
 """Most corners of a hull; one with more is left out."""
 BASE = 13
@@ -37,7 +37,7 @@ class Loaded:
         self.mjcf: str | None = None
         """The path of an MJCF file; empty where it is not known."""
         self.flags = 0
-        """What it was loaded with: only these tell whether it may sleep."""
+        """The flags with which it was loaded: only these tell whether it may sleep."""
         self.scale = 1.0
         self.asked: dict[str, Any] | None = None
         """What its file asks for."""
@@ -79,7 +79,7 @@ class WatchedBody:
         self.base_moves = self.dynamics[0][0] != 0
         """Whether steps may move its base: it has mass, had it, or has got a velocity."""
         self.widths = self._joint_widths()
-        """How many positions, velocities and efforts each joint that moves has."""
+        """Numbers of positions, velocities and efforts of each joint that moves."""
         self.jointed = sum(map(sum, self.widths))
         """Numbers of its joints."""
         self.pack_joints = packing(len(self.joints))
@@ -88,7 +88,7 @@ class WatchedBody:
         self.last = b""
         """The state that was last sent but for samples; empty if none was."""
         self.base_at = self.joints_at = -1
-        """Where in the last sample its base and its joints are; below 0 if they are not."""
+        """Indices of its base and its joints in the last sample; below 0 if they are not in it."""
 
     @property
     def moves(self) -> bool:

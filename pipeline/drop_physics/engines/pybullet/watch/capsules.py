@@ -14,9 +14,9 @@ from .links import walk
 CAPSULES = (4, 7)
 """Kinds of shape in `getVisualShapeData`: cylinder and capsule."""
 LINK, KIND, SIZE, POSITION, ORIENTATION = 1, 2, 3, 5, 6
-"""Where it names these."""
+"""Indices of these in its rows."""
 UNKNOWN = -1
-"""What stands in place of a kind where it is not known how the shape lies."""
+"""Value in place of a kind where it is not known how the shape lies."""
 UPRIGHT = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]
 
 Ends = tuple[list[float], list[float]]

@@ -101,10 +101,10 @@ RETURNS = frozenset(
     for name in ROLES[role].split()
     if name.startswith(("create", "load", "saveState"))
 )
-"""What returns a number that later calls name."""
+"""Functions that return a number which later calls name."""
 IK = those_that("asks for joints")
 POLLS = those_that("polls")
-"""Where a script asks whether the user has done something."""
+"""Functions by which a script asks whether the user has done something."""
 DRAWS = those_that("draws")
 CONVERTS = those_that("converts")
 PHOTOGRAPHS = ROLES["photographs"]

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 Call = Callable[..., Any]
 
 ANSWERED = set(Window(SimpleNamespace(), 0).answers())
-"""What a window would answer."""
+"""Functions that a window would answer."""
 
 
 def handler(watch: BulletWatch, name: str, original: Any) -> Call:

@@ -86,7 +86,7 @@ OF_HOOKS = frozenset(
     ("drop_plain", "drop_watch", "__call__", "__eq__", "__ne__", "__hash__", "__reduce__",
      "__reduce_ex__", "__setattr__", "__delattr__", "__sizeof__"),
 )  # fmt: skip
-"""What a hook has of its own."""
+"""Attributes that a hook has itself."""
 
 LOOKS: dict[str, Any] = {
     "__slots__": (),
@@ -120,7 +120,7 @@ class BulletWatch(EngineWatch):
         self._differ(variation, interventions)
         self._parting = PartingCalls(host, self.calls_of) if host.forks is not None else None
         self._calls: dict[str, Callable[..., Any]] = {}
-        """What stands for each function of PyBullet, by name, of this run without its trials."""
+        """The replacement of each function of PyBullet, by name, of this run without its trials."""
         self.calls, self.readings = CallWatch(host), Readings(self)
         self.worlds: dict[int, WatchedWorld] = {}
         self.windows: dict[int, Window] = {}

@@ -19,7 +19,7 @@ from .functions import MAKES_BODIES, PUSHES
 
 Call = Callable[..., Any]
 Operation = Mapping[str, Any]
-"""What is done: `do` names a method of `Interventions` below, `functions` at which calls."""
+"""An operation: `do` names a method of `Interventions` below, `functions` the calls it is for."""
 
 WHOLE = ("connect", "resetSimulation", "stepSimulation")
 """Calls that are about no body, and so about every one."""
@@ -34,9 +34,9 @@ PLURAL = {
 GEAR_N, GEAR_ERP = 100.0, 0.5
 """Largest force of a gear [N, N m], and the share of a gap that it closes in a step."""
 FORCE_AT = 10
-"""Where `getConstraintInfo` has the largest force."""
+"""Index of the largest force in `getConstraintInfo`."""
 UNSAID = {"force": 100000.0, "positionGain": 0.1, "velocityGain": 1.0, "targetVelocity": 0.0}
-"""What PyBullet takes where a motor call leaves them out."""
+"""PyBullet's defaults of the arguments that a motor call may leave out."""
 DYNAMICS, JOINT, ENGINE = "getDynamicsInfo", "getJointInfo", "getPhysicsEngineParameters"
 REPORTED: dict[str, tuple[str, int]] = {
     "mass": (DYNAMICS, 0),
@@ -49,7 +49,7 @@ REPORTED: dict[str, tuple[str, int]] = {
     "jointLowerLimit": (JOINT, 8),
     "jointUpperLimit": (JOINT, 9),
 }
-"""Where a script reads what `changeDynamics` sets."""
+"""Function, and index in its answer, by which a script reads what `changeDynamics` sets."""
 
 
 class Interventions:
@@ -71,12 +71,12 @@ class Interventions:
         self.next_body: dict[int, int] = {}
         """The id that the next body gets, by client."""
         self._told: dict[tuple[Any, ...], Any] = {}
-        """What the script is to read, by client, body, link and argument."""
+        """The values that the script is to read, by client, body, link and argument."""
         self._ours: dict[tuple[Any, ...], Any] = {}
-        """What was set in its place, by the same keys."""
+        """The values that were set in their place, by the same keys."""
         self._steps: dict[int, int] = {}
         self._kept: dict[Any, Any] = {}
-        """What an operation remembers: the last push of a place, the last motor of a joint."""
+        """The state of an operation: the last push of a place, the last motor of a joint."""
 
     def of(self, name: str, calls: dict[str, Call], p: SimpleNamespace) -> Call:
         """Return what stands before a watched function, of all of them and PyBullet's own."""

@@ -14,7 +14,7 @@ FOLDERS = (
     "../../../data/",
     "../../../../data/",
 )
-"""Where PyBullet looks for a file (`b3BulletDefaultFileIO::findFile`)."""
+"""Folders in which PyBullet looks for a file (`b3BulletDefaultFileIO::findFile`)."""
 MOST_BYTES = 10_000_000
 """Most bytes that are read of a file."""
 

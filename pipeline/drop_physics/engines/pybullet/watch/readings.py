@@ -58,14 +58,15 @@ class Readings:
         self._read_before: set[str] = set()
         """The functions that have read in this group, and in the one before it."""
         self._plans: dict[Any, tuple[int, WatchedWorld]] = {}
-        """Where readings are counted, and their simulations, by code, instruction and arguments."""
+        """Number of each place where readings are counted, and its simulation, by code, instruction
+        and arguments."""
         self._codes: list[Any] = []
         """The code of these, so that none is replaced by another at its address."""
         self._places: dict[Any, int] = {}
         self._numbers: dict[str, list[int]] = {}
         """The numbers of the places, by function."""
         self._targets: dict[int, set[Any]] = {}
-        """What was read at each place."""
+        """The readings at each place."""
 
     def passing(self, name: str) -> set[int]:
         """Return the instructions from which readings with a function pass unseen."""

@@ -26,7 +26,7 @@ class Solver:
         self._can = True
         """Whether this PyBullet can return it."""
         self._early: dict[int, dict[str, Any]] = {}
-        """How often the solver was seen to reach each limit of iterations."""
+        """Number of times that the solver was seen to reach each limit of iterations."""
 
     def ask(self, moving: int) -> bool:
         """Have the next step return what the solver did; return whether it will.

@@ -21,7 +21,7 @@ from .functions import COMMANDS, MAKES_BODIES, PUSHES, SETS_ENGINE
 
 TIMESTEP, ITERATIONS, GRAVITY = "fixedTimeStep", "numSolverIterations", "gravityAcceleration"
 MASS, FRICTION, INERTIA = 0, 1, 2
-"""Where `getDynamicsInfo` has them."""
+"""Indices of these values in `getDynamicsInfo`."""
 
 Call = Callable[..., Any]
 
@@ -65,9 +65,9 @@ class Variation:
         self._lasting: dict[int, list[tuple[str, Call, Any, Any, Any]]] = {}
         """Calls since the last step that act in one step only, by client."""
         self._set: dict[int, dict[str, Any]] = {}
-        """What the script has set of what the engine reports, by client."""
+        """The script's own values of what the engine reports, by client."""
         self._links: dict[tuple[int, int | None, int], Any] = {}
-        """What the engine would report of each link, by client and body."""
+        """The values that the engine would report of each link, by client and body."""
         self._unmoved: set[int] = set()
         """Clients whose next step is the first."""
 

@@ -20,7 +20,7 @@ from .solver import Solver
 GEAR = 6
 """Type of constraint, as in `getConstraintInfo`."""
 ALL = None
-"""What stands in place of a body where a call may have moved any of them."""
+"""Value in place of a body where a call may have moved any of them."""
 SAMPLE_HEAD = SET_HEAD = struct.Struct("<cIqq")
 """Header and head of a sample, and of a state set by calls."""
 SET_BASE = struct.Struct(SET_HEAD.format + "13d")
@@ -42,7 +42,7 @@ class WatchedWorld:
     bodies_made = 0
     """Number of bodies in all simulations of this process."""
     search_path = ""
-    """Where PyBullet looks for files besides; likewise."""
+    """Further folder in which PyBullet looks for files, for all simulations of this process."""
     varied: Mapping[str, Any] = MappingProxyType({})
     """Settings that the engine does not report, and has whatever calls give."""
 
@@ -67,14 +67,14 @@ class WatchedWorld:
         self.fresh: set[int] = set()
         """Bodies that a call has created: their ids may have been others' before."""
         self.loaded: dict[int, Loaded] = {}
-        """What the calls that created bodies say of them."""
+        """The properties that the calls that created bodies gave them."""
         self.hulls: dict[int, tuple[str, list[float]]] = {}
         """Collision shapes that calls created and that are hulls where they are meshes, with file
         and scale of these."""
         self.fields: set[int] = set()
-        """Those that are height fields: PyBullet lists none, and prints that."""
+        """The bodies that are height fields: PyBullet lists none, and prints that."""
         self.added: dict[int, list[Any]] = {}
-        """What was reported of bodies whose mass a call changed before they were first listed."""
+        """The reports of bodies whose mass a call changed before they were first listed."""
         self.moved: dict[int | None, set[Any]] = {}
         """Bodies that calls may have moved since they were last read, and which calls."""
         self.changed: set[int | None] = set()
