@@ -10,7 +10,7 @@ import numpy as np
 from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.causes import CAUSES, OF_REPLAYS, family
 from drop_physics.explain.contact_points import Pairs
-from drop_physics.explain.joints import Driven, JointTable, target_of
+from drop_physics.explain.joints import JointTable, JointTelemetry, target_of
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.step_status import SampleStatus
 from drop_physics.explain.times import StepTimes
@@ -102,7 +102,7 @@ class CurveTable:
         if len(steps):
             self._parts.setdefault(key, []).append(Curves(steps, columns))
 
-    def _joint(self, number: int, driven: Driven) -> None:
+    def _joint(self, number: int, driven: JointTelemetry) -> None:
         asked = driven.asked
         turns = (asked.mode == VELOCITY) & (asked.impulse > 0)
         columns = {

@@ -10,7 +10,7 @@ import numpy as np
 
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.commands import DEFAULT, Commanded
-from drop_physics.explain.needs import Holding, holding
+from drop_physics.explain.needs import PoseSupport, holding
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.steps import BodySteps
 from drop_physics.physics.tree import Tree
@@ -78,7 +78,7 @@ class JointRow:
 
 
 @dataclass(frozen=True, eq=False)
-class Driven:
+class JointTelemetry:
     """The joints of a body in n steps; shape (n, joint_rates) unless stated otherwise."""
 
     body: Body
@@ -117,7 +117,7 @@ class _Track:
     """Number of steps since each came to rest."""
     at_limit: Int64
     at_stop: Int64
-    last: Driven | None = None
+    last: JointTelemetry | None = None
     needs: Float64 = field(default_factory=lambda: np.empty(0))
     needs_at_target: Float64 = field(default_factory=lambda: np.empty(0))
     on_the_way: Float64 = field(default_factory=lambda: np.empty(0))
@@ -132,7 +132,7 @@ class JointTable:
         self._sites: Mapping[int, Site] = {}
         self._tracks: dict[int, _Track] = {}
         self._explained: ExplainedPiece | None = None
-        self.latest: dict[int, list[Driven]] = {}
+        self.latest: dict[int, list[JointTelemetry]] = {}
         """Joints of the latest piece, by the body's number."""
 
     def add(self, explained: ExplainedPiece) -> None:
@@ -159,7 +159,7 @@ class JointTable:
         """Return a call's site by its number in a `Commanded`."""
         return None if np.isnan(number) else self._sites.get(int(number))
 
-    def holding(self, driven: Driven, row: int) -> Holding:
+    def holding(self, driven: JointTelemetry, row: int) -> PoseSupport:
         """Return what holds a body's pose after a step of the latest piece."""
         assert self._explained is not None
         return holding(
@@ -191,7 +191,7 @@ class JointTable:
             for k in range(place.start, place.stop)
         ]
 
-    def _driven(self, body: Body, steps: BodySteps) -> Driven:
+    def _driven(self, body: Body, steps: BodySteps) -> JointTelemetry:
         size = steps.law.tree.size
         track = self._tracks.get(body.number)
         if track is None or len(track.greatest) != size:
@@ -204,7 +204,7 @@ class JointTable:
         track.at_stop += driven.at_stop.sum(axis=0)
         return driven
 
-    def _end(self, track: _Track, driven: Driven) -> None:
+    def _end(self, track: _Track, driven: JointTelemetry) -> None:
         """Record the state of the joints at the end of a piece."""
         row = len(driven.steps) - 1
         tree = driven.steps.law.tree
@@ -226,14 +226,14 @@ class JointTable:
             track.on_the_way = np.maximum(np.max(ways, axis=0), np.abs(track.needs_at_target))
 
 
-def target_of(driven: Driven) -> Float64:
+def target_of(driven: JointTelemetry) -> Float64:
     """Return the position targets, nan where there is none, shape (n, joint_rates)."""
     asked = driven.asked
     motor = np.where((asked.mode == POSITION) & (asked.impulse > 0), asked.target, np.nan)
     return np.where(asked.pd == 1, asked.pd_target, motor)
 
 
-def _driven(body: Body, steps: BodySteps, track: _Track) -> Driven:
+def _driven(body: Body, steps: BodySteps, track: _Track) -> JointTelemetry:
     tree, asked = steps.law.tree, steps.asked
     places = _coordinates(tree)
     before, after = (
@@ -256,7 +256,7 @@ def _driven(body: Body, steps: BodySteps, track: _Track) -> Driven:
     else:
         bounded = steps.law.lower <= steps.law.upper
         at_stop = bounded & ((before <= steps.law.lower) | (before >= steps.law.upper))
-    return Driven(
+    return JointTelemetry(
         body=body,
         steps=steps,
         before=before,

@@ -47,7 +47,7 @@ class Load:
 
 
 @dataclass(frozen=True, eq=False)
-class Holding:
+class PoseSupport:
     """What holds a body in its pose after a step; shape (joint_rates,) unless stated otherwise."""
 
     needs: Float64
@@ -131,7 +131,7 @@ def holding(
     *,
     number: int,
     resting: bool,
-) -> Holding:
+) -> PoseSupport:
     """Return what holds a body after a step of it.
 
     Parameters
@@ -172,7 +172,7 @@ def holding(
     if steps.reported.geared is not None:
         known[tree.first_rate :] &= steps.reported.geared[row] == 0
     joint = slice(tree.first_rate, None)
-    return Holding(
+    return PoseSupport(
         needs=np.where(known, -acting, np.nan)[joint],
         contacts={one: each.sum(axis=0)[joint] for one, each in on_rates.items()},
         constraints=constraints[joint],

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drop_physics.arrays import Flags, Float64, Int64
-from drop_physics.explain.joints import REST_STEPS, Driven, target_of
+from drop_physics.explain.joints import REST_STEPS, JointTelemetry, target_of
 from drop_physics.trace.motors import POSITION, VELOCITY
 
 KEYS = ("target", "target_velocity", "kp", "kd", "mode", "pd")
@@ -27,7 +27,7 @@ bounces off its stop, or creeps."""
 
 
 @dataclass(frozen=True, eq=False)
-class Stood:
+class HeldTargets:
     """Successive targets of one rate of a body, m of them; arrays have the shape (m,)."""
 
     k: int
@@ -60,9 +60,9 @@ class Stood:
         """Return the number of targets."""
         return len(self.first)
 
-    def only(self, which: Int64) -> Stood:
+    def only(self, which: Int64) -> HeldTargets:
         """Return some of the targets."""
-        return Stood(
+        return HeldTargets(
             **{name: value if name == "k" else value[which] for name, value in vars(self).items()}
         )
 
@@ -91,7 +91,7 @@ class Targets:
         self._tail_step = -1
         self._path = self._tail
 
-    def see(self, driven: Driven) -> Iterator[tuple[Stood, bool]]:
+    def see(self, driven: JointTelemetry) -> Iterator[tuple[HeldTargets, bool]]:
         """Yield, for each rate, the targets that ended in some steps, and the one in effect.
 
         The latter comes with True: it may go on.
@@ -116,7 +116,7 @@ class Targets:
                 yield going, True
         self._tail, self._tail_step = self._path[-SETTLED_STEPS:].copy(), int(steps.steps[-1])
 
-    def _settled(self, stood: Stood, end: int) -> Flags:
+    def _settled(self, stood: HeldTargets, end: int) -> Flags:
         """Return whether each joint hardly moved before its target ended, in `end` steps."""
         settled = stood.resting.copy()
         for i in np.flatnonzero(~settled & (stood.steps >= SETTLED_STEPS)).tolist():
@@ -125,7 +125,9 @@ class Targets:
             settled[i] = len(path) == SETTLED_STEPS and np.ptp(path) < SETTLED
         return settled
 
-    def _of(self, driven: Driven, k: int, keys: Float64, put: Flags) -> tuple[Stood, Stood | None]:
+    def _of(
+        self, driven: JointTelemetry, k: int, keys: Float64, put: Flags
+    ) -> tuple[HeldTargets, HeldTargets | None]:
         ends = driven.steps.steps
         new = np.ones(len(ends), np.bool_)
         same = (keys[:, 1:] == keys[:, :-1]) | (np.isnan(keys[:, 1:]) & np.isnan(keys[:, :-1]))
@@ -165,8 +167,14 @@ class Targets:
 
 
 def _stood(
-    driven: Driven, k: int, rows: Int64, first: Int64, start: Float64, counts: Int64, left: Flags
-) -> Stood:
+    driven: JointTelemetry,
+    k: int,
+    rows: Int64,
+    first: Int64,
+    start: Float64,
+    counts: Int64,
+    left: Flags,
+) -> HeldTargets:
     asked = driven.asked
     target, kp, kd, rate = (
         getattr(asked, name)[rows, k] for name in ("target", "kp", "kd", "target_velocity")
@@ -184,7 +192,7 @@ def _stood(
     sure = (kd == 1) & np.isnan(asked.max_velocity[rows, k]) & ~pd & driven.steps.covered
     aim = np.where(pd, asked.pd_target[rows, k], clipped)
     aim = np.where(np.isfinite(target_of(driven)[rows, k]), aim, np.nan)
-    return Stood(
+    return HeldTargets(
         k=k,
         first=first,
         last=driven.steps.steps[rows],
@@ -213,7 +221,7 @@ def rings_with(kp: Float64, kd: Float64) -> Flags:
         return np.asarray((kp > 0) & ((inside < -1e-12) | (low < -1e-9) | (high >= 1)))
 
 
-def flips(driven: Driven) -> Flags:
+def flips(driven: JointTelemetry) -> Flags:
     """Return where the gains of a motor reverse its joint in every step, shape (n, joint_rates)."""
     kp, kd = driven.asked.kp, driven.asked.kd
     position = rings_with(kp, kd) & (driven.asked.mode == POSITION) & (kp + kd > 2)

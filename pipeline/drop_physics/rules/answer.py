@@ -14,7 +14,7 @@ from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.actuators import ActuatorTable
 from drop_physics.explain.bodies import Record
 from drop_physics.explain.joined import Constraints
-from drop_physics.explain.joints import Driven, JointTable
+from drop_physics.explain.joints import JointTable, JointTelemetry
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.step_status import SampleStatus, StepVerdicts
 from drop_physics.explain.steps import BodySteps, StepBatch, Steps
@@ -249,7 +249,7 @@ class Scene:
         came = self.piece.calls.body_at(call, int(call.numbers[place.start]))
         return None if came is None else came.body
 
-    def driven(self) -> Iterator[Driven]:
+    def driven(self) -> Iterator[JointTelemetry]:
         """Yield the joints of each body in the steps of the latest piece."""
         for found in self.joints.latest.values():
             yield from found

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drop_physics.explain.joints import Driven
-from drop_physics.explain.needs import Holding
-from drop_physics.explain.targets import Stood
+from drop_physics.explain.joints import JointTelemetry
+from drop_physics.explain.needs import PoseSupport
+from drop_physics.explain.targets import HeldTargets
 from drop_physics.messages import Message
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.kinematics import kinematics
@@ -41,7 +41,9 @@ class Cause:
     """What the advice says about the force of the motor."""
 
 
-def cause_of(scene: Scene, driven: Driven, held: Holding, stood: Stood) -> Cause | None:
+def cause_of(
+    scene: Scene, driven: JointTelemetry, held: PoseSupport, stood: HeldTargets
+) -> Cause | None:
     """Return why the target left its joint where it is; None if that is not sure."""
     row, k = int(stood.row[0]), stood.k
     if not driven.at_limit[row, k]:
@@ -68,12 +70,12 @@ def at_limit(limit: str, count: int, steps: int) -> Message:
     )
 
 
-def _weak(driven: Driven, stood: Stood) -> Message:
+def _weak(driven: JointTelemetry, stood: HeldTargets) -> Message:
     limit = effort(float(driven.limit[stood.row[0], stood.k]), units_of(driven, stood.k)[1])
     return at_limit(limit, int(stood.at_limit[0]), int(stood.steps[0]))
 
 
-def holds_off(scene: Scene, held: Holding, joint_rate: int, away: float) -> bool:
+def holds_off(scene: Scene, held: PoseSupport, joint_rate: int, away: float) -> bool:
     """Return whether a body that a joint grips or pushes, but does not carry, stops its motor.
 
     `away` is the sign of the way that the motor cannot go back.
@@ -85,7 +87,7 @@ def holds_off(scene: Scene, held: Holding, joint_rate: int, away: float) -> bool
     )
 
 
-def _too_weak(driven: Driven, held: Holding, stood: Stood, here: float) -> Cause:
+def _too_weak(driven: JointTelemetry, held: PoseSupport, stood: HeldTargets, here: float) -> Cause:
     row, k = int(stood.row[0]), stood.k
     unit = units_of(driven, k)[1]
     there = abs(float(held.at(aimed(driven, row))[k]))
@@ -123,7 +125,7 @@ def to_spare(need: float) -> str:
 
 
 def _held(
-    scene: Scene, driven: Driven, held: Holding, row: int, k: int, away: float
+    scene: Scene, driven: JointTelemetry, held: PoseSupport, row: int, k: int, away: float
 ) -> Cause | None:
     """Return which contact or constraint takes most of what the motor gives."""
     torque, unit = abs(float(driven.torque[row, k])), units_of(driven, k)[1]
@@ -154,7 +156,7 @@ def _held(
     return None
 
 
-def _gains(driven: Driven, row: int, k: int, gap: float) -> Cause | None:
+def _gains(driven: JointTelemetry, row: int, k: int, gap: float) -> Cause | None:
     """Return which of its gains leaves the gap, where the motor's law says so."""
     asked, steps = driven.asked, driven.steps
     if not steps.covered or asked.mode[row, k] != POSITION:

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from drop_physics.arrays import Float64
-from drop_physics.explain.joints import Driven, target_of
+from drop_physics.explain.joints import JointTelemetry, target_of
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.tree import States, Tree
@@ -41,7 +41,7 @@ def ik_off(bodies: BodyColumns) -> Match | None:
     return Match(numbers.pop("row"), numbers["at"], numbers, keys=np.array(keys))
 
 
-def _off(driven: Driven, sent: SentAnswer, end: int) -> dict[str, object] | None:
+def _off(driven: JointTelemetry, sent: SentAnswer, end: int) -> dict[str, object] | None:
     """Return how far the hand and the answer are off the point; None where that is not judged."""
     steps, tree = driven.steps, driven.steps.law.tree
     row = int(np.searchsorted(steps.steps, end, side="right")) - 1

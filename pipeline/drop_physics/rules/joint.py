@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from drop_physics.arrays import Float64
-from drop_physics.explain.joints import Driven, target_of
+from drop_physics.explain.joints import JointTelemetry, target_of
 from drop_physics.messages import Message
 from drop_physics.rules.thresholds import IN_DEGREES_RAD
 from drop_physics.trace.events import Body, Joint
@@ -21,7 +21,7 @@ def link_of(body: Body, k: int) -> int:
     return next(link for link, at in enumerate(body.rates) if at.start <= k < at.stop)
 
 
-def aimed(driven: Driven, row: int) -> Float64:
+def aimed(driven: JointTelemetry, row: int) -> Float64:
     """Return the coordinates after a step with each joint at its target, (joint_coordinates,)."""
     positions, aims = driven.steps.after.joints[row].copy(), target_of(driven)[row]
     tree = driven.steps.law.tree
@@ -32,12 +32,12 @@ def aimed(driven: Driven, row: int) -> Float64:
     return np.asarray(positions)
 
 
-def name_of(driven: Driven, k: int) -> str:
+def name_of(driven: JointTelemetry, k: int) -> str:
     """Return the name of the joint of a rate."""
     return driven.body.joints[link_of(driven.body, k)].name
 
 
-def units_of(driven: Driven, k: int) -> tuple[str, str]:
+def units_of(driven: JointTelemetry, k: int) -> tuple[str, str]:
     """Return the units of a joint's position and effort."""
     return units(driven.body.joints[link_of(driven.body, k)])
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from drop_physics.arrays import Flags, Float64, Int8, Int64
 from drop_physics.explain.driving import control_of
-from drop_physics.explain.joints import Driven, target_of
+from drop_physics.explain.joints import JointTelemetry, target_of
 from drop_physics.explain.step_status import StepVerdicts
 from drop_physics.explain.steps import BodySteps, StepBatch, Steps
 from drop_physics.physics.dynamics import mass_matrix
@@ -92,10 +92,10 @@ def tables(name: TableName, scene: Scene) -> Iterator[RuleTable]:
 class JointColumns:
     """The joints of a body in n of its steps: columns of shape (n, joint_rates).
 
-    What `Driven` and what calls asked for hold, by name, and some that rules share.
+    What `JointTelemetry` and what calls asked for hold, by name, and some that rules share.
     """
 
-    def __init__(self, scene: Scene, driven: Driven) -> None:
+    def __init__(self, scene: Scene, driven: JointTelemetry) -> None:
         self.scene, self.driven, self.asked = scene, driven, driven.asked
         self._settings = scene.settings(driven.body.client)
         law, shape = driven.steps.law, driven.asked.target.shape
@@ -262,7 +262,7 @@ class BodyColumns:
         return found
 
     @property
-    def driven(self) -> Iterator[Driven]:
+    def driven(self) -> Iterator[JointTelemetry]:
         """Yield the joints of its bodies that calls command; `steps.rows` are theirs."""
         return (each for each in self.scene.driven() if each.steps.whole is self.of)
 

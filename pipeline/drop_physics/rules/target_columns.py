@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.arrays import Flags, Float64
-from drop_physics.explain.joints import Driven
-from drop_physics.explain.targets import Stood, Targets
+from drop_physics.explain.joints import JointTelemetry
+from drop_physics.explain.targets import HeldTargets, Targets
 from drop_physics.rules.answer import Scene
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.held_off import holds_off
@@ -44,9 +44,11 @@ def left_standing(scene: Scene) -> Iterator[TargetColumns]:
 
 
 class TargetColumns:
-    """Targets of one joint, one after the other: columns of shape (m,), and what `Stood` has."""
+    """Targets of one joint in order: columns of shape (m,), and those of `HeldTargets`."""
 
-    def __init__(self, scene: Scene, driven: Driven, stood: Stood, *, going: bool) -> None:
+    def __init__(
+        self, scene: Scene, driven: JointTelemetry, stood: HeldTargets, *, going: bool
+    ) -> None:
         self.scene, self.driven, self.stood = scene, driven, stood
         m, number = len(stood), driven.body.number
         self.step = stood.last
@@ -82,7 +84,7 @@ class TargetColumns:
         self.pressed = self._pressed()
         """Whether each of these ends with the joint pressed onto a body that it holds."""
 
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - a column of `Stood`
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - a column of `HeldTargets`
         return getattr(self.stood, name)
 
     @cached_property
