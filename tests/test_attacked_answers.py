@@ -193,7 +193,7 @@ SAID = {
         BILLIARD.format(speed=0.25),
     ),
     "a door that is pushed": (
-        DOOR.format(more=""), "default-motor", "what calls push it with",
+        DOOR.format(more=""), "default-motor", "is held by",
         DOOR.format(more="p.setJointMotorControl2(d, 0, p.VELOCITY_CONTROL, force=0)"),
     ),
     "wheels turn on": (

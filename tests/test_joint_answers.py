@@ -108,7 +108,7 @@ CAUSES = {
     "no gain": (ARM + "go(0.5, 480, positionGain=0)\n", "its positionGain is 0", None),
     "a small gain": (ARM + "go(0.5, 960, positionGain=0.001)\n", "a positionGain of 0.001", None),
     "a rate left": (
-        ARM + "go(0.3, 960, targetVelocity=0.5)\n", "its targetVelocity of 0.5 pushes it past",
+        ARM + "go(0.3, 960, targetVelocity=0.5)\n", "has a targetVelocity of 0.5",
         "targetVelocity=0",
     ),
     "still moving": (ARM + "go(0.8, 240, 60)\n", "it still moves at", None),
@@ -383,13 +383,13 @@ p.resetBaseVelocity(ball, [0, 3, 0])
 """
 HELD = {
     "torque": (BARE, TORQUE, 1, "the velocity motor that PyBullet gives every joint"),
-    "an old motor": (BARE + HOME, TORQUE, 1, "the motor set at scene.py:4 still acts"),
+    "an old motor": (BARE + HOME, TORQUE, 1, "the motor set at scene.py:4, which still acts"),
     "husky": (
         DOWN + FLOOR + 'k = p.loadURDF("husky/husky.urdf", [0, 0, 0.14])\n',
         TORQUE.replace("k, 1,", "k, 2,"), 2, "does not follow the torques",
     ),
-    "a pole": (POLE, "steps(240)\n", 1, "takes 100% of its weight, 0.24 N m on average"),
-    "a door": (HIT, "steps(240)\n", 0, "takes what touches it"),
+    "a pole": (POLE, "steps(240)\n", 1, "takes 100% of what acts on it"),
+    "a door": (HIT, "steps(240)\n", 0, "that PyBullet gives every joint"),
 }  # fmt: skip
 
 

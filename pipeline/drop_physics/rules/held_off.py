@@ -11,14 +11,10 @@ from drop_physics.explain.joints import JointTelemetry
 from drop_physics.explain.needs import PoseSupport
 from drop_physics.explain.targets import HeldTargets
 from drop_physics.messages import Message
-from drop_physics.physics.dynamics import mass_matrix
-from drop_physics.physics.kinematics import kinematics
 from drop_physics.rules.answer import Cure, Level, Scene
 from drop_physics.rules.joint import aimed, effort, units_of
 from drop_physics.trace.motors import POSITION
 
-FREE = ("gravity", "bias", "damping", "joint damping", "applied", "clamp")
-"""Terms that act before the motors do."""
 CLOSE, MOST = 0.05, 0.5
 """A gap is that of a law if they differ by less than this share; most of a motor's torque."""
 MORE_FORCE = Message("give it more force")
@@ -47,7 +43,7 @@ def cause_of(
     """Return why the target left its joint where it is; None if that is not sure."""
     row, k = int(stood.row[0]), stood.k
     if not driven.at_limit[row, k]:
-        return _gains(driven, row, k, float(stood.gap[0]))
+        return _gains(driven, row, k)
     away = math.copysign(1.0, float(stood.gap[0]))
     here = float(held.needs[k])
     if math.isnan(here) and not -away * (here := held.weighs(k)) > 0:
@@ -156,30 +152,23 @@ def _held(
     return None
 
 
-def _gains(driven: JointTelemetry, row: int, k: int, gap: float) -> Cause | None:
-    """Return which of its gains leaves the gap, where the motor's law says so."""
-    asked, steps = driven.asked, driven.steps
-    if not steps.covered or asked.mode[row, k] != POSITION:
+def _gains(driven: JointTelemetry, row: int, k: int) -> Cause | None:
+    """Return what a motor that is not at its limit was given besides a force."""
+    asked = driven.asked
+    if not driven.steps.covered or asked.mode[row, k] != POSITION:
         return None
     kp, kd, rate = (float(getattr(asked, name)[row, k]) for name in ("kp", "kd", "target_velocity"))
     if kp == 0:
         cure = Cure("gains", value=0.1, given={"positionGain": 0.1})
         return Cause(Message("its positionGain is {kp:g}", kp=kp), cure=cure)
-    timestep_s = float(steps.reported.timestep_s[row])
-    (matrix,) = mass_matrix(kinematics(steps.law.tree, steps.before.at(np.array([row]))))
-    pull = sum(steps.terms[name][row] for name in FREE)
-    free = (steps.before.velocity[row] + np.linalg.solve(matrix, pull))[
-        steps.law.tree.first_rate + k
-    ]
-    pushed, sags = timestep_s * kd * rate / kp, timestep_s * (1 - kd) * free / kp
-    if abs(pushed + sags - gap) > CLOSE * abs(gap):
-        return None
-    if abs(pushed) > abs(sags):
-        return Cause(
-            Message("its targetVelocity of {rate:.3g} pushes it past", rate=rate),
-            cure=Cure("gains", value=0.0, given={"targetVelocity": 0.0}),
+    if rate:
+        cure = Cure("gains", value=0.0, given={"targetVelocity": 0.0})
+        why = Message(
+            "its motor is below its limit, and has a targetVelocity of {rate:.3g}", rate=rate
         )
-    return Cause(
-        Message("with a velocityGain of {kd:.4g} its motor gives way to the load", kd=kd),
-        cure=Cure("gains", value=1.0, given={"velocityGain": 1.0}),
-    )
+        return Cause(why, cure=cure, proposed=True)
+    if kd == 1:
+        return None
+    cure = Cure("gains", value=1.0, given={"velocityGain": 1.0})
+    why = Message("its motor is below its limit, and has a velocityGain of {kd:.4g}", kd=kd)
+    return Cause(why, cure=cure, proposed=True)

@@ -231,18 +231,13 @@ def _(worst: Worst) -> Said:
 # -- joint-damping --------------------------------------------------------------------------------
 
 
-OTHERS = ("contacts", "constraints", "rolling", "stops", "clamp", "motors")
-"""Where one of these acts on a joint, it is not damping that decides."""
-
-
 @joint_rule("joint-damping", "model")
 def joint_damping(joints: JointColumns) -> Match:
     """`<dynamics damping>` acts on joints that torques drive, and inverse dynamics omits it."""
     damping, applied = joints.steps.law.joint_damping, joints.term("applied")
     # One that a call set is meant.
     told = joints.of_joints(lambda each: each.damping)
-    alone = ~np.any([joints.term(name) != 0 for name in OTHERS], axis=0)
-    where = alone & (applied != 0) & ~np.isnan(joints.torque_since) & (damping > 0)
+    where = (applied != 0) & ~np.isnan(joints.torque_since) & (damping > 0)
     drive = applied + joints.term("gravity")
     driven, taken = np.abs(drive), np.abs(joints.term("joint damping"))
     return Match(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Container, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,8 +12,7 @@ from drop_physics.explain.joints import AT_LIMIT
 from drop_physics.explain.steps import BodySteps
 from drop_physics.messages import Message
 from drop_physics.physics.dynamics import mass_matrix
-from drop_physics.physics.kinematics import Kinematics, kinematics
-from drop_physics.physics.rotations import matrix
+from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.tree import BASE, RATES, Tree
 from drop_physics.rules.answer import Cure, Effect, Scene, and_more
 from drop_physics.rules.arguments import site_of
@@ -35,6 +34,8 @@ from drop_physics.trace.properties import link_reached
 
 FROM_FILE = 2
 """`URDF_USE_INERTIA_FROM_FILE`, of the flags of `loadURDF`."""
+KEPT = "inertia-from-shape"
+"""What a scene keeps of each body: what `_other` returns."""
 
 
 def moving_links(tree: Tree) -> list[int]:
@@ -133,28 +134,15 @@ def _is_possible(moments: Sequence[float]) -> bool:
 # -- inertia-from-shape ---------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class OtherInertia:
-    """What the file's inertias would change of a body's; shape (size,)."""
-
-    more: Float64
-    """The file's minus the one that is used [kg m²]; 0 where they are alike."""
-    used: Float64
-    """The one that is used: the diagonal of M."""
-    changed: Call | None
-    """What set a mass, and so computed an inertia anew."""
-
-
 @body_rule("inertia-from-shape", "model", subject=1, proposes=True)
 def inertia_from_shape(bodies: BodyColumns) -> Match | None:
     """PyBullet computes inertias from shapes; the file's would change how something turns."""
-    scene, size = bodies.scene, bodies.law.tree.size
-    found = {each.body.number: _other(scene, each) for each in bodies.batch.bodies}
-    whole = all(len(each.more) == size for each in found.values())
-    if not bodies.terms or not whole or not any(each.more.any() for each in found.values()):
+    found = {each.body.number: _other(bodies.scene, each) for each in bodies.batch.bodies}
+    whole = all(len(each[0]) == bodies.law.tree.size for each in found.values())
+    if not bodies.terms or not whole or not any(each[0].any() for each in found.values()):
         return None
-    more = bodies.of_each(lambda each: found[each.body.number].more)
-    used = bodies.of_each(lambda each: found[each.body.number].used)
+    more = bodies.of_each(lambda each: found[each.body.number][0])
+    used = bodies.of_each(lambda each: found[each.body.number][1])
     changes = np.abs(bodies.after.velocity - bodies.before.velocity)
     missing, first = changes * np.abs(more), bodies.law.tree.first_rate
     largest = np.max([changes * used, *map(np.abs, bodies.terms.values())], axis=0)
@@ -182,12 +170,12 @@ def _(runs: Runs, _: Scene) -> Float64:
 def _(worst: Worst) -> Said:
     body, row = worst.subject, int(worst.noted.keys[0, 1]) - 6 * worst.subject.base_moves
     joint = None if row < 0 else body.joints[link_of(body, row)].name
-    other: OtherInertia = worst.scene.kept[OtherInertia, body.number]
+    changed: Call | None = worst.scene.kept[KEPT, body.number][2]
     cause = Message("PyBullet computes it from the collision shape")
     if not body.collisions:
         cause = Message("PyBullet computes it from the collision shape, and there is none")
     advice = Message("load it with {call}")
-    if other.changed is not None:
+    if changed is not None:
         cause = Message("p.changeDynamics(mass=…) computes it anew from the collision shape")
         advice = Message("give p.changeDynamics localInertiaDiagonal together with the mass")
     template = Message(
@@ -210,17 +198,22 @@ def _(worst: Worst) -> Said:
             "cause": cause,
         },
         advice=advice,
-        cure=Cure("inertia-from-file", body.label) if other.changed is None else None,
+        cure=Cure("inertia-from-file", body.label) if changed is None else None,
         joint=joint,
         effect=Effect(worst.ratio, "1"),
         share=min(worst.missing / worst.acting, 1.0),
-        site=loaded if other.changed is None else site_of(other.changed),
+        site=loaded if changed is None else site_of(changed),
     )
 
 
-def _other(scene: Scene, steps: BodySteps) -> OtherInertia:
-    """Compare the inertias of a body's file with those that it came with; once for each body."""
-    body, key = steps.body, (OtherInertia, steps.body.number)
+def _other(scene: Scene, steps: BodySteps) -> tuple[Float64, Float64, Call | None]:
+    """Compare the inertias of a body's file with those that it came with; once for each body.
+
+    Return the file's minus the one that is used, and the one that is used, the diagonal of M
+    [kg m²], shape (size,) both; the first is 0 where they are alike, or the file's is not known.
+    And the call that set a mass, and so computed an inertia anew.
+    """
+    body, key = steps.body, (KEPT, steps.body.number)
     if key not in scene.kept:
         inertias, masses = set[int](), dict[int, Call]()
         for use in scene.inputs.of(Act.SET_PROPERTY):
@@ -230,67 +223,39 @@ def _other(scene: Scene, steps: BodySteps) -> OtherInertia:
                     inertias.add(link)
                 elif "mass" in use.low:
                     masses[link] = use.last
-        life = scene.inputs.first_lives[body.number]
-        kin = kinematics(life.tree, life.before)
-        used = np.diagonal(mass_matrix(kin)[0])
-        added, changed = np.zeros(life.tree.size), None
+        life, changed = scene.inputs.first_lives[body.number], None
+        used = np.diagonal(mass_matrix(kinematics(life.tree, life.before))[0])
+        added = np.zeros(life.tree.size)
         if len(body.links) == life.tree.links + 1 and "planar" not in steps.config.reasons:
-            added = _more_kg_m2(scene, body, kin, inertias, masses)
+            tree = replace(life.tree, inertias_kg_m2=_of_file(body, life.tree, inertias, masses))
+            added = np.nan_to_num(np.diagonal(mass_matrix(kinematics(tree, life.before))[0]) - used)
             changed = next(iter(masses.values()), None)
         differs = (np.abs(added) > OTHER_INERTIA * used) & (added > -used)
-        scene.kept[key] = OtherInertia(np.where(differs, added, 0), used, changed)
-    found: OtherInertia = scene.kept[key]
+        scene.kept[key] = np.where(differs, added, 0), used, changed
+    found: tuple[Float64, Float64, Call | None] = scene.kept[key]
     return found
 
 
-def _more_kg_m2(
-    scene: Scene, body: Body, kin: Kinematics, inertias: set[int], masses: Mapping[int, Call]
-) -> Float64:
-    """Return how much more inertia each degree of freedom has with the file's; nan if not known."""
-    tree, more, unlikely = kin.tree, {}, set[int]()
+def _of_file(body: Body, tree: Tree, inertias: Container[int], masses: Container[int]) -> Float64:
+    """Return the moments of each link with the file's, shape (links + 1, 3); nan if not known.
+
+    They are about the axes of the file's inertia, which are those that the engine takes.
+    """
+    moments_kg_m2 = tree.inertias_kg_m2.copy()
     for link, told in told_links(body, tree).items():
-        moments = _of_file(body, told)
-        if np.isnan(told.mass_kg) and link not in inertias:
-            unlikely.add(link)  # the flag gives it 1 kg m², which no file says
-        if link in inertias or moments is None or (body.flags & FROM_FILE and link not in masses):
+        if link in inertias or (body.flags & FROM_FILE and link not in masses):
             continue
-        if link in masses:  # spread as the file's own
-            moments *= tree.masses_kg[link + 1] / told.mass_kg
-        # No mass is farther off than the shape is long.
-        if np.trace(moments) > 2 * tree.masses_kg[link + 1] * _extent_m(body, link) ** 2:
-            unlikely.add(link)
-            continue
-        turned = kin.matrix(link)[0]
-        # The file's axes are those that the engine takes where it takes the shape's.
-        first = next(each for each in scene.seen.dynamics if each.body.number == body.number)
-        own = matrix(first.reported["inertial_orientation"][link + 1].tolist())
-        axes = turned @ own.T @ _turned_by(told.rpy_rad)
-        used = turned @ np.diag(tree.inertias_kg_m2[link + 1]) @ turned.T
-        more[link] = axes @ moments @ axes.T - used
-    added = np.zeros(tree.size)
-    for row, axis, links in _axes(kin):
-        if not links & unlikely:
-            added[row] = sum(axis @ more[link] @ axis for link in links & more.keys())
-    return added
-
-
-def _axes(kin: Kinematics) -> Iterator[tuple[int, Float64, set[int]]]:
-    """Yield the degrees of freedom that turn links: row, axis, and these links."""
-    tree = kin.tree
-    for row in range(0 if tree.fixed else 3):
-        yield row, np.eye(3)[row], {*range(BASE, tree.links)}
-    for link, joint in enumerate(tree.joints):
-        if joint in ("revolute", "spherical"):
-            turned = {each for each in range(tree.links) if link in tree.branch(each)}
-            for k, axis in enumerate(kin.axes[link]):
-                yield tree.rates[link].start + k, axis[:, 0], turned
-
-
-def _of_file(body: Body, told: FileLink) -> Float64 | None:
-    """Return the file's inertia, shape (3, 3), if a body can have it."""
-    moments = _written(body, told)
-    own = [0.0, 0.0, 0.0] if moments is None else np.linalg.eigvalsh(moments).tolist()
-    return moments if own[0] > 0 and _is_possible(own) else None
+        written, mass_kg = _written(body, told), float(tree.masses_kg[link + 1])
+        # The flag gives it 1 kg m² where the file says nothing.
+        own = np.full(3, np.nan) if np.isnan(told.mass_kg) else moments_kg_m2[link + 1]
+        if written is not None and _is_possible(sorted(np.linalg.eigvalsh(written))):
+            # With another mass it is spread as the file's own.
+            own = np.diag(written) * (mass_kg / told.mass_kg if link in masses else 1)
+            # No mass is farther off than the shape is long.
+            if not 0 < np.trace(written) <= 2 * told.mass_kg * _extent_m(body, link) ** 2:
+                own = np.full(3, np.nan)
+        moments_kg_m2[link + 1] = own
+    return moments_kg_m2
 
 
 def _written(body: Body, told: FileLink) -> Float64 | None:
@@ -310,11 +275,3 @@ def _extent_m(body: Body, link: int) -> float:
     if not len(its):
         return np.inf
     return float(np.linalg.norm(its[:, 1].max(axis=0) - its[:, 0].min(axis=0)))
-
-
-def _turned_by(rpy_rad: Sequence[float]) -> Float64:
-    """Return the rotation matrix of a file's roll, pitch and yaw: about fixed x, y and z."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy_rad).tolist(), np.sin(rpy_rad).tolist()
-    x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
-    y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
-    return np.asarray(np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]]) @ y @ x)

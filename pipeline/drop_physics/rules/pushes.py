@@ -10,13 +10,10 @@ import numpy as np
 from drop_physics.arrays import Float64
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import in_world, kinematics, motion
-from drop_physics.physics.tree import BASE
 from drop_physics.physics.vectors import cross, groups, lengths, summed
-from drop_physics.rules.answer import Cure, Effect, Scene, Span
-from drop_physics.rules.arguments import site_of
+from drop_physics.rules.answer import Cure, Effect, Span
 from drop_physics.rules.inputs import Inputs, Use
 from drop_physics.rules.rule import Match, Said, Worst, body_rule, input_rule
-from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import NEGLIGIBLE, SAME_POINT_M, SOON_STEPS
 from drop_physics.trace.acts import PUSHES, Act
@@ -143,47 +140,21 @@ def force_off_centre(bodies: BodyColumns) -> Match | None:
     )
 
 
-def _mistaken(scene: Scene, found: Runs) -> Use | None:
-    """Return the calls that push one link, if all give points in the frame that is mistaken."""
-    ((body, link, own),) = found.keys.tolist()
-    uses = [
-        use
-        for use in scene.inputs.of(Act.PUSH)
-        if use.body is not None and use.body.number == body and "posObj" in use.low
-        if use.first.values.get("linkIndex", (BASE,))[0] == link
-    ]
-    for use in uses:
-        low, high = use.low["posObj"], use.high["posObj"]
-        middle, half = (low + high) / 2, (high - low) / 2 + SAME_POINT_M
-        meant = np.linalg.norm(middle) <= found.reach[0]
-        if own:
-            meant = (np.abs(found.centre[0] - middle) <= half).all()
-        if not meant or (int(use.first.values.get("flags", (0,))[0]) == WORLD_FRAME) == own:
-            return None
-    return uses[0] if uses else None
-
-
-@force_off_centre.counts
-def _(runs: Runs, scene: Scene) -> Float64:
-    mistaken = [_mistaken(scene, runs.at(np.array([row]))) for row in range(len(runs))]
-    return np.array([float(each is not None) for each in mistaken])
-
-
 @force_off_centre.says
 def _(worst: Worst) -> Said | None:
-    own, use = worst.noted.keys[0, 2], _mistaken(worst.scene, worst.noted)
-    if use is None:
+    own = worst.noted.keys[0, 2]
+    pushes = (use.first for use in worst.scene.inputs.of(Act.PUSH) if use.body is worst.subject)
+    mistaken = (each for each in pushes if (WORLD_FRAME in each.values.get("flags", ())) != own)
+    call = next(mistaken, None)
+    given_m = None if call is None else call.values["posObj"]
+    if given_m is None or (own and not np.allclose(given_m, worst.centre, atol=SAME_POINT_M)):
         return None
-    point = worst.centre if own else use.first.values["posObj"]
     return Said(
         message=Message(
-            "{body} is not pushed at its centre: the point ({point}) is in {frame}, {arm:.3g} m "
-            "off, so the force spins it"
+            "{body} is pushed {arm:.3g} m off its centre, beside all of it, and spins: the "
+            "point is in {frame}"
         ),
-        values={
-            "point": ", ".join(f"{round(x, 6):g}" for x in point),
-            "frame": Message("its own frame") if own else Message("the world's frame"),
-        },
+        values={"frame": Message("its own frame") if own else Message("the world's frame")},
         cure=Cure(
             "push-at-centre",
             worst.body,
@@ -191,5 +162,5 @@ def _(worst: Worst) -> Said | None:
         ),
         effect=Effect(worst.arm, "m"),
         share=worst.arm / worst.reach,
-        site=site_of(use.first),
+        call=call,
     )

@@ -32,12 +32,7 @@ def left_targets(joints: JointColumns, anew: Collection[int] = ()) -> Match:
     episodes = puts | np.isnan(came)
     put = joints.latest("reset-leaves put", episodes, step)
     position = joints.latest("reset-leaves position", episodes, before)
-    new = joints.began != joints.previous("reset-leaves began", joints.began)
-    start = joints.latest("reset-leaves start", new, before)
-    home = joints.previous("reset-leaves home", position)
-    # A target that stood in the episode before has that one's beginning as its home.
-    stood = told >= joints.previous("reset-leaves episode", put) - 1
-    back = (np.abs(before - start) < BACK) | (stood & (np.abs(before - home) < BACK))
+    back = np.abs(before - joints.previous("reset-leaves home", position)) < BACK
     where = (told < put - 1) & (joints.limit > 0) & np.isfinite(joints.target)
     restored = joints.scene.placing.restored(joints.body.number, joints.step)
     return Match(

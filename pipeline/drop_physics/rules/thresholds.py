@@ -247,9 +247,6 @@ gravcomp."""
 HOLDS = 0.5
 """Least share of what acts on a joint that a motor cancels that holds it. Unit: share. Needed by:
 pendulum."""
-ROLLS = 0.005
-"""Least torque about a wheel's axis over what presses its robot, times the wheel's radius. Unit:
-share. Needed by: a car at rest has 0.0008, one on a slope of 0.1 rad 0.02."""
 NO_TERM = 1e-3
 """Share of the largest term below which a sum is what remains of others. Unit: share. Needed by:
 gravcomp."""
