@@ -280,6 +280,128 @@ def test_of_two_robots_that_are_alike_one_is_named(tmp_path: Path) -> None:
         assert each.startswith(("0_model: ", "1_model: ")), each
 
 
+HANGS = """
+p.setGravity(0, 0, -9.81)
+p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE))
+cube = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.05] * 3)
+hook, b = p.createMultiBody(0, cube, -1, [0, 0, .7]), p.createMultiBody(1, cube, -1, [0, 0, .4])
+c = p.createConstraint(hook, -1, b, -1, p.JOINT_FIXED, [0, 0, 0], [0, 0, -.3], [0, 0, 0])
+p.changeConstraint(c, maxForce={force})
+steps(240)
+"""
+TABLE = """
+p.setGravity(0, 0, -9.81)
+disc = p.createCollisionShape(p.GEOM_CYLINDER, radius=.6, height=.1)
+table = p.createMultiBody(0, disc, -1, [0, 0, .5])
+cube = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.05] * 3)
+b = p.createMultiBody(.2, cube, -1, [.3, 0, .6])
+for i in range(240):
+    turned = p.getQuaternionFromEuler([0, 0, .8 * i / 240])
+    p.resetBasePositionAndOrientation(table, [0, 0, .5], turned)
+    {spin}
+    steps(1)
+"""
+SOFT = """
+p.setGravity(0, 0, -9.81)
+floor = p.createMultiBody(0, p.createCollisionShape(p.GEOM_BOX, halfExtents=[2, 2, .5]))
+p.changeDynamics(floor, -1, contactStiffness={stiffness}, contactDamping=50)
+cube = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.15] * 3)
+b = p.createMultiBody(2, cube, -1, [0, 0, .65])
+steps(300)
+"""
+TOWER = """
+p.setGravity(0, 0, -9.81)
+p.setPhysicsEngineParameter(numSolverIterations={n})
+p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE))
+cube = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1] * 3)
+for k in range(12): p.createMultiBody(1, cube, -1, [0, 0, .1 + .2 * k])
+steps(120)
+"""
+WHEEL = RAM + (
+    "for i in range(60):\n    p.setJointMotorControlArray(\n"
+    "        r, [0], p.VELOCITY_CONTROL, targetVelocities=[-6], forces=[{force}])\n    steps(1)"
+)
+LATE = "c = p.loadURDF('cube_small.urdf', [0, 0, 1])\n{before}\nsteps(60)\n{after}"
+GRAVITY = "p.setGravity(0, 0, -9.81)"
+LIMITED = RAM.replace("PRISMATIC", "REVOLUTE") + (
+    "p.changeDynamics(r, 0, jointLowerLimit=0, jointUpperLimit={upper})\n"
+    "for i in range(60):\n    p.setJointMotorControl2(r, 0, p.POSITION_CONTROL, 1)\n    steps(1)"
+)
+DOG = (
+    "d = p.loadURDF('a1/a1.urdf', [0, 0, .5], useFixedBase=True)\n"
+    "movable = [j for j in range(p.getNumJoints(d)) if p.getJointInfo(d, j)[2] == 0]\n"
+    "for i in range(30):\n    for j, q in zip({joints}, [0, .9, -1.8] * 4):\n"
+    "        p.setJointMotorControl2(d, j, p.POSITION_CONTROL, q, force=30)\n    steps(1)"
+)
+MISSED = {
+    "a weak constraint over a floor": (
+        *(HANGS.format(force=3), HANGS.format(force=30), "weak-constraint"),
+        ("0.35 m", "its limit of 3 N", "the weight is 9.81 N", "p.changeConstraint"),
+    ),
+    "a table that is turned by its pose": (
+        TABLE.format(spin="pass"),
+        TABLE.format(spin="p.resetBaseVelocity(table, [0, 0, 0], [0, 0, .8])"),
+        "dragged-by-nothing",
+        ("by 0.24", "p.resetBaseVelocity"),  # 0.8 rad of a circle of 0.3 m
+    ),
+    "a floor that a call made soft": (
+        *(SOFT.format(stiffness=300), SOFT.format(stiffness=30000), "deep-penetration"),
+        ("as soft as 300 N/m",),
+    ),
+    "a solver of two iterations": (
+        *(TOWER.format(n=2), TOWER.format(n=50), "deep-penetration"),
+        ("after 2 iterations in place of 50", "numSolverIterations"),
+    ),
+    "a speed without a force": (
+        *(WHEEL.format(force=0), WHEEL.format(force=100), "not-taken"),
+        ("joint1 is asked for -6 m/s", "force=0"),
+    ),
+    "gravity that comes after the last step": (
+        LATE.format(before="", after=GRAVITY),
+        LATE.format(before=GRAVITY, after=""),
+        "no-gravity",
+        ("gravity is 0",),
+    ),
+    "limits that leave no range": (
+        *(LIMITED.format(upper=0), LIMITED.format(upper=1), "target-clamped"),
+        ("upper limit of 0 rad", "no range", "jointUpperLimit=1"),
+    ),
+    "targets by index": (
+        *(DOG.format(joints="range(12)"), DOG.format(joints="movable"), "taken-elsewhere"),
+        ("imu_joint, a fixed joint", "none to RR_upper_joint", "12 joints move"),
+    ),
+}
+"""Scene, the same put right, what is said of the first alone, and words of it."""
+
+
+@pytest.mark.parametrize("what", MISSED)
+def test_what_was_missed_is_said(what: str, tmp_path: Path) -> None:
+    wrong, right, code, words = MISSED[what]
+    (found,) = (each for each in findings(wrong, tmp_path / "wrong.rrd") if each.code == code)
+    for word in words:
+        assert word in f"{found.message} {found.advice}"
+    assert code not in codes(right, tmp_path / "right.rrd")
+
+
+def test_a_simulation_beside_another_is_never_stepped(tmp_path: Path) -> None:
+    scene = (
+        "other = p.connect(p.DIRECT)\np.setGravity(0, 0, -9.81, physicsClientId=other)\n"
+        "p.loadURDF('cube_small.urdf', physicsClientId=other)\n"
+        "p.setGravity(0, 0, -9.81)\np.loadURDF('cube_small.urdf')\nsteps(30)"
+    )
+    (found,) = (each for each in findings(scene, tmp_path / "a.rrd") if each.code == "not-stepped")
+    assert found.level == "note"  # it may be there to look at
+    assert "physicsClientId=1" in str(found.advice)
+
+
+def test_what_falls_on_and_on_is_damped_as_a_note(tmp_path: Path) -> None:
+    scene = "p.setGravity(0, 0, -9.81)\n" + BALL + "p.createMultiBody(1, ball)\nsteps(800)"
+    (found,) = (
+        each for each in findings(scene, tmp_path / "a.rrd") if each.code == "default-damping"
+    )
+    assert found.level == "note"
+
+
 READ = {
     "joint states that are read for their positions": (
         "c = p.loadURDF('cartpole.urdf')\n"

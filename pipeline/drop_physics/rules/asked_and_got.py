@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -32,8 +33,9 @@ from drop_physics.rules.thresholds import (
     SCALE,
 )
 from drop_physics.trace.acts import Act
+from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body
-from drop_physics.trace.motors import POSITION
+from drop_physics.trace.motors import POSITION, VELOCITY
 from drop_physics.trace.requests import Request
 
 IK_LISTS = ("lowerLimits", "upperLimits", "jointRanges", "restPoses")
@@ -89,6 +91,26 @@ def _(worst: Worst) -> Said:
         },
         advice=Message("give it a force, or no force=…, which lets it take any"),
         effect=Effect(worst.size, worst.unit),
+    )
+
+
+@joint_rule("not-taken", "asked", reason="no-effect", least_count=COASTS_STEPS)
+def speed_without_force(joints: JointColumns) -> Match:
+    """A velocity motor with a force of 0 is off, whatever speed it is asked for."""
+    asked = joints.target_velocity
+    where = (joints.mode == VELOCITY) & (joints.force == 0) & (asked != 0)
+    where &= joints.steps.reported.commanded == 0
+    return Match(where, np.abs(asked), {"asked": asked})
+
+
+@speed_without_force.says
+def _(worst: Worst) -> Said:
+    return Said(
+        message=Message(
+            "{joint}{more} is asked for {asked:.3g} {unit}/s: a motor that is given force=0 is off"
+        ),
+        advice=Message("give it a force, or no force=…, which lets it take any"),
+        effect=Effect(worst.size, f"{worst.unit}/s"),
     )
 
 
@@ -343,32 +365,54 @@ def _made_kg(inputs: Inputs, body: Body) -> float:
 @input_rule("taken-elsewhere", "asked", "ik-index")
 def ik_index(inputs: Inputs) -> Iterator[Said]:
     """Answers of inverse kinematics are sent to joints by their index, fixed joints among them."""
-    for use in inputs.of(Act.SOLVE_IK, Act.SOLVE_SEVERAL_IK):
-        body = use.body
-        if body is None:
-            continue
-        commanded = inputs.commanded[body.number]
-        movable = [joint.link for joint in body.joints if joint.widths[1]]
-        fixed = [joint for joint in body.joints if not joint.widths[1] and joint.link in commanded]
-        left = [body.joints[link].name for link in movable if link not in commanded]
-        if fixed and left and len(commanded) == len(movable):
-            sent = dict(zip(sorted(commanded), movable, strict=True))
-            yield Said(
-                call=use.first,
-                subject=body,
-                joint=left[0],
-                message=Message(
-                    "commands go to {fixed}, a fixed joint, and none to {left}: inverse kinematics "
-                    "answers for the {n} joints that move, in their order, and skips fixed ones"
-                ),
-                values={
-                    "fixed": fixed[0].name,
-                    "left": joined(", ", left[:3]),
-                    "n": len(movable),
-                },
-                cure=Cure("right-link", body.label, form="joints", given={"links": sent}),
-                share=float(len(left)),
-            )
+    for number, call in _solved(inputs).items():
+        message = Message(
+            "commands go to {fixed}, a fixed joint, and none to {left}: inverse kinematics "
+            "answers for the {n} joints that move, in their order, and skips fixed ones"
+        )
+        yield from _by_index(inputs, number, Said(message=message, call=call))
+
+
+@input_rule("taken-elsewhere", "asked", "joint-index")
+def joint_index(inputs: Inputs) -> Iterator[Said]:
+    """A target for each joint that moves is sent to joints by index, fixed ones among them."""
+    for number in inputs.commanded.keys() - _solved(inputs).keys():
+        message = Message(
+            "commands go to {fixed}, a fixed joint, and none to {left}: {n} joints move, and these "
+            "{n} targets were given to joints by index"
+        )
+        advice = Message(
+            "the targets to the joints that move, for which p.getJointInfo(body, joint)[3] > -1"
+        )
+        yield from _by_index(inputs, number, Said(message=message, advice=advice))
+
+
+def _solved(inputs: Inputs) -> dict[int, Call]:
+    """Return the first call that solves inverse kinematics of each body."""
+    uses = inputs.of(Act.SOLVE_IK, Act.SOLVE_SEVERAL_IK)
+    return {use.body.number: use.first for use in uses if use.body is not None}
+
+
+def _by_index(inputs: Inputs, number: int, said: Said) -> Iterator[Said]:
+    """Yield what is said where commands go to fixed joints, and none to as many that move."""
+    body, commanded = inputs.scene.body(number), inputs.commanded[number]
+    movable = [joint.link for joint in body.joints if joint.widths[1]]
+    fixed = [joint for joint in body.joints if not joint.widths[1] and joint.link in commanded]
+    left = [body.joints[link].name for link in movable if link not in commanded]
+    if fixed and left and len(commanded) == len(movable):
+        sent = dict(zip(sorted(commanded), movable, strict=True))
+        yield replace(
+            said,
+            subject=body,
+            joint=left[0],
+            values={
+                "fixed": fixed[0].name,
+                "left": joined(", ", left[:3]),
+                "n": len(movable),
+            },
+            cure=Cure("right-link", body.label, form="joints", given={"links": sent}),
+            share=float(len(left)),
+        )
 
 
 @input_rule("taken-elsewhere", "asked", "reset-frame")

@@ -89,6 +89,7 @@ CODES: dict[str, str] = {
     ),
     "inertia-without-mass": "A link has inertia, and no mass.",
     "joint-damping": "A joint's damping or dry friction takes most of the torque that it is given.",
+    "joint-index": "Targets went to joints by index, fixed ones among them.",
     "keyframe": "A model has a keyframe, and the run does not begin in it.",
     "law-mismatch": "A sample is not what the law says of the one before.",
     "link-counted-static": (

@@ -57,7 +57,9 @@ SHAKES = frozenset(("unstable", "motor-gain"))
 FAST = frozenset(("beyond-urdf",))
 """Codes that say that a joint goes faster than it may."""
 BESIDE_NOTHING = frozenset(("default-damping",))
-"""Codes that are true of nearly every run, and an answer only where nothing was asked in vain."""
+"""Codes that are true of nearly every run, and an answer only where there is no graver one."""
+MISDIRECTED = frozenset(("ik-index", "joint-index"))
+"""Reasons that say that a joint's targets were meant for another."""
 
 
 def ranked(findings: Iterable[Finding]) -> list[Finding]:
@@ -66,17 +68,26 @@ def ranked(findings: Iterable[Finding]) -> list[Finding]:
     for each in _worst_misses(findings):
         groups.setdefault((each.code, each.reason, *_texts(each)), []).append(each)
     found = sorted((_one_of(group) for group in groups.values()), key=lambda each: each.rank)
-    if found and found[0].level in ("broken", "asked"):
+    if found and found[0].level != "note" and found[0].code not in BESIDE_NOTHING:
         found = [each for each in found if each.code not in BESIDE_NOTHING]
     # What rings at the clamp is not clamped.
     rings = {each.body for each in found if each.code == "unstable"}
     found = [each for each in found if each.code != "velocity-clamped" or each.body not in rings]
     # More force is no advice for a joint that its gains or its damping turn around, nor are higher
     # gains for one that is too fast already.
-    told = {code: {each.body for each in found if each.code in code} for code in (SHAKES, FAST)}
+    # Nor are other limits for one that got the target of another.
+    told = {
+        codes: {each.body for each in found if {each.code, each.reason} & codes}
+        for codes in (SHAKES, FAST, MISDIRECTED)
+    }
+    spoils = {
+        ("off-target", True): told[FAST],
+        ("off-target", False): told[SHAKES],
+        ("target-clamped", False): told[MISDIRECTED],
+    }
     return [
         replace(each, advice=None, cure=None)
-        if each.code == "off-target" and each.body in told[FAST if each.level == "note" else SHAKES]
+        if each.body in spoils.get((each.code, each.level == "note"), ())
         else each
         for each in found
     ]

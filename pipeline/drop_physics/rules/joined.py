@@ -93,14 +93,16 @@ def weak_constraint(joined: ConstraintColumns) -> Match:
     strained = joined.tail("at limit", at_limit[rows], CLOSES_STEPS)
     gap_m = np.linalg.norm(points_m[:, 0] - points_m[:, 1], axis=1)
     moved_m = np.linalg.norm(points_m[-1] - points_m[0], axis=1)
-    # What one side drags lags with any force, and what is being pulled back needs time.
-    stays = (moved_m < STILL_M_S * CLOSES_STEPS * joined.timestep_s[-1]).any()
-    stays &= gap_m[-1] >= gap_m[0] * PULLED_BACK and gap_m[-1] > NO_GAP_M
-    stays &= len(gap_m) > CLOSES_STEPS and joined.step[-1] - held.moved > CLOSES_STEPS
+    # A spring swings, and what is being pulled back needs time.
+    still = (moved_m < STILL_M_S * CLOSES_STEPS * joined.timestep_s[-1]).any()
+    dragged = joined.step[-1] - held.moved <= CLOSES_STEPS
+    stays = gap_m[-1] >= gap_m[0] * PULLED_BACK and gap_m[-1] > NO_GAP_M
+    stays &= len(gap_m) > CLOSES_STEPS and (still or dragged)
     leans = joined.tail("touches", np.isin(joined.step, _touched(joined))[rows], CLOSES_STEPS + 1)
     lasts = {"gap": gap_m[-1], "limit": limit_n[-1], "weight": _weight_n(joined)}
     lasts |= {"part": joined.part_m, "strained": strained.all()}
-    lasts |= {"stays": stays and not leans.any()}
+    # What is dragged may lag with any force, and what it leans on may hold it off.
+    lasts |= {"stays": stays, "hangs": not (dragged or leans.any())}
     numbers = {name: np.full(n, each) for name, each in lasts.items()}
     numbers["held"] = np.full(n, held, object)
     since = joined.step > joined.of_held("limited_since")
@@ -176,7 +178,7 @@ def _(worst: Worst) -> Said | None:
                 advice = Message("give it more: {call}")
             if held.limited is not None and number(held.limited, "maxForce") > weight_n:
                 advice, cure = None, Cure("timestep-first")
-    elif ratio >= RATIO and worst.gap > APART * worst.part:
+    elif worst.hangs and ratio >= RATIO and worst.gap > APART * worst.part:
         why = Message(
             "of what constraints join, one is {ratio:.4g} times as heavy as another, and the "
             "solver uses up its iterations",
@@ -193,6 +195,7 @@ def _(worst: Worst) -> Said | None:
         other=_other(worst),
         advice=advice,
         cure=cure,
+        proposed=not worst.hangs,
         effect=Effect(worst.gap, "m"),
         share=worst.gap / worst.part,
         site=site_of(held.limited or held.made),

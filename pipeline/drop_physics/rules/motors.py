@@ -33,7 +33,8 @@ def target_clamped(joints: JointColumns) -> Match:
     """PyBullet moves a position target beyond a joint's limit to that limit."""
     low, high, target = joints.lower, joints.upper, joints.asked.target
     over = np.maximum(low - target, target - high)
-    beyond = (low < high) & (over > BEYOND_RANGE * (high - low))
+    least = np.where(low < high, BEYOND_RANGE * (high - low), joints.at_target)
+    beyond = (low <= high) & (over > least)
     numbers = {"target": target, "lower": low, "upper": high}
     return Match(joints.position_motor & beyond, over, numbers)
 
@@ -43,6 +44,9 @@ def _(worst: Worst) -> Said:
     low, high, unit = worst.lower, worst.upper, worst.unit
     over = worst.target > high
     degrees = unit == "rad" and is_degrees(worst.target, low, high)
+    advice = Message("give a target within {low:.4g} and {high:.4g}, or other limits: {call}")
+    if low == high:
+        advice = Message("its limits leave it no range; give it one: {call}")
     return Said(
         reason="units" if degrees else None,
         message=Message(
@@ -55,9 +59,7 @@ def _(worst: Worst) -> Said:
             "low": low,
             "high": high,
         },
-        advice=in_radians(worst.target)
-        if degrees
-        else Message("give a target within {low:.4g} and {high:.4g}, or other limits: {call}"),
+        advice=in_radians(worst.target) if degrees else advice,
         cure=None
         if degrees
         else Cure(
@@ -69,7 +71,7 @@ def _(worst: Worst) -> Said:
             },
         ),
         effect=Effect(worst.size, unit),
-        share=worst.size if unit == "rad" else worst.size / (high - low),
+        share=worst.size if unit == "rad" or low == high else worst.size / (high - low),
     )
 
 

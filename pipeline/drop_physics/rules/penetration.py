@@ -23,9 +23,18 @@ from drop_physics.rules.thresholds import (
     PRESSES,
     PUSHED_APART_M_S,
     RATIO,
+    SINKS_M,
     STANDARD_M_S2,
 )
 from drop_physics.trace.acts import Act
+
+SOLVER = 50
+"""Number of the solver's iterations that no call sets."""
+CARRIED = Message("a call moves one of them in each step, and it has no velocity")
+FEW = Message("the solver ends after {n} iterations in place of {usual}")
+SOFT = Message("contact there is as soft as {stiffness:.3g} N/m")
+NOT_SURE = {CARRIED.template, FEW.template}
+"""Causes that need not be the only ones."""
 
 
 @pair_rule("deep-penetration", "model", consecutive=True)
@@ -59,6 +68,8 @@ def _(worst: Worst) -> Said | None:
     cause, advice, cure = _cause(worst, took)
     # What comes fast goes deeper; without a cause, only what is no physics any more is said.
     least = DEEP_LASTING if took >= GROWS_STEPS else DEEP_IMPACT
+    if cause is not None and cause.template == SOFT.template:  # as a call made it
+        least = SINKS_M / thin_m
     if share <= (least if cause else max(least, OVER_HALF)):
         return None
     message = Message(
@@ -76,7 +87,7 @@ def _(worst: Worst) -> Said | None:
         message=message if cause is None else joined(": ", [message, cause]),
         advice=advice,
         cure=cure,
-        proposed=cure is not None and cure.name == "support-velocity",
+        proposed=cause is not None and cause.template in NOT_SURE,
         effect=Effect(worst.size, "m"),
         share=share,
         level="broken" if broken else None,
@@ -102,7 +113,7 @@ def _cause(worst: Worst, took: int) -> tuple[Message | None, Message | None, Cur
     ratio = strained_by(worst.scene.seen, both)
     more = Cure("solver", value=500.0)
     if worst.carried > (worst.last - worst.first) / 2:
-        why = Message("a call moves one of them in each step, and it has no velocity")
+        why = CARRIED
         posed = any(use.body in both for use in worst.scene.inputs.of(Act.SET_POSE))
         cure = Cure("support-velocity", bodies=(worst.body, worst.other))
         return why, None, cure if posed else None  # a joint's is `overwritten`
@@ -116,7 +127,7 @@ def _cause(worst: Worst, took: int) -> tuple[Message | None, Message | None, Cur
         why = Message("contactSlop={slop:g} lets bodies overlap by so much", slop=slop_m)
         return why, None, Cure("solver", value=0.0, given={"contactSlop": 0})
     if stiffness_n_m and lasts:
-        why = Message("contact there is as soft as {stiffness:.3g} N/m", stiffness=stiffness_n_m)
+        why = Message(SOFT.template, stiffness=stiffness_n_m)
         return why, Message("raise p.changeDynamics(…, contactStiffness=…), or do without"), None
     if took < IMPACT_STEPS and not stiffness_n_m and worst.size <= 1.05 * worst.until_came:
         why = Message("they approach by {way:.3g} mm in one step", way=worst.fastest * 1e3)
@@ -132,6 +143,14 @@ def _cause(worst: Worst, took: int) -> tuple[Message | None, Message | None, Cur
             "one is {ratio:.4g} times as heavy as the other, and the solver uses up its iterations",
             ratio=ratio,
         )
+        return why, None, more
+    given = [
+        int(use.low["numSolverIterations"][0])
+        for use in worst.scene.inputs.of(Act.SET_ENGINE)
+        if "numSolverIterations" in use.low
+    ]
+    if lasts and given and min(given) < SOLVER:
+        why = Message(FEW.template, n=min(given), usual=SOLVER)
         return why, None, more
     return None, None, None
 

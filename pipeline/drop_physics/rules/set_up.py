@@ -27,21 +27,27 @@ HOLDS = Act.SET_GRAVITY, Act.CONSTRAIN, *PUSHES
 def not_stepped(inputs: Inputs) -> Iterator[Said]:
     """Something waits for a step in a simulation that has none: time passes only in steps."""
     seen, ended = inputs.scene.seen, inputs.scene.origin.get("ended")
-    # Beside a simulation that is stepped, poses may only be looked at in one with gravity.
     stepped = any(samples > 1 for samples in seen.samples.values())
-    uses = [*inputs.of(*WAITS), *(() if stepped else inputs.of(Act.SET_GRAVITY))]
+    uses = [*inputs.of(*WAITS)], [*inputs.of(Act.SET_GRAVITY)]
     for client, samples in seen.samples.items():
-        call = next((use.first for use in uses if use.first.client == client), None)
+        waits, falls = (
+            next((use.first for use in its if use.first.client == client), None) for its in uses
+        )
+        call = waits or falls
         there = any(body.moving for body in seen.bodies.values() if body.client == client)
         if samples == 1 and call is not None and there and ended != "failed":
             yield Said(
                 call=call,
+                # Beside one that is stepped, poses may only be looked at in one with gravity.
+                level="note" if stepped and waits is None else None,
                 message=Message(
                     "simulation {client} is never stepped, so nothing in it moves by itself: time "
                     "passes only in p.stepSimulation()"
                 ),
                 values={"client": client},
-                advice=Message("call p.stepSimulation() in a loop"),
+                advice=Message("call p.stepSimulation(physicsClientId={client}) in a loop")
+                if stepped
+                else Message("call p.stepSimulation() in a loop"),
             )
 
 
@@ -88,7 +94,7 @@ def no_gravity(inputs: Inputs) -> Iterator[Said]:
             gravity_m_s2 = float(np.linalg.norm(before))
         since, lost = -1 if reset is None else reset.call, gravity_m_s2 > 0
         held = (at for at, _ in inputs.made(client, *HOLDS) if since < at.call)
-        if (client, lost) in said or client in left_out or any(at.step <= life.last for at in held):
+        if (client, lost) in said or client in left_out or any(at.step < life.last for at in held):
             continue
         said.add((client, lost))
         message = Message("gravity is 0, so {body} does not fall: PyBullet starts without it")

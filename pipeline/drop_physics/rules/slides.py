@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.steps import BodySteps, Steps
 from drop_physics.messages import Message
+from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.body_properties import size_m
@@ -306,9 +307,12 @@ def dragged_by_nothing(pair: PairColumns) -> Match | None:
         held = np.minimum(np.searchsorted(steps, pair.step[rows]), len(steps) - 1)
         moved = (held > 0) & (steps[held] == pair.step[rows])
         moved &= steps[held] - steps[held - 1] <= NEAR
-        moved &= lengths(bases[held, 7:10]) < 1e-9
+        moved &= np.abs(bases[held, 7:13]).max(axis=1, initial=0.0) < 1e-9
         where[rows] = moved
-        ahead_m[rows] = bases[held, :3] - bases[held - 1, :3]
+        now, then, at_m = bases[held], bases[held - 1], pair.others("centre_m")[rows]
+        # Where the point of the support that it touches was before the call.
+        turned_m = rotate(now[:, 3:7], rotate_inverse(then[:, 3:7], at_m - then[:, :3]))
+        ahead_m[rows] = now[:, :3] + turned_m - at_m
     if not where.any():
         return None
     went_m = pair.own("ended_m_s") * pair.timestep_s[:, None]

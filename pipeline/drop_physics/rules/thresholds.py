@@ -221,6 +221,8 @@ DAMPED = 0.1
 spring_constraint; in right scripts it is 1 to 8 %."""
 STOPS = 0.5
 """Least share of the energy of what rolls that stops it. Unit: share. Needed by: ball_stops."""
+ROLLS_M_S = 0.01
+"""Least speed of what rolls. Unit: m/s. Needed by: a box that trembles in a grip."""
 UNBALANCED = 0.1
 """Least sum on a sleeping body over its largest term. Unit: share. Needed by: asleep."""
 PUSHED_APART_M_S = 1e-2
