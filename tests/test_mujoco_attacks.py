@@ -156,6 +156,8 @@ MODELS |= {
         BENT.format("sprung", 'stiffness="100"'), SERVO.format("sprung"), "d.ctrl[0] = 1", 900
     ),
     "afloat": Model(FLOOR + box("afloat", 0.6, 0.1, 1).replace("<body", '<body gravcomp="1"')),
+    "hovers": Model(FLOOR + box("hovers", 2, 0.1, 1), drive="d.qvel[:] = .5, 0, 0, 0, 0, 0"),
+    "glides": Model(FLOOR + box("glides", 2, 0.1, 1), drive="d.qvel[0] = .5"),
     "unreal": Model(
         BENT.format("unreal", ""),
         SERVO.format("unreal"),
@@ -247,7 +249,7 @@ def test_a_body_that_is_pressed_flat_gets_no_depth_as_advice(tmp_path: Path) -> 
     assert finding.advice == "give 1_tiny a mass nearer to that of what lies on it"
 
 
-@pytest.mark.parametrize("name", ["racket", "part", "sent"])
+@pytest.mark.parametrize("name", ["racket", "part", "sent", "glides"])
 def test_nothing_is_said_of_what_is_right(found: list[Finding], name: str) -> None:
     assert [each.message for each in found if name in each.message] == []
 

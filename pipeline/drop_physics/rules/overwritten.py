@@ -16,6 +16,7 @@ from drop_physics.rules.thresholds import (
     DEEP_M,
     GATHERS,
     HALF_THE_STEPS,
+    NO_FORCE,
     OVERLAPS_STEPS,
     SINKS_STEPS,
     TELEPORTED_M_S,
@@ -100,4 +101,35 @@ def _(worst: Worst) -> Said:
         effect=Effect(worst.size, "m/s"),
         share=worst.size,
         site=worst.scene.only_site(Act.SET_STATE),
+    )
+
+
+@body_rule(
+    "overwritten",
+    "model",
+    reason="velocity-set-each-step",
+    least_count=SINKS_STEPS,
+    engines=MUJOCOS,
+    proposes=True,
+)
+def falls_no_faster(bodies: BodyColumns) -> Match | None:
+    """A velocity that is written before each step takes away what gravity gave in the last one."""
+    if bodies.law.tree.fixed:
+        return None
+    given = bodies.reported.gravity_m_s2 * bodies.reported.timestep_s[:, None]
+    taken = bodies.came("velocity")[:, 3:6] - bodies.before.velocity[:, 3:6]
+    moved = bodies.scene.placing.moved(bodies.body, bodies.step)
+    where = moved & (lengths(taken - given) <= NO_FORCE * lengths(given)) & given.any(axis=1)
+    return Match(where, lengths(given))
+
+
+@falls_no_faster.says
+def _(worst: Worst) -> Said:
+    return Said(
+        message=Message(
+            "{body} falls no faster: qvel is written before {steps}, and takes away each time what "
+            "gravity gave"
+        ),
+        advice=Message("write only the elements of data.qvel that are meant"),
+        effect=Effect(worst.size * worst.count, "m/s"),
     )
