@@ -28,6 +28,29 @@ for i in range(240):
 """
 )
 
+LIFTED = (
+    FLOOR
+    + """
+r = p.loadURDF("franka_panda/panda.urdf", useFixedBase=True)
+cube = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.02] * 3)
+b = p.createMultiBody(.1, cube, -1, [.5, 0, .02])
+for body, link in ((b, -1), (r, 9), (r, 10)):
+    p.changeDynamics(body, link, lateralFriction=1)
+for j, q in zip(range(11), (0, .3, 0, -2.2, 0, 2.5, .785, 0, 0, .04, .04)):
+    p.resetJointState(r, j, q)
+down = p.getQuaternionFromEuler([3.14159, 0, 0])
+for z, grip, n in ((.2, .04, 240), (.03, .04, 240), (.03, 0, 120), (.25, 0, 240)):
+    for _ in range(n):
+        q = p.calculateInverseKinematics(
+            r, 11, [.5, 0, z], down, maxNumIterations=100, residualThreshold=1e-5)
+        for j in range(7):
+            p.setJointMotorControl2(r, j, p.POSITION_CONTROL, q[j], force=87, maxVelocity=1)
+        for j in (9, 10):
+            p.setJointMotorControl2(r, j, p.POSITION_CONTROL, grip, force=20)
+        steps(1)
+"""
+)
+
 SILENT = {
     "restitution that is set after the landing": (
         FLOOR + BALL + "b = p.createMultiBody(1, ball, -1, [0, 0, 0.6])\nsteps(200)\n"
@@ -93,6 +116,8 @@ SILENT = {
         "p.resetBaseVelocity(b, [1, 0, 0], [0, 10, 0])\nsteps(100)",
         "starts-in-contact",
     ),
+    # Bare PyBullet: 0.006 mm in the frames of the fingers, which go along an arc.
+    "a cube that is lifted along an arc": (LIFTED, "creeps"),
     "parcels that fall onto a belt": (
         BELT + "for z in (.45, .55):\n    p.createMultiBody(.5, box, -1, [2 * z - 1.5, 0, z])\n"
         "for i in range(240):\n"
