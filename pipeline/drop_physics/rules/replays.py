@@ -87,7 +87,7 @@ def floats_without_gravity(bodies: BodyColumns) -> Match | None:
     return Match(~acts, np.ones(len(acts)))
 
 
-@body_rule("no-gravity", "model", reason="gravcomp", least_count=FALLS_STEPS, engines=MUJOCOS)
+@body_rule("no-gravity", "note", reason="gravcomp", least_count=FALLS_STEPS, engines=MUJOCOS)
 def floats_by_compensation(bodies: BodyColumns) -> Match | None:
     """A free body that nothing touches, and whose `gravcomp` takes all of gravity off it."""
     lifts = bodies.terms.get("gravity compensation")
@@ -107,6 +107,7 @@ def _(worst: Worst) -> Said | None:
     return Said(
         message=Message("gravcomp takes all of gravity off {body}, so it does not fall"),
         cure=Cure("gravcomp", worst.body, 0.0),
+        share=0.0,  # the model says so
     )
 
 
