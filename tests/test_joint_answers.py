@@ -624,6 +624,11 @@ def test_what_a_file_wants_followed_with_a_factor(tmp_path: Path) -> None:
     assert found.effect.value == pytest.approx(0.4, rel=1e-3)
     both = load + drive.format(0, 1) + drive.format(1, -0.4) + "steps(240)\n"
     assert said("mimic-ignored", both, tmp_path) == []
+    # One that is sent where the tag puts it is asked to follow; it is too weak to.
+    heavy = load.replace("True)", "True, flags=p.URDF_USE_INERTIA_FROM_FILE)")
+    weak = heavy + drive.format(0, 1) + drive.format(1, -0.4).replace("200", "1e-3")
+    (found,) = said("mimic-ignored", weak + "steps(240)\n", tmp_path)
+    assert found.level == "note"
     assert said("mimic-ignored", load + "steps(20)\n", tmp_path) == []
 
 

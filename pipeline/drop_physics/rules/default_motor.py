@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from drop_physics.arrays import Float64
-from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.explain.commands import DEFAULT
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene
@@ -15,8 +14,13 @@ from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import COASTS_STEPS, HOLDS, MOVES, NO_TERM, SAME_SIGN
 
-CAUSES = ("gravity", "contacts", "applied", "constraints")
-"""Terms that ask a joint to move."""
+CAUSES = {
+    "gravity": Message("its weight"),
+    "contacts": Message("contacts"),
+    "applied": Message("forces that calls apply"),
+    "constraints": Message("constraints"),
+}
+"""Terms that ask a joint to move, in words."""
 TORQUE = np.array([[[False, True]]])
 """The plane of the table for joints that torques drive."""
 
@@ -38,7 +42,7 @@ def default_motor(joints: JointColumns) -> Match | None:
         np.abs(joints.term("gravity")) < NO_TERM * np.abs(joints.term("contacts"))
     )
     carried = steps.law.tree.fixed or bool(np.any(steps.terms.get("constraints", 0)))
-    asks = {name: carried | wheel | (name in CAUSES[2:]) for name in CAUSES}
+    asks = {name: carried | wheel | (name in ("applied", "constraints")) for name in CAUSES}
     acting, motor = acting * np.abs(sign), joints.term("motors")
     sums = {
         "acting": np.abs(acting),
@@ -91,8 +95,8 @@ def _(worst: Worst) -> Said:
             "the motor set at {site}, which still acts", site=worst.scene.site(worst.motor_site)
         )
     template = Message(
-        "{joint} is held by {motor}: it takes {share:.0%} of what acts on it, most of all {term}, "
-        "with up to {most} of the {limit} that it may"
+        "{joint} is held by {motor}: it takes {share:.0%} of what acts on it, mainly {term}, "
+        "with up to {most} of its {limit}"
     )
     if worst.torque:
         template = Message(
@@ -109,7 +113,7 @@ def _(worst: Worst) -> Said:
             "most": effort(worst.most, worst.effort),
             "limit": effort(worst.limit, worst.effort),
             "share": share,
-            "term": cause_in_words(max(CAUSES, key=lambda name: getattr(worst, name))),
+            "term": CAUSES[max(CAUSES, key=lambda name: getattr(worst, name))],
         },
         advice=Message("turn it off: {call}"),
         cure=Cure("default-motor-off", worst.joint, form="ball" if ball else ""),

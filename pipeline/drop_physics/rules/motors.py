@@ -305,6 +305,9 @@ def mimic_ignored(joints: JointColumns) -> Match | None:
     )
     rests = joints.resting[:, own] & joints.resting[:, leads]
     drives = (joints.mode != DEFAULT) & (joints.asked.force != 0)
+    # A follower whose own target is where the tag puts it is asked to follow.
+    goal = np.where(joints.position_motor, joints.target, np.nan)
+    follows = np.abs(goal[:, own] - times * goal[:, leads] - offset) <= FOLLOWS * extent
 
     def column(values: Float64) -> Float64:
         """Return values of the followers as a column of all joints."""
@@ -320,7 +323,7 @@ def mimic_ignored(joints: JointColumns) -> Match | None:
             "high": column(apart),
             "low": column(-apart),
             "rested": column(np.abs(apart) * rests),
-            "sent": column(drives[:, own] | drives[:, leads]),
+            "sent": column((drives[:, own] | drives[:, leads]) & ~follows),
         },
         firsts={"began": column(began)},
         lasts={"now": column(np.abs(apart)), "extent": column(extent + 0.0 * apart)},
