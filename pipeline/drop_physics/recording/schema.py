@@ -15,7 +15,7 @@ import numpy as np
 from drop_physics.trace.states import BASE_STATE, CONTACT
 
 APPLICATION_ID = "drop"
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 
 STEP_TIMELINE = "sim_step"
 TIME_TIMELINE = "sim_time"
@@ -81,9 +81,9 @@ TARGET, LIMIT = "target", "limit"
 """Rows when a call changes one, beside them: targets, with target velocities and torques; largest
 forces of motors, with modes and gains."""
 CONSTRAINTS = "constraints"
+"""Each constraint's forces lie below it: a row per step."""
 CONSTRAINT = "constraint"
-"""The component with a constraint's id: others may use its entity when it is gone."""
-"""Each constraint's forces lie below it, by the engine's id: a row per step."""
+"""The component beside them with the constraint's id: when it is gone, others use its entity."""
 
 CONTROLS = "controls"
 """What actuators were given lies below it, by simulation: a row per step where that changes."""
