@@ -446,7 +446,7 @@ e = (  # drop: ignore[five]
 def test_a_site_stands_first_and_alone(drop: Drop, arms: Callable[..., None]) -> None:
     arms()
     said = drop("analyze").stdout
-    assert re.search(r"^\narms\.py:14\n1  joint1 ", said, re.MULTILINE)
+    assert re.search(r"^\narms\.py:14\n1  0_box: joint1 ", said, re.MULTILINE)
     assert said.count("arms.py:14") == 1
     assert re.search(r"^(?:   .*)? {3,}off-target$", said, re.MULTILINE)
 

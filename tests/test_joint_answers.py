@@ -425,7 +425,26 @@ def test_the_motor_of_a_ball_joint_drives_it_back(tmp_path: Path) -> None:
     assert "velocity" not in found.message
 
 
+IDLE = """
+for i in range(60):
+    for j in range(7):
+        p.setJointMotorControl2(other, j, p.POSITION_CONTROL, 0.1, force=300)
+    p.stepSimulation()
+"""
+
+
+def test_an_arm_that_nobody_commands_beside_another_is_no_mistake(tmp_path: Path) -> None:
+    at = "p.loadURDF('kuka_iiwa/model.urdf', [0, {}, 0], [0, 0.7, 0, 0.7], useFixedBase=True)\n"
+    scene = DOWN + "k = " + at.format(0) + "other = " + at.format(2)
+    (alone,) = said("default-motor", scene + "steps(60)", tmp_path)
+    (beside,) = said("default-motor", scene + IDLE, tmp_path)
+    assert (alone.level, beside.level) == ("asked", "note")
+
+
 QUIET = {
+    "a robot that stands": DOWN
+    + FLOOR
+    + "k = p.loadURDF('r2d2.urdf', [0, 0, 0.475])\nsteps(240)\n",
     "set in each step": DOWN
     + BARE
     + """

@@ -12,7 +12,7 @@ from drop_physics.explain.overlap import is_convex
 from drop_physics.rules.arguments import site_of
 from drop_physics.trace.acts import MAKES, Act
 from drop_physics.trace.calls import Call
-from drop_physics.trace.events import Appearance, Body, Collision
+from drop_physics.trace.events import Appearance, Body, Collision, Joint
 from drop_physics.trace.history import Piece, Seen
 
 
@@ -81,6 +81,12 @@ def size_m(body: Body) -> float:
     """Return the longest edge of the box around a body, as it was added; 1 if it is unknown."""
     boxes = np.reshape(body.bounds_m, (-1, 2, 3))
     return float(np.max(boxes[:, 1] - boxes[:, 0], initial=0.0)) or 1.0
+
+
+def length_m(body: Body, joint: Joint) -> float:
+    """Return the longest edge of the box around the link that a joint moves [m]; 0 if unknown."""
+    boxes, link = np.reshape(body.bounds_m, (-1, 2, 3)), body.joints.index(joint)
+    return float(np.ptp(boxes[link + 1], axis=0).max()) if link + 1 < len(boxes) else 0.0
 
 
 def thickness_m(body: Body, link: int) -> float:

@@ -8,11 +8,12 @@ from drop_physics.arrays import Float64
 from drop_physics.explain.commands import DEFAULT
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene
+from drop_physics.rules.body_properties import length_m
 from drop_physics.rules.joint import effort
 from drop_physics.rules.rule import Match, Said, Worst, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
-from drop_physics.rules.thresholds import COASTS_STEPS, HOLDS, MOVES, NO_TERM, SAME_SIGN
+from drop_physics.rules.thresholds import COASTS_STEPS, HOLDS, MOVES, NO_TERM, ROLLS, SAME_SIGN
 
 CAUSES = {
     "gravity": Message("its weight"),
@@ -38,9 +39,12 @@ def default_motor(joints: JointColumns) -> Match | None:
     largest = np.max([np.abs(each) for each in terms.values()], axis=0, initial=0.0)
     sign = np.sign(acting) * (np.abs(acting) > NO_TERM * largest)
     # What carries a robot that stands is not to move it, but for the wheels of one that is to roll.
-    wheel = bool(default.all()) & (
-        np.abs(joints.term("gravity")) < NO_TERM * np.abs(joints.term("contacts"))
-    )
+    contacts = np.abs(joints.term("contacts"))
+    gravity = steps.terms.get("gravity", np.zeros((len(on), steps.law.tree.size)))
+    weight = np.linalg.norm(gravity[:, : steps.law.tree.first_rate], axis=1)
+    lever_m = joints.of_joints(lambda joint: length_m(joints.body, joint) / 2)
+    wheel = default.all() & (np.abs(joints.term("gravity")) < NO_TERM * contacts)
+    wheel &= contacts > ROLLS * weight[:, None] * lever_m
     carried = steps.law.tree.fixed or bool(np.any(steps.terms.get("constraints", 0)))
     asks = {name: carried | wheel | (name in ("applied", "constraints")) for name in CAUSES}
     acting, motor = acting * np.abs(sign), joints.term("motors")
@@ -104,7 +108,7 @@ def _(worst: Worst) -> Said:
             "takes up to {most}, {share:.0%} of what acts on it"
         )
     share = min(worst.taken / worst.acting, 1.0)
-    commanded = worst.scene.inputs.commanded.get(worst.subject.number)
+    commanded = any(worst.scene.inputs.commanded.values())
     return Said(
         level="note" if commanded and not worst.torque else None,
         message=template,

@@ -184,9 +184,24 @@ def _(worst: Worst) -> Said | None:
     if worst.against is not None:  # it may press on purpose
         return _missed(worst, replace(worst.against, level="note"))
     weak = at_limit(effort(worst.limit, worst.effort), worst.limited, worst.count)
+    if (cause := _takes_more(worst, weak)) is not None:
+        return _missed(worst, cause)
     if worst.left > 1:  # whatever its force, its gain leaves a gap
         return _missed(worst, Cause(weak, Message("give each target more steps")))
     return _missed(worst, Cause(weak, MORE_FORCE, Cure("force")))
+
+
+def _takes_more(worst: Worst, weak: Message) -> Cause | None:
+    """Return what the way to a target takes, where that is more than its motor may give."""
+    number, k = worst.noted.keys[0, :2].tolist()
+    takes = worst.scene.joints.on_the_way(number, k)
+    if not takes > worst.limit:
+        return None
+    need, there = effort(takes, worst.effort), worst.scene.joints.rows(number)[k]
+    why = Message("{weak}; the way to its target takes up to {need}", weak=weak, need=need)
+    if abs(there.needs_at_target or 0.0) == takes:
+        why = Message("{weak}; the target takes {need}", weak=weak, need=need)
+    return give_at_least(why, takes, worst.effort, worst.force)
 
 
 @target_rule("off-target", "asked")
@@ -232,14 +247,8 @@ def _(worst: Worst) -> Said:
         soon = not worst.away and abs(worst.rate) * time_s > worst.off
         return _missed(worst, Cause(why, level="note" if soon else "asked"))
     weak = at_limit(effort(worst.limit, worst.effort), worst.at_limit, worst.steps_stood)
-    number, k = worst.noted.keys[0, :2].tolist()
-    takes = worst.scene.joints.on_the_way(number, k)
-    if takes > worst.limit:
-        need, there = effort(takes, worst.effort), worst.scene.joints.rows(number)[k]
-        why = Message("{weak}; the way to its target takes up to {need}", weak=weak, need=need)
-        if abs(there.needs_at_target or 0.0) == takes:
-            why = Message("{weak}; the target takes {need}", weak=weak, need=need)
-        return _missed(worst, give_at_least(why, takes, worst.effort, worst.force))
+    if (cause := _takes_more(worst, weak)) is not None:
+        return _missed(worst, cause)
     why = Message("{why}, and {weak}", why=why, weak=weak)
     if worst.away and worst.stiffness > STIFF * USUAL_STIFFNESS_HZ:
         softer = float(f"{worst.as_usual:.2g}")
@@ -253,7 +262,7 @@ def _(worst: Worst) -> Said:
         values = {**said.values, **values}
         return replace(said, values=values, reason="gain-per-step", proposed=True)
     advice = MORE_FORCE
-    if takes <= worst.limit and not worst.away:
+    if not worst.away:
         advice = Message("give it more force, or each target more steps")
     return _missed(worst, Cause(why, advice, Cure("force")))
 

@@ -252,6 +252,9 @@ pendulum."""
 NO_TERM = 1e-3
 """Share of the largest term below which a sum is what remains of others. Unit: share. Needed by:
 gravcomp."""
+ROLLS = 0.005
+"""Least torque of contacts that is to roll a wheel, over the robot's weight times the wheel's
+radius. Unit: share. Needed by: a robot that stands, 0.001; one on a slope of 2 degrees, 0.009."""
 FOLLOWS = 0.01
 """Least gap of a joint that does not follow, over its range. Unit: share. Needed by: mimic."""
 DRIFTS = 0.02
