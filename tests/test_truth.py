@@ -1422,6 +1422,12 @@ def _finding_message(said: Said) -> None:
     hold(said.value.strip() and "nan" not in said.value.split(), "an empty message")
 
 
+@checks("findings[].proposed")
+def _finding_proposed(said: Said) -> None:
+    """Hold that the cause is known: theory and the scenario prove what a drop is told."""
+    hold(said.value is False, "a proposal")
+
+
 @checks(*(f"findings[].cure.{name}" for name in ("name", "target", "value", "call")))
 def _finding_cure(said: Said) -> None:
     """Hold that it is an option of the scenario, with the value that the cure has."""
