@@ -186,6 +186,11 @@ def starts_in_contact(pair: PairColumns) -> Match | None:
     # How fast the deepest parts leave each other after the step.
     parting = pair.most(np.where(points.distance_m < -DEEP_M, points.parting_m_s, 0.0))
     pressed = pair.normal_n > 0
+    # With substeps the last one is reported: the push may be over, and they have parted since.
+    substeps = _substeps(pair)
+    pushed = parting + pair.most(points.approach_m_s) > PUSHED_APART_M_S
+    pressed |= (substeps > 1) & pushed
+    depth_m = pair.depth_m + parting * pair.timestep_s * (1 - 1 / substeps)
     rows = np.flatnonzero((pair.depth_m > DEEP_M) & pressed & (parting > PUSHED_APART_M_S))
     if not len(rows):
         return None
@@ -220,9 +225,16 @@ def starts_in_contact(pair: PairColumns) -> Match | None:
             "placed_at": np.array(sites, object),
             "away": points.normal[deepest] * np.where(second, -1, 1),
         },
-        most={"depth_m": pair.depth_m[rows]},
+        most={"depth_m": depth_m[rows]},
         keys=keys,
     )
+
+
+def _substeps(pair: PairColumns) -> Float64:
+    """Return the number of substeps of each step, shape (n,)."""
+    clients = [pair.scene.body(number).client for number in pair.body.tolist()]
+    of = {each: pair.scene.settings(each).get("numSubSteps", 0) for each in set(clients)}
+    return np.array([max(float(np.ravel(of[each])[0]), 1.0) for each in clients])
 
 
 @starts_in_contact.says

@@ -29,16 +29,18 @@ def not_stepped(inputs: Inputs) -> Iterator[Said]:
     seen, ended = inputs.scene.seen, inputs.scene.origin.get("ended")
     stepped = any(samples > 1 for samples in seen.samples.values())
     uses = [*inputs.of(*WAITS)], [*inputs.of(Act.SET_GRAVITY)]
+    placed = {use.first.client for use in inputs.of(Act.SET_POSE, Act.SET_JOINT)}
     for client, samples in seen.samples.items():
         waits, falls = (
             next((use.first for use in its if use.first.client == client), None) for its in uses
         )
-        call = waits or falls
+        call = waits or (None if stepped and client in placed else falls)
         there = any(body.moving for body in seen.bodies.values() if body.client == client)
         if samples == 1 and call is not None and there and ended != "failed":
             yield Said(
                 call=call,
-                # Beside one that is stepped, poses may only be looked at in one with gravity.
+                # Beside one that is stepped, poses may only be looked at in one with gravity, most
+                # of all where calls place what is in it.
                 level="note" if stepped and waits is None else None,
                 message=Message(
                     "simulation {client} is never stepped, so nothing in it moves by itself: time "
