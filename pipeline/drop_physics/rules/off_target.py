@@ -162,10 +162,13 @@ def falls_behind(targets: TargetColumns) -> Match | None:
     """Targets change before their joint is there, and its motor is at its limit."""
     weak = ~_lawful(targets) & ~np.isnan(targets.lawful) & (targets.at_limit > 0)
     match = _followed(targets, weak)
-    if match is not None:
-        against = _causes(targets, targets.stopped & (match.size > 0))
-        match = replace(match, numbers={**match.numbers, "against": against})
-    return match
+    if match is None:
+        return None
+    stopped = targets.stopped & (match.size > 0)
+    # When a piece is over, what stopped a joint in it can no longer be asked.
+    size = np.where(stopped & targets.late, 0.0, match.size)
+    against = _causes(targets, stopped & ~np.array(targets.late))
+    return replace(match, size=size, numbers={**match.numbers, "against": against})
 
 
 @falls_behind.counts
