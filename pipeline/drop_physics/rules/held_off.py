@@ -59,7 +59,7 @@ def cause_of(
 def at_limit(limit: str, count: int, steps: int) -> Message:
     """Return the cause of a motor that is at its limit in some of its steps."""
     return Message(
-        "its motor is at its limit of {limit} in {count} of {steps} steps",
+        "its motor is at its limit of {limit} in {count:,} of {steps:,} steps",
         limit=limit,
         count=count,
         steps=steps,
