@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from drop_physics.arrays import Float64, Int64
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.laws.mujoco.contact import impedance, rest_depth_m, shortest_s
@@ -28,6 +28,8 @@ from drop_physics.trace.events import Equality
 
 USUAL_S, USUAL_SHARE = 0.02, 0.9
 """MuJoCo's own time constant of `solref`, and the share of `solimp` from the first touch on."""
+OPPOSED = 0.5
+"""Share of all normal forces below which those of opposite sides cancel most of each other."""
 
 
 def _staying(pair: PairColumns, depth_m: Float64, least_m: float) -> Int64:
@@ -49,10 +51,21 @@ def sinks_in(pair: PairColumns) -> Match:
     numbers = {
         "links": pair.links[rows],
         "bodies": pair.pairs.body[rows],
-        "force": pair.normal_n[rows],
+        "force": np.linalg.norm(pair.pressed_n[rows], axis=1),
+        "pressed": pair.normal_n[rows],
+        "loaded": _loaded(pair)[rows],
         "timestep": pair.timestep_s[rows],
     }
     return Match(rows, pair.depth_m[rows], numbers, keys=pair.keys[rows])
+
+
+def _loaded(pair: PairColumns) -> Flags:
+    """Return whether a free body presses on either body in the step of each row, shape (m, 2)."""
+    bodies, seen = pair.pairs.body, pair.scene.seen.bodies
+    free = [number for number, body in seen.items() if body.base_moves]
+    presses = np.isin(bodies[:, ::-1], free) & (pair.normal_n > 0)[:, None]
+    keys = pair.step[:, None] * len(seen) + np.searchsorted(sorted(seen), bodies)
+    return np.isin(keys, keys[presses])
 
 
 @sinks_in.says
@@ -70,12 +83,15 @@ def _(worst: Worst) -> Said | None:
         return _carries(worst, *soft)
     return Said(
         message=Message(
-            "{body} gets {depth:.3g} mm into {other}, under {force} then: their contact has "
+            "{body} gets {depth:.3g} mm into {other}{under}: their contact has "
             "{name} {text}, which is softer than MuJoCo's own {usual}"
         ),
         values={
             "depth": worst.size * 1e3,
-            "force": effort(worst.force, "N"),
+            # What is held from two sides carries no load that one number tells.
+            "under": Message(", under {force} then", force=effort(worst.force, "N"))
+            if worst.force > OPPOSED * worst.pressed
+            else "",
             "name": name,
             "text": text,
             "usual": usual,
@@ -105,7 +121,8 @@ def _carries(worst: Worst, solref: Sequence[float], solimp: Sequence[float]) -> 
     *_, told = mine
     gravity_m_s2 = np.linalg.norm([told.values[f"gravityAcceleration{axis}"] for axis in "XYZ"])
     weight = float(gravity_m_s2) * masses_kg[light]
-    if not weight or worst.force < CARRIES * weight:
+    loaded = worst.loaded[worst.bodies.index(light)]
+    if not weight or not loaded or worst.force < CARRIES * weight:
         return None
     advice, left_m = Message("give {light} a mass nearer to that of what lies on it"), 0.0
     cure: Cure | None = None
