@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from drop_physics.arrays import Float64
+from drop_physics.arrays import Flags, Float64
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import effort
 from drop_physics.rules.rule import Match, Said, Worst, pair_rule
 from drop_physics.rules.runs import Runs
-from drop_physics.rules.tables import PairColumns
+from drop_physics.rules.tables import PairColumns, Rows
 from drop_physics.rules.thresholds import DEEP_M, EACH_STEP, STANDARD_M_S2, THROWN_M
 from drop_physics.trace.events import Body
 
@@ -33,10 +33,31 @@ def starts_inside(pair: PairColumns) -> Match:
     return Match(
         rows,
         pair.most(pair.points.parting_m_s)[rows],
-        firsts={"starts": starts, "depth_m": pair.depth_m[rows]},
+        firsts={
+            "starts": starts,
+            "depth_m": pair.depth_m[rows],
+            "lifts": _lifts(pair)[rows] & ~_chained(pair, rows, starts),
+        },
         keys=pair.keys[rows],
         begins=starts,
     )
+
+
+def _lifts(pair: PairColumns) -> Flags:
+    """Return where all points of a pair push its body up: its depth higher, it only touches."""
+    points, side = pair.points, np.where(pair.keys[:, 0] == pair.pairs.body[:, 0], 1, -1)
+    down = np.where(points.distance_m < -DEEP_M, -points.normal[:, 2] * side[pair.row], -1.0)
+    return np.asarray(pair.most(down) < HALF - 1)
+
+
+def _chained(pair: PairColumns, rows: Rows, starts: Flags) -> Flags:
+    """Return which rows have a body that can move and overlaps another one, too, as they start."""
+    bodies = pair.pairs.body[rows]
+    keys = pair.step[rows, None] * (bodies.max(initial=0) + 1) + bodies
+    found, counts = np.unique(
+        keys[starts[:, None] & np.isin(bodies, pair.scene.moving)], return_counts=True
+    )
+    return np.asarray(np.isin(keys, found[counts > 1]).any(axis=1))
 
 
 @starts_inside.counts
@@ -47,9 +68,15 @@ def _(runs: Runs, _: Scene) -> Float64:
 
 @starts_inside.says
 def _(worst: Worst) -> Said:
-    cure, advice = Cure("lifted", worst.body, worst.depth_m), None
-    if _is_half(worst.subject, worst.depth_m):
-        advice = Message("{call}; a <geom>'s size is half of its length, or its radius")
+    shapes = *worst.subject.collisions, *worst.partner.collisions
+    # A contact with a heightfield is that with one of its prisms, and so is the depth.
+    whole = not any(each.kind == "heightfield" for each in shapes)
+    lifts = worst.lifts and whole
+    cure, advice = Cure("lifted", worst.body, worst.depth_m) if lifts else None, None
+    if whole and _is_half(worst.subject, worst.depth_m):
+        advice = Message("a <geom>'s size is half of its length, or its radius")
+        if lifts:
+            advice = Message("{call}; a <geom>'s size is half of its length, or its radius")
     return Said(
         message=Message(
             "{body} begins {depth:.3g} mm inside {other} at {time:.4g} s: contacts push "
