@@ -28,6 +28,8 @@ from drop_physics.trace.writes import written_by
 
 SENT = "position", "velocity"
 """The kinds of actuators that are sent somewhere."""
+RANGE_FREE = "motor", *SENT
+"""The kinds that a model may leave without ctrlrange, which a damper and an adhesion need."""
 
 
 @actuator_rule("target-clamped", "asked", least_count=COASTS_STEPS, engines=MUJOCOS)
@@ -58,6 +60,9 @@ def _(worst: Worst) -> Said:
         "{steps}: it gives no more than the end of that"
     )
     advice = None
+    free = actuator.kind in RANGE_FREE
+    if not free:
+        advice = Message("give it a ctrl of {low:.4g} to {high:.4g}")
     if worst.sent:
         message = Message(
             "{actuator} is sent to {given:.4g} in {steps}, and its ctrlrange is {low:.4g} "
@@ -74,7 +79,7 @@ def _(worst: Worst) -> Said:
         message=message,
         values={"actuator": actuator.name},
         advice=advice,
-        cure=Cure("ctrlrange", actuator.name),
+        cure=Cure("ctrlrange", actuator.name) if free else None,
         effect=Effect(worst.size * (worst.high - worst.low), unit)
         if unit and actuator.kind == "position"
         else None,
