@@ -343,3 +343,75 @@ def test_a_creep_is_told_from_when_the_grip_has_closed(tmp_path: Path) -> None:
 
 def test_what_slips_while_a_grip_closes_is_no_creep(tmp_path: Path) -> None:
     assert analyzed(tmp_path, "grip10") == []
+
+
+# -- numbers that hold ----------------------------------------------------------------------------
+
+# A hill of 2 m on a field of 8 m: a box in it is inside of many prisms, whose normals oppose.
+X, Y = np.meshgrid(*[np.linspace(-1, 1, 32)] * 2)
+HILL = " ".join(f"{height:.6f}" for height in np.exp(-3 * (X**2 + Y**2)).ravel())
+FIELD = f"""<asset><hfield name="field" nrow="32" ncol="32" size="4 4 2 .1" elevation="{HILL}"/>
+</asset>"""
+LYING = '<geom type="hfield" hfield="field"/>'
+SINGLE |= {
+    "stuck": Model(
+        LYING + box("stuck", 0.5, 0.15, 3).replace("0.15 0.15 0.15", ".2 .15 .08"), FIELD, steps=600
+    ),
+    "tower": Model(FLOOR + "".join(box(f"b{k}", 0.1 + 0.1 * k, 0.1, 0.5) for k in range(4))),
+    "beside": Model(
+        '<geom type="box" size=".1 1 1" pos="0 0 1"/>'
+        + box("beside", 1, 0.13, 1).replace('"0 0 1"', '".15 0 1"'),
+    ),
+    "brake": Model(
+        HINGE,
+        '<actuator><damper joint="hinge" kv="2" ctrlrange="0 5"/></actuator>',
+        "d.ctrl[0] = -1",
+    ),
+    "weightless": Model(box("weightless", 1, 0.1, 1), '<option gravity="0 0 0"/>'),
+}
+SOLVED = """
+import mujoco
+import numpy as np
+m = mujoco.MjModel.from_xml_string({text!r})
+d = mujoco.MjData(m)
+for k in range({calls}):
+    d.qpos[0] = {target}
+    mujoco.{function}(m, d)
+"""
+
+
+@pytest.mark.parametrize("name", ["stuck", "beside"])
+def test_what_is_inside_is_not_lifted_by_a_depth_that_is_not_up(tmp_path: Path, name: str) -> None:
+    said = analyzed(tmp_path, name)
+    assert [each.advice for each in said if each.code == "starts-in-contact"] == [None], said
+    assert not [each for each in said if each.code == "deep-penetration"], said
+
+
+def test_of_a_chain_of_overlaps_no_height_is_said(tmp_path: Path) -> None:
+    said = [each for each in analyzed(tmp_path, "tower") if each.code == "starts-in-contact"]
+    advices = {str(each.advice) for each in said}
+    assert advices == {"a <geom>'s size is half of its length, or its radius"}
+
+
+def test_a_damper_keeps_its_range(tmp_path: Path) -> None:
+    (finding,) = (each for each in analyzed(tmp_path, "brake") if each.code == "target-clamped")
+    assert finding.advice == "give it a ctrl of 0 to 5"
+    assert finding.cure is None
+
+
+def test_gravity_that_a_model_gives_as_0_is_a_note(tmp_path: Path) -> None:
+    assert [(each.code, each.level) for each in analyzed(tmp_path, "weightless")] == [
+        ("no-gravity", "note")
+    ]
+
+
+@pytest.mark.parametrize("function", ["mj_kinematics", "mj_forward"])
+@pytest.mark.parametrize(("target", "codes"), [("min(k, 20) / 20", []), ("0.5", ["not-stepped"])])
+def test_positions_that_a_script_computes_wait_for_no_step(
+    tmp_path: Path, function: str, target: str, codes: list[str]
+) -> None:
+    script = tmp_path / "solved.py"
+    text = SOLVED.format(text=Model(HINGE).text, calls=60, target=target, function=function)
+    script.write_text(text, encoding="utf-8")
+    found = analyze(record_script(str(script), out=tmp_path / "run.rrd").recording).findings
+    assert [each.code for each in found] == codes

@@ -124,4 +124,5 @@ def _(worst: Worst) -> Said | None:
     return Said(
         message=Message("the model's gravity is 0, so {body} does not fall"),
         cure=Cure("gravity", value=-9.81),
+        level="note",  # the model says so
     )

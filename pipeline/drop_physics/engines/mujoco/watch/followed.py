@@ -234,11 +234,14 @@ class WatchedData:
                 self.tell_written(d, site, cause)
 
     def _count_idle(self) -> None:
-        """Say once that data are made current again and again, and nothing moves."""
+        """Say once that data are made current again and again, and nothing moves.
+
+        A script that moves something after the first call waits for no step.
+        """
         core, still = self.core, self._idle + 1
         moving = (part for part in core.parts if part.name in MOVING)
         same = all(core.saved[part.begin : part.end] == part.view for part in moving)
-        self._idle = still if same else 0
+        self._idle = still if same or still == 1 else -(1 << 62)
         if same and still == IDLE_CALLS:
             self.watch.send(note_bytes("idle", world=self.number))
 
