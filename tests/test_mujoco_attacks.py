@@ -367,6 +367,20 @@ SINGLE |= {
         '<actuator><damper joint="hinge" kv="2" ctrlrange="0 5"/></actuator>',
         "d.ctrl[0] = -1",
     ),
+    # Nothing but a call presses on it.
+    "shoved": Model(
+        FLOOR + box("shoved", 0.1, 0.1, 0.5), drive="d.xfrc_applied[1, 2] = -2000", steps=800
+    ),
+    # Fingers from both sides: their forces cancel, and the block weighs nothing.
+    "pinched": Model(
+        HAND.replace('mass=".05"', 'mass=".05" solref=".1 1" priority="1"').replace(
+            "slide", 'slide" damping="20'
+        )
+        + box("block", 0.2, 0.025, 0.2),
+        '<option gravity="0 0 0"/><actuator><motor joint="l"/><motor joint="r"/></actuator>',
+        "d.ctrl[:] = 3, 3",
+        1500,
+    ),
     "weightless": Model(box("weightless", 1, 0.1, 1), '<option gravity="0 0 0"/>'),
 }
 SOLVED = """
@@ -385,6 +399,16 @@ def test_what_is_inside_is_not_lifted_by_a_depth_that_is_not_up(tmp_path: Path, 
     said = analyzed(tmp_path, name)
     assert [each.advice for each in said if each.code == "starts-in-contact"] == [None], said
     assert not [each for each in said if each.code == "deep-penetration"], said
+
+
+def test_a_load_that_no_body_makes_asks_for_no_mass(tmp_path: Path) -> None:
+    said = analyzed(tmp_path, "shoved")
+    assert not [each for each in said if each.code == "deep-penetration"], said
+
+
+def test_a_grip_has_no_load_that_one_number_tells(tmp_path: Path) -> None:
+    (finding,) = (each for each in analyzed(tmp_path, "pinched") if each.code == "deep-penetration")
+    assert re.search(r"mm into \S+: their contact has solref 0\.1 1", finding.message)
 
 
 def test_of_a_chain_of_overlaps_no_height_is_said(tmp_path: Path) -> None:
