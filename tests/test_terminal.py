@@ -39,7 +39,7 @@ from drop_physics.figures.composition import caption
 from drop_physics.files.table import write_table
 from drop_physics.messages import shell_command
 from drop_physics.recording.viewer import Viewer
-from drop_physics.report.blocks import Fact, Facts, File
+from drop_physics.report.blocks import Column, DataTable, Fact, Facts, File
 from drop_physics.report.bodies import joint_table
 from drop_physics.report.check import DIFFERS
 from drop_physics.report.sweep import readable_step
@@ -932,6 +932,27 @@ def test_each_number_of_a_joint_has_its_unit(
     long = replace(turns, torque=-90000.0, force_limit=110000.0)
     *_, row = block_lines(joint_table("a_robot_with_a_name", [long]))
     assert " -9e+04 1.1e+05 " in row or columns < 70, row
+
+
+@pytest.mark.parametrize("columns", [30, 60, 80])
+def test_a_long_cell_leaves_room_for_the_one_that_wraps(
+    monkeypatch: pytest.MonkeyPatch, columns: int
+) -> None:
+    monkeypatch.setattr("drop_physics.report.terminal.width", lambda: columns)
+    long, said = (
+        "p.createConstraint with one and the same point in both " * 2,
+        "cured: moves by 2 m",
+    )
+    table = DataTable(
+        [Column("", ["tried"]), Column("", [long], shrinks_to=12), Column("", [said], wraps=True)],
+        margin="   ",
+        has_heads=False,
+    )
+    lines = list(block_lines(table))
+    assert max(map(len, lines)) <= columns
+    told = " ".join(" ".join(lines).split())
+    assert "…" in told
+    assert all(word in told for word in said.split())
 
 
 def test_texts_of_findings_name_options_that_exist() -> None:

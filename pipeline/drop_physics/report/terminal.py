@@ -48,6 +48,8 @@ NUMBER = 3
 """Width of a finding's number."""
 GAP = 3
 """Least gap before a finding's code, which ends its last line if there is room."""
+NARROW = 24
+"""Columns below which a cell that wraps goes below its row."""
 
 
 def show(
@@ -222,7 +224,10 @@ def _row(
             cell = cell if columns_of(plain + cell) + margin <= width() else ""
         elif column.wraps:
             before = columns_of(plain) + column.gap
-            first, *more = wrapped(text, width() - margin - before) or [""]
+            is_below = width() - margin - before < NARROW
+            before = widths[0] + GAP if is_below else before
+            lines = wrapped(text, max(width() - margin - before, NARROW))
+            first, *more = ["", *lines] if is_below else lines or [""]
             more = [" " * before + _styled(escape(each), column.style) for each in more]
             cell = " " * column.gap + first if first else ""
         else:
@@ -236,7 +241,7 @@ def _row(
 
 
 def _cut(text: str, most: int) -> str:
-    return cut(text, most).rstrip() if most and columns_of(text) > most else text
+    return f"{cut(text, most - 1).rstrip()}…" if most and columns_of(text) > most else text
 
 
 def _width(column: Column) -> int:
@@ -258,8 +263,8 @@ def _fitted(table: DataTable) -> tuple[list[Column], list[str]]:
     room = width() - len(table.margin)
 
     def needed(least: Callable[[Column], int]) -> int:
-        fixed = [each for each in columns if not (each.fits or each.wraps)]
-        return sum(least(each) + each.gap for each in fixed) - columns[0].gap
+        least_of = ((each, NARROW if each.wraps else least(each)) for each in columns)
+        return sum(wide + each.gap for each, wide in least_of if not each.fits) - columns[0].gap
 
     def shrunk(column: Column) -> int:
         wide = _width(column)
