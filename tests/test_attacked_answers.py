@@ -419,6 +419,17 @@ def test_a_simulation_beside_another_is_never_stepped(tmp_path: Path) -> None:
     assert "physicsClientId=1" in str(found.advice)
 
 
+def test_gravity_that_another_simulation_lacks_is_advised_for_that_one(tmp_path: Path) -> None:
+    scene = (
+        "other = p.connect(p.DIRECT)\n"
+        "p.loadURDF('cube_small.urdf', [0, 0, 1], physicsClientId=other)\n"
+        "p.setGravity(0, 0, -9.81)\np.loadURDF('cube_small.urdf', [0, 0, 1])\n"
+        "for _ in range(9):\n    p.stepSimulation()\n    p.stepSimulation(physicsClientId=other)\n"
+    )
+    (found,) = (each for each in findings(scene, tmp_path / "a.rrd") if each.code == "no-gravity")
+    assert str(found.advice) == "p.setGravity(0, 0, -9.81) with physicsClientId=1"
+
+
 def test_what_falls_on_and_on_is_damped_as_a_note(tmp_path: Path) -> None:
     scene = "p.setGravity(0, 0, -9.81)\n" + BALL + "p.createMultiBody(1, ball)\nsteps(800)"
     (found,) = (

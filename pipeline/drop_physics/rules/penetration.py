@@ -205,8 +205,8 @@ def starts_in_contact(pair: PairColumns) -> Match | None:
     # What calls set no deeper than its velocity brings it moves on.
     placed = placing.posed(bodies, steps) & (jumped | placing.came(bodies, steps))
     placed |= late & jumped
-    # Of two, that which was loaded last, or which alone was placed.
-    its = placed.any(axis=1)
+    # Of two, that which was loaded last, or which alone was placed; none if calls move the other.
+    its = placed.any(axis=1) & ~np.any(placing.moved(bodies, steps) & ~placed, axis=1)
     rows, second = rows[its], placed[its, 1:]
     order = np.lexsort((points.distance_m, pair.row))  # in each pair the deepest is first
     deepest = order[pair.starts[rows]]
@@ -285,7 +285,10 @@ def _(worst: Worst) -> Said:
 
 def _hull(worst: Worst) -> str:
     """Return that the engine fills the hollow of a mesh, if one of both has such."""
-    for body, link in zip((worst.subject, worst.partner), worst.links, strict=True):
+    both = (worst.subject, worst.partner)
+    if any(each.kind == "plane" for body in both for each in body.collisions):
+        return ""  # a mesh and its hull go equally deep into a plane
+    for body, link in zip(both, worst.links, strict=True):
         for each in worst.scene.seen.surfaces:
             if each.body == body.number and body.collisions[each.shape].link == link:
                 return Message(

@@ -100,7 +100,7 @@ def no_gravity(inputs: Inputs) -> Iterator[Said]:
             continue
         said.add((client, lost))
         message = Message("gravity is 0, so {body} does not fall: PyBullet starts without it")
-        advice = None
+        advice = Message("{call} with physicsClientId={client}") if client else None
         if lost:
             message = Message(
                 "gravity is 0 from step {step:,} on, so {body} does not fall: p.resetSimulation() "
@@ -115,7 +115,7 @@ def no_gravity(inputs: Inputs) -> Iterator[Said]:
             steps=Span(life.first, life.last, life.count),
             level="note" if moves and not lost else None,
             message=message,
-            values={"step": life.first - 1, "gravity": gravity_m_s2},
+            values={"step": life.first - 1, "gravity": gravity_m_s2, "client": client},
             advice=advice,
             cure=Cure("gravity", value=-9.81),
         )
