@@ -129,6 +129,12 @@ SINGLE = {
         + MOTOR,
         "d.qvel[0] = d.qvel[0] if k else 0.1",
     ),
+    "turning": Model(
+        box("turning", 1, 0.1, 1),
+        '<option integrator="RK4"/>',
+        "d.qpos[3:], d.qvel[3:] = (d.qpos[3:], d.qvel[3:]) if k else (0, (1, 2, 3))",
+        50,
+    ),
     "arm": Model(TWO.format(**ARM), TWO_SERVOS.format(**ARM), "d.ctrl[:] = -.2, .3", 100),
 }
 
@@ -158,6 +164,8 @@ MODELS |= {
     "afloat": Model(FLOOR + box("afloat", 0.6, 0.1, 1).replace("<body", '<body gravcomp="1"')),
     "hovers": Model(FLOOR + box("hovers", 2, 0.1, 1), drive="d.qvel[:] = .5, 0, 0, 0, 0, 0"),
     "glides": Model(FLOOR + box("glides", 2, 0.1, 1), drive="d.qvel[0] = .5"),
+    # To MuJoCo a quaternion of zeros is no rotation.
+    "zeroed": Model(FLOOR + box("zeroed", 0.1, 0.1, 1), drive="d.qpos[3:] = d.qpos[3:] * (k > 0)"),
     "unreal": Model(
         BENT.format("unreal", ""),
         SERVO.format("unreal"),
@@ -202,15 +210,20 @@ ALONE = ("tiny",)
 """Models of which the same is said as of a worse one."""
 
 
-def analyzed(folder: Path, *names: str) -> list[Finding]:
-    """Return the findings of a script that steps some models, one after the other."""
+def recorded(folder: Path, *names: str) -> Path:
+    """Record a script that steps some models, one after the other."""
     script, text = folder / "models.py", SCRIPT
     for name in names:
         model = MODELS.get(name) or SINGLE[name]
         text += f"def {name}(m, d, k):\n    {model.drive}\n"
         text += f"run('''{model.text}''', {model.steps}, {name})\n"
     script.write_text(text, encoding="utf-8")
-    return list(analyze(record_script(str(script), out=folder / "run.rrd").recording).findings)
+    return record_script(str(script), out=folder / "run.rrd").recording
+
+
+def analyzed(folder: Path, *names: str) -> list[Finding]:
+    """Return the findings of such a script."""
+    return list(analyze(recorded(folder, *names)).findings)
 
 
 @pytest.fixture(scope="module")
@@ -249,9 +262,14 @@ def test_a_body_that_is_pressed_flat_gets_no_depth_as_advice(tmp_path: Path) -> 
     assert finding.advice == "give 1_tiny a mass nearer to that of what lies on it"
 
 
-@pytest.mark.parametrize("name", ["racket", "part", "sent", "glides"])
+@pytest.mark.parametrize("name", ["racket", "part", "sent", "glides", "zeroed"])
 def test_nothing_is_said_of_what_is_right(found: list[Finding], name: str) -> None:
     assert [each.message for each in found if name in each.message] == []
+
+
+def test_a_turn_from_a_quaternion_of_zeros_is_explained(tmp_path: Path) -> None:
+    analysis = analyze(recorded(tmp_path, "turning"))
+    assert (analysis.findings, analysis.explained.why) == ([], None)
 
 
 def test_a_force_of_several_points_is_that_of_the_pair(found: list[Finding]) -> None:

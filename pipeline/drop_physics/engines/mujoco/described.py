@@ -53,6 +53,8 @@ ROUNDED = 1e-12
 MOST_KEYFRAMES = 64
 """Largest number of a model's keyframes that are listed."""
 NOWHERE, UPRIGHT = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])
+SHORTEST = 1e-15
+"""Length below which MuJoCo takes a quaternion for no rotation (`mjMINVAL`)."""
 TRANSMISSIONS = {0: "joint", 1: "joint", 2: "slider-crank", 3: "tendon", 4: "site", 5: "body"}
 """What an actuator acts on (`mjtTrn`)."""
 WRAPS_JOINT, WRAPS_SITE = 1, 3
@@ -218,6 +220,15 @@ def _geoms_of(arrays: Arrays, body: int) -> list[int]:
 def xyzw(quaternion: NDArray[Any]) -> Float64:
     """Return quaternions with the real part last, shape (…, 4)."""
     return np.roll(np.asarray(quaternion, np.float64), -1, axis=-1)
+
+
+def normalized(quaternions: Float64) -> Float64:
+    """Return quaternions x, y, z, w of length 1, shape (…, 4); one of length 0 is no rotation.
+
+    MuJoCo reads them so (`mju_normalize4`).
+    """
+    length = np.linalg.norm(quaternions, axis=-1, keepdims=True)
+    return np.where(length < SHORTEST, UPRIGHT, quaternions / np.maximum(length, SHORTEST))
 
 
 def _turned(quaternion: Float64, vector: NDArray[Any]) -> Float64:
@@ -492,7 +503,7 @@ def base_of(
     """
     at, dof = (int(arrays[f"jnt_{name}adr"][made.free]) for name in ("qpos", "dof"))
     turn = xyzw(qpos[:, at + 3 : at + 7])
-    turn = turn / (1.0 if unit else np.linalg.norm(turn, axis=1, keepdims=True))
+    turn = turn if unit else normalized(turn)
     centre, axes = _inertial(arrays, made.root)
     n = len(qpos)
     arm = rotate(turn, np.tile(centre, (n, 1)))
@@ -513,8 +524,7 @@ def joints_of(made: DescribedBody, qpos: Float64, qvel: Float64) -> tuple[Float6
     for coordinates, of_rates, axes in made.balls:
         # From the body's axes to those of its inertia.
         many = np.tile(axes, (len(qpos), 1))
-        turn = xyzw(positions[:, coordinates])
-        turn = turn / np.linalg.norm(turn, axis=1, keepdims=True)
+        turn = normalized(xyzw(positions[:, coordinates]))
         positions[:, coordinates] = products(products(many * [-1, -1, -1, 1], turn), many)
         rates[:, of_rates] = rotate_inverse(many, rates[:, of_rates])
     return positions, rates

@@ -25,6 +25,7 @@ from drop_physics.engines.mujoco.described import (
     base_of,
     described,
     joints_of,
+    normalized,
     reported_of,
     standing_base,
     xyzw,
@@ -493,8 +494,7 @@ class MujocoDecoder:
             if max(first, its.first + 1) <= step < end:
                 before[step - first] = qpos
         at = np.array([int(its.arrays["jnt_qposadr"][made.free]) for made in free])
-        turn = xyzw(before[:, at[:, None] + np.arange(3, 7)])
-        turn = turn / np.linalg.norm(turn, axis=-1, keepdims=True)
+        turn = normalized(xyzw(before[:, at[:, None] + np.arange(3, 7)]))
         its.turns.write(np.ascontiguousarray(turn).tobytes())
         its.written = {step: qpos for step, qpos in its.written.items() if step >= end}
 
@@ -562,9 +562,8 @@ class MujocoDecoder:
         which = int(its.arrays["body_mocapid"][made.root]) if made.links[0].of > 0 else -1
         if which < 0 or "mocap_pos" not in its.held:
             return None
-        turn = xyzw(its.held["mocap_quat"][4 * which : 4 * which + 4])
-        length = float(np.linalg.norm(turn)) or 1.0
-        return its.held["mocap_pos"][3 * which : 3 * which + 3], turn / length
+        turn = its.held["mocap_quat"][4 * which : 4 * which + 4]
+        return its.held["mocap_pos"][3 * which : 3 * which + 3], normalized(xyzw(turn))
 
     # -- what was set -----------------------------------------------------------------------------
 
