@@ -122,6 +122,13 @@ SINGLE = {
         "d.ctrl[0] = 0 if k else 10",
         50,
     ),
+    # Without its kp it grows, and without its kv.
+    "both": Model(
+        WHEEL.format(0.03),
+        '<actuator><position joint="hinge" kp="5000" kv="1"/></actuator>',
+        "d.ctrl[0] = 0.5",
+        50,
+    ),
     "rope": Model(
         '<site name="a" pos="0 0 1"/><body name="bead" pos=".3 0 1"><joint name="hinge" '
         'type="slide" axis="1 0 0"/><geom size=".01" mass=".01"/><site name="b"/></body>',
@@ -300,6 +307,10 @@ def test_a_force_of_several_points_is_that_of_the_pair(found: list[Finding]) -> 
             r"^hinge turns around every 4\d steps, 1\.7\d? times .* up to \S+ rad/s, by what",
         ),
         ("at_once", r"^hinge turns around with every step and grows, .* has kv h/I = 55"),
+        (
+            "both",
+            r"^hinge .* either gain alone makes it grow, kp = 5e\+03 .* = 111 and kv = 1 w",
+        ),
         ("rope", r"^hinge turns around with every step, .* by the spring and damper of tendon t"),
     ],
 )

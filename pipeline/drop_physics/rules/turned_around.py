@@ -284,6 +284,13 @@ def _by_law(worst: Worst) -> tuple[Message, Message, Cure]:
             "inertia of {inertia} in steps of {timestep:.3g} ms has kv h/I = {share:.3g}, and "
             "above {most:.3g} it grows"
         )
+        if np.isnan(worst.most):
+            message = Message(
+                "{joint} turns around with every step and grows, by {term}: on an inertia of "
+                "{inertia} in steps of {timestep:.3g} ms either gain alone makes it grow, kp = "
+                "{kp:.3g} with kp h²/I = {ratio:.3g} and kv = {kv:.3g} with kv h/I = {share:.3g}"
+            )
+            cure = Cure("armature", worst.joint, -_within(-worst.armature))
     else:
         message = Message(
             "the rate of {joint} grows with every step, by its damping: damping = {damping:.3g} on "
