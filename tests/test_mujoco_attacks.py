@@ -122,6 +122,10 @@ SINGLE = {
         "d.ctrl[0] = 0 if k else 10",
         50,
     ),
+    "tipped": Model(
+        FLOOR + box("tipped", 0.1, 0.1, 1, 'friction="1 .01 .002"'),
+        drive="d.qvel[:3], d.qvel[4] = (d.qvel[:3], d.qvel[4]) if k else ((0.6, 0, 0.6), 6)",
+    ),
     # Without its kp it grows, and without its kv.
     "both": Model(
         WHEEL.format(0.03),
@@ -173,6 +177,15 @@ MODELS |= {
     "glides": Model(FLOOR + box("glides", 2, 0.1, 1), drive="d.qvel[0] = .5"),
     # To MuJoCo a quaternion of zeros is no rotation.
     "zeroed": Model(FLOOR + box("zeroed", 0.1, 0.1, 1), drive="d.qpos[3:] = d.qpos[3:] * (k > 0)"),
+    # A tray takes its load along, which does not roll.
+    "carried": Model(
+        '<body name="tray" pos="0 0 .5"><joint name="tray" type="slide" axis="1 0 0"/><geom '
+        'type="box" size=".3 .3 .02" mass="4"/></body>'
+        + box("carried", 0.57, 0.05, 0.5, 'friction="1 .01 .002"'),
+        more='<actuator><position joint="tray" kp="800" kv="60"/></actuator>',
+        drive="d.ctrl[0] = .3 * min(1, k / 1000) ** 2 * (3 - 2 * min(1, k / 1000))",
+        steps=1200,
+    ),
     "unreal": Model(
         BENT.format("unreal", ""),
         SERVO.format("unreal"),
@@ -269,9 +282,15 @@ def test_a_body_that_is_pressed_flat_gets_no_depth_as_advice(tmp_path: Path) -> 
     assert finding.advice == "give 1_tiny a mass nearer to that of what lies on it"
 
 
-@pytest.mark.parametrize("name", ["racket", "part", "sent", "glides", "zeroed"])
+@pytest.mark.parametrize(
+    "name", ["racket", "part", "sent", "glides", "zeroed", "carried", "tipped"]
+)
 def test_nothing_is_said_of_what_is_right(found: list[Finding], name: str) -> None:
     assert [each.message for each in found if name in each.message] == []
+
+
+def test_a_box_that_tips_over_does_not_roll(tmp_path: Path) -> None:
+    assert analyzed(tmp_path, "tipped") == []
 
 
 def test_a_turn_from_a_quaternion_of_zeros_is_explained(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from drop_physics.arrays import Float64
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Cure, Effect, Scene
+from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.rule import Match, Said, Worst, pair_rule
 from drop_physics.rules.runs import Runs
@@ -65,10 +66,13 @@ def rolls_on(pair: PairColumns) -> Match | None:
     given = pair.scene.seen.condims.values()
     if not any(1 < condim < ROLLS_WITH and rolling > ROLLING for condim, rolling in given):
         return None
-    rows, way = np.flatnonzero(pair.normal_n > 0), np.zeros(len(pair.step))
+    # What is carried goes along with what it touches; what rolls turns, on what stands still.
+    stands = ~pair.points.moves[pair.starts, 1 - pair.side]
+    rows, way = np.flatnonzero((pair.normal_n > 0) & stands), np.zeros(len(pair.step))
+    touching = pair.own("ended_m_s")
     for steps, which, at in pair.of_bodies(rows):
         if not steps.law.tree.fixed:
-            way[rows[which]] = lengths(steps.after.velocity[at, 3:6])
+            way[rows[which]] = lengths(steps.after.velocity[at, 3:6] - touching[rows[which]])
     way *= pair.timestep_s
     # What slips little does not slide.
     rolls = pair.slip_m_s * pair.timestep_s < ROLLS_SLIP * way
@@ -76,8 +80,10 @@ def rolls_on(pair: PairColumns) -> Match | None:
 
 
 @rolls_on.counts
-def _(runs: Runs, _: Scene) -> Float64:
-    return np.where(runs.way > LEFT_M, runs.way, 0.0)
+def _(runs: Runs, scene: Scene) -> Float64:
+    # What tips over goes less far.
+    sizes_m = np.array([size_m(scene.body(number)) for number in runs.keys[:, 0].tolist()])
+    return np.where(runs.way > sizes_m, runs.way, 0.0)
 
 
 @rolls_on.says
