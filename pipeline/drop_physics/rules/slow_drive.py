@@ -22,6 +22,7 @@ from drop_physics.rules.thresholds import (
     AT_TARGET_M,
     COASTS_RAD_S,
     HALF_THE_STEPS,
+    HOLDS,
     SAME_SIGN,
     SLOW,
     SLOW_M_S,
@@ -37,21 +38,24 @@ TAKERS = "damped", "rubbed", "swung"
 """The names under which it is summed what takes the drive: damping, dry friction, armature."""
 
 
-def _alone(joints: JointColumns) -> Flags:
-    return np.asarray(~np.any([joints.term(name) != 0 for name in HELD], axis=0))
+def _alone(joints: JointColumns, *others: str) -> Flags:
+    return np.asarray(~np.any([joints.term(name) != 0 for name in (*HELD, *others)], axis=0))
 
 
 @joint_rule("joint-damping", "model", engines=MUJOCOS)
 def stays_slow(joints: JointColumns) -> Match:
     """What drives a joint one way leaves it slow, where the model's losses or armature take it."""
-    steps, body, shape = joints.steps, joints.driven.body, joints.rate.shape
-    acts_on = {each.target: each.kind for each in body.actuators if each.acts_on == "joint"}
-    kinds = [acts_on.get(name_of(joints.driven, k), "") for k in range(shape[1])]
-    torque = joints.term("applied") + sum(
-        (joints.term(name) for name in steps.terms if name.startswith("actuator ")), np.zeros(shape)
-    )
+    steps, body = joints.steps, joints.driven.body
+    motors = {
+        f"actuator {each.name}"
+        for each in body.actuators
+        if (each.kind, each.acts_on) == ("motor", "joint")
+    }
+    others = [each for each in steps.terms if each.startswith("actuator ") and each not in motors]
+    torque = sum((joints.term(name) for name in motors), joints.term("applied"))
     net = torque + joints.term("gravity")
-    where = _alone(joints) & (net != 0) & np.isin(kinds, ["", "motor", "general"])
+    # What a motor holds against gravity, or a law of another kind gives, is not given to move it.
+    where = _alone(joints, *others) & (net != 0) & (net * torque >= HOLDS * torque**2)
     where &= (torque != 0) | (not body.actuators)
     slides, rotors = joints.at_target == AT_TARGET_M, steps.law.tree.armature
     armature = joints.of_joints(lambda each: 0.0 if rotors is None else rotors[each.link + 1])
