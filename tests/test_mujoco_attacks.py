@@ -122,13 +122,6 @@ SINGLE = {
         "d.ctrl[0] = 0 if k else 10",
         50,
     ),
-    # A motor bears its load and lets it down slowly.
-    "borne": Model(
-        BENT.format("borne", "").replace('axis="0 0 1"', 'axis="0 1 0"'),
-        '<actuator><motor joint="borne"/></actuator>',
-        "d.ctrl[0] = d.qfrc_bias[0] + .1",
-        500,
-    ),
     "tipped": Model(
         FLOOR + box("tipped", 0.1, 0.1, 1, 'friction="1 .01 .002"'),
         drive="d.qvel[:3], d.qvel[4] = (d.qvel[:3], d.qvel[4]) if k else ((0.6, 0, 0.6), 6)",
@@ -226,6 +219,13 @@ BULLET = """<geom type="box" pos=".2 0 1" size=".01 .5 .5"/>
 priority="1"/></body>"""
 TIMED = '<option timestep="{0}" gravity="0 0 0"/>'
 SHOT = "d.qvel[0] = d.qvel[0] if k else 200"
+# A motor bears its load and lets it down slowly.
+SINGLE["borne"] = Model(
+    BENT.format("borne", "").replace('axis="0 0 1"', 'axis="0 1 0"'),
+    '<actuator><motor joint="borne"/></actuator>',
+    "d.ctrl[0] = d.qfrc_bias[0] + .1",
+    500,
+)
 SINGLE["bullet"] = Model(BULLET.format(0.02), TIMED.format(5e-5), SHOT, 60)
 # A hand presses with 30 N from the first step on, and its fingers have closed after 25 steps.
 HAND = """<body name="hand" pos="0 0 .2"><body name="l" pos="-.05 0 0"><joint name="l" type="slide"
