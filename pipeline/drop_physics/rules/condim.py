@@ -8,7 +8,6 @@ from drop_physics.arrays import Float64
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Cure, Effect, Scene
-from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.rule import Match, Said, Worst, pair_rule
 from drop_physics.rules.runs import Runs
@@ -20,6 +19,7 @@ from drop_physics.rules.thresholds import (
     ROLLING,
     ROLLS_SLIP,
     SLIPS_STEPS,
+    WHEEL_TURN_RAD,
 )
 
 ROLLS_WITH = 6
@@ -68,22 +68,23 @@ def rolls_on(pair: PairColumns) -> Match | None:
         return None
     # What is carried goes along with what it touches; what rolls turns, on what stands still.
     stands = ~pair.points.moves[pair.starts, 1 - pair.side]
-    rows, way = np.flatnonzero((pair.normal_n > 0) & stands), np.zeros(len(pair.step))
-    touching = pair.own("ended_m_s")
+    rows = np.flatnonzero((pair.normal_n > 0) & stands)
+    touching, (way, turn) = pair.own("ended_m_s"), np.zeros((2, len(pair.step)))
     for steps, which, at in pair.of_bodies(rows):
         if not steps.law.tree.fixed:
-            way[rows[which]] = lengths(steps.after.velocity[at, 3:6] - touching[rows[which]])
-    way *= pair.timestep_s
+            spin, velocity = np.split(steps.after.velocity[at, :6], 2, axis=1)
+            turn[rows[which]] = lengths(spin)
+            way[rows[which]] = lengths(velocity - touching[rows[which]])
     # What slips little does not slide.
-    rolls = pair.slip_m_s * pair.timestep_s < ROLLS_SLIP * way
-    return Match(rolls, way, {"bodies": pair.pairs.body, "links": pair.links}, {"way": way})
+    rolls, dt = pair.slip_m_s < ROLLS_SLIP * way, pair.timestep_s
+    numbers = {"bodies": pair.pairs.body, "links": pair.links}
+    return Match(rolls, way * dt, numbers, {"way": way * dt, "turn": turn * dt})
 
 
 @rolls_on.counts
-def _(runs: Runs, scene: Scene) -> Float64:
-    # What tips over goes less far.
-    sizes_m = np.array([size_m(scene.body(number)) for number in runs.keys[:, 0].tolist()])
-    return np.where(runs.way > sizes_m, runs.way, 0.0)
+def _(runs: Runs, _: Scene) -> Float64:
+    # What tips over turns less.
+    return np.where(runs.turn > WHEEL_TURN_RAD, runs.way, 0.0)
 
 
 @rolls_on.says
