@@ -271,6 +271,26 @@ def test_causes_that_stand_for_each_other_have_no_shares() -> None:
     assert shares_of(where, {"a": at(0.7)}, {1: at(0.7)}, {}) is None
 
 
+BELT = """
+box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.5, 0.3, 0.05])
+belt = p.createMultiBody(0, box, -1, [0, 0, 0.5])
+cube = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.06] * 3)
+parcel = p.createMultiBody(0.8, cube, -1, [0, 0, 0.61])
+for k in range(240):
+    p.resetBasePositionAndOrientation(belt, [0.15 * (k + 1) / 240, 0, 0.5], [0, 0, 0, 1])
+    p.stepSimulation()
+"""
+
+
+def test_a_body_that_calls_move_in_both_runs_is_not_what_a_trial_moves(tmp_path: Path) -> None:
+    """The belt goes the same 0.15 m in both runs; the parcel is carried along in one of them."""
+    (tried,) = found(proved(tmp_path, BELT), "dragged-by-nothing").tried
+    assert tried.verdict == "cured"
+    assert tried.moved is not None
+    assert (tried.moved.body, tried.moved.unit) == ("1_box", "m")
+    assert tried.moved.value == pytest.approx(0.146, abs=4e-3)
+
+
 def test_what_reaches_outside_is_not_run_again_unasked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

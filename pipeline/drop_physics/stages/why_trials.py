@@ -100,10 +100,14 @@ class RunTrial(RunChanged[TrialRun]):
 
 
 def _began(base: Recording, other: Recording) -> Distance | None:
-    """Return how far a body moves in a trial that stands still in the script's own run."""
+    """Return how far a body moves in a trial that stands still in the script's own run.
+
+    A body that calls set between steps does not stand still, though no step moves it.
+    """
     from drop_physics.experiments.run_distance import apart
 
     still = {number for number, body in base.seen.bodies.items() if not body.moving}
+    still -= {put.body.number for put in base.seen.puts if put.at.step > 0}
     there = other.seen.bodies
     moves = {number for number in still if number in there and there[number].moving}
     if not moves:
