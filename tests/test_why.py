@@ -291,6 +291,33 @@ def test_a_body_that_calls_move_in_both_runs_is_not_what_a_trial_moves(tmp_path:
     assert tried.moved.value == pytest.approx(0.146, abs=4e-3)
 
 
+PENDULUM = """
+import tempfile
+with tempfile.NamedTemporaryFile("w", dir={folder!r}, suffix=".urdf", delete=False) as file:
+    file.write('''<robot name="pendulum"><link name="top"/>
+<link name="bob"><inertial><origin xyz="0 0 -1"/><mass value="1"/>
+<inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="pivot" type="continuous"><parent link="top"/><child link="bob"/><axis xyz="0 1 0"/>
+</joint></robot>''')
+    file.flush()
+    pendulum = p.loadURDF(file.name, useFixedBase=True)
+p.setJointMotorControl2(pendulum, 0, p.VELOCITY_CONTROL, force=0)
+p.resetJointState(pendulum, 0, 0.8)
+steps(1200)
+"""
+
+
+def test_a_body_is_the_same_though_its_file_has_another_name_in_each_run(tmp_path: Path) -> None:
+    """A pendulum of a temporary file swings less, since PyBullet damps it by 0.04."""
+    # What a script writes keeps its trials from parting from one run, which has loaded the file.
+    result = proved(tmp_path, PENDULUM.format(folder=str(tmp_path)), again=True)
+    (tried,) = found(result, "default-damping").tried
+    assert tried.verdict == "cured"
+    assert tried.moved is not None
+    assert tried.moved.joint == "pivot"
+    assert tried.moved.value > 0.05
+
+
 def test_what_reaches_outside_is_not_run_again_unasked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -514,6 +541,7 @@ def test_of_a_code_that_is_a_cause_the_outcome_decides() -> None:
 def test_what_never_fired_or_fails_is_void_and_what_a_nudge_changes_is_chaotic() -> None:
     assert verdict_of(SLIDES, outcome(end_m=0.5, fired=False)) == "void"
     assert verdict_of(SLIDES, outcome(end_m=0.5, ended="failed")) == "void"
+    assert verdict_of(SLIDES, outcome(SLIDES, apart=Apart([], {}))) == "void"  # nothing compared
     nudged = outcome(replace(SLIDES, effect=Effect(0.35, "m")), end_m=1e-9)
     assert verdict_of(SLIDES, outcome(end_m=0.5), nudged=nudged) == "chaotic"
 
@@ -526,6 +554,23 @@ def test_an_outcome_moves_at_the_end_or_else_on_the_way() -> None:
     assert way is not None
     assert (way.value, way.time_s) == (0.5, 0.5)
     assert moved(far(0.0, 0.5), far(0.1, 0.1)) is None
+
+
+def test_what_a_nudge_moves_as_much_has_not_been_shown_to_have_no_effect() -> None:
+    damped = replace(SLIDES, code="joint-damping", level="model")
+    nudged = outcome(damped, end_m=0.1)
+    assert verdict_of(damped, outcome(end_m=0.3), nudged=nudged) == "chaotic"
+    assert verdict_of(damped, outcome(end_m=1e-4), nudged=nudged) == "refuted"
+
+
+def test_a_trial_shows_of_an_instability_that_it_is_gone_though_a_nudge_grows_in_it() -> None:
+    rings = replace(SLIDES, code="unstable", level="broken")
+    nudged = outcome(rings, end_m=0.1)
+    assert verdict_of(rings, outcome(end_m=0.3), nudged=nudged) == "part"
+    assert verdict_of(rings, outcome(end_m=3.0), nudged=nudged) == "cured"
+    assert verdict_of(rings, outcome(rings, end_m=0.3), nudged=nudged) == "refuted"
+    # Where the nudge alone takes it away, it is one of many.
+    assert verdict_of(rings, outcome(end_m=0.3), nudged=outcome(end_m=0.1)) == "chaotic"
 
 
 # -- what a cure asks for --------------------------------------------------------------------------

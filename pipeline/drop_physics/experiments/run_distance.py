@@ -143,11 +143,7 @@ def apart(base: Seen, other: Seen, *, finer: int = 1) -> Apart:
 
     Both are read in pieces.
     """
-    numbers = {
-        theirs: mine
-        for theirs, mine in sorted(pairing(other, base).numbers.items())
-        if theirs in base.bodies and mine in other.bodies
-    }
+    numbers = paired(base, other)
     times = {client: StepTimes(base, client) for client in {b.client for b in base.bodies.values()}}
     tracks: dict[tuple[int, str | None, str], Track] = {}
     size = base.sampled.last + 1
@@ -178,6 +174,26 @@ def apart(base: Seen, other: Seen, *, finer: int = 1) -> Apart:
         [track for _, track in sorted(tracks.items(), key=_order)],
         {unit: _thinned(times_s, curve) for unit, curve in curves.items() if unit in units},
     )
+
+
+def paired(base: Seen, other: Seen) -> dict[int, int]:
+    """Return the number that each body of a run has in another run of the same script.
+
+    Bodies correspond by name. What is left, as of a temporary file that has another name in each
+    run, corresponds in the order in which it came, where links and joints are the same.
+    """
+    pairs = pairing(other, base)
+    found = {body: twin for body, twin in pairs.numbers.items() if twin in pairs.common}
+    left = [body for number, body in sorted(other.bodies.items()) if number not in pairs.common]
+    for number, body in sorted(base.bodies.items()):
+        if number in found:
+            continue
+        like = (pairs.clients[body.client], body.links, body.joints)
+        twin = next((one for one in left if (one.client, one.links, one.joints) == like), None)
+        if twin is not None:
+            found[number] = twin.number
+            left.remove(twin)
+    return dict(sorted(found.items()))
 
 
 def _order(item: tuple[tuple[int, str | None, str], Track]) -> tuple[int, bool, str, str]:

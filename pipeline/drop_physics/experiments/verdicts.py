@@ -32,6 +32,10 @@ GRAVE = LEVELS.index("model")
 CHAOTIC = 0.2
 """A symptom that a nudge changes by more than this share is one of many."""
 
+GROWS = "unstable"
+"""The code of a symptom in which a nudge grows: that a trial takes it away shows something, though
+the nudge moves the outcome as far."""
+
 CAUSES = frozenset(
     (
         "asleep",
@@ -185,22 +189,24 @@ def judged(
     """Return what a trial shows of a finding of the script's own run."""
     before = None if finding.effect is None else finding.effect.value
     unit = None if finding.effect is None else finding.effect.unit
-    if not trial.fired or trial.ended == "failed" != base.ended:
+    unseen = not trial.apart.tracks and trial.began is None
+    if not trial.fired or unseen or trial.ended == "failed" != base.ended:
         return TrialVerdict("void", before, before, unit, None, [])
     other = same_finding(finding, trial.findings)
     after = None if other is None or other.effect is None else other.effect.value
     left = _left(finding, other)
     new = graver(finding, base.findings, trial.findings)
     far = trial.began or moved(trial.apart, None if nudge is None else nudge.apart)
+    own = far or moved(trial.apart, None)
     circular = finding.code in CAUSES
     verdict: Verdict
     if nudge is not None and not circular and _is_chaotic(finding, nudge.findings):
         verdict = "chaotic"
-    elif trial.is_same or not (_matters(far, trial.apart) if circular else left < REFUTED):
+    elif trial.is_same or not (_matters(own, trial.apart) if circular else left < REFUTED):
         verdict = "refuted"
-    elif far is None:
+    elif far is None and finding.code != GROWS:
         verdict = "chaotic"
-    elif left <= CURED and not new and _as_long(trial, base):
+    elif far is not None and left <= CURED and not new and _as_long(trial, base):
         verdict = "cured"
     else:
         verdict = "part"

@@ -46,7 +46,7 @@ SHOWN = {
     "cured": Message("cured"),
     "part": Message("in part"),
     "refuted": Message("no effect"),
-    "void": Message("void: it changed no call, or made the script fail"),
+    "void": Message("void: it changed nothing that can be compared, or made the script fail"),
     "chaotic": Message("chaotic"),
     "untried": Message("not tried: there was no time left, or no run can apply it"),
 }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -91,12 +91,28 @@ class RunTrial(RunChanged[TrialRun]):
         return TrialRun(Outcome(fired, ended.how, error, steps, findings, far, began), path)
 
     def _findings(self, number: int, other: Recording) -> list[Finding]:
-        """Return the findings of a trial that belongs to one, or of the nudge."""
+        """Return the findings of a trial that belongs to one, or of the nudge.
+
+        Bodies have the labels that they have in the script's own run.
+        """
         from drop_physics.analysis.story import Story
+        from drop_physics.experiments.run_distance import paired
 
         if number != self.nudge and not self.candidates[number].findings:
             return []
-        return Story(other.seen, other.origin_and_end).analysis().findings
+        base, there = self.own.seen, other.seen.bodies
+        names: dict[str | None, str] = {
+            there[twin].label: base.bodies[number].label
+            for number, twin in paired(base, other.seen).items()
+        }
+        return [
+            replace(
+                each,
+                body=names.get(each.body, each.body),
+                other=names.get(each.other, each.other),
+            )
+            for each in Story(other.seen, other.origin_and_end).analysis().findings
+        ]
 
 
 def _began(base: Recording, other: Recording) -> Distance | None:
