@@ -224,9 +224,9 @@ def _row(
             cell = cell if columns_of(plain + cell) + margin <= width() else ""
         elif column.wraps:
             before = columns_of(plain) + column.gap
-            is_below = width() - margin - before < NARROW
+            is_below = width() - margin - before < min(NARROW, columns_of(text))
             before = widths[0] + GAP if is_below else before
-            lines = wrapped(text, max(width() - margin - before, NARROW))
+            lines = wrapped(text, max(width() - margin - before, 1))
             first, *more = ["", *lines] if is_below else lines or [""]
             more = [" " * before + _styled(escape(each), column.style) for each in more]
             cell = " " * column.gap + first if first else ""
@@ -245,13 +245,12 @@ def _cut(text: str, most: int) -> str:
 
 
 def _width(column: Column) -> int:
-    if column.fits or column.wraps:
-        return 0
-    texts = [
-        translated(column.head),
-        *(_cut(translated(each), column.most) for each in column.cells),
-    ]
-    return max(column.least, *map(columns_of, texts))
+    return 0 if column.fits or column.wraps else max(column.least, _longest(column))
+
+
+def _longest(column: Column) -> int:
+    cells = (_cut(translated(each), column.most) for each in column.cells)
+    return max(map(columns_of, (translated(column.head), *cells)))
 
 
 def _fitted(table: DataTable) -> tuple[list[Column], list[str]]:
@@ -263,7 +262,9 @@ def _fitted(table: DataTable) -> tuple[list[Column], list[str]]:
     room = width() - len(table.margin)
 
     def needed(least: Callable[[Column], int]) -> int:
-        least_of = ((each, NARROW if each.wraps else least(each)) for each in columns)
+        least_of = (
+            (each, min(NARROW, _longest(each)) if each.wraps else least(each)) for each in columns
+        )
         return sum(wide + each.gap for each, wide in least_of if not each.fits) - columns[0].gap
 
     def shrunk(column: Column) -> int:
