@@ -318,6 +318,25 @@ def test_a_body_is_the_same_though_its_file_has_another_name_in_each_run(tmp_pat
     assert tried.moved.value > 0.05
 
 
+TIPS = """
+p.loadURDF("plane.urdf")
+arm = p.loadURDF("franka_panda/panda.urdf")
+for _ in range(400):
+    for joint, angle in enumerate([0, 0.9, 0, -0.8, 0, 1.8, 0]):
+        p.setJointMotorControl2(arm, joint, p.POSITION_CONTROL, targetPosition=angle, force=200)
+    p.stepSimulation()
+"""
+
+
+def test_what_has_no_trial_is_said_not_to_have_been_tried(tmp_path: Path) -> None:
+    """An arm whose base is free stands still with `useFixedBase=True`, which no trial sets."""
+    result = proved(tmp_path, TIPS)
+    tips = found(result, "free-base")
+    assert (tips.verdict, tips.tried) == ("untried", [])
+    text = "".join(html_of(replace(result, findings=[tips]).report()))
+    assert "not tried: drop has no trial for this" in text
+
+
 def test_what_reaches_outside_is_not_run_again_unasked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -142,7 +142,7 @@ def _proved(number: int, proved: Proved, sources: Mapping[str, Path]) -> Iterato
     yield FindingList([finding], 1, sources=sources, first=number)
     tried = sorted(proved.tried, key=lambda each: VERDICTS.index(each.verdict))
     if not tried:
-        yield Words(Message("not tried: no change can switch this off"), "dim", margin=MARGIN)
+        yield Words(Message("not tried: drop has no trial for this"), "dim", margin=MARGIN)
         return
     yield DataTable(
         [
