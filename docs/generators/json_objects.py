@@ -185,8 +185,8 @@ TRIED = Object(
         "verdict": "`cured`: at most a fifth of the effect is left, the outcome moves by more than "
         "ten times what a nudge moves, nothing graver is new, and the run ends as before; `part`: "
         "some of this; `chaotic`: the nudge alone changes the finding; `refuted`: it is as before; "
-        "`void`: no call was changed, or the script fails with it; `untried`: there was no time, "
-        "or the engine has no such intervention.",
+        "`void`: no call was changed, nothing can be compared, or the script fails with it; "
+        "`untried`: there was no time, or the engine has no such intervention.",
         "before": "The finding's effect in the script's own run; null where it has none.",
         "after": "The same in the trial; null where the finding is gone.",
         "unit": "Of both.",
