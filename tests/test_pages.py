@@ -65,10 +65,22 @@ def test_what_a_page_says_to_type_works_prints_what_it_shows_and_draws_its_pictu
     for path in drawn:
         assert is_current(path, made[path]), f"{path.name}: {AGAIN}"
         assert path.stat().st_size < {".webp": 300_000, ".gif": 450_000}.get(path.suffix, 60_000)
-    if platform.machine() not in EXACT_MACHINES:
-        pytest.skip("the rounding shown is that of x86-64")
+    # The last digits shown are those of x86-64; elsewhere words, commands and layout are compared.
+    compared = str if platform.machine() in EXACT_MACHINES else without_numbers
     for path in [page, *pages.translations(page)]:
-        assert text_of(path) == made[path].decode(), AGAIN
+        assert compared(text_of(path)) == compared(made[path].decode()), AGAIN
+
+
+def without_numbers(text: str) -> str:
+    """Return a text with a sign for each number, and lines that may break elsewhere as one."""
+    return " ".join(re.sub(r"[+−-]?\d[\d.,]*(?:e[+-]?\d+)?", "#", text).split())
+
+
+def test_pages_are_compared_without_numbers_where_these_differ() -> None:
+    assert without_numbers("ends  0.89 rad off,\n1.2e-05 m") == without_numbers(
+        "ends 0.9 rad off, 1e-5 m"
+    )
+    assert without_numbers("ends 0.89 rad off") != without_numbers("ends 0.89 m off")
 
 
 def test_the_pictures_of_the_readme_are_what_its_commands_draw() -> None:

@@ -232,9 +232,9 @@ def starts_in_contact(pair: PairColumns) -> Match | None:
 
 def _substeps(pair: PairColumns) -> Float64:
     """Return the number of substeps of each step, shape (n,)."""
-    clients = [pair.scene.body(number).client for number in pair.body.tolist()]
-    of = {each: pair.scene.settings(each).get("numSubSteps", 0) for each in set(clients)}
-    return np.array([max(float(np.ravel(of[each])[0]), 1.0) for each in clients])
+    bodies, which = np.unique(pair.body, return_inverse=True)
+    settings = [pair.scene.settings(pair.scene.body(each).client) for each in bodies.tolist()]
+    return np.maximum([each.get("numSubSteps", 0.0) for each in settings], 1.0)[which]
 
 
 @starts_in_contact.says
