@@ -178,7 +178,7 @@ FORCE = np.array([[[False, True]]])
 """The plane of forces in a table with two."""
 
 
-@joint_rule("beyond-urdf", "model")
+@joint_rule("beyond-urdf", "model", proposes=True)
 def beyond_urdf(joints: JointColumns) -> Match:
     """`getJointInfo` reports the effort and velocity of a file, and no motor heeds them."""
     told = (joints.mode != DEFAULT) | (joints.pd == 1)
