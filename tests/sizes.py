@@ -1,4 +1,4 @@
-"""The size of each room of the package beside its size in the last version: `python tests/sizes.py`.
+"""The size of each room of the package, beside that in the last version: `python tests/sizes.py`.
 
 A statement is any statement of Python but a docstring or an import. Tokens are those of the code,
 without comments, docstrings and line ends: formatting cannot squeeze either. The last version is
@@ -97,9 +97,7 @@ def modules_before() -> dict[Path, str]:
 def _git(*arguments: str) -> bytes:
     """Return what git prints; nothing where it fails, or is not installed."""
     try:
-        return subprocess.run(
-            ["git", *arguments], cwd=ROOT, capture_output=True, check=True
-        ).stdout
+        return subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, check=True).stdout
     except (OSError, subprocess.CalledProcessError):
         return b""
 

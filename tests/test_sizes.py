@@ -1,4 +1,4 @@
-"""Sizes are counted and printed, a docstring is a sentence, and the name of a class means one thing.
+"""Sizes are counted and printed, docstrings are sentences, and a class name means one thing.
 
 Nothing here limits a size: a limit that a line of prose could raise was raised 29 times.
 """
