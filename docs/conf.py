@@ -8,10 +8,14 @@ from __future__ import annotations
 
 import re
 import shutil
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+sys.path.insert(0, str(Path(__file__).parent))
+
 from docutils import nodes
+from generators.schema_tables import filled
 from pygments.lexers.special import TextLexer
 from sphinx.search.en import SearchEnglish
 
@@ -81,10 +85,12 @@ function splitQuery(query) {{
 
 
 def read(_: Sphinx, page: str, text: list[str]) -> None:
-    """Let a picture follow the site's theme, and give the home page the menu."""
+    """Let a picture follow the site's theme; fill in the tables, and the home page's menu."""
     text[0] = _TWO_THEMES.sub(
         r"![\g<alt>](\g<light>){.only-light} ![\g<alt>](\g<dark>){.only-dark}", text[0]
     )
+    if page == "docs/json":
+        text[0] = filled(text[0], Path(__file__).with_name("schemas"))
     if page == root_doc:
         for caption, pages in _MENU.items():
             head = f"```{{toctree}}\n:hidden:\n:caption: {caption}\n"

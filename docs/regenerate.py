@@ -11,13 +11,22 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from generators import codes, commands, json_objects, pages, readme, recording, typed, validation
+from generators import (
+    commands,
+    json_objects,
+    pages,
+    readme,
+    recording,
+    translations,
+    typed,
+    validation,
+)
 from generators.pictures import alike
 
 
 def references() -> dict[Path, bytes]:
     """Return the references as the code has them now."""
-    texts = commands.made() | recording.made() | json_objects.made() | codes.made()
+    texts = commands.made() | recording.made() | json_objects.made()
     return {(pages.DOCS / name).resolve(): text.encode() for name, text in texts.items()}
 
 
@@ -38,9 +47,8 @@ def main(names: list[str]) -> None:
     if not names or "README.md" in names:
         write(readme.made())
     if not names or "drop.po" in names:
-        from generators import translations  # takes Babel, which only [docs] brings
-
         write(translations.made())
+    translations.compiled()  # for the Japanese pages
     if readme.VIEWER.name in names:
         write(readme.viewer_picture())
     for page in pages.pages():

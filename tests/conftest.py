@@ -30,6 +30,7 @@ from drop_physics.recording.viewer import binary
 from drop_physics.rules.answer import Finding
 from drop_physics.stages.run import Run, run
 from dropped import seen_with
+from generators.translations import compiled
 from hypothesis import HealthCheck, settings
 from skipping import pytest_runtest_makereport as pytest_runtest_makereport
 from skipping import pytest_runtest_setup as pytest_runtest_setup
@@ -73,6 +74,20 @@ def pytest_collection(session: pytest.Session) -> None:
     for name in names[first:] + names[:first]:
         with contextlib.suppress(Exception):  # pytest imports it again, and reports that
             importlib.import_module(name)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile the translations of a clone, once for all processes."""
+    if not hasattr(config, "workerinput"):
+        compiled()
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Print what tests have to say although they pass."""
+    for report in terminalreporter.stats.get("passed", ()):
+        for name, text in report.user_properties:
+            if name == "say":
+                terminalreporter.write_line(text)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -37,10 +37,11 @@ def test_the_wheel_holds_the_program_and_nothing_else(wheel: Path) -> None:
     held = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
     code = {
         path.relative_to(SOURCES).as_posix()
-        for kind in ("*.py", "*.json", "*.po", "*.mo")
+        for kind in ("*.py", "*.json")
         for path in SOURCES.rglob(kind)
     }
-    assert held == code | {"drop_physics/py.typed"}
+    built = {"drop_physics/locale/ja/LC_MESSAGES/drop.mo", "drop_physics/rules/why.md"}
+    assert held == code | built | {"drop_physics/py.typed"}
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +51,8 @@ def environment(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     venv.create(folder, symlinks=True)
     (packages,) = folder.glob("lib/python*/site-packages")
     zipfile.ZipFile(wheel).extractall(packages)  # a wheel without data files: as pip installs it
-    packages.joinpath("libraries.pth").write_text(sysconfig.get_path("purelib"))
+    libraries = f"import site; site.addsitedir({sysconfig.get_path('purelib')!r})\n"
+    packages.joinpath("libraries.pth").write_text(libraries)
     drop = folder / "bin/drop"
     (built,) = distributions(path=[str(packages)])
     (entry,) = built.entry_points.select(group="console_scripts")
@@ -90,6 +92,14 @@ def test_it_takes_one_import_name(call: Call, environment: Path, tmp_path: Path)
         assert call(tmp_path, "python", "-c", code) == "None\n"
     where = call(tmp_path, "python", "-c", "import drop_physics; print(*drop_physics.__path__)")
     assert where.strip() == str(packages / "drop_physics")
+
+
+def test_it_explains_in_the_readers_language_with_an_example(call: Call, tmp_path: Path) -> None:
+    """Of what the build adds: translations, and a page."""
+    assert "docs/examples/why/slides.py:14" in call(tmp_path, "drop", "explain", "slides")
+    script = "import os; os.environ['DROP_LANG'] = 'ja'\n"
+    script += "from drop_physics.messages import localized; print(localized('Contacts'))"
+    assert call(tmp_path, "python", "-c", script) == "接触\n"
 
 
 @pytest.mark.long

@@ -83,6 +83,13 @@ def test_there_is_a_page_of_every_page_in_its_language(site: Path) -> None:
     assert (site / "index.html").read_bytes() == (site / "README.html").read_bytes()
 
 
+def test_the_page_on_json_has_the_keys_and_the_codes(site: Path) -> None:
+    """Which the clone's has not: there they are in the schemas."""
+    shown = (site / "docs/json.html").read_text(encoding="utf-8")
+    for name in ("explained.until_s", "bodies[].mass_kg", "table[].…", "off-target", "ik-index"):
+        assert f'<span class="pre">{name}</span>' in shown, name
+
+
 def test_no_space_is_in_a_japanese_sentence_where_its_line_ends(site: Path) -> None:
     end = re.compile(r"[\u3000-\u9fff]\n[\u3000-\u9fff]")
     for page in JAPANESE:

@@ -43,7 +43,7 @@ PIPELINE = DOCS / "pipeline.md"
 ENGINES = DOCS / "engines.md"
 DRAWN = (WALKTHROUGH, ENGINES, PIPELINE)
 """Pages whose pictures their own commands draw."""
-REFERENCES = {"commands.md", "json.md", "recording.md"}
+REFERENCES = {"commands.md", "recording.md"}
 """Pages that the other generators write from the code."""
 CUT = "…"
 

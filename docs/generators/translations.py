@@ -1,18 +1,18 @@
-"""Bring the Japanese messages up to what the code says, and compile them.
+"""Bring the Japanese messages up to what the code says.
 
-The translations in `drop.po` are written by hand; `drop.mo` is what the program reads.
+The translations in `drop.po` are written by hand. What waits for one is shown in English.
 """
 
 from __future__ import annotations
 
 import ast
 import io
+import runpy
 from collections.abc import Iterator
 from pathlib import Path
 from typing import ClassVar
 
 from babel.messages.catalog import Catalog
-from babel.messages.mofile import write_mo
 from babel.messages.pofile import read_po, write_po
 from drop_physics.rules.reference import sentences
 
@@ -74,10 +74,7 @@ def templates() -> Iterator[tuple[str, str]]:
 
 
 def made() -> dict[Path, bytes]:
-    """Return the messages of the code with their translations, and the same compiled.
-
-    A new message has no translation yet, and is not compiled.
-    """
+    """Return the messages of the code with their translations; a new message has none yet."""
     translations, template = Translations(), Catalog(fuzzy=False)
     with MESSAGES.open(encoding="utf-8") as file:
         for known in read_po(file):
@@ -86,7 +83,14 @@ def made() -> dict[Path, bytes]:
     for text, path in templates():
         template.add(text, locations=[(path, None)])
     translations.update(template, no_fuzzy_matching=True)
-    text, compiled = io.BytesIO(), io.BytesIO()
+    text = io.BytesIO()
     write_po(text, translations, sort_output=True, ignore_obsolete=True)
-    write_mo(compiled, translations)
-    return {MESSAGES: text.getvalue(), MESSAGES.with_suffix(".mo"): compiled.getvalue()}
+    return {MESSAGES: text.getvalue()}
+
+
+def compiled() -> None:
+    """Compile the translations beside their source where that is newer."""
+    target = MESSAGES.with_suffix(".mo")
+    if not target.exists() or target.stat().st_mtime < MESSAGES.stat().st_mtime:
+        build = runpy.run_path(str(ROOT / "hatch_build.py"))
+        build["compile_messages"](MESSAGES, target)

@@ -8,7 +8,8 @@ from drop_physics.messages import Message
 from drop_physics.report.blocks import Fact, Facts, Report, Section
 
 if TYPE_CHECKING:
-    from drop_physics.rules.reference import CodeReference, Limit
+    from drop_physics.rules.reference import CodeReference
+    from drop_physics.rules.sources import Limit
     from drop_physics.stages.explain import CodeManual
 
 COLUMN, CODE_COLUMN = 12, 24
@@ -39,8 +40,10 @@ def _rows(one: CodeReference) -> list[Fact]:
         )
         for each in one.thresholds
     ]
-    example = one.example
-    shown = [] if example is None else [*vars(example).values()][1:]
+    shown = []
+    if (example := one.example) is not None:
+        line = "" if example.line is None else f":{example.line}"
+        shown = [f"{example.script}{line}", example.says, example.advises or ""]
     for title, texts in (
         (Message("measured"), one.measured),
         (Message("threshold"), limits),

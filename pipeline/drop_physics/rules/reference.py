@@ -1,31 +1,25 @@
-"""What `drop explain` says of a code: as the sources of the rules have it.
-
-A rule's sentence, its thresholds, what it says and what it advises stand in its source;
-`docs/regenerate.py` gathers them in a file beside this one, and a test sees that it is not stale.
-"""
+"""What `drop explain` says of a code: as the sources of its rules have it."""
 
 from __future__ import annotations
 
 import difflib
-import json
-import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
-from functools import cache
-from importlib import resources
 from typing import Any
 
 from drop_physics.errors import ScenarioError
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Level
 from drop_physics.rules.codes import CODES
+from drop_physics.rules.examples import CodeExample, examples
+from drop_physics.rules.sources import Limit, RuleTexts, texts_of
 from drop_physics.trace.cures import Cure
 
-FILE = "reference.json"
-"""What the sources of the rules say, by code and reason."""
 PLACEHOLDER = re.compile(r"(\}?)\{(\w+)[^{}]*(?=\})")
 """A value in a template: what is before it, if that is another, and its name."""
+LEAST = 25
+"""Characters of a message that is a sentence, and no part of one."""
 
 
 class Blank:
@@ -36,36 +30,6 @@ class Blank:
 
     def __format__(self, form: str) -> str:
         return self._shown
-
-
-@dataclass(frozen=True)
-class Limit:
-    """A threshold of a rule."""
-
-    name: str
-    """Name of the constant in the source."""
-    value: float
-    """Value in its unit."""
-    unit: str
-    """`share` of what the meaning names, `1` of a count."""
-    meaning: str
-    """The quantity that it limits."""
-
-
-@dataclass(frozen=True)
-class CodeExample:
-    """A script of the documentation that shows a code, and what is said of it."""
-
-    asked: str
-    """The question of its user."""
-    script: str
-    """The script, from the root of the repository."""
-    line: str | None
-    """The line that a finding cites; null where it cites none."""
-    says: str
-    """The message of the finding."""
-    advises: str | None = None
-    """The advice of the finding; null where it has none."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +57,7 @@ class CodeReference:
     example: CodeExample | None = None
     """A script that shows it; null where the documentation has none."""
     cures: tuple[tuple[str, Cure, bool], ...] = field(default=(), metadata={"json": False})
-    """The thresholds of its rules, nan where a value depends; the engine that writes the call of
+    """The cures of its rules, nan where a value depends; the engine that writes the call of
     each, and whether it is to be tried."""
 
 
@@ -111,59 +75,40 @@ def reference_of(name: str) -> CodeReference:
             name=name,
             near=difflib.get_close_matches(name, CODES, 1, 0.0)[0],
         )
-    return references()[name]
+    return references([name])[name]
 
 
-@cache
-def references() -> dict[str, CodeReference]:
-    """Return the meanings of all codes and reasons, by their names."""
-    held = json.loads(resources.files(__package__).joinpath(FILE).read_text(encoding="utf-8"))
-    return {name: reference_from(name, held.get(name, {})) for name in CODES}
+def references(names: Collection[str] = tuple(CODES)) -> dict[str, CodeReference]:
+    """Return the meanings of codes and reasons, by their names; of all by default."""
+    shown, told = examples(), texts_of(names)
+    return {name: _reference(name, told[name], shown.get(name)) for name in names}
 
 
-def reference_from(name: str, texts: Mapping[str, Any]) -> CodeReference:
-    """Return what a code or a reason means, given what the sources of its rules say."""
-    example = dict(texts.get("example") or {})
-    for key in {"says", "advises"} & example.keys():
-        example[key] = example[key] and Message(example[key])
-    limits = texts.get("thresholds", ())
-    cures = texts.get("cures", ())
+def _reference(name: str, told: RuleTexts, example: CodeExample | None) -> CodeReference:
+    said = [blanked(each) for each in told.says]
     return CodeReference(
         code=name,
-        reason_of=texts.get("reason_of"),
-        level=texts.get("level"),
+        reason_of=told.reason_of,
+        level=told.level,
         meaning=Message(CODES[name]),
-        measured=[Message(each) for each in texts.get("measured", ())],
-        thresholds=[Limit(**{**each, "meaning": Message(each["meaning"])}) for each in limits],
-        says=[blanked(each) for each in texts.get("says", ())],
-        advises=[blanked(each) for each in texts.get("advises", ())],
-        proposes=[blanked(each) for each in texts.get("proposes", ())],
-        example=CodeExample(**example) if example else None,
-        cures=tuple(
-            (
-                each["engine"],
-                Cure(
-                    each["name"],
-                    value=math.nan if each["has_value"] else None,
-                    form=each["form"],
-                    given=dict.fromkeys(each["given"], math.nan),
-                ),
-                each["proposed"],
-            )
-            for each in cures
-        ),
+        measured=[Message(each) for each in told.measured],
+        thresholds=told.thresholds,
+        says=[each for each in said if len(each) > LEAST],
+        advises=[blanked(each) for each in told.advises],
+        proposes=[blanked(each) for each in told.proposes],
+        example=example,
+        cures=tuple(told.cures),
     )
 
 
 def blanked(template: str) -> Message:
     """Return a message with … in place of what is filled in, once of two in a row."""
     found = PLACEHOLDER.findall(template)
-    return Message(template, **{name: Blank("" if before else "…") for before, name in found})
+    values: dict[str, Any] = {name: Blank("" if before else "…") for before, name in found}
+    return Message(template, **values)
 
 
 def sentences() -> Iterator[str]:
     """Yield the texts of all meanings, without those that rules have as a `Message`."""
     for each in references().values():
         yield from (each.meaning, *each.measured, *(limit.meaning for limit in each.thresholds))
-        if each.example is not None:
-            yield from filter(None, (each.example.says, each.example.advises))

@@ -1,6 +1,6 @@
 """All thresholds of the rules in one table: what each limits, its unit, and what needs it.
 
-`drop explain` shows them (`docs/generators/rule_texts.py` reads them here). A unit of `share` is a
+`drop explain` shows them (`sources` reads them here). A unit of `share` is a
 share of what the sentence names, one of `1` a count.
 """
 

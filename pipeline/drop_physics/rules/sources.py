@@ -1,0 +1,207 @@
+"""What rules say of themselves, read from their sources when `drop explain` asks.
+
+A rule's sentence, its thresholds, what it says and what it advises stand in its source; here they
+are only gathered. A code that several rules share has those of all.
+"""
+
+from __future__ import annotations
+
+import ast
+import itertools
+import math
+from collections import defaultdict
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import resources
+from typing import Any
+
+from drop_physics.messages import Message
+from drop_physics.rules import thresholds
+from drop_physics.rules.answer import LEVELS, Level
+from drop_physics.rules.codes import CODES
+from drop_physics.rules.engines import MUJOCO
+from drop_physics.trace.cures import Cure
+from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
+
+ROOMS = "rules", "drop"
+"""Folders whose modules find something."""
+ADVISES = {"advice", "cure"}
+"""Arguments that hold what is advised."""
+VALUE = 2
+"""Place of a cure's value among its arguments."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A threshold of a rule."""
+
+    name: str
+    """Name of the constant in the source."""
+    value: float
+    """Value in its unit."""
+    unit: str
+    """`share` of what the meaning names, `1` of a count."""
+    meaning: str
+    """The quantity that it limits."""
+
+
+@dataclass
+class RuleTexts:
+    """The texts of all rules of a code or a reason, as templates."""
+
+    reason_of: str | None = None
+    level: Level | None = None
+    measured: list[str] = field(default_factory=list)
+    thresholds: list[Limit] = field(default_factory=list)
+    says: list[str] = field(default_factory=list)
+    advises: list[str] = field(default_factory=list)
+    proposes: list[str] = field(default_factory=list)
+    cures: list[tuple[str, Cure, bool]] = field(default_factory=list)
+    """The engine whose user makes each cure, with nan for a value that depends; and whether it is
+    only to be tried."""
+
+
+def texts_of(names: Collection[str]) -> dict[str, RuleTexts]:
+    """Return the texts of codes and reasons, by their names."""
+    made = {name: RuleTexts() for name in names}
+    for room in ROOMS:
+        for file in sorted(resources.files(f"drop_physics.{room}").iterdir(), key=str):
+            source = file.read_text(encoding="utf-8") if file.name.endswith(".py") else ""
+            if not any(f'"{name}"' in source for name in made):
+                continue
+            module = ast.parse(source)
+            limits = _limits_in(module)
+            for parts, code, reason, level in _rules_in(module):
+                for name in {code, reason or code} & made.keys():
+                    _add(made[name], parts, limits, level)
+                    made[name].reason_of = None if name == code else code
+    return made
+
+
+@cache
+def _thresholds() -> dict[str, Limit]:
+    """Return the thresholds by their names, from the sentences below each."""
+    source = resources.files(__package__).joinpath("thresholds.py").read_text(encoding="utf-8")
+    found: dict[str, Limit] = {}
+    for node, below in itertools.pairwise(ast.parse(source).body):
+        if isinstance(node, ast.Assign) and isinstance(below, ast.Expr):
+            name, text = ast.unparse(node.targets[0]), " ".join((_text(below.value) or "").split())
+            meaning, _, rest = text.partition(" Unit: ")
+            unit, _, _ = rest.partition(". Needed by: ")
+            found[name] = Limit(name, float(getattr(thresholds, name)), unit, Message(meaning))
+    return found
+
+
+def _rules_in(
+    module: ast.Module,
+) -> Iterator[tuple[list[ast.FunctionDef], str, str | None, str | None]]:
+    """Yield each rule of a module: its functions, its code, reason and level.
+
+    Where there is only one, all that the module says is its; keys of a table there are its reasons.
+    """
+    functions = [node for node in ast.walk(module) if isinstance(node, ast.FunctionDef)]
+    beside = defaultdict[str, list[ast.FunctionDef]](list)
+    rules: list[tuple[ast.FunctionDef, ast.Call]] = []
+    for node in functions:
+        for decorator in node.decorator_list:
+            if isinstance(decorator, ast.Attribute) and isinstance(decorator.value, ast.Name):
+                beside[decorator.value.id].append(node)
+            elif isinstance(decorator, ast.Call) and _name(decorator.func).endswith("_rule"):
+                rules.append((node, decorator))
+    alone = functions if len(rules) == 1 else []
+    for node, decorator in rules:
+        given = [_text(each) for each in decorator.args]
+        reason = given[2] if len(given) > 2 else _keyword(decorator, "reason")
+        yield [node, *(alone or beside[node.name])], given[0] or "", reason, given[1]
+        for table in ast.walk(module) if alone else ():
+            pairs = (
+                zip(table.keys, table.values, strict=True) if isinstance(table, ast.Dict) else ()
+            )
+            for key, value in pairs:
+                if key is not None and (name := _text(key)) in CODES:
+                    its = [each for each in functions if each.name == _name(value)]
+                    if its or _messages(value):  # else it is a number of that name
+                        yield its, given[0] or "", name, given[1]
+
+
+def _limits_in(module: ast.Module) -> set[str]:
+    """Return the names of thresholds that a module takes from their table."""
+    return {
+        name.name
+        for node in module.body
+        if isinstance(node, ast.ImportFrom) and (node.module or "").endswith(".thresholds")
+        for name in node.names
+    }
+
+
+def _add(known: RuleTexts, parts: list[ast.FunctionDef], limits: set[str], level: Any) -> None:  # noqa: ANN401
+    """Add to what is known of a name what one more rule of it tells."""
+    inside = [inner for each in parts for inner in ast.walk(each)]
+    measured = [_first(ast.get_docstring(each)) for each in parts[:1]]
+    names = {node.id for node in inside if isinstance(node, ast.Name)}
+    keywords = {node.arg for node in inside if isinstance(node, ast.keyword)}
+    proposed = bool(keywords & {"proposes", "proposed"})
+    engine = MUJOCO if "MUJOCOS" in names else PYBULLET
+    advised: list[str] = []
+    cures: list[tuple[str, Cure, bool]] = []
+    for node in inside:
+        match node:
+            case ast.keyword(arg=name, value=value) if name in ADVISES:
+                advised += _messages(value)
+            case ast.Assign(targets=[ast.Name(id=name)], value=value) if name in ADVISES:
+                advised += _messages(value)
+            case ast.Call() if _name(node.func) == "Cure":
+                cures.append((engine, _cure(node), proposed))
+    said = [text for each in parts for text in _messages(each) if text not in advised]
+    of_code = [each for name, each in _thresholds().items() if name in names & limits]
+    told: list[tuple[list[Any], list[Any]]] = [
+        (known.measured, [each for each in measured if not each.startswith(("Return", "Yield"))]),
+        (known.thresholds, of_code),
+        (known.says, said),
+        (known.proposes if proposed else known.advises, advised),
+        (known.cures, cures),
+    ]
+    for held, more in told:
+        held += [each for each in dict.fromkeys(more) if each and each not in held]
+    rated = [each for each in (known.level, level) if each in LEVELS]
+    known.level = min(rated, key=LEVELS.index, default=None)
+
+
+def _cure(call: ast.Call) -> Cure:
+    """Return a cure as its rule writes it, with nan for what depends on the run."""
+    given = next((each.value for each in call.keywords if each.arg == "given"), None)
+    keys = given.keys if isinstance(given, ast.Dict) else []
+    has_value = len(call.args) > VALUE or any(each.arg == "value" for each in call.keywords)
+    return Cure(
+        _text(call.args[0]) or "",
+        value=math.nan if has_value else None,
+        form=_keyword(call, "form") or "",
+        given={_text(each) or "": math.nan for each in keys if each},
+    )
+
+
+def _messages(node: ast.AST) -> list[str]:
+    """Return the templates of the messages in a node."""
+    texts = [
+        _text(call.args[0])
+        for call in ast.walk(node)
+        if isinstance(call, ast.Call) and _name(call.func) == "Message" and call.args
+    ]
+    return [*filter(None, texts)]
+
+
+def _first(docstring: str | None) -> str:
+    return " ".join((docstring or "").split("\n\n")[0].split())
+
+
+def _text(node: ast.expr) -> str | None:
+    return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else None
+
+
+def _keyword(call: ast.Call, name: str) -> str | None:
+    return next((_text(each.value) for each in call.keywords if each.arg == name), None)
+
+
+def _name(node: ast.expr) -> str:
+    return getattr(node, "id", None) or getattr(node, "attr", None) or ""
