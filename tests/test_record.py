@@ -1582,7 +1582,10 @@ def test_numbers_are_unseeded_only_where_they_are(bench: Bench, draws: str, unse
     some(
         [
             ("site-packages", "import drawing", ""),
-            ("site-packages", "import drawing\ndrawing.draw()", "/drawing.py:4"),
+            ("site-packages", "import drawing\ndrawing.draw()", "at script.py:11"),
+            # What it makes may be seeded before it draws.
+            ("site-packages", "import drawing\ndrawing.Deck().shuffle(1)", ""),
+            ("site-packages", "import drawing\ndrawing.Deck().shuffle(None)", "at script.py:11"),
             (
                 "site-packages",
                 "import drawing\nrandom.random()",
@@ -1600,7 +1603,9 @@ def test_what_a_library_draws_while_it_is_imported_is_its_own(
     bench.script(
         "import random, numpy as np\n\ndef draw():\n    random.random()\n"
         "    np.random.rand()\n    np.random.default_rng().random()\n\n"
-        "exec('draw()')\n",
+        "exec('draw()')\n\nclass Deck:\n"
+        "    def __init__(self):\n        self.drawn = np.random.default_rng()\n\n"
+        "    def shuffle(self, seed):\n        np.random.default_rng(seed)\n",
         f"{folder}/drawing.py",
     )
     script = bench.script(

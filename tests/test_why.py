@@ -159,17 +159,22 @@ def test_what_nothing_proves_is_to_be_tried_until_a_trial_has_shown_it(held: Why
     (weak,) = [each for each in held.findings if each.finding.code == "weak-constraint"]
     assert weak.finding.cure is not None
     proposed = replace(weak.finding, proposed=True, tried=())
-    own = {"name": weak.finding.cure.name, "call": "maxForce=30", "value": weak.finding.cure.value}
+    cure = weak.finding.cure
+    own = {"name": cure.name, "call": "maxForce=30", "value": cure.value, "left": 0.0}
     assert proposed.advised == f"to try: {weak.finding.advice}"
     for verdicts, advised in (
         (["untried"], proposed.advised),
         (["void"], proposed.advised),
         (["cured"], weak.finding.advice),
         (["refuted"], None),
-        (["refuted", "part"], weak.finding.advice),  # of two bodies, say
+        (["refuted", "cured"], weak.finding.advice),  # of two bodies, say
+        (["part"], proposed.advised),
     ):
         shown = replace(proposed, tried=tuple({**own, "verdict": each} for each in verdicts))
         assert shown.advised == advised, verdicts
+    # The outcome hangs on what a finding names as a cause: whether that helps anyone is not shown.
+    hangs = {**own, "verdict": "cured", "left": None}
+    assert replace(proposed, tried=(hangs,)).advised == proposed.advised
     # Another trial, as `--try` asks for it, shows nothing of the advice.
     asked = {**own, "value": 1.0, "verdict": "refuted"}
     assert replace(weak.finding, tried=(asked,)).advised == weak.finding.advice
@@ -557,12 +562,47 @@ def test_of_a_code_that_is_a_cause_the_outcome_decides() -> None:
     assert verdict_of(damped, outcome(end_m=0.0)) == "refuted"
 
 
-def test_what_never_fired_or_fails_is_void_and_what_a_nudge_changes_is_chaotic() -> None:
+def test_what_moves_nothing_cures_nothing() -> None:
+    # The box slid by 0.5 m, and is where it was: that nobody calls it sliding is no cure.
+    assert verdict_of(SLIDES, outcome(end_m=1e-29)) == "refuted"
+    assert verdict_of(SLIDES, outcome(end_m=0.02)) == "refuted"
+    assert verdict_of(SLIDES, outcome(end_m=0.4)) == "cured"
+
+
+def test_a_trial_is_judged_by_its_whole_outcome() -> None:
+    # Another finding as grave as the one that is gone, a body that is thrown.
+    stalls = replace(SLIDES, code="off-target", body="2_arm", joint="lift")
+    assert verdict_of(SLIDES, outcome(stalls, end_m=0.5)) == "part"
+    assert verdict_of(SLIDES, outcome(replace(stalls, level="note"), end_m=0.5)) == "cured"
+    thrown = outcome(end_m=0.5)
+    (track,) = thrown.apart.tracks
+    for own, theirs, verdict in ((1.0, 1.9, "cured"), (1.0, 2.1, "part"), (0.1, 0.9, "cured")):
+        track.fastest, track.their_fastest = own, theirs
+        assert verdict_of(SLIDES, thrown) == verdict, (own, theirs)
+
+
+def test_an_instability_is_gone_where_its_joint_is_slower() -> None:
+    rings = replace(SLIDES, code="unstable", level="broken", effect=Effect(100.0, "m/s"))
+    for fastest, verdict in ((100.0, "refuted"), (50.0, "part"), (10.0, "cured")):
+        trial = outcome(end_m=0.5)
+        trial.apart.tracks[0].their_fastest = trial.apart.tracks[0].fastest = fastest
+        assert verdict_of(rings, trial) == verdict, fastest
+
+
+def test_what_a_nudge_changes_is_not_cured_and_chaotic_only_where_it_moves_as_much() -> None:
+    for changed in ([replace(SLIDES, effect=Effect(0.35, "m"))], []):
+        assert (
+            verdict_of(SLIDES, outcome(end_m=0.5), nudged=outcome(*changed, end_m=1e-6)) == "part"
+        )
+    # On the way they part before the nudge does, which then moves as far.
+    late = replace(outcome(SLIDES), apart=far(0.6, 1e-3))
+    assert verdict_of(SLIDES, outcome(end_m=0.5), nudged=late) == "chaotic"
+
+
+def test_what_never_fired_or_fails_is_void() -> None:
     assert verdict_of(SLIDES, outcome(end_m=0.5, fired=False)) == "void"
     assert verdict_of(SLIDES, outcome(end_m=0.5, ended="failed")) == "void"
     assert verdict_of(SLIDES, outcome(SLIDES, apart=Apart([], {}))) == "void"  # nothing compared
-    nudged = outcome(replace(SLIDES, effect=Effect(0.35, "m")), end_m=1e-9)
-    assert verdict_of(SLIDES, outcome(end_m=0.5), nudged=nudged) == "chaotic"
 
 
 def test_an_outcome_moves_at_the_end_or_else_on_the_way() -> None:

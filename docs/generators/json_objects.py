@@ -172,16 +172,17 @@ TRIED = Object(
     {
         **TRIAL_SAYS,
         "verdict": "`cured`: at most a fifth of the effect is left, the outcome moves by more than "
-        "ten times what a nudge moves, nothing graver is new, and the run ends as before; `part`: "
-        "some of this; `chaotic`: the nudge alone changes the finding; `refuted`: it is as before; "
-        "`void`: no call was changed, nothing can be compared, or the script fails with it; "
-        "`untried`: there was no time, or the engine has no such intervention.",
+        "ten times what a nudge moves, nothing grave is new, no body is thrown, and the run ends "
+        "as before; `part`: some of this; `chaotic`: the nudge moves the outcome as far; "
+        "`refuted`: it is as before, or nothing has moved; `void`: no call was changed, nothing "
+        "can be compared, or the script fails with it; `untried`: there was no time, or the engine "
+        "has no such intervention.",
         "before": "The finding's effect in the script's own run; null where it has none.",
         "after": "The same in the trial; null where the finding is gone.",
         "unit": "Of both.",
         "left": "Share of the effect that is left; null where the finding's code is itself a "
         "cause, which the trial takes away whether or not it matters: there the outcome decides.",
-        "new": "Codes of graver findings that only the trial has.",
+        "new": "Codes of grave findings that only the trial has.",
         "recording": "Of the trial; null where it was not run.",
     },
     frozenset(

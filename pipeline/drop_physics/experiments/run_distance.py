@@ -22,6 +22,8 @@ MOST_POINTS = 4096
 """Most points of a curve."""
 STEPS = 4096
 """Steps of the script's own run that are compared at a time."""
+Motion = tuple[Float64, Float64]
+"""Positions and rates of one thing over steps, shapes (n, k) and (n, j)."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,10 @@ class Track:
     from_s: float = math.inf
     first: float = 0.0
     """Their distance at that step."""
+    fastest: float = 0.0
+    """The greatest rate in the script's own run, in units of the position per second."""
+    their_fastest: float = 0.0
+    """The greatest rate in the other run."""
     same: bool = True
 
     def add(self, steps: Int64, times_s: Float64, mine: Float64, theirs: Float64) -> Float64:
@@ -154,9 +160,9 @@ def apart(base: Seen, other: Seen, *, finer: int = 1) -> Apart:
         for theirs in numbers.keys() & found[0].keys():
             body, number = base.bodies[theirs], numbers[theirs]
             both = together(found[0][theirs], found[1].get(number, NOTHING), finer=finer)
-            was, values = (_positions(body, each) for each in both)
+            was, values = (_motions(body, each) for each in both)
             for joint, unit in was.keys() & values.keys():
-                start = was[joint, unit]
+                (start, own_rates), (place, rates) = was[joint, unit], values[joint, unit]
                 rows = np.flatnonzero(np.isfinite(start).all(axis=1))
                 if not len(rows):
                     continue
@@ -166,7 +172,9 @@ def apart(base: Seen, other: Seen, *, finer: int = 1) -> Apart:
                     key, Track(theirs, number, body.label, joint, unit, at, at, at)
                 )
                 now_s = times[body.client].of_all(steps)
-                off = track.add(steps, now_s, start[rows], values[joint, unit][rows])
+                off = track.add(steps, now_s, start[rows], place[rows])
+                track.fastest = max(track.fastest, _greatest(own_rates))
+                track.their_fastest = max(track.their_fastest, _greatest(rates))
                 times_s[steps] = np.maximum(times_s[steps], now_s)
                 curves[unit][steps] = np.maximum(curves[unit][steps], off)
     units = {unit for _, _, unit in tracks}
@@ -207,16 +215,25 @@ def _thinned(times_s: Float64, off: Float64) -> tuple[Float64, Float64]:
     return np.maximum.reduceat(times_s, edges), np.maximum.reduceat(off, edges)
 
 
-def _positions(body: Body, motion: BodySamples) -> dict[tuple[str | None, str], Float64]:
-    """Return the positions of a body, by joint and unit."""
-    found: dict[tuple[str | None, str], Float64] = {}
+def _motions(body: Body, motion: BodySamples) -> dict[tuple[str | None, str], Motion]:
+    """Return positions and rates of a body, by joint and unit."""
+    found: dict[tuple[str | None, str], Motion] = {}
     if motion.base is not None:
-        numbers = motion_of(motion.base)[:, :7]
-        found |= {(None, "m"): numbers[:, :3], (None, "rad"): numbers[:, 3:]}
+        numbers = motion_of(motion.base)
+        found |= {
+            (None, "m"): (numbers[:, :3], numbers[:, 7:10]),
+            (None, "rad"): (numbers[:, 3:7], numbers[:, 10:]),
+        }
     if motion.joints is not None:
-        for name, unit, columns, _ in joints_of(body):
-            found[name, unit] = motion.joints.position[:, columns]
+        for name, unit, columns, rates in joints_of(body):
+            found[name, unit] = motion.joints.position[:, columns], motion.joints.velocity[:, rates]
     return found
+
+
+def _greatest(rates: Float64) -> float:
+    """Return the greatest length of some rates, shape (n, k); infinite if one is not finite."""
+    lengths = np.linalg.norm(rates, axis=1)
+    return float(np.where(np.isnan(lengths), np.inf, lengths).max(initial=0.0))
 
 
 def joints_of(body: Body) -> Iterator[tuple[str, str, slice, slice]]:

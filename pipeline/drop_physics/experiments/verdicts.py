@@ -28,9 +28,13 @@ BEYOND = 10.0
 TRIFLE = 1e-3
 """An outcome that moves less than this share of what moves most has not moved."""
 GRAVE = LEVELS.index("model")
-"""Findings of this level, and what is less, are no reason to refuse a cure."""
+"""New findings of this level, and what is less, are no reason to refuse a cure."""
 CHAOTIC = 0.2
-"""A symptom that a nudge changes by more than this share is one of many."""
+"""A symptom that a nudge changes by more than this share is one of many: no trial has cured it."""
+WILDER = 2.0
+"""A run throws a body where its greatest rate is so many times that of the script's own run."""
+THROWN = {"m": 1.0, "rad": 10.0}
+"""Rates below which no body counts as thrown [m/s, rad/s]."""
 
 GROWS = "unstable"
 """The code of a symptom in which a nudge grows: that a trial takes it away shows something, though
@@ -106,35 +110,36 @@ class TrialVerdict:
     left: float | None
     """Share of the effect that is left; null where the finding's code is itself a cause."""
     new: list[str]
-    """Codes of graver findings that the trial has and the script's own run has not."""
+    """Codes of grave findings that the trial has and the script's own run has not."""
 
 
 def moved(trial: Apart, nudge: Apart | None, about: Finding | None = None) -> Distance | None:
     """Return how far an outcome has moved; None where a nudge moves it as much.
 
-    At the end, where that is more than ten times what the nudge moves; else on the way, while it
-    is. Of the joint or the body that a finding is about, if that has moved.
+    At the end, where that is more than `APART` and ten times what the nudge moves; else on the
+    way, while it is, and if the nudge never moves as much. Of the joint or the body that a finding
+    is about, if that has moved.
     """
     noise = {} if nudge is None else {each.unit: each.value for each in nudge.end}
     ends = [
         track.distance(track.end, track.end_s)
         for track in trial.tracks
-        if track.end > BEYOND * noise.get(track.unit, 0.0)
+        if track.end > max(APART, BEYOND * noise.get(track.unit, 0.0))
     ]
     if about is not None:
-        mine = [each for each in ends if each.body == about.body and each.value > APART]
+        mine = [each for each in ends if each.body == about.body]
         ends = [each for each in mine if each.joint == about.joint] or mine or ends
     if ends:
         return max(ends, key=lambda each: each.value)
     found = []
     for unit, (times_s, off) in trial.curves.items():
-        least = np.zeros(len(off))
+        least, most = np.zeros(len(off)), 0.0
         if nudge is not None and unit in nudge.curves:
             curve = nudge.curves[unit][1]
-            count = min(len(off), len(curve))
+            count, most = min(len(off), len(curve)), float(curve.max(initial=0.0))
             least[:count] = np.maximum.accumulate(curve[:count])
             least[count:] = least[count - 1] if count else 0.0
-        sure = off > BEYOND * least
+        sure = (off > BEYOND * least) & (off > most)
         if sure.any():
             at = int(np.argmax(np.where(sure, off, 0.0)))
             worst = max((each for each in trial.tracks if each.unit == unit), key=lambda t: t.most)
@@ -169,13 +174,12 @@ def same_finding(finding: Finding, among: Sequence[Finding]) -> Finding | None:
     return next(iter(exact or near), None)
 
 
-def graver(finding: Finding, before: Sequence[Finding], after: Sequence[Finding]) -> list[str]:
-    """Return the codes of graver findings than one that only another run has."""
-    least = min(max(LEVELS.index(finding.level), 1), GRAVE)
+def grave(before: Sequence[Finding], after: Sequence[Finding]) -> list[str]:
+    """Return the codes of grave findings that only another run has."""
     return [
         each.code
         for each in after
-        if LEVELS.index(each.level) < least and same_finding(each, before) is None
+        if LEVELS.index(each.level) < GRAVE and same_finding(each, before) is None
     ]
 
 
@@ -194,23 +198,67 @@ def judged(
         return TrialVerdict("void", before, before, unit, None, [])
     other = same_finding(finding, trial.findings)
     after = None if other is None or other.effect is None else other.effect.value
-    left = _left(finding, other)
-    new = graver(finding, base.findings, trial.findings)
+    left = max(_left(finding, other), _still_as_fast(finding, trial.apart))
+    new = grave(base.findings, trial.findings)
     far = trial.began or moved(trial.apart, None if nudge is None else nudge.apart)
     own = far or moved(trial.apart, None)
     circular = finding.code in CAUSES
+    changed = _matters(own, trial.apart) if circular else left < REFUTED and _goes(finding, trial)
+    is_sure = circular or nudge is None or not _is_chaotic(finding, nudge.findings)
     verdict: Verdict
-    if nudge is not None and not circular and _is_chaotic(finding, nudge.findings):
-        verdict = "chaotic"
-    elif trial.is_same or not (_matters(own, trial.apart) if circular else left < REFUTED):
+    if trial.is_same or not changed:
         verdict = "refuted"
-    elif far is None and finding.code != GROWS:
+    elif far is None and not (finding.code == GROWS and is_sure):
         verdict = "chaotic"
-    elif far is not None and left <= CURED and not new and _as_long(trial, base):
-        verdict = "cured"
-    else:
+    elif far is None or left > CURED or new or not (is_sure and _as_long(trial, base)):
         verdict = "part"
+    else:
+        verdict = "cured" if circular or not _throws(trial.apart) else "part"
     return TrialVerdict(verdict, before, after, unit, None if circular else left, new)
+
+
+def _goes(finding: Finding, trial: Outcome) -> bool:
+    """Return whether a trial moves what a finding is about.
+
+    Where that is off by a distance, by a share of this distance: what stays where it was is off
+    as before, whether or not it is found so.
+    """
+    mine = [
+        track
+        for track in trial.apart.tracks
+        if track.body == finding.body and finding.joint in (None, track.joint)
+    ]
+    if finding.effect is not None:
+        off = [track.most for track in mine if track.unit == finding.effect.unit]
+        if off:
+            return max(off) > max(APART, (1 - REFUTED) * finding.effect.value)
+    return trial.began is not None or any(each.most > APART for each in trial.apart.tracks)
+
+
+def _still_as_fast(finding: Finding, trial: Apart) -> float:
+    """Return the share of the rate of an instability that its joint or body still has; else 0."""
+    if finding.code != GROWS or finding.effect is None:
+        return 0.0
+    rates = [
+        track.their_fastest
+        for track in trial.tracks
+        if (track.body, track.joint, f"{track.unit}/s")
+        == (finding.body, finding.joint, finding.effect.unit)
+    ]
+    return max(rates, default=0.0) / finding.effect.value
+
+
+def _throws(trial: Apart) -> bool:
+    """Return whether a trial throws a body that the script's own run does not."""
+    bases = [track for track in trial.tracks if track.joint is None]
+    return any(
+        max((track.their_fastest for track in bases if track.unit == unit), default=0.0)
+        > max(
+            least,
+            WILDER * max((track.fastest for track in bases if track.unit == unit), default=0.0),
+        )
+        for unit, least in THROWN.items()
+    )
 
 
 def _left(finding: Finding, other: Finding | None) -> float:

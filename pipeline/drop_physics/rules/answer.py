@@ -126,14 +126,17 @@ class Finding:
 
     @property
     def advised(self) -> str | None:
-        """The advice as shown: a proposal if it is only to be tried; None if a trial refuted it."""
+        """The advice as shown: to be tried unless a trial cured; None if its trial refuted it.
+
+        Of a finding that names a cause itself a trial shows that the outcome hangs on that cause,
+        and not that the advice is what anyone wants.
+        """
         same = self.cure and (self.cure.name, self.cure.value)
-        shown = {
-            each["verdict"] for each in self.tried if (each["name"], each.get("value")) == same
-        }
-        if self.advice is None or shown == {"refuted"}:
+        own = [each for each in self.tried if (each["name"], each.get("value")) == same]
+        if self.advice is None or {each["verdict"] for each in own} == {"refuted"}:
             return None
-        if not self.proposed or shown & {"cured", "part"}:
+        cured = any(each["verdict"] == "cured" and each["left"] is not None for each in own)
+        if cured or not self.proposed:
             return self.advice
         return Message("to try: {advice}", advice=self.advice)
 

@@ -16,7 +16,7 @@ from types import ModuleType
 from typing import Any
 
 from .hidden import hide
-from .sites import INSTALLED
+from .sites import INSTALLED, is_library
 
 SEEDS = ("seed", "setstate", "set_state", "set_bit_generator")
 """Functions of a generator that determine what it draws."""
@@ -67,7 +67,8 @@ class Draws:
                 return self._entropy.getrandbits(count)
             frame = _getframe(1)
             # A seed of numpy's own generator is reported once that draws.
-            if frame.f_code.co_filename != __file__ and not _gives_seed(frame):
+            seeds = frame.f_code.co_filename == __file__ or _gives_seed(frame)
+            if not (seeds or is_made(frame)):
                 self._drawn("numpy.random.SeedSequence", frame)
             return int(original(count))
 
@@ -138,6 +139,15 @@ def is_imported(frame: Any) -> bool:
         if code.co_name == "<module>" and not code.co_filename.startswith("<"):
             is_main = frame.f_globals.get("__name__") == "__main__"
             return not is_main and INSTALLED.search(code.co_filename) is not None
+        frame = frame.f_back
+    return False
+
+
+def is_made(frame: Any) -> bool:
+    """Return whether a library makes an object of its own, which may be seeded before it draws."""
+    while frame is not None and is_library(frame.f_code.co_filename):
+        if frame.f_code.co_name == "__init__":
+            return True
         frame = frame.f_back
     return False
 

@@ -209,8 +209,8 @@ class ScriptWatch:
         self.tell(what, file=file, line=line, **values)
 
     def tell_draw(self, called: str, frame: Any) -> None:
-        """Report an unseeded random number."""
-        self.tell_place("unseeded", frame, called=called)
+        """Report an unseeded random number, at the line of the script that has it drawn."""
+        self.tell_place("unseeded", self.sites.outside(frame), called=called)
 
     def tell_intervention(self, number: int) -> None:
         """Report that an intervention has changed something, once."""
