@@ -220,7 +220,7 @@ sys.meta_path.insert(0, Listen)
 LOOKED_FOR = {
     *("__main__", "_drop_engines", "cython", "drop_physics", "sitecustomize", "usercustomize"),
     *("_polars_runtime_64", "_polars_runtime_compat", "_sysconfigdata__linux_x86_64-linux-gnu"),
-    *("altair", "backports", "boto3", "brotli", "brotlicffi", "chardet", "dartpy", "deltalake"),
+    *("altair", "backports", "boto3", "brotli", "brotlicffi", "chardet", "deltalake"),
     *("fsspec", "gevent", "great_tables", "org", "pinocchio", "polars_cloud", "polars_nanook"),
     *("pyiceberg", "pytz", "simplejson", "socks", "torch"),
 }

@@ -178,7 +178,7 @@ def test_the_pipeline_to_copy_is_50_lines_and_comes_to_what_we_say(
     assert {path.name for path in tmp_path.iterdir()} == {"falls.rrd", "falls.png", "falls.gif"}
 
 
-NAMED_ON = ("architecture", "engines", "pipeline")
+NAMED_ON = ("architecture", "pipeline")
 """Pages that say in which file of ours something is."""
 
 

@@ -1,4 +1,4 @@
-"""The same drop in every engine: recorded as the engine steps it, and explained by its own law.
+"""The same drop in both engines: recorded as the engine steps it, and explained by its own law.
 
 MuJoCo has more in `test_mujoco`.
 """
@@ -21,8 +21,7 @@ from drop_physics.compare.comparison import Comparison
 from drop_physics.drop.case import Case
 from drop_physics.engines import other_world
 from drop_physics.engines.pybullet.world import World
-from drop_physics.errors import DropError, ScenarioError
-from drop_physics.explain.decomposition import TERMS
+from drop_physics.errors import ScenarioError
 from drop_physics.recording import other_layer, writer
 from drop_physics.recording.reader import Recording, read, recording_id
 from drop_physics.stages.check import check
@@ -33,12 +32,6 @@ from dropped import departs, seen_with
 from engine import shape, urdf_of
 from rerun.chunk import RrdReader
 
-MODULES = {"mujoco": "mujoco", "dart": "dartpy", "drake": "pydrake", "physx": "sapien"}
-OTHERS = [
-    pytest.param(engine, marks=[] if engine == "mujoco" else [pytest.mark.needs(module)])
-    for engine, module in MODULES.items()
-]
-DRAKE, PHYSX, DART = (pytest.mark.needs(MODULES[name]) for name in ("drake", "physx", "dart"))
 BODIES = ("cube_small.urdf", "sphere_small.urdf", "block.urdf", "lego/lego.urdf")
 TUMBLING = {
     "orientation": (20.0, 30.0, 0.0),
@@ -52,12 +45,12 @@ HEAVY = (
 )
 
 
-def drawn(engine: str, seed: int) -> Scenario:
+def drawn(seed: int) -> Scenario:
     """Return a scenario of a body in the air; every second is thrown, every third spins."""
     rng = np.random.default_rng(seed)
     timestep_s = float(rng.choice([1 / 240, 1 / 1000, 0.01, 0.0003]))
     values: dict[str, object] = {
-        "engine": engine,
+        "engine": "mujoco",
         "height_m": float(rng.uniform(50, 100)),
         "timestep_s": timestep_s,
         "duration_s": 60 * timestep_s,
@@ -70,8 +63,6 @@ def drawn(engine: str, seed: int) -> Scenario:
     if seed % 3 == 0:
         values["spin_rad_s"] = tuple(rng.uniform(-9, 9, 3).tolist())
         values["orientation"] = tuple(rng.uniform(-90, 90, 3).tolist())
-    if seed % 5 == 0 and engine != "mujoco":
-        values["linear_damping"] = float(rng.uniform(0, 1))
     return Scenario(**values)  # type: ignore[arg-type]
 
 
@@ -80,143 +71,62 @@ def dropped(scenario: Scenario) -> Case:
         return case_of(world, world.samples(1000))
 
 
-@pytest.mark.parametrize("engine", OTHERS)
-def test_every_step_in_the_air_follows_the_law(engine: str) -> None:
+def test_every_step_in_the_air_follows_the_law() -> None:
     to_the_bit = 0
     for seed in range(40):
-        case = dropped(drawn(engine, seed))
+        case = dropped(drawn(seed))
         assert departs(case) is None, seed
         (samples,) = case.parts()
         after = case.law.step(samples.before())
         same = np.array_equal(after.velocity_m_s[1:], samples.velocity_m_s[1:])
         to_the_bit += same and np.array_equal(after.position_m[1:], samples.position_m[1:])
-    # MuJoCo and DART: those that fall straight, without spin. Drake and PhysX: all of them.
-    assert to_the_bit >= {"mujoco": 13, "dart": 13, "drake": 40, "physx": 40}[engine]
+    # Those that fall straight, without spin.
+    assert to_the_bit >= 13
 
 
-@pytest.mark.parametrize(
-    "values",
-    [
-        # Drake steps to a rounded time: at 4 s and 42 m/s that moves a body by 3e-14 m.
-        pytest.param({"engine": "drake", "height_m": 100.0, "duration_s": 4.5}, marks=DRAKE),
-        pytest.param({"engine": "drake", "velocity_m_s": (0.0, 0.0, 20.0)}, marks=DRAKE),
-        # MuJoCo: rounding turns a body that is thrown sideways by less than 1e-15 rad/s.
-        {
-            "engine": "mujoco",
-            "timestep_s": 10.0,
-            "duration_s": 1000.0,
-            "gravity_m_s2": -1.62,
-            "velocity_m_s": (1e-9, 0.3, -2.0),
-            "height_m": 100.0,
-            "heavy": True,
-        },
-        # PhysX: what damping leaves in the end is too small for a float32.
-        pytest.param(
-            {
-                "engine": "physx",
-                "timestep_s": 1.0,
-                "duration_s": 200.0,
-                "gravity_m_s2": 0.0,
-                "velocity_m_s": (1.0, 0.0, 1.0),
-                "spin_rad_s": (1.0, 2.0, 0.5),
-                "linear_damping": 0.5,
-                "angular_damping": 0.5,
-                "heavy": True,
-            },
-            marks=PHYSX,
-        ),
-    ],
-    ids=["drake", "drake-apex", "mujoco", "physx"],
-)
-def test_a_long_flight_follows_the_law_as_well(values: dict[str, Any], tmp_path: Path) -> None:
-    values = dict(values)
-    if values["engine"] == "drake":
-        values = {"integrator": "continuous", "duration_s": 4.0, **values}
-    if values.pop("heavy", False):
-        values["body"] = str(tmp_path / "heavy.urdf")
-        Path(values["body"]).write_text(HEAVY)
-    assert departs(dropped(Scenario(**values, floor=False))) is None
-
-
-@PHYSX
-def test_physx_spins_by_its_law_to_the_bit() -> None:
-    for seed in range(0, 30, 3):
-        case = dropped(drawn("physx", seed))
-        (samples,) = case.parts()
-        after = case.law.step(samples.before())
-        assert np.array_equal(after.spin_rad_s[1:], samples.spin_rad_s[1:])
-
-
-@PHYSX
-def test_terms_add_up_though_physx_rounds_the_release_to_single_precision(
-    recorded: Recorder,
-) -> None:
-    recording = recorded(
-        engine="physx", height_m=2.06, velocity_m_s=(0.1, 0.0, 0.3), linear_damping=0.5, floor=False
+def test_a_long_flight_follows_the_law_as_well(tmp_path: Path) -> None:
+    """Rounding turns a body that is thrown sideways by less than 1e-15 rad/s."""
+    heavy = tmp_path / "heavy.urdf"
+    heavy.write_text(HEAVY)
+    scenario = Scenario(
+        engine="mujoco",
+        body=str(heavy),
+        timestep_s=10.0,
+        duration_s=1000.0,
+        gravity_m_s2=-1.62,
+        velocity_m_s=(1e-9, 0.3, -2.0),
+        height_m=100.0,
+        floor=False,
     )
-    analysis = judge(recording)
-    first = recording.states.row(0, named=True)
-    assert first["z_m"] == float(np.float32(2.06)) != 2.06
-    found = analysis.table.select("error_m", *(f"{name}_m" for name in TERMS)).to_numpy()
-    # The terms are below 1 m, so each of them, and each of their sums, rounds by 1.1e-16 m at most.
-    assert np.abs(found[:, 0] - found[:, 1:].sum(axis=1)).max() < 1e-15
-    assert found[0].tolist() == [first["z_m"] - 2.06, 0, 0, 0, first["z_m"] - 2.06]
-    # A flight begins with its first sample, whatever was asked for.
-    (flight,) = analysis.flights
-    assert flight.terms_m is not None
-    off_m = found[-1, 0] - flight.error_m[2]
-    speed_m_s = first["vz_m_s"] - 0.3
-    assert off_m == pytest.approx(first["z_m"] - 2.06 + speed_m_s * flight.end_s, abs=1e-14)
-    assert sum(getattr(flight.terms_m, name)[2] for name in TERMS) == pytest.approx(
-        flight.error_m[2], abs=1e-15
-    )
-    engine = recording.engine
-    speeds = [first[f"v{axis}_m_s"] for axis in "xyz"]
-    energy_j = engine.mass_kg * (np.dot(speeds, speeds) / 2 - engine.gravity_m_s2[2] * first["z_m"])
-    assert analysis.conservation.energy_initial_j == pytest.approx(energy_j, rel=1e-15)
+    assert departs(dropped(scenario)) is None
 
 
-@pytest.mark.parametrize("engine", OTHERS)
-def test_an_altered_sample_is_noticed(engine: str) -> None:
-    case = dropped(drawn(engine, 9))
+def test_an_altered_sample_is_noticed() -> None:
+    case = dropped(drawn(9))
     assert departs(case) is None
     states = table_of(case.seen.states)
-    off = 1e-3 if engine == "physx" else 1e-7
     for column in ("x_m", "vz_m_s", "wy_rad_s", "qx"):
-        moved = pl.when(pl.col("step") == 30).then(pl.col(column) + off).otherwise(column)
+        moved = pl.when(pl.col("step") == 30).then(pl.col(column) + 1e-7).otherwise(column)
         altered = seen_with(case.seen, states.with_columns(moved.alias(column)))
         assert departs(replace(case, seen=altered)) == 30, column
 
 
-@pytest.mark.parametrize(
-    ("engine", "height_m", "error_mm"),
-    [
-        ("mujoco", 0.5524187499999997, -6.13125),
-        pytest.param("dart", 0.5524187499999997, -6.13125, marks=DART),
-        pytest.param("drake", 0.5524187499999997, -6.13125, marks=DRAKE),
-        pytest.param("physx", 0.5524188876152039, -6.13111, marks=PHYSX),
-    ],
-)
-def test_all_share_the_integrator(
-    recorded: Recorder, engine: str, height_m: float, error_mm: float
-) -> None:
-    (moment,) = judge(recorded(engine=engine)).at
-    assert moment.simulated_m == height_m
-    assert moment.error_m * 1e3 == pytest.approx(error_mm, abs=5e-6)
+def test_both_share_the_integrator(recorded: Recorder) -> None:
+    (moment,) = judge(recorded(engine="mujoco")).at
+    assert moment.simulated_m == 0.5524187499999997
+    assert moment.error_m * 1e3 == pytest.approx(-6.13125, abs=5e-6)
     assert moment.terms_m is not None
     assert moment.terms_m.timestep * 1e3 == pytest.approx(-6.13125, rel=1e-12)
     assert moment.terms_m.damping == 0
-    rounding_m = abs(moment.terms_m.rounding)
-    assert 1e-8 < rounding_m < 2e-7 if engine == "physx" else rounding_m < 1e-15
+    assert abs(moment.terms_m.rounding) < 1e-15
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("engine", OTHERS)
 def test_the_same_run_is_the_same_to_the_bit(
-    tmp_path: Path, drop: Drop, drop_process: Drop, engine: str
+    tmp_path: Path, drop: Drop, drop_process: Drop
 ) -> None:
     """In two processes."""
-    tumbling = ("--spin", "3,5,-2", "--velocity", "1,0,1", "--no-camera", "--engine", engine)
+    tumbling = ("--spin", "3,5,-2", "--velocity", "1,0,1", "--no-camera", "--engine", "mujoco")
     for name, call in (("a.rrd", drop), ("b.rrd", drop_process)):
         done = call("simulate", *tumbling, "--out", name)
         assert done.returncode == 0, done.stderr
@@ -227,11 +137,10 @@ def test_the_same_run_is_the_same_to_the_bit(
     assert a.contacts.equals(b.contacts)
 
 
-@pytest.mark.parametrize("engine", OTHERS)
-def test_findings_about_contact_are_true(recorded: Recorder, engine: str) -> None:
+def test_findings_about_contact_are_true(recorded: Recorder) -> None:
     """A tumbling body is explained, or the reason is given, and never called altered."""
     for scenario in ({}, TUMBLING, {"timestep_s": 1 / 960}, {"body": "sphere_small.urdf"}):
-        analysis = judge(recorded(engine=engine, **scenario))
+        analysis = judge(recorded(engine="mujoco", **scenario))
         codes = {finding.code for finding in analysis.findings}
         assert not codes & {"law-mismatch", "default-damping", "bounce-swallowed"}
         assert "PyBullet" not in str(analysis.findings)
@@ -278,108 +187,23 @@ def test_a_contact_that_gives_way_gradually_is_not_blamed_on_the_step(recorded: 
     assert "deep-penetration" not in {finding.code for finding in analysis.findings}
 
 
-@DRAKE
-@pytest.mark.parametrize(
-    "options", [{"timestep_s": 1 / 60}, {"timestep_s": 0.05, "duration_s": 1.0, "height_m": 0.3}]
-)
-def test_a_step_past_drakes_floor_is_not_a_collision_filter(
-    recorded: Recorder, options: dict[str, Any]
-) -> None:
-    """Drake meets the floor's surface only; with a shorter step the same body lands."""
-    messages = {
-        finding.code: said(finding)
-        for finding in judge(recorded(engine="drake", **options)).findings
-    }
-    assert "m in a step, and contact is checked only between steps" in messages["tunnelled"]
-    shorter = judge(recorded(engine="drake", **{**options, "timestep_s": 1 / 240}))
-    assert shorter.impact is not None
-
-
-@DART
-def test_dart_accounts_for_every_force(recorded: Recorder) -> None:
-    for scenario in ({}, TUMBLING, {"body": "block.urdf", "restitution": 0.6}):
-        analysis = judge(recorded(engine="dart", **scenario))
-        assert analysis.explained.why is None
-        assert analysis.segments["contact"] > 10
-
-
-@DART
-def test_dart_loses_digits_of_a_body_that_is_nearly_upright(
-    recorded: Recorder, tmp_path: Path
-) -> None:
-    """Below 1e-3 rad its orientation is off by 1e-10, and so is where its velocity leads."""
-    body = tmp_path / "cylinder.urdf"
-    body.write_text(
-        '<robot name="c"><link name="b"><inertial><mass value="0.4"/><inertia ixx="0.001" '
-        'iyy="0.001" izz="0.0004" ixy="0" ixz="0" iyz="0"/></inertial><collision><geometry>'
-        '<cylinder radius="0.02" length="0.06"/></geometry></collision></link></robot>'
-    )
-    analysis = judge(
-        recorded(
-            engine="dart",
-            timestep_s=1 / 60,
-            height_m=0.03,
-            body=str(body),
-            linear_damping=1.0,
-            spin_rad_s=(0.26897543229944176, 6.093424822789364, 0.0),
-            friction=3.0,
-        )
-    )
-    assert analysis.explained.why is None
-
-
-@DRAKE
-def test_drake_rests_as_deep_as_its_modulus_lets_it(recorded: Recorder) -> None:
-    analysis = judge(recorded(engine="drake", mass_kg=0.2, duration_s=2.0))
-    assert analysis.rest is not None
-    assert analysis.rest.error_m is not None
-    assert analysis.rest.sinks_m == pytest.approx(0.2 * 9.81 * 0.025 / (1e7 * 0.05**2), rel=1e-12)
-    assert analysis.rest.error_m == pytest.approx(-analysis.rest.sinks_m, abs=1e-9)
-
-
-@DRAKE
-def test_drake_continuous_has_no_error_but_rounding(recorded: Recorder) -> None:
-    continuous: Any = {"engine": "drake", "integrator": "continuous", "duration_s": 0.4}
-    analysis = judge(recorded(**continuous))
-    (moment,) = analysis.at
-    assert moment.terms_m is not None
-    assert moment.terms_m.timestep == 0
-    assert abs(moment.error_m) < 1e-14
-    spinning = judge(recorded(**continuous, spin_rad_s=(1.0, 2.0, 3.0)))
-    assert spinning.coverage.samples == 1
-    assert "no law of a step is known" in spinning.coverage.why
-    assert "law-mismatch" not in {finding.code for finding in spinning.findings}
-
-
-@PHYSX
-def test_restitution_is_combined_as_the_engine_does(recorded: Recorder) -> None:
-    ball = {"body": "sphere_small.urdf", "restitution": 0.5, "height_m": 0.5}
-    physx, dart = (recorded(engine=engine, **ball).engine for engine in ("physx", "dart"))
-    assert physx.pair_restitution == 0.5
-    assert dart.pair_restitution == 0.25
-    for engine, asked in (("physx", 0.5), ("dart", 0.25)):
-        bounce = judge(recorded(engine=engine, **ball)).bounces[0]
-        assert bounce.effective_restitution == pytest.approx(asked, rel=0.02)
-
-
-@pytest.mark.parametrize("engine", OTHERS)
 @pytest.mark.parametrize(
     ("tilt_deg", "rest_m"),
     [(0, 0.15), (30, 0.15 * np.cos(np.pi / 6) + 0.1 * np.sin(np.pi / 6))],
 )
 def test_a_cylinder_is_a_cylinder(
-    recorded: Recorder, tmp_path: Path, engine: str, tilt_deg: float, rest_m: float
+    recorded: Recorder, tmp_path: Path, tilt_deg: float, rest_m: float
 ) -> None:
-    """PyBullet makes it a hull, 1 mm thicker; its inertia is the hull's in every engine."""
+    """PyBullet makes it a hull, 1 mm thicker; its inertia is the hull's in both engines."""
     can = urdf_of(tmp_path, shape('<cylinder radius="0.1" length="0.3"/>'))
     body = {"body": can, "orientation": (float(tilt_deg), 0.0, 0.0), "height_m": 0.2}
-    recording, bullets = recorded(engine=engine, **body), recorded(**body).engine
+    recording, bullets = recorded(engine="mujoco", **body), recorded(**body).engine
     assert recording.engine.shape == "cylinder"
     assert recording.engine.shape_dimensions_m == (0.3, 0.1, 0.0)
     assert recording.engine.rest_height_m == pytest.approx(rest_m, abs=1e-14)
     assert (bullets.rest_height_m or 0) > rest_m + 9e-4
     assert recording.engine.inertia_kg_m2 == pytest.approx(bullets.inertia_kg_m2, rel=1e-6)
-    # It first pushes in the step after it has come to the floor; Drake's is a mesh.
+    # It first pushes in the step after it has come to the floor.
     first = int(recording.contacts.filter(pl.col("normal_force_n") > 0)["step"].to_list()[0])
     heights_m = recording.states["z_m"]
     assert heights_m[first - 2] > rest_m - 1e-3
@@ -410,22 +234,6 @@ def test_how_deep_a_shape_reaches_is_what_bullet_measures(
             assert depth_m == pytest.approx(world.rest_height_m, abs=1e-9)
 
 
-@DRAKE
-def test_a_drop_that_an_engine_cannot_compute_is_one_line() -> None:
-    """A slab that falls through Drake's floor in one step becomes non-finite there."""
-    scenario = Scenario(engine="drake", body="block.urdf", height_m=5.0, spin_rad_s=(90.0, 90.0, 0))
-    with other_world.OtherWorld(scenario) as world, pytest.raises(DropError, match="non-finite"):
-        list(world.samples(1000))
-
-
-@DART
-def test_dart_does_not_end_the_process_far_away(drop_process: Drop) -> None:
-    thrown = ("--engine", "dart", "--velocity", "0,0,1e4", "--timestep", "10", "--duration", "1e5")
-    done = drop_process("simulate", *thrown, "--gravity", "zero", "--no-camera", "--out", "x.rrd")
-    assert done.returncode == 1
-    assert "non-finite" in done.stderr
-
-
 def compared(one: Recording, other: Recording, **options: Any) -> Comparison:
     found = check(one.path, other.path, **options).comparison
     assert found is not None
@@ -437,12 +245,9 @@ def parted(one: Recording, other: Recording) -> str:
     return str(check(one.path, other.path).engines)
 
 
-@pytest.mark.parametrize("engine", ["mujoco", pytest.param("dart", marks=DART)])
-def test_a_spinning_body_agrees_to_what_is_said_and_not_to_the_bit(
-    recorded: Recorder, engine: str
-) -> None:
+def test_a_spinning_body_agrees_to_what_is_said_and_not_to_the_bit(recorded: Recorder) -> None:
     drop = {"spin_rad_s": (0.0, 0.0, 3.0), "velocity_m_s": (0.3, 0.1, 1.0), "height_m": 2.0}
-    other = recorded(engine=engine, **drop)
+    other = recorded(engine="mujoco", **drop)
     advice = parted(other, recorded(**drop))
     assert "--linear-damping 0 --angular-damping 0 and they agree to 1e-12 m" in advice
     undamped = recorded(**drop, linear_damping=0.0, angular_damping=0.0)
@@ -455,46 +260,28 @@ def test_a_spinning_body_agrees_to_what_is_said_and_not_to_the_bit(
     assert not np.array_equal(one, another)
 
 
-@pytest.mark.parametrize("engine", OTHERS)
-def test_a_default_that_is_what_the_other_was_told_is_no_difference(
-    recorded: Recorder, engine: str
-) -> None:
-    other = recorded(engine=engine)
+def test_a_default_that_is_what_the_other_was_told_is_no_difference(recorded: Recorder) -> None:
+    other = recorded(engine="mujoco")
     told = {"linear_damping": 0.0, "friction": other.engine.lateral_friction}
     comparison = compared(other, recorded(**told))
     assert [setting.column for setting in comparison.differences] == ["engine"]
-    if engine != "physx":
-        assert "agree to the bit until contact" in parted(other, recorded(**told))
+    assert "agree to the bit until contact" in parted(other, recorded(**told))
     damped = compared(other, recorded(**{**told, "linear_damping": 0.01}))
-    names = {"engine"} if engine == "mujoco" else {"engine", "linear_damping"}
-    assert {setting.column for setting in damped.differences} == names
+    assert {setting.column for setting in damped.differences} == {"engine"}
 
 
-@DRAKE
-def test_a_distance_is_not_broken_down_where_no_law_is_known(recorded: Recorder) -> None:
-    """Drake's continuous integrator follows damped fall to some nanometres, by no known step."""
-    drop = {"linear_damping": 0.5, "height_m": 20.0}
-    other = recorded(engine="drake", integrator="continuous", **drop)
-    looks_like = parted(other, recorded(**drop))
-    assert "mm apart along z" in looks_like
-    assert "timestep" not in looks_like
-
-
-@pytest.mark.parametrize("engine", OTHERS)
-def test_moving_from_pybullet_only_the_damping_differs(recorded: Recorder, engine: str) -> None:
-    said = parted(recorded(engine=engine), recorded())
-    if engine != "physx":
-        assert "--linear-damping 0 and they agree to the bit until contact" in said
+def test_moving_from_pybullet_only_the_damping_differs(recorded: Recorder) -> None:
+    said = parted(recorded(engine="mujoco"), recorded())
+    assert "--linear-damping 0 and they agree to the bit until contact" in said
     assert "damping -1" in said
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"engine": "dart", "contact_erp": 0.1}, "contact_erp is an option of PyBullet, not of"),
-        ({"engine": "drake", "restitution": 0.5}, "not of Drake; omit it"),
-        ({"engine": "physx", "integrator": "rk4"}, "integrator must be omitted for PhysX"),
-        ({"engine": "drake", "integrator": "rk4"}, "takes discrete, continuous, got rk4"),
+        ({"engine": "mujoco", "contact_erp": 0.1}, "contact_erp is an option of PyBullet, not of"),
+        ({"engine": "mujoco", "restitution": 0.5}, "not of MuJoCo; omit it"),
+        ({"engine": "bullet", "integrator": "rk4"}, "integrator must be omitted for PyBullet"),
     ],
 )
 def test_an_option_that_it_does_not_have(options: dict[str, object], message: str) -> None:

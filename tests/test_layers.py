@@ -32,7 +32,7 @@ ONLY_IN = {
 }
 CAMEL = re.compile(r"[a-z]+[A-Z]\w*")
 OF_MUJOCO = re.compile(r"mj[a-z]?_\w+")
-ENGINE = re.compile("(py)?bullet|mujoco|mj|dart|drake|physx", re.IGNORECASE)
+ENGINE = re.compile("(py)?bullet|mujoco|mj", re.IGNORECASE)
 LAWS = "drop_physics.physics.laws."
 # The judge never imports what it judges.
 JUDGE = ("physics/", "explain/", "rules/", "analysis/", "compare/", "drop/")

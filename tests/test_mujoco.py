@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -279,7 +280,7 @@ def test_frames_are_drawn_from_its_poses(tmp_path: Path) -> None:
         (["--restitution", "0.5"], "--restitution is an option of PyBullet"),
         (["--linear-damping", "0.1"], "not of MuJoCo; omit it"),
         (["--coordinates", "maximal"], "--coordinates is an option of PyBullet, not of MuJoCo"),
-        (["--integrator", "discrete"], "takes euler, rk4, implicit, implicitfast, got discrete"),
+        (["--integrator", "discrete"], "must be euler or rk4 or implicit or implicitfast, got"),
         (["--body", "r2d2.urdf"], "a body of one link"),
         (["--body", "duck_vhacd.urdf"], "drop it with --engine bullet"),
     ],
@@ -297,7 +298,8 @@ def test_an_integrator_of_pybullet_is_refused(drop: Drop) -> None:
 
 
 def test_an_engine_that_is_not_installed_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(other_world.SESSIONS, "mujoco", "not_installed_here:Session")
+    monkeypatch.delitem(sys.modules, "drop_physics.engines.mujoco.world", raising=False)
+    monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(ScenarioError, match=r"pip install '\.\[mujoco\]'"):
         other_world.OtherWorld(Scenario(engine="mujoco"))
 

@@ -35,7 +35,6 @@ AGAIN = "a page is stale; make it again with: python docs/regenerate.py"
 PAGES = pages.pages()
 MARKS = {
     "catalog.md": [pytest.mark.needs("datafusion")],
-    "engines.md": [pytest.mark.needs(module) for module in ("dartpy", "pydrake", "sapien")],
 }
 TRANSLATED = [page for page in PAGES if pages.translations(page)]
 
@@ -189,8 +188,7 @@ def test_every_extra_that_a_page_names_exists() -> None:
         for extra in ",".join(found).split(",")
         if extra
     }
-    engines = {"mujoco", "dart", "drake", "physx"}
-    assert named == {"catalog", "ray", "docs", "test", "dev", "notebook", "mp4"} | engines
+    assert named == {"catalog", "ray", "docs", "test", "dev", "notebook", "mp4", "mujoco"}
     assert named <= set(extras)
 
 

@@ -40,8 +40,7 @@ from generators.typed import ROOT, in_language, possible, run_command, run_pytho
 DOCS = ROOT / "docs"
 WALKTHROUGH = DOCS / "walkthrough.md"
 PIPELINE = DOCS / "pipeline.md"
-ENGINES = DOCS / "engines.md"
-DRAWN = (WALKTHROUGH, ENGINES, PIPELINE)
+DRAWN = (WALKTHROUGH, PIPELINE)
 """Pages whose pictures their own commands draw."""
 REFERENCES = {"commands.md", "recording.md"}
 """Pages that the other generators write from the code."""

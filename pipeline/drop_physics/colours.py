@@ -22,14 +22,8 @@ TERMS = {
     "rounding": ROUNDING,
 }
 """The error's terms, in the order used everywhere."""
-ENGINES = {
-    "bullet": SIMULATED,
-    "mujoco": "#ee6677",
-    "dart": "#228833",
-    "drake": "#a39128",
-    "physx": "#aa3377",
-}
-"""Paul Tol's bright palette, which no term uses; the yellow is darker, to be visible on white."""
+ENGINES = {"bullet": SIMULATED, "mujoco": "#ee6677"}
+"""Colours of Paul Tol's bright palette, which no term uses."""
 KINETIC = "#d55e00"
 ROTATION = "#cc79a7"
 POTENTIAL = "#56b4e9"

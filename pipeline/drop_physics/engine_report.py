@@ -80,9 +80,6 @@ class EngineReport:
         "measured by the engine's own collision detection; none without a shape",
         default=None,
     )
-    combined_restitution: float | None = _reported(
-        "of body and floor together, in an engine that does not multiply the two", default=None
-    )
     floor_lateral_friction: float | None = _reported("of the floor", default=None)
     floor_restitution: float | None = _reported(
         "of the floor; a bounce uses the product of this and the body's", default=None
@@ -92,9 +89,6 @@ class EngineReport:
     )
     solimp: tuple[float, ...] | None = _reported(
         "MuJoCo's five numbers of how a contact's impedance grows with its depth", default=None
-    )
-    modulus_pa: float | None = _reported(
-        "Drake's hydroelastic modulus of the body's shapes", default=None
     )
     engine_version: str | None = _reported("of an engine other than PyBullet", default=None)
     pybullet_api: int | None = _reported("PyBullet's API number", default=None)
@@ -112,12 +106,7 @@ class EngineReport:
 
     @property
     def pair_restitution(self) -> float | None:
-        """Restitution of body and floor together.
-
-        The product, unless the engine says otherwise (`btManifoldResult.cpp` 68-71, and DART).
-        """
-        if self.combined_restitution is not None:
-            return self.combined_restitution
+        """Restitution of body and floor together: the product (`btManifoldResult.cpp` 68-71)."""
         if self.restitution is None or self.floor_restitution is None:
             return None
         return self.restitution * self.floor_restitution

@@ -27,35 +27,28 @@ from drop_physics.option_types import (
 )
 
 Coordinates = Literal["reduced", "maximal"]
-Engine = Literal["bullet", "mujoco", "dart", "drake", "physx"]
-Integrator = Literal["euler", "rk4", "implicit", "implicitfast", "discrete", "continuous"]
+Engine = Literal["bullet", "mujoco"]
+Integrator = Literal["euler", "rk4", "implicit", "implicitfast"]
 Renderer = Literal["tiny", "egl"]
 View = Literal["standard", "close", "follow"]
 
-ENGINES: dict[Engine, str] = {
-    "bullet": "PyBullet",
-    "mujoco": "MuJoCo",
-    "dart": "DART",
-    "drake": "Drake",
-    "physx": "PhysX",
-}
+ENGINES: dict[Engine, str] = {"bullet": "PyBullet", "mujoco": "MuJoCo"}
 """The engines' proper names."""
 INTEGRATORS: dict[Engine, tuple[Integrator, ...]] = {
     "mujoco": ("euler", "rk4", "implicit", "implicitfast"),
-    "drake": ("discrete", "continuous"),
 }
-"""The integrators of engines that have several, the default first."""
-EXACT_INTEGRATORS = ("rk4", "continuous")
+"""The integrators of an engine that has several, the default first."""
+EXACT_INTEGRATORS = ("rk4",)
 """Integrators without an error under gravity alone."""
 ENGINES_WITH: dict[str, tuple[Engine, ...]] = {
-    "linear_damping": ("bullet", "dart", "drake", "physx"),
-    "angular_damping": ("bullet", "physx"),
-    "restitution": ("bullet", "dart", "physx"),
+    "linear_damping": ("bullet",),
+    "angular_damping": ("bullet",),
+    "restitution": ("bullet",),
     "restitution_threshold_m_s": ("bullet",),
-    "friction": ("bullet", "mujoco", "dart", "drake", "physx"),
+    "friction": ("bullet", "mujoco"),
     "contact_erp": ("bullet",),
     "solver_residual": ("bullet", "mujoco"),
-    "solver_iterations": ("bullet", "mujoco", "physx"),
+    "solver_iterations": ("bullet", "mujoco"),
     "substeps": ("bullet",),
     "coordinates": ("bullet",),
 }
@@ -264,7 +257,7 @@ class Scenario(Optioned):
     )
     integrator: Integrator | None = option(
         "--integrator",
-        "Of MuJoCo: euler, rk4, implicit, implicitfast; of Drake: discrete, continuous.",
+        "Of MuJoCo: euler, rk4, implicit, implicitfast.",
         default=None,
         shown="default",
         choices=get_args(Integrator),
@@ -311,7 +304,7 @@ class Scenario(Optioned):
 
     def _check_engine(self) -> None:
         """Check that the engine has the options that are given."""
-        name, integrators = ENGINES[self.engine], INTEGRATORS.get(self.engine, ())
+        name = ENGINES[self.engine]
         for field, engines in ENGINES_WITH.items():
             spec = self.options()[field]
             value = getattr(self, field)
@@ -325,17 +318,10 @@ class Scenario(Optioned):
                     engines=others,
                     engine=name,
                 )
-        if self.integrator is not None and self.integrator not in integrators:
-            if not integrators:
-                raise ScenarioError(
-                    "--integrator must be omitted for {engine}, which has only one, got {given}",
-                    engine=name,
-                    given=self.integrator,
-                )
+        if self.integrator is not None and self.engine not in INTEGRATORS:
             raise ScenarioError(
-                "--integrator of {engine} takes {integrators}, got {given}",
+                "--integrator must be omitted for {engine}, which has only one, got {given}",
                 engine=name,
-                integrators=", ".join(integrators),
                 given=self.integrator,
             )
 

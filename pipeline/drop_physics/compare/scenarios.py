@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from drop_physics.compare.difference import Difference, DropInputs, Setting
-from drop_physics.physics.laws.lookup import law_for
 from drop_physics.scenario import ENGINES_WITH
 
 SINGLE = 2.0**-22
@@ -64,12 +63,8 @@ def _alike(run: DropInputs, golden: DropInputs, name: str) -> bool:
 
 def _in_effect(side: DropInputs, name: str) -> tuple[Any, ...]:
     """Return what an engine makes of an option, numbers or, where that is not known, None."""
-    if name in ("linear_damping", "angular_damping"):
-        return (getattr(law_for(side.scenario, side.engine), name, None),)
     if name == "friction":
         return (side.engine.lateral_friction, side.engine.floor_lateral_friction)
-    if name == "restitution":
-        return (side.engine.restitution, side.engine.floor_restitution)
     return (None,)
 
 

@@ -12,10 +12,6 @@ from drop_physics.explain.segments import FLIGHT, segments_of
 from drop_physics.fields import counted
 from drop_physics.messages import Message
 from drop_physics.physics.base import Motion
-from drop_physics.scenario import Engine
-
-UNBALANCED: tuple[Engine, ...] = ("drake", "physx")
-"""Engines whose bodies depart from the law at contact points that exert nothing."""
 
 
 class Air:
@@ -28,8 +24,6 @@ class Air:
         """The first sample that touches the floor, or that a contact has acted on."""
         self.departs = 0 if self._follows and not case.released else None
         """The first sample to which neither the release nor the law leads; None if all follow."""
-        self.is_lawless = self.departs is not None and not case.law.covers(case.start)[0]
-        """Whether no law of the step is known to the sample that departs."""
         self.clamped_step: int | None = None
         """The first sample that was clamped to ±100 m/s or rad/s."""
         self.landed_step: int | None = None
@@ -80,9 +74,7 @@ class Air:
             self.clamped_step = _first(found.held & followed, part.first)
         if departs is None:
             return
-        row = departs - part.first
-        self.is_lawless = not case.law.covers(before.at(slice(row, row + 1)))[0]
-        if not self.is_lawless and case.scenario.floor and self._touched(part, before, row):
+        if case.scenario.floor and self._touched(part, before, departs - part.first):
             self.contact_step = departs
         else:
             self.departs = departs
@@ -93,8 +85,6 @@ class Air:
         A body that departs from the law within reach of the floor has touched it.
         """
         case = self._case
-        if case.scenario.engine in UNBALANCED and part.contact_points[row]:
-            return True
         if not case.hides_contacts:
             return False
         way_m = np.abs(before.velocity_m_s[row]).max() * case.timestep_s
@@ -121,13 +111,6 @@ class Air:
         """Return what ends the coverage, as far as it is known, and at which sample."""
         case = self._case
         departed = Message("the state does not follow {engine}'s law", engine=case.engine_name)
-        if self.is_lawless:
-            departed = Message(
-                "no law of a step is known for {engine}'s {integrator} integration of spin or "
-                "damping",
-                engine=case.engine_name,
-                integrator=case.scenario.effective_integrator,
-            )
         ends = [
             (case.samples, Message("the whole recording is in free flight")),
             (self.departs, departed),

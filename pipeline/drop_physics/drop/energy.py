@@ -27,7 +27,7 @@ class Energies:
     def __init__(self, case: Case) -> None:
         self._case = case
         self._known = case.is_rigid and case.substeps == 1
-        """Whether the law of the body is known, as far as was seen."""
+        """Whether the law of the body is known."""
         self._energy, self._momentum = Drift(), Drift()
         self._last_j = 0.0
         self._before_j: float | None = None
@@ -43,7 +43,6 @@ class Energies:
         if first > 0:
             self._energy.add(energies.total_j[:first])
             self._momentum.add(energies.angular_momentum_kg_m2_s[:first])
-        self._known = self._known and bool(self._case.law.covers(part).all())
         if self._known and first < len(part):
             self._touch(before, part, energies, max(first, 0))
         self._last_j = float(energies.total_j[-1])

@@ -110,8 +110,6 @@ def _distance(run: Flight, golden: Flight, last: int) -> Message:
                 step=int(held[0]),
             )
             return joined("; ", [distance, clamped])
-        if not case.law.covers(motion.at(slice(last))).all():
-            return distance
         start = motion.at(slice(0, 1))
         _, terms = error_and_terms(start, motion.position_m[last], case.law, steps=last)
         parts.append(terms)

@@ -12,7 +12,7 @@ import numpy as np
 
 from drop_physics.drop.case import Case
 from drop_physics.drop.phases import Phases
-from drop_physics.drop.posture import face_up, flat_height_m, stands, tilt_rad
+from drop_physics.drop.posture import flat_height_m, stands, tilt_rad
 from drop_physics.drop.results import Bounce, Contact, Landing, Rest, RestTerms
 from drop_physics.drop.samples import DropSamples
 from drop_physics.drop.touchdowns import Touchdown
@@ -329,13 +329,6 @@ def _sinks_m(case: Case, error_m: float) -> float | None:
         depth_m = mujoco_contact.rest_depth_m(
             gravity_m_s2, points, (time_constant_s, ratio), engine.solimp
         )
-    if gravity_m_s2 > 0 and engine.modulus_pa is not None and case.is_box:
-        axis, _ = face_up(case, case.end.orientation)
-        edges_m = np.array(engine.shape_dimensions_m)
-        area_m2 = float(np.prod(np.delete(edges_m, axis)))
-        # The pressure grows from 0 at the faces to the modulus in the middle.
-        stiffness_n_m = engine.modulus_pa * area_m2 / (edges_m[axis] / 2)
-        depth_m = engine.mass_kg * gravity_m_s2 / float(stiffness_n_m)
     if depth_m is None or abs(error_m + depth_m) > SUNK_M:
         return None
     return depth_m

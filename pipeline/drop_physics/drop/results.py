@@ -170,7 +170,7 @@ class Rest:
     terms_m: RestTerms | None
     """None where the contact law does not cover the landing."""
     sinks_m: float | None = None
-    """How deep the body's weight sinks it into the soft contact of MuJoCo or Drake, by a closed
+    """How deep the body's weight sinks it into the soft contact of MuJoCo, by a closed
     form; None where it lies elsewhere, and in other engines."""
 
 

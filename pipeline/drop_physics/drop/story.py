@@ -91,9 +91,8 @@ def _mismatch_step(fall: Fall, body: BodyAnalysis) -> int | None:
     left = [each.first_step for each in body.unexplained if each.reason == "remainder"]
     if not fall.case.is_rigid and fall.case.scenario.stepped:
         return None  # a mass that a call changed leaves the inertia of a first push
-    air = fall.course.air
-    if air.departs is not None and not air.is_lawless:
-        left.append(air.departs)
+    if (departs := fall.course.air.departs) is not None:
+        left.append(departs)
     return min(left, default=None)
 
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
 import math
 import struct
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
-from importlib import metadata
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -17,32 +15,19 @@ from drop_physics.arrays import Float64
 from drop_physics.engine_report import EngineReport
 from drop_physics.engines.finite import drop_samples, non_finite
 from drop_physics.engines.pybullet.world import World
-from drop_physics.engines.session import RigidBody, Session
+from drop_physics.engines.rigid_body import RigidBody
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.fields import counted
 from drop_physics.messages import Message
-from drop_physics.scenario import ENGINES, ENGINES_WITH, Engine, Scenario
+from drop_physics.scenario import ENGINES, ENGINES_WITH, Scenario
 from drop_physics.trace.events import Samples
 from drop_physics.trace.states import BASE, BODY, CONTACT, FLOOR
 
-Build = Callable[[Scenario, RigidBody], Session]
+if TYPE_CHECKING:
+    from drop_physics.engines.mujoco.world import MujocoSession
 
-SESSIONS: dict[Engine, str] = {
-    "mujoco": "drop_physics.engines.mujoco.world:MujocoSession",
-    "dart": "drop_physics.engines.dart:DartSession",
-    "drake": "drop_physics.engines.drake:DrakeSession",
-    "physx": "drop_physics.engines.physx:PhysxSession",
-}
-"""The session class of each engine; imported on demand."""
-DISTRIBUTIONS: dict[Engine, str] = {
-    "mujoco": "mujoco",
-    "dart": "dartpy",
-    "drake": "drake",
-    "physx": "sapien",
-}
-"""The distribution that provides each engine."""
 SHAPES = ("box", "sphere", "cylinder", "capsule")
-"""Kinds of shape that every engine here supports."""
+"""Kinds of shape that are dropped here."""
 BULLETS_OWN = (
     "substeps", "rolling_friction", "spinning_friction", "collision_margin_m", "pybullet_api",
     "contact_stiffness_n_m", "contact_damping_n_s_m", "solver_iterations", "restitution",
@@ -59,8 +44,6 @@ class OtherWorld:
     ----------
     scenario
         What to drop, and how.
-    build
-        Builds the session, given scenario and body; None for that of the scenario's engine.
 
     Raises
     ------
@@ -68,7 +51,7 @@ class OtherWorld:
         If the engine is not installed, or does not support the body.
     """
 
-    def __init__(self, scenario: Scenario, build: Build | None = None) -> None:
+    def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
         # Without the other engine's options: PyBullet only reads the body.
         plain: dict[str, Any] = {name: None for name in ENGINES_WITH if name != "coordinates"}
@@ -89,7 +72,7 @@ class OtherWorld:
             self._read = replace(self._read, rest_height_m=round(max(depths_m), 14) + 0.0)
         self.rest_height_m = self._read.rest_height_m
         self._steps = 0
-        self._session = (build or _installed(scenario.engine))(scenario, body)
+        self._session = _session(scenario, body)
 
     def __enter__(self) -> Self:
         return self
@@ -115,25 +98,20 @@ class OtherWorld:
         PyBullet's values are those of the URDF's `<contact>`, or its own defaults.
         """
         theirs, name = self.report(), ENGINES[self.scenario.engine]
-        for field, option, quantity in (
-            ("lateral_friction", "friction", Message("lateral friction")),
-            ("restitution", "restitution", Message("restitution")),
+        bullets, value = self._read.lateral_friction, theirs.lateral_friction
+        if (
+            self.scenario.friction is None
+            and bullets is not None
+            and value is not None
+            and not math.isclose(bullets, value, rel_tol=1e-6, abs_tol=1e-12)
         ):
-            bullets, value = getattr(self._read, field), getattr(theirs, field)
-            if (
-                getattr(self.scenario, option) is None
-                and None not in (bullets, value)
-                and not math.isclose(bullets, value, rel_tol=1e-6, abs_tol=1e-12)
-            ):
-                yield Message(
-                    "{engine} has a {quantity} of {value:.4g} for this body, where PyBullet has "
-                    "{bullets:.4g}; to have the same, set --{option}",
-                    engine=name,
-                    quantity=quantity,
-                    value=value,
-                    bullets=bullets,
-                    option=option,
-                )
+            yield Message(
+                "{engine} has a lateral friction of {value:.4g} for this body, where PyBullet has "
+                "{bullets:.4g}; to have the same, set --friction",
+                engine=name,
+                value=value,
+                bullets=bullets,
+            )
         for field, quantity in (
             ("rolling_friction", Message("rolling friction")),
             ("spinning_friction", Message("spinning friction")),
@@ -152,7 +130,7 @@ class OtherWorld:
             self._step()
 
     def _step(self) -> None:
-        """Take a step; some engines raise where others continue with nan."""
+        """Take a step; MuJoCo raises where PyBullet continues with nan."""
         self._steps += 1
         try:
             self._session.step()
@@ -206,22 +184,13 @@ class OtherWorld:
             yield drop_samples(steps, self.scenario.timestep_s, base, points)
 
 
-def other_versions(engines: Iterable[Engine]) -> dict[str, str]:
-    """Return the versions of those engines that are installed, except PyBullet's."""
-    versions = {}
-    for engine in engines:
-        with contextlib.suppress(KeyError, metadata.PackageNotFoundError):
-            versions[f"{engine}_version"] = metadata.version(DISTRIBUTIONS[engine])
-    return versions
-
-
 def rigid_body(world: World, report: EngineReport) -> RigidBody:
     """Return the body that PyBullet has read from a URDF.
 
     Raises
     ------
     ScenarioError
-        If it has joints, or shapes that not every engine supports.
+        If it has joints, or a shape of another kind.
     """
     body, shapes = world.scenario.body, world.shapes()
     if report.joints:
@@ -243,18 +212,17 @@ def rigid_body(world: World, report: EngineReport) -> RigidBody:
     return RigidBody(report.body_name, report.mass_kg, report.inertia_kg_m2, shapes)
 
 
-def _installed(engine: Engine) -> Build:
-    """Return the function that builds an engine's session."""
-    module, name = SESSIONS[engine].split(":")
+def _session(scenario: Scenario, body: RigidBody) -> MujocoSession:
+    """Return the body above a floor in the scenario's engine, which is an extra."""
     try:
-        build: Build = getattr(importlib.import_module(module), name)
+        from drop_physics.engines.mujoco.world import MujocoSession
     except ModuleNotFoundError as error:
         if (error.name or "").startswith("drop_physics"):
             raise
         raise ScenarioError(
             "--engine {engine} needs {name}, which is not installed; "
             "in a clone of drop: pip install '.[{engine}]'",
-            engine=engine,
-            name=ENGINES[engine],
+            engine=scenario.engine,
+            name=ENGINES[scenario.engine],
         ) from None
-    return build
+    return MujocoSession(scenario, body)

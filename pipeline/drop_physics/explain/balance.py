@@ -20,7 +20,7 @@ import numpy as np
 
 from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.touching import Touches
-from drop_physics.physics.base import Law, Motion
+from drop_physics.physics.base import ROUNDING, Law, Motion
 from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.physics.rowed import Rowed
 from drop_physics.physics.vectors import any_of, cross, largest, lengths, summed
@@ -82,8 +82,6 @@ class Balance:
     """Magnitude of the velocity that the solver may have added and taken back, shape (samples,)."""
     tried_rad_s: Float64
     """The same for the spin."""
-    unit: float
-    """Relative rounding error of one operation."""
 
     def closes(self, motion: Motion) -> Flags:
         """Return in which samples the recorded velocities follow from law and impulses."""
@@ -99,7 +97,7 @@ class Balance:
 
     def _rounding(self, tried: Float64) -> Float64:
         """Return the rounding that impulses may leave that the solver took back entirely."""
-        return np.where(self.touched, 0.0, ULPS * self.unit * tried)
+        return np.where(self.touched, 0.0, ULPS * ROUNDING * tried)
 
 
 def balance_of(
@@ -157,7 +155,6 @@ def balance_of(
         near=near,
         tried_m_s=tried_m_s,
         tried_rad_s=tried_rad_s,
-        unit=law.epsilon,
     )
 
 

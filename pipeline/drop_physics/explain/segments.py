@@ -21,7 +21,7 @@ import numpy as np
 from drop_physics.arrays import Flags, Float64, Int8
 from drop_physics.explain.balance import ULPS, Pushes, balance_of
 from drop_physics.explain.touching import Touches
-from drop_physics.physics.base import FUSED, Law, Motion
+from drop_physics.physics.base import FUSED, ORIENTED, ROUNDING, Law, Motion
 from drop_physics.physics.rotations import same_way
 from drop_physics.physics.vectors import any_of, largest, lengths
 
@@ -116,7 +116,7 @@ def _of_block(
     """Return the segments of some samples in a row."""
     balance = balance_of(motion, law, touches, pushes, before=before)
     several, bits = law.substeps > 1, law.bits(before)
-    exactly, ulps = 0.0 if exact else FUSED, ULPS * law.epsilon
+    exactly, ulps = 0.0 if exact else FUSED, ULPS * ROUNDING
 
     # With one step per sample, the sample's own velocities moved the body, whatever caused them.
     alone = balance.law
@@ -125,16 +125,14 @@ def _of_block(
     terms_m_s, terms_rad_s = law.terms(before)
     exactly_there = bits | law.moves_exactly
     turns = np.where(exactly_there, exactly, ulps)
-    aside = np.where(exactly_there, 0.0, law.oriented)
+    aside = np.where(exactly_there, 0.0, ORIENTED)
     place_m, turn = _off(position, moved.position_m), _off(orientation, moved.orientation)
     way_m = law.timestep_s * terms_m_s
     # A deviating orientation turns the path aside.
-    there = place_m <= (
-        turns * (largest(position) + way_m) + aside * way_m + law.clock_s * terms_m_s
-    )
+    there = place_m <= turns * (largest(position) + way_m) + aside * way_m
     # As uncertain as the spin that turned it, which may have been read back through a rotation.
     dt, spin_rad_s = law.timestep_s, lengths(motion.spin_rad_s)
-    there &= turn <= law.oriented + exactly + dt * (ulps * spin_rad_s + turns * terms_rad_s)
+    there &= turn <= ORIENTED + exactly + dt * (ulps * spin_rad_s + turns * terms_rad_s)
 
     sum_m_s = terms_m_s + largest(motion.velocity_m_s)
     sum_rad_s = terms_rad_s + largest(motion.spin_rad_s)
@@ -142,8 +140,7 @@ def _of_block(
     rounded = np.where(bits & ~near, exactly, ulps)
     fall_m_s = _off(motion.velocity_m_s, alone.velocity_m_s)
     fall_rad_s = _off(motion.spin_rad_s, alone.spin_rad_s)
-    pull_m_s2 = float(np.linalg.norm(law.gravity_m_s2))
-    free = fall_m_s <= rounded * (sum_m_s + balance.tried_m_s) + law.clock_s * pull_m_s2
+    free = fall_m_s <= rounded * (sum_m_s + balance.tried_m_s)
     free &= fall_rad_s <= rounded * (sum_rad_s + balance.tried_rad_s)
     closes, closes_linear = balance.closes(motion), balance.closes_linear(motion)
     balanced = closes & (not several)

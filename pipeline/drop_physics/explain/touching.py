@@ -86,7 +86,7 @@ class Touching:
         self._distance_m = np.ascontiguousarray(contacts["distance_m"])
         friction_n = np.column_stack([contacts[name] for name in ("friction_1_n", "friction_2_n")])
         # Farther apart than contactProcessingThreshold, Bullet reports the friction of another
-        # point; DART's points in contact may have friction alone.
+        # point.
         friction_n[(contacts["normal_force_n"] == 0) & (self._distance_m > 0)] = 0.0
         at_m = np.stack((contacts["position_a_m"], contacts["position_b_m"]), axis=1)
         self._forces = contact_forces(

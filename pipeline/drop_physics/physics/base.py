@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from decimal import Context, Decimal, localcontext
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +21,11 @@ FUSED = 1e-12
 """Relative difference allowed on other machines, where compilers may fuse multiply and add."""
 
 
-ORIENTED = 18
-"""Allowed deviation of the components of an orientation, in units of rounding: it is read back
-through a matrix, and sin and cos are not the engine's. Measured: 3."""
+ROUNDING = 2.0**-52
+"""Relative unit of rounding of the engines' numbers."""
+ORIENTED = 18 * ROUNDING
+"""Allowed deviation of the components of an orientation after a step: it is read back through a
+matrix, and sin and cos are not the engine's. Measured: 3 units of rounding."""
 
 
 class Drag(NamedTuple):
@@ -111,23 +113,10 @@ class Law(FreeBody, ABC):
     Where a method has no word of an engine's own, the engine has no limit of velocities.
     """
 
-    epsilon: ClassVar[float] = 2.0**-52
-    """Unit of rounding of the engine's numbers, relative."""
-    oriented: ClassVar[float] = ORIENTED * 2.0**-52
-    """Allowed deviation of the components of an orientation after a step."""
-
     @property
     @abstractmethod
     def drag(self) -> Drag:
         """The damping in continuous time."""
-
-    @property
-    def clock_s(self) -> float:
-        """Largest difference between a step and the timestep [s].
-
-        Not 0 where an engine steps from one rounded time to the next.
-        """
-        return 0.0
 
     @property
     def semi_implicit(self) -> bool:
@@ -141,10 +130,6 @@ class Law(FreeBody, ABC):
     @abstractmethod
     def moves_exactly(self) -> bool:
         """Whether `moved` has the engine's positions to the last bit."""
-
-    def covers(self, before: Motion) -> Flags:
-        """Return for which samples the engine's law is known to be this one, shape (n,)."""
-        return np.ones(len(before), np.bool_)
 
     def released(self, start: Motion) -> Motion:
         """Return a state as the engine stores it."""

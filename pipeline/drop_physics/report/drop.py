@@ -120,8 +120,6 @@ def _moment(moment: Moment, scenario: dict[str, Any], *, verbose: bool) -> Secti
     }
     if scenario["integrator"] in EXACT_INTEGRATORS:
         reasons["timestep"] = Message("none: the integrator is exact where only gravity acts")
-    if scenario["engine"] == "physx":
-        reasons["rounding"] = Message("single precision")
     values_m = [getattr(terms, name, moment.error_m) for name in reasons]
     # What is below the digits shown is of interest to who asks for all.
     lengths = (f"{millimetres(m) if verbose else decimals(m * 1e3, 4, '+')} mm" for m in values_m)
@@ -134,7 +132,7 @@ def _moment(moment: Moment, scenario: dict[str, Any], *, verbose: bool) -> Secti
 
 
 def _drag(scenario: dict[str, Any], is_felt: bool) -> Message:
-    if scenario["engine"] != "bullet" and not scenario["linear_damping"]:
+    if scenario["engine"] != "bullet":
         engine = ENGINES[scenario["engine"]]
         return Message("none: {engine} does not damp by itself", engine=engine)
     if scenario["linear_damping"] is None and is_felt:
@@ -243,8 +241,7 @@ def _bounce(analysis: DropAnalysis, bounce: Bounce) -> Message:
     elif body is None or floor is None:
         said = Message("rises {apex} mm", apex=apex)
     else:
-        pair = analysis.engine.combined_restitution
-        asked = f"{body * floor:.4g} ({body:g} × {floor:g})" if pair is None else f"{pair:.4g}"
+        asked = f"{body * floor:.4g} ({body:g} × {floor:g})"
         said = Message(
             "rises {apex} mm; a restitution of {asked} alone gives {predicted} mm",
             apex=apex,
@@ -283,10 +280,10 @@ def _rest(analysis: DropAnalysis) -> list[Fact]:
     if rest.settled_step is None:
         keeps = Message("it keeps creeping or turning until the end of the recording")
         facts.append(_titled("", keeps))
-    return [*facts, _titled("", _off(rest, analysis.engine.modulus_pa))]
+    return [*facts, _titled("", _off(rest))]
 
 
-def _off(rest: Rest, modulus_pa: float | None) -> Message:
+def _off(rest: Rest) -> Message:
     """Yield how far off its expected rest a body lies, and why."""
     if rest.expected_m is None or rest.error_m is None:
         return Message("no theory gives the height at rest in this orientation")
@@ -295,14 +292,7 @@ def _off(rest: Rest, modulus_pa: float | None) -> Message:
         error=decimals(rest.error_m * 1e6, 2, "+"),
         expected=rest.expected_m,
     )
-    if rest.sinks_m is not None and modulus_pa is not None:
-        why = Message(
-            "Drake's compliant contact (modulus {modulus:.0e} Pa) carries it at a depth of "
-            "{depth} µm",
-            modulus=modulus_pa,
-            depth=decimals(rest.sinks_m * 1e6, 2),
-        )
-    elif rest.sinks_m is not None:
+    if rest.sinks_m is not None:
         why = Message(
             "MuJoCo's soft contact (solref, solimp) carries it at a depth of {depth} µm",
             depth=decimals(rest.sinks_m * 1e6, 2),

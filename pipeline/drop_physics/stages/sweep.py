@@ -9,13 +9,13 @@ import platform
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib import metadata
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
 from drop_physics.drop.one_sample import DEFAULT_AT_S
-from drop_physics.engines.other_world import other_versions
 from drop_physics.engines.pybullet.engine import engine_versions
 from drop_physics.engines.pybullet.found import body_digest, find_body
 from drop_physics.engines.pybullet.probe import verdicts
@@ -291,12 +291,18 @@ def _identity(work: RunShard) -> dict[str, Any]:
         "camera": None if work.camera is None else asdict(work.camera),
         "made_with": {
             **engine_versions(),
-            **other_versions(work.plan.engines),
+            **{f"{name}_version": metadata.version(name) for name in _imported(work.plan)},
             "drop_version": metadata.version("drop-physics"),
-            "numpy_version": metadata.version("numpy"),
             "machine": platform.machine(),
         },
     }
+
+
+def _imported(plan: Plan) -> Iterator[str]:
+    """Yield the packages that step the plan's bodies beside PyBullet."""
+    yield "numpy"
+    if "mujoco" in plan.engines and find_spec("mujoco"):
+        yield "mujoco"
 
 
 def _at_samples(results: pl.LazyFrame, at_s: float) -> bool:

@@ -16,9 +16,10 @@ import polars as pl
 from drop_physics.arrays import Float64
 from drop_physics.drop.analysis import fall_of
 from drop_physics.drop.convergence import ROUNDED, observed_orders
-from drop_physics.drop.results import FallAnalysis, Rest
+from drop_physics.drop.results import Rest
 from drop_physics.engines.worlds import Worlds
 from drop_physics.messages import Message
+from drop_physics.physics.base import ROUNDING
 from drop_physics.physics.laws.lookup import law_for
 from drop_physics.scenario import Engine, Scenario
 from drop_physics.stages.recorded import BATCH, case_of
@@ -119,7 +120,7 @@ def _dropped(worlds: Worlds, run: int, scenario: Scenario) -> EngineTrajectory:
         impact_s=None if impact is None else impact.time_simulated_s,
         penetration_m=None if impact is None else impact.penetration_m,
         rest_error_m=None if rest is None else rest.error_m,
-        rest_cause=None if rest is None else _cause(rest, analysis),
+        rest_cause=None if rest is None else _cause(rest),
         contact_j=None if impact is None else analysis.contact_j,
         energy_drift=analysis.conservation.energy_max_rel_drift,
         angular_momentum_drift=analysis.conservation.angular_momentum_max_rel_drift,
@@ -128,17 +129,14 @@ def _dropped(worlds: Worlds, run: int, scenario: Scenario) -> EngineTrajectory:
     floor_m = analysis.engine.rest_height_m if scenario.floor else None
     law = law_for(scenario, analysis.engine)
     damped = getattr(law, "angular_damping", 0.0) != 0
-    lost = math.inf if damped else law.epsilon * math.sqrt(scenario.steps)
+    lost = math.inf if damped else ROUNDING * math.sqrt(scenario.steps)
     return EngineTrajectory(of_engine, analysis.table["simulated_m"].to_numpy(), floor_m, lost)
 
 
-def _cause(rest: Rest, analysis: FallAnalysis) -> str | None:
+def _cause(rest: Rest) -> str | None:
     if rest.terms_m is not None:
         return Message("slop, solver")
-    if rest.sinks_m is not None:
-        soft = analysis.engine.solref is not None
-        return Message("soft contact") if soft else Message("compliance")
-    return None
+    return None if rest.sinks_m is None else Message("soft contact")
 
 
 def _timed(worlds: Worlds, scenario: Scenario) -> Iterator[float]:

@@ -18,16 +18,18 @@ from drop_physics.arrays import Float64
 from drop_physics.engines.mujoco.described import base_of, described, reported_of
 from drop_physics.engines.mujoco.held import softness_of
 from drop_physics.engines.mujoco.watch.followed import constants_of
-from drop_physics.engines.session import Numbers, PrimitiveShape, RigidBody, Session
+from drop_physics.engines.rigid_body import PrimitiveShape, RigidBody
 from drop_physics.physics.rotations import rotate_inverse
 from drop_physics.scenario import Scenario
+
+Numbers = tuple[float, ...]
 
 if mujoco.get_mju_user_warning() is None:
     # MuJoCo would append its warnings to MUJOCO_LOG.TXT, in whatever folder this is.
     mujoco.set_mju_user_warning(lambda _: None)
 
 
-class MujocoSession(Session):
+class MujocoSession:
     """One free body above a plane."""
 
     def __init__(self, scenario: Scenario, body: RigidBody) -> None:
@@ -80,12 +82,20 @@ class MujocoSession(Session):
         return (*self._data.qpos.tolist(), *self._data.qvel.tolist())
 
     def motions(self, states: Float64) -> Float64:
-        """Return the motions of the centre of mass, shape (n, 13)."""
+        """Return the motions of the centre of mass, world axes, shape (n, 13).
+
+        Position, orientation x y z w, velocity and spin, exactly as in the engine; but the spin,
+        which MuJoCo keeps in body axes, is rotated, which rounds it.
+        """
         qpos, qvel = np.hsplit(states, [self._model.nq])
         return base_of(self._arrays, self._bodies[-1], qpos, qvel, unit=True)
 
     def contacts(self) -> Iterator[Numbers]:
-        """Yield the contact points of the last step; MuJoCo's normal points from geom 1 to 2."""
+        """Yield the contact points of the last step; MuJoCo's normal points from geom 1 to 2.
+
+        Each is the numbers of `states.CONTACT` from `position_a_m` on, with the body as a: the
+        forces act on it.
+        """
         force = np.zeros(6)
         for index in range(self._data.ncon):
             point = self._data.contact[index]
@@ -105,7 +115,7 @@ class MujocoSession(Session):
             )
 
     def reported(self) -> dict[str, Any]:
-        """Return the values that the model holds."""
+        """Return the values that the model holds: fields of `EngineReport`."""
         arrays, contact = self._arrays, {}
         told = reported_of(arrays, self._bodies[-1])
         if self._model.ngeom:

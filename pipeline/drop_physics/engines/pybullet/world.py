@@ -28,7 +28,7 @@ from drop_physics.engines.pybullet.gathered import points_of
 from drop_physics.engines.pybullet.jointed import JointStates, joints_of
 from drop_physics.engines.pybullet.touching import ROUNDING_M, distances, touching_height
 from drop_physics.engines.pybullet.watch.worlds import POINT, POSE, pack_points
-from drop_physics.engines.session import PrimitiveShape
+from drop_physics.engines.rigid_body import PrimitiveShape
 from drop_physics.errors import ScenarioError
 from drop_physics.option_types import Quaternion
 from drop_physics.scenario import Coordinates, Scenario

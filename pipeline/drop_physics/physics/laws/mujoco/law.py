@@ -1,4 +1,7 @@
-"""MuJoCo's step of one free body, with each of its integrators.
+"""MuJoCo's step of one free body, with each of its integrators; no limit, one step per sample.
+
+    v' = v + dt g            x' = x + dt v'                  semi-implicit Euler
+    v' = v + dt g            x' = x + dt (v + v')/2          rk4: exact where only gravity acts
 
 A body that falls or rises straight, without spin or turn, follows it to the last bit: its
 acceleration is (g m)(1/m), force times the inverse of the mass, or (g m)/m in the implicit ones. A
@@ -11,25 +14,55 @@ against MuJoCo 4.0 in `tests/test_mujoco.py`.
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 
 import numpy as np
 
-from drop_physics.arrays import Flags, Float64
-from drop_physics.physics.base import Motion
+from drop_physics.arrays import Flags, Float64, Vector
+from drop_physics.physics.base import Drag, Law, Motion
 from drop_physics.physics.rotations import rotate, rotate_inverse
-from drop_physics.physics.textbook import UPRIGHT, TextbookLaw, turned_about
-from drop_physics.scenario import Integrator
+from drop_physics.scenario import EXACT_INTEGRATORS, Integrator
 
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 SLOW_RAD_S = 1e-15
 """A spin slower than this turns a body about its x axis (`mju_normalize3`, `mjMINVAL`)."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class MujocoLaw(TextbookLaw):
+class MujocoLaw(Law):
     """A step of MuJoCo; spin is kept in the body's axes, and reported in those of the world."""
 
     integrator: Integrator
+
+    @property
+    def semi_implicit(self) -> bool:
+        """Whether the body moves with the end-of-step velocity."""
+        return self.integrator not in EXACT_INTEGRATORS
+
+    @property
+    def moves_exactly(self) -> bool:
+        """Whether `moved` has the engine's positions to the last bit."""
+        return self.semi_implicit
+
+    @property
+    def drag(self) -> Drag:
+        """The damping in continuous time: none."""
+        return Drag(0.0, 0.0)
+
+    def step(self, before: Motion) -> Motion:
+        """Return each sample one timestep later."""
+        return self.moved(before, *self.velocities(before))
+
+    def moved(self, before: Motion, velocity_m_s: Float64, spin_rad_s: Float64) -> Motion:
+        """Return each sample moved by one integrator step with these velocities."""
+        mean_m_s = velocity_m_s
+        if not self.semi_implicit:
+            mean_m_s = (before.velocity_m_s + velocity_m_s) / 2
+        position_m = before.position_m + self.timestep_s * mean_m_s
+        return Motion(position_m, self.turned(before, spin_rad_s), velocity_m_s, spin_rad_s)
 
     def velocities(self, before: Motion) -> tuple[Float64, Float64]:
         """Return velocity [m/s] and spin [rad/s] after a step, shape (n, 3) each."""
@@ -65,7 +98,7 @@ class MujocoLaw(TextbookLaw):
     def turned_by(self, angular_impulse_n_m_s: Float64, before: Motion) -> Float64:
         """Return the change of spin by angular impulses [rad/s], in the body's axes, (n, 3)."""
         if self.integrator == "euler":
-            return super().turned_by(angular_impulse_n_m_s, before)
+            return np.asarray(angular_impulse_n_m_s / np.array(self.inertia_kg_m2))
         spin = rotate_inverse(before.orientation, before.spin_rad_s)
         return self._solved(spin, angular_impulse_n_m_s)
 
@@ -89,7 +122,7 @@ class MujocoLaw(TextbookLaw):
             spin = rotate_inverse(before.orientation, spin_rad_s)
         speed = np.linalg.norm(spin, axis=1, keepdims=True)
         spin = np.where(speed < SLOW_RAD_S, speed * (1.0, 0.0, 0.0), spin)
-        return turned_about(before.orientation, spin, self.timestep_s)
+        return _turned_about(before.orientation, spin, self.timestep_s)
 
     def _mean_spin(self, spin: Float64) -> Float64:
         """Return the single spin that turns a body like a Runge-Kutta step, in its own axes.
@@ -116,6 +149,61 @@ class MujocoLaw(TextbookLaw):
         straight = ~before.velocity_m_s[:, :2].any(axis=1) & (not any(self.gravity_m_s2[:2]))
         turned = (before.orientation != UPRIGHT).any(axis=1) | before.spin_rad_s.any(axis=1)
         return np.asarray(straight & ~turned & (self.integrator != "rk4"))
+
+    def terms(self, before: Motion) -> tuple[Float64, Float64]:
+        """Return the size of the summands of velocity and spin in a timestep, shape (n,).
+
+        Forces are moved to the centre of mass from a point that is off by the rounding of x;
+        v × m v is then a torque, which cancels except for rounding.
+        """
+        dt, inertia = self.timestep_s, self.inertia_kg_m2
+        x, v, w = (
+            np.linalg.norm(each, axis=1)
+            for each in (before.position_m, before.velocity_m_s, before.spin_rad_s)
+        )
+        pull = float(np.linalg.norm(self.gravity_m_s2))
+        uneven = max(inertia) / min(inertia)
+        arm = self.mass_kg / min(inertia)
+        linear = v + dt * (pull + v * w + x * w**2 * uneven)
+        return linear, 8 * w + dt * (w**2 * uneven + arm * (v**2 + x * (pull + v * w)))
+
+    def free_velocities(self, velocity_m_s: Float64) -> Float64:
+        """Return velocities after a step [m/s], shape (n, 3)."""
+        return np.asarray(velocity_m_s + self.timestep_s * np.array(self.gravity_m_s2))
+
+    def exact_path(
+        self, position_m: Vector, velocity_m_s: Vector, *, first: int = 0
+    ) -> Iterator[Sequence[Decimal]]:
+        """Yield the positions of a flight from sample `first` on, for `exactly`.
+
+        x0 + n dt v0 + dt² g n (n + 1)/2, or n² for n (n + 1) where the step is exact.
+        """
+        dt, more = Decimal(self.timestep_s), int(self.semi_implicit)
+        axes = [
+            (Decimal(x), Decimal(v), Decimal(g))
+            for x, v, g in zip(position_m, velocity_m_s, self.gravity_m_s2, strict=True)
+        ]
+        for n in itertools.count(first):
+            yield [x + n * dt * v + dt * dt * g * (n * (n + more)) / 2 for x, v, g in axes]
+
+
+def _turned_about(orientation: Float64, spin_body: Float64, timestep_s: float) -> Float64:
+    """Return q exp(ω dt/2) of unit quaternions q and spins ω in the body's axes, shape (n, 4)."""
+    speed = np.linalg.norm(spin_body, axis=1, keepdims=True)
+    axis = np.divide(spin_body, speed, out=np.zeros_like(spin_body), where=speed > 0)
+    half = timestep_s * speed / 2
+    x, y, z, w = (orientation / np.linalg.norm(orientation, axis=1, keepdims=True)).T
+    a, b, c = (axis * np.sin(half)).T
+    d = np.cos(half)[:, 0]
+    return np.stack(
+        (
+            w * a + x * d + y * c - z * b,
+            w * b - x * c + y * d + z * a,
+            w * c + x * b - y * a + z * d,
+            w * d - x * a - y * b - z * c,
+        ),
+        axis=1,
+    )
 
 
 def _cross_matrix(vectors: Float64) -> Float64:
