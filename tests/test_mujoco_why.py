@@ -11,15 +11,11 @@ import pytest
 mujoco = pytest.importorskip("mujoco")
 
 from drop_physics.engines.mujoco.interventions import (  # noqa: E402
-    CALLS,
-    TABLE,
-    applied,
-    call_of,
+    INTERVENTIONS,
     left_out,
 )
 from drop_physics.engines.mujoco.watch.intervene import ModelChanges  # noqa: E402
 from drop_physics.errors import ScenarioError  # noqa: E402
-from drop_physics.experiments.interventions import KINDS  # noqa: E402
 from drop_physics.stages.asked import cures_of  # noqa: E402
 from drop_physics.stages.trust import USUAL, candidates_of, trust  # noqa: E402
 from drop_physics.stages.why import why  # noqa: E402
@@ -116,8 +112,10 @@ def test_a_nudge_moves_each_joint_once() -> None:
 
 
 def test_what_is_written_is_the_script_s_own_again_after_the_call() -> None:
-    gain = {"do": "write", "of": "joint", "names": ["elbow"], "column": 0, "value": 5.0}
-    run = RunChanged({**gain, "field": "actuator_gainprm"}, mass=2.0)
+    gain = {"do": "write", "of": "joint", "names": ["elbow"], "how": ["=", 5.0]}
+    twice = INTERVENTIONS.applied(Cure("mass", value=2.0, form="factor"), Scope([]))
+    assert twice is not None
+    run = RunChanged({**gain, "field": "actuator_gainprm[0]"}, *twice.operations)
     run.m.actuator_gainprm[0, 0] = 7.0
     run.d.ctrl[0] = 1.0
     run.call["mj_forward"](run.m, run.d)
@@ -128,7 +126,7 @@ def test_what_is_written_is_the_script_s_own_again_after_the_call() -> None:
     assert run.m.body_mass[1] == 1.0
     bare = mujoco.MjModel.from_xml_string(SCENE.format(pair=""))
     assert (run.m.body_invweight0 == bare.body_invweight0).all()
-    assert run.fired == [0]
+    assert sorted(run.fired) == [0, 1, 2]
 
 
 @contextmanager
@@ -236,7 +234,7 @@ def test_usual_variations_are_those_of_the_engine_that_the_model_has_not() -> No
 def test_a_mass_takes_its_inertia_along_and_a_flag_is_cleared() -> None:
     run = RunChanged(
         {"do": "weigh", "names": ["low"], "mass": 5.0, "factor": 10.0, "derived": True},
-        {"do": "write", "field": "opt.disableflags", "clear": NO_GRAVITY},
+        {"do": "write", "field": "opt.disableflags", "how": ["~", "mjDSBL_GRAVITY"]},
     )
     run.m.opt.disableflags |= NO_GRAVITY
     inertia = float(run.m.body_inertia[1, 0])
@@ -251,9 +249,9 @@ def test_a_mass_takes_its_inertia_along_and_a_flag_is_cleared() -> None:
 
 
 def test_a_contact_bounces_as_it_is_asked_to() -> None:
-    run = applied(Cure("restitution", "0_arm", 0.8), Scope([_arm()]))
+    run = INTERVENTIONS.applied(Cure("restitution", "0_arm", 0.8), Scope([_arm()]))
     assert run is not None
-    soft = "solref='{:g} {:g}' priority='1'".format(*run.operations[0]["value"])
+    soft = "solref='{:g} {:g}' priority='1'".format(*run.operations[0]["how"][1])
     m = mujoco.MjModel.from_xml_string(
         f"<mujoco><worldbody><geom type='plane' size='1 1 1' {soft}/><body pos='0 0 1'>"
         "<freejoint/><geom size='.05'/></body></worldbody></mujoco>"
@@ -297,56 +295,54 @@ def _arm() -> Body:
         (
             Cure("gains", "elbow", 2.5, form="kp-below"),
             'kp="2"',
-            [("actuator_gainprm", 0, "value", 2.0), ("actuator_biasprm", 1, "value", -2.0)],
+            [("actuator_gainprm[0]", "=", 2.0), ("actuator_biasprm[1]", "=", -2.0)],
         ),
         (
             Cure("forcerange", "elbow", 8.0),
             'forcerange="-8 8"',
             [
-                ("jnt_actfrcrange", None, "widest", 8.0),
-                ("actuator_forcerange", None, "widest", 4.0),
+                ("jnt_actfrcrange[0]", "<", -8.0),
+                ("jnt_actfrcrange[1]", ">", 8.0),
+                ("actuator_forcerange[0]", "<", -4.0),
+                ("actuator_forcerange[1]", ">", 4.0),
             ],
         ),
         (
             Cure("friction", "0_arm", 0.4, form="above"),
             'friction="0.8"',
-            [(f"{kind}_friction", c, "least", 0.8) for kind, c in FRICTIONS],
+            [(f"{kind}_friction[{column}]", ">", 0.8) for kind, column in FRICTIONS],
         ),
         (
             Cure("friction", "0_arm", 6.0, form="condim"),
             'condim="6"',
-            [("geom_condim", None, "value", 6), ("pair_dim", None, "value", 6)],
+            [("geom_condim", "=", 6), ("pair_dim", "=", 6)],
         ),
         (
             Cure("friction", "elbow", 0.0, form="loss"),
             'frictionloss="0"',
-            [("dof_frictionloss", None, "value", 0.0)],
+            [("dof_frictionloss", "=", 0.0)],
         ),
         (
             Cure("impratio", None, 10.0),
             'cone="elliptic" impratio="10"',
-            [("opt.impratio", None, "value", 10.0), ("opt.cone", None, "value", 1)],
+            [("opt.impratio", "=", 10.0), ("opt.cone", "=", 1)],
         ),
     ],
 )
 def test_a_cure_is_written_as_an_attribute_and_made_with_its_number(
-    cure: Cure, call: str, operations: list[tuple[str, int | None, str, float]]
+    cure: Cure, call: str, operations: list[tuple[str, str, float]]
 ) -> None:
-    run = applied(cure, Scope([_arm()], "elbow" if cure.target == "elbow" else None))
-    assert call_of(cure) == call
+    run = INTERVENTIONS.applied(cure, Scope([_arm()], "elbow" if cure.target == "elbow" else None))
+    assert INTERVENTIONS.call_of(cure) == call
     assert run is not None
-    found = [
-        (o["field"], o.get("column"), how, o[how])
-        for o in run.operations
-        for how in ("value", "widest", "least")
-        if how in o
-    ]
+    found = [(each["field"], *each["how"]) for each in run.operations]
     assert found == operations
 
 
 def test_every_intervention_has_a_name_and_a_call() -> None:
-    assert {*TABLE} <= {*KINDS}
-    assert {*TABLE} <= {name.partition(":")[0] for name in CALLS}
+    silent = {name for name, row in INTERVENTIONS.rows.items() if not row.words}
+    factors = {f"{name}:factor" for name in ("gravity", "friction", "mass")}
+    assert silent == {"iterations", "nudge", "seed", "parameter", *factors}
     assert left_out("ctrl", "a.py", 3, "key") is None
 
 

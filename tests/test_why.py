@@ -27,14 +27,12 @@ import pybullet_data
 import pytest
 from conftest import Drop
 from drop_physics import Scenario, analyze, simulate
-from drop_physics.engines.mujoco.interventions import CALLS as MUJOCO_CALLS
-from drop_physics.engines.mujoco.interventions import TABLE as MUJOCO_TABLE
-from drop_physics.engines.pybullet.interventions import TABLE, applied, call_of
+from drop_physics.engines.cures import ROWS, TABLES
+from drop_physics.engines.pybullet.interventions import INTERVENTIONS
 from drop_physics.engines.pybullet.watch.intervene import Interventions
 from drop_physics.engines.script import Program, Script
 from drop_physics.engines.watching.sites import shown_file
 from drop_physics.errors import DropError, ScenarioError
-from drop_physics.experiments.interventions import KINDS
 from drop_physics.experiments.run_distance import Apart, Track
 from drop_physics.experiments.shares import Coordinate, shares_of
 from drop_physics.experiments.verdicts import Outcome, judged, moved
@@ -655,29 +653,29 @@ def test_a_trial_shows_of_an_instability_that_it_is_gone_though_a_nudge_grows_in
     ],
 )
 def test_a_cure_is_written_as_its_user_would(cure: Cure, call: str) -> None:
-    assert call_of(cure) == call
-    assert applied(cure, Scope([ARM])) is not None
+    assert INTERVENTIONS.call_of(cure) == call
+    assert INTERVENTIONS.applied(cure, Scope([ARM])) is not None
 
 
 def test_what_a_rule_proposes_is_an_intervention_that_an_engine_has() -> None:
-    unmade = set()
+    proposed = set()
     for path in Path(drop_physics.__file__).parent.glob("rules/*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             match node:
                 case ast.Call(func=ast.Name("Cure"), args=[ast.Constant(str(name)), *_]):
                     forms = [each.value for each in node.keywords if each.arg == "form"]
                     literal = [each.value for each in forms if isinstance(each, ast.Constant)]
-                    key = f"{name}:{literal[0]}" if literal else name
-                    # A limit, which a number lies above or below, is a form of any cure.
-                    known = {name, *MUJOCO_CALLS, f"{name}:above", f"{name}:below"}
-                    if (name not in MUJOCO_TABLE or key not in known) and key not in {
-                        *TABLE,
-                        "timestep",
-                        "substeps",
-                    }:
-                        unmade.add(key)
-                    assert name in KINDS
-    assert unmade == set()
+                    proposed.add(f"{name}:{literal[0]}" if literal else name)
+    assert proposed <= {key for table in TABLES.values() for key in table.rows}
+
+
+def test_both_engines_say_the_same_of_an_intervention() -> None:
+    for name, row in ROWS.items():
+        for table in TABLES.values():
+            for key, other in table.rows.items():
+                if key.partition(":")[0] == name and not key.endswith(":factor") and other.words:
+                    assert other.decides == row.decides, key
+                    assert other.whole_run == row.whole_run or ":" in key, key
 
 
 # -- what a run does otherwise --------------------------------------------------------------------
@@ -713,8 +711,8 @@ for i in range(3):
     p.calculateInverseKinematics(arm, 1, [0.3, 0, 0.5])
     p.setJointMotorControl2(arm, 1, p.POSITION_CONTROL, 0.4, force=20, positionGain=0.3)
     p.resetJointState(arm, 1, 0.1)
-    p.resetBasePositionAndOrientation(box, [1 + i / 100, 0, 1], [0, 0, 0, 1])
     p.resetBaseVelocity(box, [0.1, 0, 0])
+    p.resetBasePositionAndOrientation(box, [1 + i / 100, 0, 1], [0, 0, 0, 1])
     if not i:
         p.applyExternalForce(box, -1, [1, 0, 0], [1, 0.1, 1], p.WORLD_FRAME)
     steps(1)
@@ -751,16 +749,18 @@ def test_each_intervention_changes_a_call_of_a_script_or_is_another_engines(
     }
     trials: dict[str, Program] = {}
     none = set()
-    for key in [*KINDS, *TABLE]:
+    for key in {*ROWS, *INTERVENTIONS.rows} - {"without:argument"}:  # `left_out` makes it
         name, _, form = key.partition(":")
         cure = Cure(name, form=form, **CURES.get(key, {}))
+        if form == "factor":
+            cure = replace(cure, value=2.0)
         if name == "parameter":
             cure = replace(cure, value=0.1, given={"name": "contactERP"})
         function = str(cure.given.get("function", "lateralFriction"))
         box = [each for each in bodies if (each.client, each.engine_id) == (0, 1)]
         about = box if form == "of-body" else bodies
         scope = Scope(about, site=site_of.get(function), timestep_s=0.01)
-        run = applied(cure, scope)
+        run = INTERVENTIONS.applied(cure, scope)
         if run is None:
             none.add(key)
             continue
@@ -817,7 +817,7 @@ def intervened(
     client: int, each: Cure, body: Body, site: str | None = None
 ) -> tuple[Any, list[int]]:
     """Return PyBullet with an intervention on a body, and what has fired."""
-    run = applied(each, Scope([replace(body, client=client)], site=site))
+    run = INTERVENTIONS.applied(each, Scope([replace(body, client=client)], site=site))
     assert run is not None
     fired: list[int] = []
     interventions = Interventions(run.operations, fired.append)
@@ -878,7 +878,7 @@ def test_a_default_motor_is_turned_off_where_no_call_sets_it(client: int) -> Non
 
 def test_motors_of_several_joints_get_at_least_a_force(client: int) -> None:
     seen: list[Any] = []
-    run = applied(Cure("force", value=70.0), Scope([replace(ARM, client=client)]))
+    run = INTERVENTIONS.applied(Cure("force", value=70.0), Scope([replace(ARM, client=client)]))
     assert run is not None
     interventions = Interventions(run.operations, lambda _: None)
     calls = {"setJointMotorControlArray": lambda *_, **given: seen.append(given)}
@@ -964,7 +964,9 @@ def test_calls_reach_the_link_that_they_name(client: int) -> None:
     assert fired
     assert [p.getDynamicsInfo(body, link, client)[1] for link in (-1, 3)] == [0.5, 0.3]
     seen: list[Any] = []
-    run = applied(Cure("right-link", form="joints", given={"links": {0: 1}}), Scope([ARM]))
+    run = INTERVENTIONS.applied(
+        Cure("right-link", form="joints", given={"links": {0: 1}}), Scope([ARM])
+    )
     assert run is not None
     calls = {
         "setJointMotorControl": lambda *_: None,
@@ -993,7 +995,7 @@ def test_what_lasts_a_step_is_given_again_from_the_scripts_line(tmp_path: Path) 
         "    p.setJointMotorControl2(arm, 0, p.TORQUE_CONTROL, force=1)\n"
         "    p.stepSimulation()\n"
     )
-    run = applied(Cure("force", value=1.0), Scope([ARM]))
+    run = INTERVENTIONS.applied(Cure("force", value=1.0), Scope([ARM]))
     assert run is not None
     how = {"variation": {"finer": 2}, "interventions": run.operations}
     events, ending, _ = watched(tmp_path, text, **how)

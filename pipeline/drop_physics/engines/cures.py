@@ -1,24 +1,38 @@
-"""Find the engine's room that words a cure as a call, and makes a run with it."""
+"""Find the table of interventions of an engine, which words a cure, and makes a run with it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from drop_physics.engines.mujoco import interventions as mujoco
-from drop_physics.engines.pybullet import interventions as pybullet
-from drop_physics.trace.cures import Cure, EngineCures
+from drop_physics.engines.interventions import FACTOR, Interventions, Row
+from drop_physics.engines.mujoco.interventions import INTERVENTIONS as MUJOCO
+from drop_physics.engines.pybullet.interventions import INTERVENTIONS as BULLET
+from drop_physics.trace.cures import Cure
 from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 
-ROOMS: dict[str, EngineCures] = {PYBULLET: pybullet, "MuJoCo": mujoco}
-"""The cures of each engine, by the engine's name."""
+TABLES = {PYBULLET: BULLET, "MuJoCo": MUJOCO}
+"""The interventions of each engine, by the engine's name."""
+ROWS: dict[str, Row] = {
+    name: row for table in TABLES.values() for name, row in table.rows.items() if ":" not in name
+}
+"""The rows of all engines by their names, as `--try` and `--vary` take them."""
+FACTORS = {
+    key.partition(":")[0]
+    for table in TABLES.values()
+    for key in table.rows
+    if key.endswith(f":{FACTOR}")
+}
+"""The names of rows whose number is a factor, or a size, if they are made on the whole run."""
+PARAMETERS = BULLET.parameters | MUJOCO.parameters
+"""What `parameter` sets, of all engines."""
 
 
-def cures_of(engine: str) -> EngineCures:
+def cures_of(engine: str) -> Interventions:
     """Return the cures of the engine of a recording."""
-    return ROOMS[engine.partition(" ")[0]]
+    return TABLES[engine.partition(" ")[0]]
 
 
 def call_of(engine: str) -> Callable[[Cure], str]:
     """Return the function that words a cure as a user of an engine would."""
-    cures = ROOMS.get(engine.partition(" ")[0])
+    cures = TABLES.get(engine.partition(" ")[0])
     return (lambda cure: cure.call) if cures is None else cures.call_of  # of a drop elsewhere

@@ -154,7 +154,7 @@ def _proved(number: int, proved: Proved, sources: Mapping[str, Path]) -> Iterato
         margin=MARGIN,
     )
     wrong = proved.verdict == "refuted" and proved.finding.code not in CAUSES
-    if wrong and any(each.intervention.kind.decides for each in tried if each.verdict == "refuted"):
+    if wrong and any(each.intervention.decides for each in tried if each.verdict == "refuted"):
         words = Message("this finding is wrong: without that cause it happens, too")
         yield Words(words, margin=MARGIN)
 

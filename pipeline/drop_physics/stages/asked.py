@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from drop_physics.engines.mujoco.interventions import OPTIONS
-from drop_physics.engines.pybullet.interventions import PARAMETERS, RESIDUAL, TIMESTEPS
+from drop_physics.engines.cures import FACTORS, PARAMETERS, ROWS
+from drop_physics.engines.pybullet.interventions import RESIDUAL, TIMESTEPS
 from drop_physics.errors import ScenarioError
-from drop_physics.experiments.interventions import KINDS
 from drop_physics.fields import alternatives
 from drop_physics.option_types import number
-from drop_physics.trace.cures import FACTORS, Cure
+from drop_physics.trace.cures import Cure
 
 SIGNS = {"timestep": "/", "iterations": "*"}
 MOST_TIMES = 1000
@@ -46,7 +45,7 @@ def _named(text: str, option: str, *, whole: bool) -> list[Cure]:
         "p.setPhysicsEngineParameter or of MuJoCo's model.opt, or of {names}, some of which need "
         "no value; got {text!r}",
         option=option,
-        names=alternatives(sorted({*KINDS}.difference(UNNAMED, SIGNS))),
+        names=alternatives(sorted({*ROWS}.difference(UNNAMED, SIGNS))),
         text=text,
     )
     if text in ("residual 0", "residual=0"):
@@ -63,18 +62,18 @@ def _named(text: str, option: str, *, whole: bool) -> list[Cure]:
             "{option} takes no {name}; vary it with timestep/2", option=option, name=name
         )
     if not equals:
-        if name not in KINDS or name in UNNAMED or (whole and name in FACTORS):
+        if name not in ROWS or name in UNNAMED or (whole and name in FACTORS):
             raise refused
         return [Cure(name, call=text)]
     values = given.split(",")
-    choices = OPTIONS.get(name, ())
+    choices = PARAMETERS.get(name, ())
     if {*values} <= {*choices}:
         parameter = {"name": name}
         return [
             Cure("parameter", None, float(choices.index(n)), f"{name}={n}", given=parameter)
             for n in values
         ]
-    is_parameter = not choices and (name in PARAMETERS or name in OPTIONS)
+    is_parameter = not choices and name in PARAMETERS
     if choices and whole:
         raise ScenarioError(
             "{option} {name} takes {choices}, got {text!r}",
@@ -83,9 +82,9 @@ def _named(text: str, option: str, *, whole: bool) -> list[Cure]:
             choices=alternatives(choices),
             text=text,
         )
-    if not is_parameter and (name not in KINDS or name in UNNAMED):
+    if not is_parameter and (name not in ROWS or name in UNNAMED):
         raise refused
-    is_parameter = is_parameter and (whole or name not in KINDS)
+    is_parameter = is_parameter and (whole or name not in ROWS)
     found = []
     for each in values:
         try:

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drop_physics.experiments.interventions import KINDS, Intervention
+from drop_physics.engines.cures import ROWS
+from drop_physics.engines.interventions import FACTOR, Interventions
+from drop_physics.experiments.interventions import Intervention
 from drop_physics.trace.acts import FILTERS, PUSHES, Act
-from drop_physics.trace.cures import FACTOR, FACTORS, ChangedRun, Cure, EngineCures, Scope
+from drop_physics.trace.cures import ChangedRun, Cure, Scope
 from drop_physics.trace.events import located
 from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 
@@ -65,7 +67,7 @@ class Proposals:
         What is known of cures for its engine.
     """
 
-    def __init__(self, seen: Seen, findings: Sequence[Finding], cures: EngineCures) -> None:
+    def __init__(self, seen: Seen, findings: Sequence[Finding], cures: Interventions) -> None:
         self._seen, self._findings, self._cures = seen, findings, cures
         settings = [each.values.get("fixedTimeStep") for each in seen.settings]
         self._timestep_s = float(np.ravel(settings[-1])[0]) if settings else 1 / 240  # type: ignore[arg-type]
@@ -99,7 +101,7 @@ class Proposals:
         named = [self._findings[place] for place in about]
         for cure in cures:
             proposes = [one for one in named if one.cure is not None and one.cure.name == cure.name]
-            of = [] if KINDS[cure.name].whole_run else named
+            of = [] if ROWS[cure.name].whole_run else named
             candidates = [
                 self._candidate(replace(cure, target=one.joint or one.body), one) for one in of
             ] or [self.whole(cure)]
@@ -132,7 +134,8 @@ class Proposals:
 
     def whole(self, cure: Cure) -> Candidate:
         """Return a cure that is applied to the whole run: there, some values are factors."""
-        if cure.name in FACTORS and cure.value is not None and cure.value >= 0:
+        is_factor = f"{cure.name}:{FACTOR}" in self._cures.rows
+        if is_factor and cure.value is not None and cure.value >= 0:
             cure = replace(cure, form=FACTOR)
         scope = Scope([*self._seen.bodies.values()], timestep_s=self._timestep_s, whole=True)
         return self._made(cure, scope, whole=True)
@@ -149,13 +152,14 @@ class Proposals:
         return self._made(replace(cure, target=target), scope, whole=False)
 
     def _made(self, cure: Cure, scope: Scope, *, whole: bool) -> Candidate:
-        if whole or KINDS[cure.name].whole_run:
+        if whole or ROWS[cure.name].whole_run:
             whole, scope, cure = True, replace(scope, joint=None), replace(cure, target=None)
         cure = replace(cure, call=cure.call or self._cures.call_of(cure))
         numbers = None if whole else tuple(body.number for body in scope.bodies)
         if cure.name == "default-motor-off":
             scope = replace(scope, commanded=self._motors())
-        what = Intervention(cure, numbers, scope.joint, scope.site)
+        row = self._cures.row_of(cure) or ROWS[cure.name]
+        what = Intervention(cure, numbers, scope.joint, scope.site, row.decides)
         return Candidate(what, self._cures.applied(cure, scope))
 
     def _motors(self) -> frozenset[tuple[int, int]]:

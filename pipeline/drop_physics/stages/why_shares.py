@@ -71,14 +71,14 @@ def _causes(
     found = []
     for number, candidate in enumerate(work.candidates):
         outcome, what = done[number].outcome, candidate.intervention
-        if outcome is None or not outcome.fired or not (candidate.findings or what.kind.decides):
+        if outcome is None or not outcome.fired or not (candidate.findings or what.decides):
             continue
         verdicts = [
             judged(own.findings[place], outcome, base=own, nudge=nudge).verdict
             for place in candidate.findings
         ]
         far = moved(outcome.apart, nudge.apart)
-        decides = "cured" in verdicts or (what.kind.decides and "void" not in verdicts)
+        decides = "cured" in verdicts or (what.decides and "void" not in verdicts)
         if far is not None and decides and what.name != TIMESTEP:
             found.append((far.value, number, candidate))
     found.sort(key=lambda each: -each[0])

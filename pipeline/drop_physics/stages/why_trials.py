@@ -14,7 +14,7 @@ from drop_physics.experiments.verdicts import Outcome
 from drop_physics.stages.changed_runs import RunChanged
 from drop_physics.stages.proposals import Candidate
 from drop_physics.stages.runs import Ended
-from drop_physics.trace.cures import ChangedRun, Cure, below
+from drop_physics.trace.cures import NUDGED, ChangedRun
 
 if TYPE_CHECKING:
     from drop_physics.experiments.run_distance import Distance
@@ -52,7 +52,7 @@ class RunTrial(RunChanged[TrialRun]):
 
     def run_of(self, number: int) -> ChangedRun | None:
         """Return what a run does otherwise; None if the engine has no such run."""
-        return below(Cure("nudge")) if number == self.nudge else self.candidates[number].run
+        return NUDGED if number == self.nudge else self.candidates[number].run
 
     def not_made(self, number: int) -> TrialRun:
         """Return what stands for a trial that was not run, or stopped."""

@@ -1,14 +1,14 @@
 """A cure as data: what a rule proposes, whatever the engine; and a run with it.
 
-An engine's room writes the call that makes a cure (`words`) and the run in which it is made
-(`interventions`); `engines.cures` finds both by the name of the engine.
+The table of interventions (`engines/…/interventions`) has the call that makes a cure, and the run
+in which it is made; `engines.cures` finds it by the name of the engine.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 from drop_physics.trace.events import Body
 
@@ -92,40 +92,5 @@ def whole_number(value: float) -> float:
 
 NUDGE = 1e-9
 """How far bodies and joints are moved before the first step [m, rad]."""
-FACTOR, FACTORS = "factor", ("gravity", "friction", "mass")
-"""The form of a cure that changes a factor of the whole run, and the names of such cures: a factor
-of all friction or masses, or the magnitude of gravity [m/s²]."""
-BELOW: dict[str, tuple[str, float | None]] = {
-    "timestep": ("finer", 2),
-    "iterations": ("iterations", 4),
-    "nudge": ("nudge", NUDGE),
-    "seed": ("draws", None),
-}
-"""Cures that any engine can make, unseen by the script: their names in a run, and the default
-value."""
-
-
-def below(cure: Cure) -> ChangedRun | None:
-    """Return the run with a cure that any engine can make, unseen by the script, or None."""
-    if cure.form == FACTOR:
-        return ChangedRun(below={cure.name: cure.value})
-    if cure.name not in BELOW:
-        return None
-    name, usual = BELOW[cure.name]
-    value = usual if cure.value is None else cure.value
-    return ChangedRun(below={name: value if value is None or name == "nudge" else int(value)})
-
-
-class EngineCures(Protocol):
-    """An engine's knowledge of cures."""
-
-    def call_of(self, cure: Cure) -> str:
-        """Return the call or attribute that its user would write."""
-
-    def applied(self, cure: Cure, scope: Scope) -> ChangedRun | None:
-        """Return the run with a cure; None if the engine does not support it."""
-
-    def left_out(
-        self, function: str, file: str, line: int, argument: str | None
-    ) -> ChangedRun | None:
-        """Return a run without a call, or without one of its arguments; None if that cannot be."""
+NUDGED = ChangedRun(below={"nudge": NUDGE})
+"""The run whose bodies and joints are moved by that much."""

@@ -1,60 +1,51 @@
-"""Interventions in MuJoCo's words: a cure as an attribute or a line, and as a changed run.
+"""MuJoCo's rows of the table of interventions: each as an attribute or a line, and as a run.
 
-`call_of` writes a cure as its user would; `applied` turns it into what `watch/intervene.py` does in
-the script's interpreter.
+What `makes` returns is what `watch/intervene.py` does in the script's interpreter.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
+from drop_physics.engines.interventions import (
+    AWAY,
+    FACTOR,
+    MORE,
+    Becomes,
+    How,
+    Interventions,
+    Operation,
+    Row,
+    always,
+    raised,
+    to,
+)
 from drop_physics.engines.mujoco.frames import PARTS
 from drop_physics.engines.mujoco.watch.intervene import ENGINE
 from drop_physics.messages import Message
-from drop_physics.trace.cures import ChangedRun, Cure, Scope, below, whole_number
+from drop_physics.trace.cures import ChangedRun, Cure, Scope
 from drop_physics.trace.events import Actuator, Body
 
-Operation = dict[str, Any]
-Applies = Callable[[Scope, Cure], Iterator[Operation]]
+Applies = Callable[["FieldRow", Cure, Scope], Iterator[Operation]]
+Elements = Callable[[Scope], Mapping[str, Any]]
 
 WORLD = "world"
-NO_CONTACT, NO_GRAVITY = 1 << 4, 1 << 7
-"""Bits of `disableflags` (`mjtDisableBit`)."""
-MORE = 10.0
-"""Factor of what is to be raised where a cure gives no number."""
 BELOW = 0.8
 """The share of a limit that is tried where a cure is to stay below it."""
 ABOVE = 2.0
 """The multiple of a need that is tried where a cure is to be well above it."""
 LARGER = 64
 """Factor of the memory of a model's contacts and constraints."""
-AWAY = 1.001
-"""Factor of the distance by which a body is moved away from another."""
 ARMATURE_KG_M2 = 0.01
 """Armature of a joint whose controller is the script's own, so that no limit is known."""
-LEAST = {"": "value", "above": "least"}
-"""How a number is written, by a cure's form."""
 SOLREF, SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
 """How soft MuJoCo's own contacts are."""
 BOUNCES = 2500.0
 """Stiffness of a contact that bounces, that of a time constant of 0.02 s [1/s²]."""
-USUAL: dict[str, float] = {
-    "timestep": 2.0,
-    "solver": 500.0,
-    "impratio": 10.0,
-    "noslip": 5.0,
-    "gravity": -9.81,
-    "gravcomp": 1.0,
-    "armature": ARMATURE_KG_M2,
-    "damping": 0.0,
-    "joint-damping": 0.0,
-    "restitution": 1.0,
-}
-"""What is given where a cure has no number."""
-
-OPTIONS: dict[str, tuple[str, ...]] = {
+OPTIONS: dict[str, Sequence[str]] = {
     "solver": ("PGS", "CG", "Newton"),
     "cone": ("pyramidal", "elliptic"),
     "integrator": ("Euler", "RK4", "implicit", "implicitfast"),
@@ -63,244 +54,6 @@ OPTIONS: dict[str, tuple[str, ...]] = {
 }
 """Fields of `model.opt` that `parameter` sets; where they are a choice, its names by their
 numbers."""
-
-
-def _number(cure: Cure) -> float | None:
-    """Return what a cure gives: a share of a limit to stay below, a multiple of one to exceed."""
-    value = USUAL.get(cure.name) if cure.value is None else cure.value
-    if value is None:
-        return None
-    return value * (BELOW if cure.form.endswith("below") else ABOVE if cure.form == "above" else 1)
-
-
-# -- a cure as an attribute or a line -------------------------------------------------------------
-
-CALLS = {
-    "timestep": "timestep/{value:g}",
-    "solver": 'iterations="{value:g}"',
-    "gains": 'kp="{value:.4g}"',
-    "gains:kp-below": 'kp="{value:.4g}"',
-    "gains:kv-below": 'kv="{value:.4g}"',
-    "forcerange": 'forcerange="-{force:.3g} {force:.3g}"',
-    "forcerange:joint": 'actuatorfrcrange="-{force:.3g} {force:.3g}"',
-    "ctrlrange": Message("without ctrlrange"),
-    "limits": Message("without range"),
-    "friction": 'friction="{value:.4g}"',
-    "impratio": 'cone="elliptic" impratio="{value:g}"',
-    "cone": 'cone="elliptic"',
-    "noslip": 'noslip_iterations="{value:g}"',
-    "solref": 'solref="0.02 1" solimp="0.9 0.95 0.001"',
-    "solref:given": 'solref="{value:g} 1"',
-    "solref:contact": 'solref="{value:g} 1"',
-    "solref:stopping": Message('timestep/{finer:g} with solref="{value:g} 1" of both <geom>s'),
-    "restitution": 'solref="-{stiffness:g} -{damping:.3g}"',
-    "mass": 'mass="{value:g}"',
-    "concave": Message("split it into convex parts, a <geom> for each"),
-    "collision-off": "<exclude>",
-    "gravity": 'gravity="0 0 {value:g}"',
-    "gravity:flag": Message('without <flag gravity="disable"/>'),
-    "gravcomp": 'gravcomp="{value:g}"',
-    "armature": 'armature="{value:g}"',
-    "damping": 'damping="{value:.4g}"',
-    "joint-damping": 'damping="{value:.4g}"',
-    "exclude": '<exclude body1="{parent}" body2="{child}"/>',
-    "exclude:out": Message("without that <exclude>"),
-    "contype": Message("contype and conaffinity that meet"),
-    "contype:flag": Message('without <flag contact="disable"/>'),
-    "filterparent": '<flag filterparent="disable"/>',
-    "keyframe-ctrl": "mujoco.mj_resetDataKeyframe(…)",
-    "targets-held": Message("data.ctrl with data.qpos"),
-    "targets-held:reset": Message("data.ctrl[:] = … after each reset"),
-    "gains:kv": 'kv="{value:.4g}"',
-    "friction:loss": 'frictionloss="{value:g}"',
-    "friction:condim": 'condim="{value:g}"',
-    "push-repeated": Message("data.{function}[:] = 0 after each step"),
-    "lifted": Message("{mm:.3g} mm higher"),
-    "set-const": Message("mujoco.mj_setConst(…) after the edit"),
-    "memory": Message('<size memory="…"/> of {larger} times as much'),
-    "forward": Message("mujoco.mj_step1(…) before mj_step2"),
-    "forward:read": Message("mujoco.mj_forward(…) after qpos is written"),
-    "without": Message("without {left_out}"),
-}
-"""Messages by name and form."""
-UNSAID = {"function": "xfrc_applied", "parent": "…", "child": "…"}
-"""What a call names where a cure that is tried by its name alone does not say it."""
-FACTORS = {"gains": "kp", "forcerange": "forcerange", "friction": "friction", "mass": "mass"}
-"""What is multiplied where a cure gives no number."""
-
-
-def call_of(cure: Cure) -> str:
-    """Return what a cure's user would write."""
-    number = _number(cure)
-    if number is None and cure.name in FACTORS:
-        return f"{FACTORS[cure.name]}*{MORE:g}"
-    form = cure.form or ("given" if cure.name == "solref" and number is not None else "")
-    text = CALLS.get(f"{cure.name}:{form}", CALLS.get(cure.name, cure.name))
-    value = 0.0 if number is None else number
-    bounce = dict(zip(("stiffness", "damping"), _bouncing(value), strict=True))
-    force = value / abs(cure.given.get("gear", 1.0))
-    numbers = {"value": value, "force": force, "mm": 1e3 * value, "larger": LARGER, **bounce}
-    return Message(text, **{**UNSAID, "left_out": _written(cure), **cure.given, **numbers})
-
-
-def _written(cure: Cure) -> str:
-    """Return what a cure leaves out, as the script has it."""
-    function = str(cure.given.get("function", ""))
-    if function in PARTS:
-        return f"data.{function}"
-    return f"mujoco.{function}(…)" if function.startswith("mj_") else f"model.{function}"
-
-
-# -- what a run does otherwise --------------------------------------------------------------------
-
-
-def applied(cure: Cure, scope: Scope) -> ChangedRun | None:
-    """Return what a run with a cure does otherwise; None if MuJoCo has none such."""
-    if cure.name == "parameter":
-        name, value = cure.given["name"], whole_number(cure.value or 0.0)
-        return ChangedRun(below={"options": {name: value}}) if name in OPTIONS else None
-    run = below(cure)
-    if run is not None:
-        return run
-    file, _, line = (scope.site or "").rpartition(":")
-    if cure.name == "without" and file and line.isdecimal():
-        return left_out(str(cure.given["function"]), file, int(line), None)
-    made = TABLE.get(cure.name)
-    operations = [] if made is None else [{"engine": ENGINE, **each} for each in made(scope, cure)]
-    finer = {name: cure.given[name] for name in ("finer",) if cure.given.get(name, 1) > 1}
-    return ChangedRun(operations, finer) if operations else None
-
-
-def left_out(function: str, file: str, line: int, argument: str | None) -> ChangedRun | None:
-    """Return a run without what a script sets before a line; None of an argument alone."""
-    if argument is not None:
-        return None
-    site = {"engine": ENGINE, "site": [file, line]}
-    if function in PARTS:
-        return ChangedRun([{**site, "do": "leave", "part": function}])
-    if function.startswith("mj_"):
-        return ChangedRun([{**site, "do": "skip", "function": function}])
-    return ChangedRun([{**site, "do": "keep", "field": function}])
-
-
-def _write(field: str, **how: object) -> Operation:
-    return {"do": "write", "field": field, **how}
-
-
-def _option(field: str) -> Applies:
-    """Return what writes a cure's number into an option."""
-    return lambda _, cure: iter([_write(f"opt.{field}", value=_number(cure))])
-
-
-def _done(do: str, **how: object) -> Applies:
-    return lambda _, __: iter([{"do": do, **how}])
-
-
-def _links(body: Body) -> list[str]:
-    """Return the names of MuJoCo's bodies that a body is made of."""
-    return [name for n, name in enumerate(body.links) if n or name != WORLD or not body.engine_id]
-
-
-def _all_links(scope: Scope) -> list[str]:
-    return [name for body in scope.bodies for name in _links(body)]
-
-
-def _of(scope: Scope) -> dict[str, Any]:
-    """Return the joint that is meant, or all bodies."""
-    if scope.joint is not None:
-        return {"of": "joint", "names": [scope.joint]}
-    return {"of": "body", "names": _all_links(scope)}
-
-
-def _actuators(scope: Scope) -> Iterator[Actuator]:
-    """Yield the actuators that are meant: of a joint, of a name, or all."""
-    for body in scope.bodies:
-        for each in body.actuators:
-            if scope.joint is None:
-                if scope.target in (None, body.label, each.name):
-                    yield each
-            elif each.acts_on == "joint" and each.target == scope.joint:
-                yield each
-
-
-def _gains(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    """Give actuators a gain; a servo's stiffness or damping with it."""
-    number = _number(cure)
-    for each in _actuators(scope):
-        named = {"of": "actuator", "names": [each.name]}
-        if number is None:
-            gain, bias = {"factor": MORE}, {"factor": MORE}
-        else:
-            gain, bias = {"value": number}, {"value": -number}
-        if each.kind == "velocity":
-            yield _write("actuator_gainprm", column=0, **named, **gain)
-            yield _write("actuator_biasprm", column=2, **named, **bias)
-        elif each.kind == "position" and cure.form == "kv-below":
-            yield _write("actuator_biasprm", column=2, **named, **bias)
-        elif each.kind == "position":
-            yield _write("actuator_gainprm", column=0, **named, **gain)
-            yield _write("actuator_biasprm", column=1, **named, **bias)
-
-
-def _force_range(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    """Widen what limits the force of actuators, and of their joints."""
-    number = _number(cure)
-    yield _write("jnt_actfrcrange", limited="jnt_actfrclimited", **_of(scope), **_wide(number, 1))
-    for each in _actuators(scope):
-        if each.force_range is not None:
-            named = {"of": "actuator", "names": [each.name]}
-            yield _write("actuator_forcerange", **named, **_wide(number, each.gear))
-
-
-def _wide(number: float | None, gear: float) -> dict[str, float]:
-    return {"factor": MORE} if number is None else {"widest": number / abs(gear or 1.0)}
-
-
-def _control_range(scope: Scope, _: Cure) -> Iterator[Operation]:
-    for each in _actuators(scope):
-        if each.ctrl_range is not None:
-            yield _write("actuator_ctrllimited", of="actuator", names=[each.name], value=0)
-
-
-def _friction(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    """Give geometries a friction; to hold, no less than they have: of a pair the larger counts."""
-    number = _number(cure)
-    if cure.form == "loss":
-        yield _write("dof_frictionloss", value=number, **_of(scope))
-        return
-    if cure.form == "condim":
-        for field in ("geom_condim", "pair_dim"):
-            yield _write(field, value=int(number or 3), **_with_other(scope))
-        return
-    how = {"factor": MORE} if number is None else {LEAST[cure.form]: number}
-    its = {"of": "body", "names": _all_links(scope)}
-    yield _write("geom_friction", column=0, **(_with_other(scope) if cure.form else its), **how)
-    for column in (0, 1):
-        yield _write("pair_friction", column=column, **its, **how)
-
-
-def _impratio(_: Scope, cure: Cure) -> Iterator[Operation]:
-    yield _write("opt.impratio", value=_number(cure))
-    yield _write("opt.cone", value=1)
-
-
-def _softness(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    """Give equalities or contacts a time constant, or contacts MuJoCo's own softness."""
-    if cure.value is not None and not cure.form:
-        links = {"of": "body", "names": _all_links(scope)}
-        yield _write("eq_solref", column=0, value=cure.value, **links)
-        return
-    solref = SOLREF if cure.value is None else (cure.value, 1.0)
-    for kind in ("geom", "pair"):
-        yield _write(f"{kind}_solref", value=solref, **_with_other(scope))
-        if cure.value is None:
-            yield _write(f"{kind}_solimp", value=SOLIMP, **_with_other(scope))
-
-
-def _with_other(scope: Scope) -> dict[str, Any]:
-    """Return the bodies that are meant, with the other that they touch."""
-    other = [] if scope.other is None else _links(scope.other)
-    return {"of": "body", "names": [*_all_links(scope), *other]}
 
 
 def _bouncing(restitution: float) -> tuple[float, float]:
@@ -312,105 +65,485 @@ def _bouncing(restitution: float) -> tuple[float, float]:
     return BOUNCES, 2 * math.sqrt(BOUNCES) * loss / math.hypot(math.pi, loss)
 
 
-def _bounce(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    stiffness, damping = _bouncing(_number(cure) or 0.0)
-    yield _write("geom_solref", value=(-stiffness, -damping), **_with_other(scope))
+def _bounce(restitution: float | None) -> How:
+    stiffness, damping = _bouncing(restitution or 0.0)
+    return "=", (-stiffness, -damping)
 
 
-def _armature(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    yield _write("dof_armature", value=_number(cure), derived=True, **_of(scope))
+def _at_least(number: float | None) -> How:
+    return ">", number
 
 
-def _mass(scope: Scope, cure: Cure) -> Iterator[Operation]:
+def _lasting(constant_s: float | None) -> How:
+    """Return a contact's time constant, at critical damping."""
+    return "=", (constant_s, 1.0)
+
+
+# -- which elements -------------------------------------------------------------------------------
+
+
+def _links(body: Body) -> list[str]:
+    """Return the names of MuJoCo's bodies that a body is made of."""
+    return [name for n, name in enumerate(body.links) if n or name != WORLD or not body.engine_id]
+
+
+def _all_links(scope: Scope) -> list[str]:
+    return [name for body in scope.bodies for name in _links(body)]
+
+
+def _bodies(scope: Scope) -> dict[str, Any]:
+    return {"of": "body", "names": _all_links(scope)}
+
+
+def _both(scope: Scope) -> dict[str, Any]:
+    """Return the bodies that are meant, with the other that they touch."""
+    other = [] if scope.other is None else _links(scope.other)
+    return {"of": "body", "names": [*_all_links(scope), *other]}
+
+
+def _joints(scope: Scope) -> dict[str, Any]:
+    """Return the joint that is meant, or all bodies."""
+    return _bodies(scope) if scope.joint is None else {"of": "joint", "names": [scope.joint]}
+
+
+def _all(_: Scope) -> dict[str, Any]:
+    return {}
+
+
+def _actuators(scope: Scope) -> Iterator[tuple[Actuator, dict[str, Any]]]:
+    """Yield the actuators that are meant: of a joint, of a name, or all."""
+    for body in scope.bodies:
+        for each in body.actuators:
+            named = scope.target in (None, body.label, each.name)
+            if scope.joint is not None:
+                named = each.acts_on == "joint" and each.target == scope.joint
+            if named:
+                yield each, {"of": "actuator", "names": [each.name]}
+
+
+@dataclass(frozen=True)
+class FieldRow(Row):
+    """An intervention that is made in fields of a model, or in its state."""
+
+    of: Elements = _all
+    """Returns the elements whose fields are set."""
+    _: KW_ONLY
+    makes: Applies | None = None
+    """What else it makes."""
+    derived: bool = False
+    """Whether MuJoCo derives other fields from those."""
+    more: str = ""
+    """What is raised if a cure has no number."""
+
+    def call_of(self, cure: Cure) -> str:
+        """Return the attribute or the line that a cure's user would write."""
+        if self.more and self.number(cure) is None:
+            return f"{self.more}*{MORE:g}"
+        return super().call_of(cure)
+
+    def known(self, cure: Cure) -> dict[str, Any]:
+        """Return the values that words may name."""
+        known = super().known(cure)
+        stiffness, damping = _bouncing(known["value"])
+        force = known["value"] / abs(cure.given.get("gear", 1.0))
+        left_out = _written(str(cure.given.get("function", "")))
+        more = {"larger": LARGER, "force": force, "left_out": left_out}
+        return {**known, **more, "stiffness": stiffness, "damping": damping}
+
+    def operations(self, cure: Cure, scope: Scope) -> Iterable[Operation]:
+        """Return what the hooks of MuJoCo's functions do otherwise."""
+        derived = {"derived": True} if self.derived else {}
+        for name, how in self.changes(cure).items():
+            yield {**_write(name, how), **self.of(scope), **derived}
+        if self.makes is not None:
+            yield from ({"engine": ENGINE, **each} for each in self.makes(self, cure, scope))
+
+    def applied(self, cure: Cure, scope: Scope) -> ChangedRun | None:
+        """Return the run with a cure, with finer steps where a finding asks for them."""
+        run, finer = super().applied(cure, scope), cure.given.get("finer", 1)
+        return run if run is None or finer == 1 else run + ChangedRun(below={"finer": finer})
+
+
+def _write(field: str, how: How) -> Operation:
+    return {"engine": ENGINE, "do": "write", "field": field, "how": how}
+
+
+def _written(function: str) -> str:
+    """Return what a cure leaves out, as the script has it."""
+    if function in PARTS:
+        return f"data.{function}"
+    return f"mujoco.{function}(…)" if function.startswith("mj_") else f"model.{function}"
+
+
+def left_out(function: str, file: str, line: int, argument: str | None) -> ChangedRun | None:
+    """Return a run without what a script sets before a line; None of an argument alone."""
+    if argument is not None:
+        return None
+    how = {"do": "keep", "field": function}
+    if function in PARTS:
+        how = {"do": "leave", "part": function}
+    elif function.startswith("mj_"):
+        how = {"do": "skip", "function": function}
+    return ChangedRun([{"engine": ENGINE, "site": [file, line], **how}])
+
+
+def _set_parameter(name: str, value: float) -> ChangedRun:
+    return ChangedRun([_write(f"opt.{name}", ("=", value))])
+
+
+# -- operations -----------------------------------------------------------------------------------
+
+
+def _gains(row: FieldRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
+    """Give actuators a gain; a servo's stiffness or damping with it."""
+    do, number = raised(row.number(cure))
+    gain, bias = (do, number), (do, number if do == "*" else -number)
+    for each, its in _actuators(scope):
+        if each.kind not in ("velocity", "position"):
+            continue
+        is_damping = each.kind == "velocity" or row.name == "gains:kv-below"
+        if each.kind == "velocity" or not is_damping:
+            yield {**_write("actuator_gainprm[0]", gain), **its}
+        yield {**_write(f"actuator_biasprm[{2 if is_damping else 1}]", bias), **its}
+
+
+def _force_range(row: FieldRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
+    """Widen what limits the force of actuators, and of their joints."""
+    number = row.number(cure)
+    its = {"limited": "jnt_actfrclimited", **_joints(scope)}
+    yield from ({**each, **its} for each in _wider("jnt_actfrcrange", number, 1.0))
+    for each, its in _actuators(scope):
+        if each.force_range is not None:
+            wider = _wider("actuator_forcerange", number, each.gear)
+            yield from ({**one, **its} for one in wider)
+
+
+def _wider(field: str, number: float | None, gear: float) -> Iterator[Operation]:
+    if number is None:
+        yield _write(field, ("*", MORE))
+        return
+    most = number / abs(gear or 1.0)
+    yield _write(f"{field}[0]", ("<", -most))
+    yield _write(f"{field}[1]", (">", most))
+
+
+def _control_range(_: FieldRow, __: Cure, scope: Scope) -> Iterator[Operation]:
+    for each, its in _actuators(scope):
+        if each.ctrl_range is not None:
+            yield {**_write("actuator_ctrllimited", ("=", 0)), **its}
+
+
+def _mass(_: FieldRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
     """Give bodies a mass, and inertia in proportion; to a body of several parts, to its base."""
     names = [_links(body)[0] for body in scope.bodies]
     yield {"do": "weigh", "names": names, "mass": cure.value, "factor": MORE, "derived": True}
 
 
-def _pass(scope: Scope, _: Cure) -> Iterator[Operation]:
+def _pass(_: FieldRow, __: Cure, scope: Scope) -> Iterator[Operation]:
     if scope.other is not None:
         yield {"do": "part", "names": [_all_links(scope), _links(scope.other)]}
 
 
-def _compensation(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    names = _all_links(scope)
-    yield _write("body_gravcomp", of="body", names=names, value=_number(cure), derived=True)
-
-
-def _damping(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    yield _write("dof_damping", value=_number(cure), **_of(scope))
-
-
-def _limits(scope: Scope, _: Cure) -> Iterator[Operation]:
-    yield _write("jnt_limited", value=0, **_of(scope))
-
-
-def _gravity(_: Scope, cure: Cure) -> Iterator[Operation]:
-    yield _write("opt.gravity", value=[0.0, 0.0, _number(cure)])
-    yield _write("opt.disableflags", clear=NO_GRAVITY)
-
-
-def _exclude(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    """Keep a link and its parent apart; or take out what keeps bodies apart."""
-    if cure.form == "out":
-        yield {"do": "unexclude", "names": _both(scope, cure)}
-    elif scope.target is not None:
+def _exclude(_: FieldRow, __: Cure, scope: Scope) -> Iterator[Operation]:
+    """Keep a link and its parent apart."""
+    if scope.target is not None:
         yield {"do": "part", "names": [[scope.target], None]}
 
 
-def _meet(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    if cure.form == "flag":
-        yield _write("opt.disableflags", clear=NO_CONTACT)
-        return
-    yield {"do": "meet", "names": _both(scope, cure)}
+def _between(do: str) -> Applies:
+    """Return the operation on what is between MuJoCo's bodies on both sides."""
+
+    def made(_: FieldRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
+        other = scope.bodies[0] if scope.other is None else scope.other
+        names = [_links(scope.bodies[0]), _links(other)]
+        if "links" in cure.given:
+            names = [[name] for name in cure.given["links"]]
+        yield {"do": do, "names": names}
+
+    return made
 
 
-def _both(scope: Scope, cure: Cure) -> list[list[str]]:
-    """Return the names of MuJoCo's bodies on both sides."""
-    if "links" in cure.given:
-        return [[name] for name in cure.given["links"]]
-    other = scope.bodies[0] if scope.other is None else scope.other
-    return [_links(scope.bodies[0]), _links(other)]
+def _done(do: str, **how: object) -> Applies:
+    return lambda _, __, ___: iter([{"do": do, **how}])
 
 
-def _clear(_: Scope, __: Cure) -> Iterator[Operation]:
+def _clear(_: FieldRow, __: Cure, ___: Scope) -> Iterator[Operation]:
     for part in ("xfrc_applied", "qfrc_applied"):
         yield {"do": "clear", "part": part}
 
 
-def _lift(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    up = [0.0, 0.0, AWAY * (_number(cure) or 0.0)]
+def _lift(row: FieldRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
+    up = [0.0, 0.0, AWAY * (row.number(cure) or 0.0)]
     yield {"do": "lift", "names": _all_links(scope), "by_m": up}
 
 
-TABLE: dict[str, Applies] = {
-    "solver": _option("iterations"),
-    "noslip": _option("noslip_iterations"),
-    "impratio": _impratio,
-    "cone": lambda _, __: iter([_write("opt.cone", value=1)]),
-    "gains": _gains,
-    "forcerange": _force_range,
-    "ctrlrange": _control_range,
-    "limits": _limits,
-    "damping": _damping,
-    "joint-damping": _damping,
-    "friction": _friction,
-    "solref": _softness,
-    "gravity": _gravity,
-    "gravcomp": _compensation,
-    "armature": _armature,
-    "mass": _mass,
-    "restitution": _bounce,
-    "collision-off": _pass,
-    "exclude": _exclude,
-    "contype": _meet,
-    "filterparent": _done("flag", name="mjDSBL_FILTERPARENT"),
-    "keyframe-ctrl": _done("key"),
-    "targets-held": lambda _, cure: iter([{"do": "give" if cure.form == "reset" else "hold"}]),
-    "push-repeated": _clear,
-    "lifted": _lift,
-    "set-const": _done("derive"),
-    "memory": _done("arena", factor=LARGER, at_load=True),
-    "forward": _done("pose"),
+def _without(_: FieldRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
+    """Leave out what a finding is about."""
+    file, _, line = (scope.site or "").rpartition(":")  # type: ignore[assignment]
+    if file and line.isdecimal():
+        run = left_out(str(cure.given["function"]), file, int(line), None)
+        yield from [] if run is None else run.operations
+
+
+# -- the rows -------------------------------------------------------------------------------------
+
+
+def _option(field: str, usual: float) -> dict[str, Becomes]:
+    return {f"opt.{field}": to(usual)}
+
+
+GEOM_FRICTION = "geom_friction[0]"
+PAIR_FRICTION = ("pair_friction[0]", "pair_friction[1]")
+SOFT = ("geom_solref", "pair_solref")
+GRAVITY: dict[str, Becomes] = {
+    "opt.gravity": lambda number: ("=", [0.0, 0.0, number]),
+    "opt.disableflags": always("~", "mjDSBL_GRAVITY"),
 }
-"""How each intervention is made."""
+
+ROWS = (
+    # The whole run.
+    Row("timestep", words="timestep/{value:g}", below="finer", usual=2.0, whole_run=True),
+    FieldRow("iterations", {"opt.iterations": lambda n: ("*", n)}, usual=4.0, whole_run=True),
+    FieldRow(f"gravity:{FACTOR}", {"opt.gravity": lambda size: ("size", size)}),
+    FieldRow(
+        f"friction:{FACTOR}",
+        dict.fromkeys(("geom_friction", "pair_friction"), lambda n: ("*", n)),
+    ),
+    FieldRow(
+        f"mass:{FACTOR}",
+        dict.fromkeys(("body_mass", "body_inertia"), lambda n: ("*", n)),
+        derived=True,
+    ),
+    FieldRow(
+        "solver",
+        {"opt.iterations": to(0)},
+        words='iterations="{value:g}"',
+        usual=500.0,
+        whole_run=True,
+    ),
+    FieldRow(
+        "noslip",
+        {"opt.noslip_iterations": to(0)},
+        words='noslip_iterations="{value:g}"',
+        usual=5.0,
+        whole_run=True,
+    ),
+    FieldRow(
+        "impratio",
+        {"opt.impratio": to(0), "opt.cone": always("=", 1)},
+        words='cone="elliptic" impratio="{value:g}"',
+        usual=10.0,
+        whole_run=True,
+    ),
+    FieldRow(
+        "cone",
+        {"opt.cone": always("=", 1)},
+        words='cone="elliptic"',
+        decides=True,
+        whole_run=True,
+    ),
+    FieldRow(
+        "gravity",
+        GRAVITY,
+        words='gravity="0 0 {value:g}"',
+        usual=-9.81,
+        decides=True,
+        whole_run=True,
+    ),
+    FieldRow(
+        "gravity:flag",
+        GRAVITY,
+        words=Message('without <flag gravity="disable"/>'),
+        usual=-9.81,
+        decides=True,
+        whole_run=True,
+    ),
+    FieldRow(
+        "filterparent",
+        {"opt.disableflags": always("|", "mjDSBL_FILTERPARENT")},
+        words='<flag filterparent="disable"/>',
+        decides=True,
+        whole_run=True,
+    ),
+    FieldRow(
+        "contype:flag",
+        {"opt.disableflags": always("~", "mjDSBL_CONTACT")},
+        words=Message('without <flag contact="disable"/>'),
+        decides=True,
+    ),
+    FieldRow(
+        "memory",
+        makes=_done("arena", factor=LARGER, at_load=True),
+        words=Message('<size memory="…"/> of {larger} times as much'),
+        whole_run=True,
+    ),
+    # Actuators.
+    FieldRow("gains", makes=_gains, words='kp="{value:.4g}"', more="kp"),
+    FieldRow("gains:kv", makes=_gains, words='kv="{value:.4g}"'),
+    FieldRow("gains:kp-below", makes=_gains, words='kp="{value:.4g}"', share=BELOW),
+    FieldRow("gains:kv-below", makes=_gains, words='kv="{value:.4g}"', share=BELOW),
+    FieldRow(
+        "forcerange",
+        makes=_force_range,
+        words='forcerange="-{force:.3g} {force:.3g}"',
+        more="forcerange",
+    ),
+    FieldRow(
+        "forcerange:joint",
+        makes=_force_range,
+        words='actuatorfrcrange="-{force:.3g} {force:.3g}"',
+        more="forcerange",
+    ),
+    FieldRow("ctrlrange", makes=_control_range, words=Message("without ctrlrange")),
+    FieldRow("targets-held", makes=_done("hold"), words=Message("data.ctrl with data.qpos")),
+    FieldRow(
+        "targets-held:reset",
+        makes=_done("give"),
+        words=Message("data.ctrl[:] = … after each reset"),
+    ),
+    FieldRow(
+        "keyframe-ctrl",
+        makes=_done("key"),
+        words="mujoco.mj_resetDataKeyframe(…)",
+        decides=True,
+        whole_run=True,
+    ),
+    # Joints.
+    FieldRow("limits", {"jnt_limited": always("=", 0)}, _joints, words=Message("without range")),
+    *(
+        FieldRow(
+            name,
+            {"dof_damping": to(0)},
+            _joints,
+            words='damping="{value:.4g}"',
+            usual=0.0,
+            share=share,
+            decides=True,
+        )
+        for name, share in (("damping", 1.0), ("joint-damping", 1.0), ("damping:below", BELOW))
+    ),
+    FieldRow(
+        "friction:loss", {"dof_frictionloss": to(0)}, _joints, words='frictionloss="{value:g}"'
+    ),
+    FieldRow(
+        "armature",
+        {"dof_armature": to(0)},
+        _joints,
+        words='armature="{value:g}"',
+        usual=ARMATURE_KG_M2,
+        derived=True,
+    ),
+    # Bodies.
+    FieldRow("mass", makes=_mass, words='mass="{value:g}"', more="mass"),
+    FieldRow(
+        "gravcomp",
+        {"body_gravcomp": to(0)},
+        _bodies,
+        words='gravcomp="{value:g}"',
+        usual=1.0,
+        derived=True,
+    ),
+    FieldRow("lifted", makes=_lift, words=Message("{mm:.3g} mm higher")),
+    FieldRow(
+        "friction",
+        dict.fromkeys((GEOM_FRICTION, *PAIR_FRICTION), raised),
+        _bodies,
+        words='friction="{value:.4g}"',
+        more="friction",
+    ),
+    # To hold, no less than they have: of a pair the larger counts.
+    FieldRow(
+        "friction:above",
+        dict.fromkeys((GEOM_FRICTION, *PAIR_FRICTION), _at_least),
+        _both,
+        words='friction="{value:.4g}"',
+        share=ABOVE,
+    ),
+    FieldRow(
+        "friction:condim",
+        {"geom_condim": to(3), "pair_dim": to(3)},
+        _both,
+        words='condim="{value:g}"',
+    ),
+    FieldRow(
+        "solref",
+        {
+            **dict.fromkeys(SOFT, always("=", SOLREF)),
+            **dict.fromkeys(("geom_solimp", "pair_solimp"), always("=", SOLIMP)),
+        },
+        _both,
+        words='solref="0.02 1" solimp="0.9 0.95 0.001"',
+    ),
+    FieldRow("solref:given", {"eq_solref[0]": to(0)}, _bodies, words='solref="{value:g} 1"'),
+    FieldRow("solref:contact", dict.fromkeys(SOFT, _lasting), _both, words='solref="{value:g} 1"'),
+    FieldRow(
+        "solref:stopping",
+        dict.fromkeys(SOFT, _lasting),
+        _both,
+        words=Message('timestep/{finer:g} with solref="{value:g} 1" of both <geom>s'),
+    ),
+    FieldRow(
+        "restitution",
+        {"geom_solref": _bounce},
+        _both,
+        words='solref="-{stiffness:g} -{damping:.3g}"',
+        usual=1.0,
+    ),
+    # What touches what.
+    FieldRow("collision-off", makes=_pass, words="<exclude>", decides=True),
+    FieldRow(
+        "exclude",
+        makes=_exclude,
+        words='<exclude body1="{parent}" body2="{child}"/>',
+        decides=True,
+    ),
+    FieldRow(
+        "exclude:out",
+        makes=_between("unexclude"),
+        words=Message("without that <exclude>"),
+        decides=True,
+    ),
+    FieldRow(
+        "contype",
+        makes=_between("meet"),
+        words=Message("contype and conaffinity that meet"),
+        decides=True,
+    ),
+    Row(
+        "concave",
+        words=Message("split it into convex parts, a <geom> for each"),
+        decides=True,
+        whole_run=True,
+    ),
+    # Calls and writes of the script.
+    FieldRow(
+        "push-repeated",
+        makes=_clear,
+        words=Message("data.{function}[:] = 0 after each step"),
+        unsaid={"function": "xfrc_applied"},
+        whole_run=True,
+    ),
+    FieldRow(
+        "set-const",
+        makes=_done("derive"),
+        words=Message("mujoco.mj_setConst(…) after the edit"),
+        decides=True,
+        whole_run=True,
+    ),
+    FieldRow(
+        "forward",
+        makes=_done("pose"),
+        words=Message("mujoco.mj_step1(…) before mj_step2"),
+        decides=True,
+        whole_run=True,
+    ),
+    FieldRow(
+        "forward:read",
+        makes=_done("pose"),
+        words=Message("mujoco.mj_forward(…) after qpos is written"),
+        decides=True,
+        whole_run=True,
+    ),
+    FieldRow("without", makes=_without, words=Message("without {left_out}"), needs="function"),
+)
+INTERVENTIONS = Interventions(ROWS, OPTIONS, _set_parameter, left_out)

@@ -1,225 +1,99 @@
-"""Interventions in PyBullet's words: a cure as the call that makes it, and as a changed run.
+"""PyBullet's rows of the table of interventions: each as the call that makes it, and as a run.
 
-`call_of` writes a cure as its user would; `applied` turns it into what `watch/intervene.py` does in
-the script's interpreter.
+What `makes` returns is what `watch/intervene.py` does in the script's interpreter.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, replace
 
+from drop_physics.engines.interventions import (
+    AWAY,
+    FACTOR,
+    MORE,
+    How,
+    Interventions,
+    Operation,
+    Row,
+    always,
+    raised,
+    times,
+    to,
+)
 from drop_physics.engines.pybullet.watch.arguments import ARGUMENTS, CLIENT
 from drop_physics.messages import Message
-from drop_physics.trace.cures import ChangedRun, Cure, Scope, below, whole_number
+from drop_physics.trace.cures import ChangedRun, Cure, Scope, whole_number
 from drop_physics.trace.events import Body
 
-Operation = dict[str, Any]
-Values = Mapping[str, Any]
-Applies = Callable[[Scope, Cure], Iterator[Operation]]
+Applies = Callable[["CallRow", Cure, Scope], Iterator[Operation]]
 
-MOTORS = [
-    "setJointMotorControl2",
-    "setJointMotorControlArray",
-    "setJointMotorControlMultiDof",
-    "setJointMotorControl",
-]
+MOTOR = "setJointMotorControl2"
+MOTORS = [MOTOR, "setJointMotorControlArray", "setJointMotorControlMultiDof"]
+MOTORS += ["setJointMotorControl"]
 MAKES = ["loadURDF", "loadMJCF", "loadSDF", "createMultiBody", "loadBullet"]
 BEGINS = ["connect", "resetSimulation"]
 ENGINE, DYNAMICS, STEP = "setPhysicsEngineParameter", "changeDynamics", "stepSimulation"
-POSE = "resetBasePositionAndOrientation"
+CONSTRAINT, POSE = "changeConstraint", "resetBasePositionAndOrientation"
 VELOCITY, POSITION, PD = 0, 2, 3
 """`controlMode` of a motor call."""
 INERTIA_FROM_FILE, SELF_COLLISION, CONCAVE = 2, 8 | 16 | 32, 1
 """Flags: URDF_USE_INERTIA_FROM_FILE, the URDF_USE_SELF_COLLISION…, GEOM_FORCE_CONCAVE_TRIMESH."""
-MORE = 10.0
-"""Factor for a value to be raised or lowered, if an advice gives no number."""
-LIGHT_KG, LIGHT_KG_M2 = 1e-3, 1e-6
-"""Mass and inertia of a link that is to weigh nothing; with less, the solver fails."""
+LIGHT = {"mass": ("=", 1e-3), "localInertiaDiagonal": ("=", [1e-6] * 3)}
+"""Mass [kg] and inertia [kg m²] of a link that is to weigh nothing; with less, the solver fails."""
 UP, LIFTED_M = (0.0, 0.0, 1.0), 0.01
 """Direction and distance by which a body is moved, if no depth is known."""
 RESIDUAL, TIMESTEPS = "solverResidualThreshold", ("fixedTimeStep", "numSubSteps", "timestep")
 PARAMETERS = {*ARGUMENTS[ENGINE]}.difference(TIMESTEPS, [CLIENT])
 """Parameters of the engine that `parameter` sets; `timestep` varies timesteps."""
-WIDE = 1e3
-"""A joint limit that nothing reaches [rad, m]."""
+FARTHER = Message("{mm:.3g} mm farther away")
 
 
-# -- a cure as a call -----------------------------------------------------------------------------
+@dataclass(frozen=True)
+class CallRow(Row):
+    """An intervention that is made in calls of PyBullet."""
 
-FUNCTIONS = {
-    "force": "setJointMotorControl2",
-    "gains": "setJointMotorControl2",
-    "urdf-limits": "setJointMotorControl2",
-    "solver": ENGINE,
-    "cone": ENGINE,
-    "pairs-sorted": ENGINE,
-    "damping": DYNAMICS,
-    "joint-damping": DYNAMICS,
-    "friction": DYNAMICS,
-    "restitution": DYNAMICS,
-    "limits": DYNAMICS,
-    "mass": DYNAMICS,
-    "ik": "calculateInverseKinematics",
-    "constraint-force": "changeConstraint",
-}
-"""The function whose arguments a cure gives."""
-CALLS = {
-    "default-motor-off": "p.setJointMotorControl2(…, p.VELOCITY_CONTROL, force=0)",
-    "default-motor-off:ball": "p.setJointMotorControlMultiDof(…, p.POSITION_CONTROL, "
-    "targetPosition=[0, 0, 0, 1], force=[0, 0, 0])",
-    "substeps": Message("{value:g} steps of 1/{value:g} of the timestep in place of substeps"),
-    "timestep": "p.setTimeStep(… / {value:g})",
-    "timestep-first": Message("p.setTimeStep(…) before motors and constraints get their force"),
-    "inertia-from-file": "p.loadURDF(…, flags=p.URDF_USE_INERTIA_FROM_FILE)",
-    "mimic": Message(
-        "p.createConstraint(…, p.JOINT_GEAR, …) with gearRatio={ratio}, and the motor of joint "
-        "{link} off, which else holds both"
-    ),
-    "targets-held": Message("new targets for the motors after p.{function}"),
-    "constraint-frames": Message(
-        "p.createConstraint with the parentFramePosition and childFramePosition of one and the "
-        "same point"
-    ),
-    "constraint-frames:turned": Message(
-        "p.createConstraint with the parentFrameOrientation and childFrameOrientation of one and "
-        "the same frame"
-    ),
-    "collision-off": Message("without URDF_USE_SELF_COLLISION"),
-    "collision-off:both-masks": "p.setPhysicsEngineParameter(…, collisionFilterMode=0)",
-    "push-repeated": Message("p.{function} before each p.stepSimulation() in which it is to act"),
-    "push-at-centre": Message("the point in p.{frame}, or at the centre of the body"),
-    "concave": "p.createCollisionShape(…, flags=p.GEOM_FORCE_CONCAVE_TRIMESH)",
-    "gravity": "p.setGravity(0, 0, {value:g})",
-    "right-client": "p.{function}(…, physicsClientId={client})",
-    "right-link": Message("{arguments} in a call of its own"),
-    "right-link:joints": Message(
-        "the answers to the joints that move, for which p.getJointInfo(body, joint)[3] > -1"
-    ),
-    "inertial": Message("an <inertial> of its own for each link"),
-    "lifted": Message("{mm:.3g} mm farther away"),
-    "lifted:set": Message("{mm:.3g} mm farther away"),
-    "lifted:frame": "p.resetBasePositionAndOrientation(body, *p.multiplyTransforms(position, "
-    "orientation, *p.getDynamicsInfo(body, -1)[3:5]))",
-    "support-velocity": Message("p.resetBaseVelocity(…) with each pose that is set"),
-    "mass:made": "p.createMultiBody(…, baseMass={value:g})",
-    "without": Message("without p.{function}(…)"),
-    "without:argument": Message("without p.{function}(…, {argument}=…)"),
-    "without:of-body": Message("without p.{function}(…) of that body"),
-    "without:vertical": Message("its vertical velocity handed on: p.getBaseVelocity(body)[0][2]"),
-    "without:driven": Message("p.setJointMotorControl2(…, p.POSITION_CONTROL, …) in its place"),
-}
-"""Calls of cures that are more than the arguments of a function, by name and form."""
-UNSAID = {
-    **dict.fromkeys(("ratio", "link", "client", "arguments", "argument"), "…"),
-    "function": "resetJointState",
-    "frame": "LINK_FRAME",
-}
-"""Placeholder names in a call, for a cure that is tried by its name alone."""
-USUAL = {"gravity": -9.81, "timestep": 2.0, "substeps": 2.0, "mass": 1.0, "lifted": LIFTED_M}
-"""Default values of a cure without a number."""
+    makes: Applies | None = None
+    _: KW_ONLY
+    function: str = ""
+    """The function whose arguments are set."""
+
+    def changes(self, cure: Cure) -> dict[str, How]:
+        """Return how each argument changes: as a finding says it, or the row."""
+        if cure.given:
+            return {name: ("=", value) for name, value in cure.given.items()}
+        return super().changes(cure)
+
+    def call_of(self, cure: Cure) -> str:
+        """Return the call that a cure's user would write."""
+        if self.words or not self.function:
+            return super().call_of(cure)
+        shown = (_shown(name, *each) for name, each in self.changes(cure).items())
+        return f"p.{self.function}(…, {', '.join(shown)})"
+
+    def operations(self, cure: Cure, scope: Scope) -> Iterable[Operation]:
+        """Return what the hooks of PyBullet's functions do otherwise."""
+        return () if self.makes is None else self.makes(self, cure, scope)
 
 
-def call_of(cure: Cure) -> str:
-    """Return the call that a user would write for a cure."""
-    text = CALLS.get(_key(cure))
-    if text is not None:
-        given = {
-            name: ", ".join(map(str, each)) if isinstance(each, list) else each
-            for name, each in cure.given.items()
-        }
-        number = _number(cure)
-        return Message(text, **{**UNSAID, "value": number, "mm": 1e3 * number, **given})
-    function = FUNCTIONS.get(cure.name)
-    if function is None:
-        return cure.name
-    factors = _factors(cure)
-    shown = [
-        f"{name}*{each:.3g}" if each > 1 else f"{name}/{1 / each:.3g}"
-        for name, each in factors.items()
-    ]
-    shown += [f"{name}={each:g}" for name, each in _values(cure).items() if name not in factors]
-    return f"p.{function}(…, {', '.join(shown)})"
-
-
-def _number(cure: Cure) -> float:
-    return USUAL.get(cure.name, 0.0) if cure.value is None else cure.value
-
-
-def _key(cure: Cure) -> str:
-    return f"{cure.name}:{cure.form}" if cure.form else cure.name
-
-
-def _factors(cure: Cure) -> dict[str, float]:
-    """Return the factors of arguments, if no number is known."""
-    match cure.name, cure.form:
-        case "force", _ if cure.value is None:
-            return {"force": MORE}
-        case "friction", _:
-            return {"lateralFriction": cure.value or MORE}
-        case "constraint-force", "less":
-            return {"maxForce": 1 / MORE}
-        case "constraint-force", _ if cure.value is None:
-            return {"maxForce": MORE}
-    return {}
-
-
-def _values(cure: Cure) -> Values:
-    """Return the arguments that a cure gives, by their names."""
-    if cure.given or cure.name not in GIVEN:
-        return cure.given
-    first, others = GIVEN[cure.name]
-    of_value = {} if cure.value is None else dict.fromkeys(first, cure.value)
-    return {**others, **of_value}
-
-
-GIVEN: dict[str, tuple[tuple[str, ...], dict[str, float]]] = {
-    "force": (("force",), {}),
-    "gains": (("positionGain",), {"positionGain": 0.1, "velocityGain": 1.0}),
-    "solver": (("numSolverIterations",), {"numSolverIterations": 500}),
-    "cone": ((), {"enableConeFriction": 1}),
-    "pairs-sorted": ((), {"deterministicOverlappingPairs": 1}),
-    "damping": (
-        ("linearDamping", "angularDamping"),
-        {"linearDamping": 0.0, "angularDamping": 0.0},
-    ),
-    "joint-damping": (("jointDamping",), {"jointDamping": 0.0}),
-    "restitution": (("restitution",), {"restitution": 1.0}),
-    "mass": (("mass",), {"mass": 1.0}),
-    "limits": ((), {"jointLowerLimit": -WIDE, "jointUpperLimit": WIDE}),
-    "ik": (("maxNumIterations",), {"maxNumIterations": 1000, "residualThreshold": 1e-6}),
-    "constraint-force": (("maxForce",), {}),
-}
-"""Arguments that take a cure's value, and their defaults without one."""
-
-
-# -- what a run does otherwise --------------------------------------------------------------------
-
-
-def applied(cure: Cure, scope: Scope) -> ChangedRun | None:
-    """Return the run with a cure; None if this engine does not support it."""
-    if cure.name == "parameter":
-        name = cure.given["name"]
-        value = whole_number(cure.value or 0.0)
-        return ChangedRun(below={"engine": {name: value}}) if name in PARAMETERS else None
-    if cure.name == "substeps":
-        return ChangedRun([_leave([ENGINE], "numSubSteps")], {"finer": int(_number(cure))})
-    run = below(cure)
-    if run is not None:
-        return run
-    made = TABLE.get(_key(cure))
-    if made is None or NEEDS.get(_key(cure), "") not in ("", *cure.given):
-        return None
-    operations = [*made(scope, cure)]
-    return ChangedRun(operations) if operations else None
+def _shown(name: str, operator: str, value: float) -> str:
+    if operator == "=":
+        return f"{name}={value:g}"
+    return f"{name}*{value:.3g}" if value > 1 else f"{name}/{1 / value:.3g}"
 
 
 def left_out(function: str, file: str, line: int, argument: str | None) -> ChangedRun:
     """Return a run without a call, or without one of its arguments."""
     left = [] if argument is None else [argument]
     return ChangedRun([{**_leave([function], *left), "site": [file, line]}])
+
+
+def _set_parameter(name: str, value: float) -> ChangedRun:
+    return ChangedRun(below={"engine": {name: value}})
+
+
+# -- operations -----------------------------------------------------------------------------------
 
 
 def _leave(functions: list[str], *arguments: str) -> Operation:
@@ -237,77 +111,90 @@ def _at(scope: Scope) -> Operation:
     return {"site": [file, int(line)]} if file and line.isdecimal() else {}
 
 
-def _begins(call: str, values: Values) -> Operation:
-    """Return the operation of a call at the beginning of each simulation."""
-    return {"do": "add", "functions": BEGINS, "call": call, "values": values}
-
-
-def _set(*functions: str) -> Operation:
-    return {"do": "set", "functions": [*functions]}
-
-
 def _done(do: str, *functions: str) -> Applies:
     """Return the operations on calls about each body."""
-    return lambda scope, _: (
+    return lambda _, __, scope: (
         {"do": do, "functions": [*functions], **_of(body)} for body in scope.bodies
     )
 
 
-def _engine(_: Scope, cure: Cure) -> Iterator[Operation]:
+def _set(row: CallRow, cure: Cure, _: Scope) -> Iterator[Operation]:
+    """Yield the operation that sets arguments in all calls."""
+    yield {"do": "set", "functions": [row.function], "sets": row.changes(cure)}
+
+
+def _set_of(*functions: str) -> Applies:
+    """Return the operations that set arguments in calls about each body."""
+    return lambda row, cure, scope: (
+        {**each, "sets": row.changes(cure)} for each in _done("set", *functions)(row, cure, scope)
+    )
+
+
+def _begin(row: CallRow, cure: Cure, _: Scope) -> Iterator[Operation]:
+    """Yield the operation of a call at the beginning of each simulation."""
+    yield {"do": "add", "functions": BEGINS, "call": row.function, "sets": row.changes(cure)}
+
+
+def _engine(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
     """Yield operations that set parameters of the engine from the beginning on."""
-    values = {name: whole_number(each) for name, each in _values(cure).items()}
-    yield _begins(ENGINE, values)
-    yield {**_set(ENGINE), "values": values, "given": True}
+    for each in (*_begin(row, cure, scope), *_set(row, cure, scope)):
+        sets = {name: (do, whole_number(value)) for name, (do, value) in each["sets"].items()}
+        yield {**each, "sets": sets, "given": True}
 
 
-def _dynamics(
-    bodies: Sequence[Body],
-    values: Values,
-    links: Callable[[Body], Sequence[int]],
-    factors: Mapping[str, float] | None = None,
+def _dynamics(links: Callable[[Body], Sequence[int]]) -> Applies:
+    """Return the operations that set properties of links."""
+    return lambda row, cure, scope: _of_links(scope.bodies, row.changes(cure), links)
+
+
+def _of_links(
+    bodies: Sequence[Body], sets: Mapping[str, How], links: Callable[[Body], Sequence[int]]
 ) -> Iterator[Operation]:
-    """Yield operations that set properties of links, after each load and call that sets them."""
+    """Yield operations that set properties, after each load and each call that sets them."""
     for body in bodies:
-        each = {
-            "do": "add",
-            "call": DYNAMICS,
-            "values": values,
-            "factors": factors or {},
-            "links": [*links(body)],
-            "link_name": "linkIndex",
-            **_of(body),
-        }
+        how = {"links": [*links(body)], "link_name": "linkIndex", **_of(body)}
+        each = {"do": "add", "call": DYNAMICS, "sets": sets, **how}
         yield {**each, "functions": MAKES}
         yield {**each, "functions": [DYNAMICS], "only_after": True}
-
-
-def _only(links: list[int]) -> Callable[[Body], list[int]]:
-    return lambda _: links
-
-
-def _all(body: Body) -> list[int]:
-    return [-1, *_links(body)]
 
 
 def _links(body: Body) -> list[int]:
     return [joint.link for joint in body.joints]
 
 
+def _all(body: Body) -> list[int]:
+    return [-1, *_links(body)]
+
+
 def _base(_: Body) -> list[int]:
     return [-1]
+
+
+def _limits(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
+    everywhere = "maxJointVelocity" in cure.given
+    return _of_links(scope.bodies, row.changes(cure), _all if everywhere else scope.links)
+
+
+def _inertial(_: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
+    """Give links whose file gives no mass next to none."""
+    for body in scope.bodies:
+        none = [n - 1 for n, each in enumerate(body.asked.links) if math.isnan(each.mass_kg)]
+        links = cure.given.get("links", none)
+        yield from _of_links([body], LIGHT, lambda _, links=links: links)  # type: ignore[misc]
 
 
 def _motors(*modes: int) -> Applies:
     """Return the operations on motor calls; of several joints, each gets at least a force."""
 
-    def made(scope: Scope, cure: Cure) -> Iterator[Operation]:
+    def made(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
+        sets = row.changes(cure)
+        if row.name == "force" and scope.joint is None and not scope.whole:
+            sets = {name: (">" if do == "=" else do, n) for name, (do, n) in sets.items()}
         for body in scope.bodies:
             yield {
                 "do": "motor",
                 "functions": MOTORS,
-                "values": _values(cure),
-                "factors": _factors(cure),
-                "least": cure.name == "force" and scope.joint is None and not scope.whole,
+                "sets": sets,
                 "links": None if scope.joint is None else scope.links(body),
                 "modes": [*modes],
                 **_of(body),
@@ -316,153 +203,77 @@ def _motors(*modes: int) -> Applies:
     return made
 
 
-def _urdf_limits(scope: Scope, cure: Cure) -> Iterator[Operation]:
+def _urdf_limits(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
     """Give motors the force of a finding, or the effort that their file allows."""
     motors = _motors(VELOCITY, POSITION, PD)
     if cure.given:
-        yield from motors(scope, cure)
+        yield from motors(row, cure, scope)
         return
     for body in scope.bodies:
         for joint in body.joints:
             if joint.effort and scope.joint in (None, joint.name):
                 one = replace(scope, bodies=[body], joint=joint.name)
-                yield from motors(one, replace(cure, given={"force": joint.effort}))
+                yield from motors(row, replace(cure, given={"force": joint.effort}), one)
 
 
-def _motor_off(scope: Scope, _: Cure) -> Iterator[Operation]:
+def _motor_off(_: CallRow, __: Cure, scope: Scope) -> Iterator[Operation]:
     """Switch off motors after the load: those that no call commands, and the named one."""
     for body in scope.bodies:
         named = scope.links(body) if scope.joint is not None else []
         for joint in body.joints:
-            if not joint.widths[0]:
+            commanded = (body.number, joint.link) in scope.commanded
+            if not joint.widths[0] or (commanded and joint.link not in named):
                 continue
-            if joint.link not in named and (body.number, joint.link) in scope.commanded:
-                continue
-            off: Operation = {
+            if joint.kind == "spherical":
+                call = "setJointMotorControlMultiDof"
+                given = (POSITION, [0, 0, 0], [0, 0, 0, 1])
+            else:
+                call, given = MOTOR, (VELOCITY, 0)  # type: ignore[assignment]
+            names = ("controlMode", "force", "targetPosition")
+            yield {
                 "do": "add",
                 "functions": MAKES,
+                "call": call,
+                "sets": {name: ("=", value) for name, value in zip(names, given, strict=False)},
+                "links": [joint.link],
                 "link_name": "jointIndex",
                 **_of(body),
             }
-            if joint.kind == "spherical":
-                off["call"] = "setJointMotorControlMultiDof"
-                off["fixed"] = {
-                    "controlMode": POSITION,
-                    "targetPosition": [0, 0, 0, 1],
-                    "force": [0, 0, 0],
-                }
-            else:
-                off["call"] = "setJointMotorControl2"
-                off["fixed"] = {"controlMode": VELOCITY, "force": 0}
-            yield {**off, "links": [joint.link]}
 
 
-def _damping(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    yield from _dynamics(scope.bodies, _values(cure), _base)
-
-
-def _joint_damping(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    """Remove the damping of joints: of all, since a chain's joints act on each other."""
-    yield from _dynamics(scope.bodies, _values(cure), _links)
-
-
-def _friction(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    yield from _dynamics(scope.bodies, {}, _all, _factors(cure))
-
-
-def _restitution(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    yield from _dynamics(scope.bodies, _values(cure), _all)
-
-
-def _limits(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    everywhere = "maxJointVelocity" in cure.given
-    yield from _dynamics(scope.bodies, _values(cure), _all if everywhere else scope.links)
-
-
-def _mass(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    yield from _dynamics(scope.bodies, _values(cure), _base)
-
-
-def _mass_made(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    values = {"baseMass": _number(cure)}
-    return ({**_set("createMultiBody"), "values": values, **_of(body)} for body in scope.bodies)
-
-
-def _inertial(scope: Scope, cure: Cure) -> Iterator[Operation]:
-    """Give links whose file gives no mass next to none."""
-    for body in scope.bodies:
-        none = [n - 1 for n, each in enumerate(body.asked.links) if math.isnan(each.mass_kg)]
-        links = cure.given.get("links", none)
-        values = {"mass": LIGHT_KG, "localInertiaDiagonal": [LIGHT_KG_M2] * 3}
-        yield from _dynamics([body], values, _only(links))
-
-
-def _inertia(scope: Scope, _: Cure) -> Iterator[Operation]:
-    flags = {"flags": INERTIA_FROM_FILE}
-    return ({**_set("loadURDF"), "flags": flags, **_of(body)} for body in scope.bodies)
-
-
-def _collision(scope: Scope, _: Cure) -> Iterator[Operation]:
-    """Load bodies without self-collision."""
-    flags = {"flags": {"flags": 0}, "clear": SELF_COLLISION}
-    return ({**_set("loadURDF", "loadMJCF"), **flags, **_of(body)} for body in scope.bodies)
-
-
-def _concave(_: Scope, __: Cure) -> Iterator[Operation]:
-    yield {**_set("createCollisionShape"), "flags": {"flags": CONCAVE}}
-
-
-def _both_masks(_: Scope, __: Cure) -> Iterator[Operation]:
-    yield _begins(ENGINE, {"collisionFilterMode": 0})
-
-
-def _constraint(_: Scope, cure: Cure) -> Iterator[Operation]:
+def _constraint(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
     """Give constraints a force: when they are made, and in each call that sets another."""
-    factors, values = _factors(cure), _values(cure)
-    given = {"factors": factors} if factors else {"values": values, "given": True}
-    yield {**_set("changeConstraint"), **given}
-    yield {"do": "pull", "functions": ["createConstraint"], "factors": factors, "values": values}
+    (each,) = _set(row, cure, scope)
+    yield {**each, "given": True}
+    yield {**each, "do": "pull", "functions": ["createConstraint"]}
 
 
-def _frames(_: Scope, __: Cure) -> Iterator[Operation]:
+def _frames(_: CallRow, __: Cure, ___: Scope) -> Iterator[Operation]:
     yield {"do": "frames", "functions": ["createConstraint"]}
 
 
-def _gravity(_: Scope, cure: Cure) -> Iterator[Operation]:
-    yield _begins("setGravity", {"gravX": 0.0, "gravY": 0.0, "gravZ": _number(cure)})
-
-
-def _first(scope: Scope, _: Cure) -> Iterator[Operation]:
+def _first(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
     """Set the last timestep at the beginning, and in each call that would set another."""
-    last = {"timeStep": scope.timestep_s}
-    yield _begins("setTimeStep", last)
-    yield {**_set("setTimeStep"), "values": last}
+    last = replace(cure, given={"timeStep": scope.timestep_s})
+    yield from (*_begin(row, last, scope), *_set(row, last, scope))
 
 
-def _ik(_: Scope, cure: Cure) -> Iterator[Operation]:
-    values = {
-        name: int(each) if name == "maxNumIterations" else each
-        for name, each in _values(cure).items()
-    }
-    yield {**_set("calculateInverseKinematics"), "values": values}
-
-
-def _repeated(_: Scope, __: Cure) -> Iterator[Operation]:
+def _repeated(_: CallRow, __: Cure, ___: Scope) -> Iterator[Operation]:
     yield {"do": "again", "functions": ["applyExternalForce", "applyExternalTorque", STEP]}
 
 
 def _lifted(*functions: str) -> Applies:
     """Place bodies farther away, a thousandth more than asked for."""
 
-    def made(scope: Scope, cure: Cure) -> Iterator[Operation]:
-        by_m = [1.001 * _number(cure) * each for each in cure.given.get("away", UP)]
+    def made(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
+        by_m = [AWAY * (row.number(cure) or 0.0) * each for each in cure.given.get("away", UP)]
         for body in scope.bodies:
             yield {"do": "lift", "functions": [*functions], "by_m": by_m, **_of(body)}
 
     return made
 
 
-def _mimic(scope: Scope, _: Cure) -> Iterator[Operation]:
+def _mimic(_: CallRow, __: Cure, scope: Scope) -> Iterator[Operation]:
     """Connect joints that should follow others by gears, with their own motors off."""
     for body in scope.bodies:
         links = {joint.name: joint.link for joint in body.joints}
@@ -478,11 +289,11 @@ def _mimic(scope: Scope, _: Cure) -> Iterator[Operation]:
             }
 
 
-def _client(_: Scope, cure: Cure) -> Iterator[Operation]:
+def _client(_: CallRow, cure: Cure, __: Scope) -> Iterator[Operation]:
     yield {"do": "also", "functions": [cure.given["function"]], "of": cure.given["client"]}
 
 
-def _without(scope: Scope, cure: Cure) -> Iterator[Operation]:
+def _without(_: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
     """Leave out the call of a finding."""
     place = _at(scope)
     if place:
@@ -490,72 +301,279 @@ def _without(scope: Scope, cure: Cure) -> Iterator[Operation]:
         yield {**_leave([cure.given["function"]]), **place, **about}
 
 
-def _redirected(scope: Scope, cure: Cure) -> Iterator[Operation]:
+def _without_substeps(_: CallRow, __: Cure, ___: Scope) -> Iterator[Operation]:
+    yield _leave([ENGINE], "numSubSteps")
+
+
+def _redirected(_: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
     links = [*map(list, cure.given["links"].items())]
-    for body in scope.bodies:
-        yield {"do": "redirect", "functions": MOTORS, "links": links, **_of(body)}
+    return ({**each, "links": links} for each in _done("redirect", *MOTORS)(_, cure, scope))
 
 
-def _apart(scope: Scope, cure: Cure) -> Iterator[Operation]:
+def _apart(_: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
     """Give arguments of a finding's call in an additional call."""
-    yield {
-        "do": "apart",
-        "functions": [DYNAMICS],
-        "arguments": cure.given["arguments"],
-        **_at(scope),
-    }
+    arguments = {"arguments": cure.given["arguments"], **_at(scope)}
+    yield {"do": "apart", "functions": [DYNAMICS], **arguments}
 
 
-TABLE: dict[str, Applies] = {
-    "force": _motors(VELOCITY, POSITION, PD),
-    "default-motor-off": _motor_off,
-    "default-motor-off:ball": _motor_off,
-    "gains": _motors(POSITION, PD),
-    "urdf-limits": _urdf_limits,
-    "damping": _damping,
-    "joint-damping": _joint_damping,
-    "friction": _friction,
-    "restitution": _restitution,
-    "solver": _engine,
-    "cone": _engine,
-    "pairs-sorted": _engine,
-    "inertia-from-file": _inertia,
-    "collision-off": _collision,
-    "collision-off:both-masks": _both_masks,
-    "concave": _concave,
-    "constraint-force": _constraint,
-    "constraint-force:less": _constraint,
-    "constraint-frames": _frames,
-    "constraint-frames:turned": _frames,
-    "gravity": _gravity,
-    "timestep-first": _first,
-    "limits": _limits,
-    "ik": _ik,
-    "targets-held": _done("hold", "resetJointState", MOTORS[0]),
-    "support-velocity": _done("carry", POSE),
-    "push-repeated": _repeated,
-    "push-at-centre": _done("centre", "applyExternalForce"),
-    "lifted": _lifted(*MAKES),
-    "lifted:set": _lifted(POSE),
-    "lifted:frame": _done("frame", POSE),
-    "mimic": _mimic,
-    "mass": _mass,
-    "mass:made": _mass_made,
-    "right-client": _client,
-    "right-link": _apart,
-    "right-link:joints": _redirected,
-    "inertial": _inertial,
-    "without": _without,
-    "without:of-body": _without,
-    "without:vertical": _done("fall", "resetBaseVelocity"),
-    "without:driven": _done("drive", "resetJointState", STEP),
-}
-"""The function that makes each cure, by name and form; `timestep` and `substeps` are separate."""
-NEEDS = {
-    "right-client": "function",
-    "right-link": "arguments",
-    "right-link:joints": "links",
-    "without": "function",
-    "without:of-body": "function",
-}
-"""Values that a cure needs, by name and form, and that only a finding knows."""
+# -- the rows -------------------------------------------------------------------------------------
+
+ROWS = (
+    Row("timestep", words="p.setTimeStep(… / {value:g})", below="finer", usual=2.0, whole_run=True),
+    Row("iterations", below="iterations", usual=4.0, whole_run=True),
+    *(Row(f"{name}:{FACTOR}", below=name) for name in ("gravity", "friction", "mass")),
+    CallRow(
+        "substeps",
+        makes=_without_substeps,
+        words=Message("{value:g} steps of 1/{value:g} of the timestep in place of substeps"),
+        below="finer",
+        usual=2.0,
+        whole_run=True,
+    ),
+    CallRow(
+        "timestep-first",
+        makes=_first,
+        function="setTimeStep",
+        words=Message("p.setTimeStep(…) before motors and constraints get their force"),
+        decides=True,
+        whole_run=True,
+    ),
+    # Motors.
+    CallRow("force", {"force": raised}, _motors(VELOCITY, POSITION, PD), function=MOTOR),
+    CallRow(
+        "gains",
+        {"positionGain": to(0.1), "velocityGain": always("=", 1.0)},
+        _motors(POSITION, PD),
+        function=MOTOR,
+    ),
+    CallRow("urdf-limits", makes=_urdf_limits, function=MOTOR, decides=True),
+    CallRow(
+        "default-motor-off",
+        makes=_motor_off,
+        words="p.setJointMotorControl2(…, p.VELOCITY_CONTROL, force=0)",
+    ),
+    CallRow(
+        "default-motor-off:ball",
+        makes=_motor_off,
+        words="p.setJointMotorControlMultiDof(…, p.POSITION_CONTROL, "
+        "targetPosition=[0, 0, 0, 1], force=[0, 0, 0])",
+    ),
+    CallRow(
+        "targets-held",
+        makes=_done("hold", "resetJointState", MOTOR),
+        words=Message("new targets for the motors after p.{function}"),
+        unsaid={"function": "resetJointState"},
+    ),
+    CallRow(
+        "mimic",
+        makes=_mimic,
+        words=Message(
+            "p.createConstraint(…, p.JOINT_GEAR, …) with gearRatio={ratio}, and the motor of joint "
+            "{link} off, which else holds both"
+        ),
+    ),
+    CallRow(
+        "right-link:joints",
+        makes=_redirected,
+        words=Message(
+            "the answers to the joints that move, for which p.getJointInfo(body, joint)[3] > -1"
+        ),
+        needs="links",
+        decides=True,
+    ),
+    CallRow(
+        "ik",
+        {"maxNumIterations": to(1000), "residualThreshold": always("=", 1e-6)},
+        _set,
+        function="calculateInverseKinematics",
+        whole_run=True,
+    ),
+    # Links and joints.
+    CallRow(
+        "damping",
+        {"linearDamping": to(0.0), "angularDamping": to(0.0)},
+        _dynamics(_base),
+        function=DYNAMICS,
+        decides=True,
+    ),
+    # Of all joints, since a chain's act on each other.
+    CallRow(
+        "joint-damping",
+        {"jointDamping": to(0.0)},
+        _dynamics(_links),
+        function=DYNAMICS,
+        decides=True,
+    ),
+    CallRow("friction", {"lateralFriction": times}, _dynamics(_all), function=DYNAMICS),
+    CallRow("restitution", {"restitution": to(1.0)}, _dynamics(_all), function=DYNAMICS),
+    CallRow(
+        "limits",  # that nothing reaches [rad, m]
+        {"jointLowerLimit": always("=", -1e3), "jointUpperLimit": always("=", 1e3)},
+        _limits,
+        function=DYNAMICS,
+    ),
+    CallRow("mass", {"mass": to(1.0)}, _dynamics(_base), function=DYNAMICS),
+    CallRow(
+        "mass:made",
+        {"baseMass": to(1.0)},
+        _set_of("createMultiBody"),
+        function="createMultiBody",
+    ),
+    CallRow("inertial", makes=_inertial, words=Message("an <inertial> of its own for each link")),
+    CallRow(
+        "right-link",
+        makes=_apart,
+        words=Message("{arguments} in a call of its own"),
+        needs="arguments",
+        decides=True,
+    ),
+    # As a body is loaded or placed.
+    CallRow(
+        "inertia-from-file",
+        {"flags": always("|", INERTIA_FROM_FILE)},
+        _set_of("loadURDF"),
+        words="p.loadURDF(…, flags=p.URDF_USE_INERTIA_FROM_FILE)",
+        decides=True,
+    ),
+    CallRow(
+        "collision-off",
+        {"flags": always("~", SELF_COLLISION)},
+        _set_of("loadURDF", "loadMJCF"),
+        words=Message("without URDF_USE_SELF_COLLISION"),
+        decides=True,
+    ),
+    CallRow(
+        "concave",
+        {"flags": always("|", CONCAVE)},
+        _set,
+        function="createCollisionShape",
+        words="p.createCollisionShape(…, flags=p.GEOM_FORCE_CONCAVE_TRIMESH)",
+        decides=True,
+        whole_run=True,
+    ),
+    CallRow("lifted", makes=_lifted(*MAKES), words=FARTHER, usual=LIFTED_M),
+    CallRow("lifted:set", makes=_lifted(POSE), words=FARTHER, usual=LIFTED_M),
+    CallRow(
+        "lifted:frame",
+        makes=_done("frame", POSE),
+        words="p.resetBasePositionAndOrientation(body, *p.multiplyTransforms(position, "
+        "orientation, *p.getDynamicsInfo(body, -1)[3:5]))",
+    ),
+    CallRow(
+        "support-velocity",
+        makes=_done("carry", POSE),
+        words=Message("p.resetBaseVelocity(…) with each pose that is set"),
+    ),
+    # The engine.
+    CallRow("solver", {"numSolverIterations": to(500)}, _engine, function=ENGINE, whole_run=True),
+    CallRow(
+        "cone",
+        {"enableConeFriction": to(1)},
+        _engine,
+        function=ENGINE,
+        decides=True,
+        whole_run=True,
+    ),
+    CallRow(
+        "pairs-sorted",
+        {"deterministicOverlappingPairs": to(1)},
+        _engine,
+        function=ENGINE,
+        decides=True,
+        whole_run=True,
+    ),
+    CallRow(
+        "collision-off:both-masks",
+        {"collisionFilterMode": to(0)},
+        _begin,
+        function=ENGINE,
+        decides=True,
+    ),
+    CallRow(
+        "gravity",
+        {"gravX": always("=", 0.0), "gravY": always("=", 0.0), "gravZ": to(-9.81)},
+        _begin,
+        function="setGravity",
+        words="p.setGravity(0, 0, {value:g})",
+        usual=-9.81,
+        decides=True,
+        whole_run=True,
+    ),
+    CallRow(
+        "right-client",
+        makes=_client,
+        words="p.{function}(…, physicsClientId={client})",
+        needs="function",
+        decides=True,
+        whole_run=True,
+    ),
+    # Constraints and pushes.
+    CallRow(
+        "constraint-force",
+        {"maxForce": raised},
+        _constraint,
+        function=CONSTRAINT,
+        whole_run=True,
+    ),
+    CallRow(
+        "constraint-force:less",
+        {"maxForce": always("*", 1 / MORE)},
+        _constraint,
+        function=CONSTRAINT,
+        whole_run=True,
+    ),
+    CallRow(
+        "constraint-frames",
+        makes=_frames,
+        words=Message(
+            "p.createConstraint with the parentFramePosition and childFramePosition of one and the "
+            "same point"
+        ),
+        decides=True,
+        whole_run=True,
+    ),
+    CallRow(
+        "constraint-frames:turned",
+        makes=_frames,
+        words=Message(
+            "p.createConstraint with the parentFrameOrientation and childFrameOrientation of one "
+            "and the same frame"
+        ),
+        decides=True,
+        whole_run=True,
+    ),
+    CallRow(
+        "push-repeated",
+        makes=_repeated,
+        words=Message("p.{function} before each p.stepSimulation() in which it is to act"),
+        unsaid={"function": "applyExternalForce"},
+        whole_run=True,
+    ),
+    CallRow(
+        "push-at-centre",
+        makes=_done("centre", "applyExternalForce"),
+        words=Message("the point in p.{frame}, or at the centre of the body"),
+        unsaid={"frame": "LINK_FRAME"},
+        decides=True,
+    ),
+    # Calls left out.
+    CallRow("without", makes=_without, words=Message("without p.{function}(…)"), needs="function"),
+    Row("without:argument", words=Message("without p.{function}(…, {argument}=…)")),
+    CallRow(
+        "without:of-body",
+        makes=_without,
+        words=Message("without p.{function}(…) of that body"),
+        needs="function",
+    ),
+    CallRow(
+        "without:vertical",
+        makes=_done("fall", "resetBaseVelocity"),
+        words=Message("its vertical velocity handed on: p.getBaseVelocity(body)[0][2]"),
+    ),
+    CallRow(
+        "without:driven",
+        makes=_done("drive", "resetJointState", STEP),
+        words=Message("p.setJointMotorControl2(…, p.POSITION_CONTROL, …) in its place"),
+    ),
+)
+INTERVENTIONS = Interventions(ROWS, dict.fromkeys(PARAMETERS, ()), _set_parameter, left_out)

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...watching.operators import becoming
 from ...watching.sites import caller
 from ..frames import READS, STEPS
 
@@ -67,10 +68,8 @@ class ModelChanges:
     operations
         As `interventions` makes them, those of other engines among them.
     variation
-        What is varied: `finer`, steps of the engine for each of the script's; `iterations`, a
-        factor of the solver's; `options`, fields of `model.opt`; `gravity` [m/s2]; factors of
-        `friction` and `mass`; `nudge`, the largest displacement before the first step [m, rad],
-        and `seed`, what draws it.
+        What is varied: `finer`, steps of the engine for each of the script's; `nudge`, the largest
+        displacement before the first step [m, rad], and `seed`, what draws it.
     tell
         Called with the number of an operation when it does something.
     """
@@ -91,9 +90,10 @@ class ModelChanges:
         self.finer = int(variation.get("finer", 1))
         self._nudge = float(variation.get("nudge", 0.0))
         self._draw = random.Random(variation.get("seed", 0)).uniform
-        mine = [each for each in enumerate(operations) if each[1].get("engine") == ENGINE]
-        self._operations = [*mine, *((-1, each) for each in _varied(variation))]
-        """Operations with their numbers; those of a variation have -1."""
+        self._operations = [
+            each for each in enumerate(operations) if each[1].get("engine") == ENGINE
+        ]
+        """Operations with their numbers."""
         self._models: dict[int, ChangedModel] = {}
         """Changes by the `id` of the MjModel, which Python may reuse."""
         self._data: dict[int, ChangedData] = {}
@@ -493,25 +493,9 @@ def _not_at_load(trial: Mapping[str, Any]) -> bool:
 # -- what is written into a model -----------------------------------------------------------------
 
 
-def _varied(variation: Mapping[str, Any]) -> Iterator[Operation]:
-    """Yield what is varied as operations."""
-    for name, value in variation.get("options", {}).items():
-        yield {"do": "write", "field": f"opt.{name}", "value": value}
-    if variation.get("iterations", 1) != 1:
-        yield {"do": "write", "field": "opt.iterations", "factor": variation["iterations"]}
-    if variation.get("gravity") is not None:
-        yield {"do": "write", "field": "opt.gravity", "size": variation["gravity"]}
-    if variation.get("friction", 1.0) != 1.0:
-        for field in ("geom_friction", "pair_friction"):
-            yield {"do": "write", "field": field, "factor": variation["friction"]}
-    if variation.get("mass", 1.0) != 1.0:
-        for field in ("body_mass", "body_inertia"):
-            yield {"do": "write", "field": field, "factor": variation["mass"], "derived": True}
-
-
 def _writes_of(module: Any, m: Any, operation: Operation) -> Iterator[Write]:
     """Yield what an operation writes into a model."""
-    do, field = operation["do"], operation.get("field", "")
+    do, (field, _, column) = operation["do"], operation.get("field", "").partition("[")
     if field and not _has(m, field):
         return  # of another version
     if do == "write":
@@ -523,18 +507,13 @@ def _writes_of(module: Any, m: Any, operation: Operation) -> Iterator[Write]:
                 where = where[getattr(m, operation["limited"])[where].astype(bool)]
             if not len(where):
                 return
-        if operation.get("column") is not None:
-            where = (where, operation["column"])
-        yield field, where, _becoming(operation)
+        yield field, (where, int(column[:-1])) if column else where, _becoming(module, operation)
     elif do == "weigh":
         ids = _ids(module, m, "body", operation["names"])
         given, masses = operation["mass"], m.body_mass[ids].clip(LEAST_KG)
         factor = np.full(len(ids), operation["factor"]) if given is None else given / masses
         yield "body_mass", ids, lambda held: held * factor
         yield "body_inertia", ids, lambda held: held * factor[:, None]
-    elif do == "flag":
-        bit = int(getattr(module.mjtDisableBit, operation["name"]))
-        yield "opt.disableflags", ..., lambda flags: flags | bit
     elif do == "meet":
         yield from _meeting(module, m, *operation["names"])
     elif do == "part":
@@ -548,27 +527,19 @@ def _writes_of(module: Any, m: Any, operation: Operation) -> Iterator[Write]:
             yield "exclude_signature", rows, lambda held: np.full_like(held, NOT_A_PAIR)
 
 
-def _becoming(operation: Operation) -> Callable[[Any], Any]:
-    """Return what elements become."""
-    if "factor" in operation:
-        factor = operation["factor"]
-        return lambda held: type(held)(held * factor) if isinstance(held, int) else held * factor
-    if "clear" in operation:
-        bits = operation["clear"]
-        return lambda held: held & ~bits
-    if "least" in operation:
-        least = operation["least"]
-        return lambda held: np.maximum(held, least)
-    if "widest" in operation:  # of pairs of a low and a high end
-        most = operation["widest"]
-        return lambda held: np.stack(
-            (np.minimum(held[..., 0], -most), np.maximum(held[..., 1], most)), axis=-1
-        )
-    if "size" in operation:
-        size = operation["size"]
-        return lambda held: held * (size / (np.linalg.norm(held) or 1.0))
-    value = operation["value"]
-    return lambda held: np.broadcast_to(value, held.shape) if hasattr(held, "shape") else value
+def _becoming(module: Any, operation: Operation) -> Callable[[Any], Any]:
+    """Return what elements become, by an operator on numbers, on a vector's size, or on a flag."""
+    name, given = operation["how"]
+    if name == "size":
+        return lambda held: held * (given / (np.linalg.norm(held) or 1.0))
+    if isinstance(given, str):
+        given = int(getattr(module.mjtDisableBit, given))
+
+    def become(held: Any) -> Any:
+        new = becoming(held, (name, given))
+        return type(held)(new) if np.isscalar(held) else np.broadcast_to(new, held.shape)
+
+    return become
 
 
 def _rows(module: Any, m: Any, kind: str, of: str, names: Sequence[str]) -> Any:

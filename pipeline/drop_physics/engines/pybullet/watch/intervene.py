@@ -8,18 +8,22 @@ what it would have read without.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any
 
 from ...watching.hidden import hiding
+from ...watching.operators import becoming
 from ...watching.sites import caller, shown_file
 from .arguments import BODY_NAMES, CLIENT, UNNAMED, body_of, client_of, named, number
 from .functions import MAKES_BODIES, PUSHES
 
 Call = Callable[..., Any]
 Operation = Mapping[str, Any]
-"""An operation: `do` names a method of `Interventions` below, `functions` the calls it is for."""
+"""An operation: `do` names methods of `Interventions`, `functions` the calls that it is for.
+
+`_DO` returns the arguments of such a call, or None to leave it out; `_DO_then` follows it.
+"""
 
 WHOLE = ("connect", "resetSimulation", "stepSimulation")
 """Calls that are about no body, and so about every one."""
@@ -75,6 +79,8 @@ class Interventions:
         self._ours: dict[tuple[Any, ...], Any] = {}
         """The values that were set in their place, by the same keys."""
         self._steps: dict[int, int] = {}
+        self._made = False
+        """Whether an operation has made a call."""
         self._kept: dict[Any, Any] = {}
         """The state of an operation: the last push of a place, the last motor of a joint."""
 
@@ -94,11 +100,15 @@ class Interventions:
             arguments, client = named(name, args, kwargs), client_of(name, args, kwargs)
             changed = arguments
             for which, operation in mine:
-                if self.is_about(operation, name, changed, client):
-                    made = getattr(self, f"_{operation['do']}")(which, operation, changed, client)
-                    if made is None:
-                        return None
-                    changed = made
+                make = getattr(self, f"_{operation['do']}", None)
+                if make is not None and self.is_about(operation, name, changed, client):
+                    self._made = False
+                    made = make(operation, changed, client)
+                    if self._made or _differ(made, changed):
+                        self._tell(which)
+                        if made is None:
+                            return None
+                        changed = made
             # As the script wrote it where nothing is changed: its form is recorded.
             same = changed is arguments
             result = call(*args, **kwargs) if same else self._called(name, call, changed)
@@ -107,10 +117,18 @@ class Interventions:
             for which, operation in mine:
                 then = getattr(self, f"_{operation['do']}_then", None)
                 if then is not None and self.is_about(operation, name, arguments, client, result):
-                    then(which, operation, arguments, client)
+                    self._made = False
+                    then(operation, arguments, client)
+                    if self._made:
+                        self._tell(which)
             return result
 
         return hiding(intervened)
+
+    def _make(self, client: int, name: str, *args: Any, **kwargs: Any) -> Any:
+        """Make a call that the script does not make."""
+        self._made = True
+        return self._calls[name](*args, **{**kwargs, CLIENT: client})
 
     def _called(self, name: str, call: Call, arguments: Mapping[str, Any]) -> Any:
         """Make a call by the names of its arguments; the older motor call takes none by name."""
@@ -155,80 +173,55 @@ class Interventions:
         modes = operation.get("modes")
         return modes is None or arguments.get("controlMode") in modes
 
-    # -- calls made otherwise: each returns the arguments of the call, or None to leave it out ----
+    # -- calls made otherwise ---------------------------------------------------------------------
 
-    def _leave(self, which: int, operation: Operation, arguments: Any, _: int) -> Any:
-        """Leave a call out, or one of its arguments."""
+    def _leave(self, operation: Operation, arguments: Any, _: int) -> Any:
+        """Leave a call out, or some of its arguments."""
         left = operation["arguments"]
-        if not left:
-            self._tell(which)
-            return None
-        made = {name: value for name, value in arguments.items() if name not in left}
-        if made == arguments:
-            return arguments
-        self._tell(which)
-        return made
+        return {n: v for n, v in arguments.items() if n not in left} if left else None
 
-    def _apart(self, which: int, operation: Operation, arguments: Any, _: int) -> Any:
+    def _apart(self, operation: Operation, arguments: Any, client: int) -> Any:
         """Give some arguments of a call in a call of their own, for the same link."""
         own = {n: v for n, v in arguments.items() if n in operation["arguments"]}
         about = {n: v for n, v in arguments.items() if n in (*BODY_NAMES, "linkIndex", CLIENT)}
         if own:
-            self._tell(which)
-            self._calls["changeDynamics"](**about, **own)
+            self._make(client, "changeDynamics", **about, **own)
         return {n: v for n, v in arguments.items() if n not in own}
 
-    def _set(self, which: int, operation: Operation, arguments: Any, client: int) -> Any:
-        """Give arguments other values: all of them, or with `given` only where they are given."""
-        values, given = operation.get("values", {}), operation.get("given")
-        made = {**arguments, **{k: v for k, v in values.items() if not given or k in arguments}}
-        for name, factor in operation.get("factors", {}).items():
-            if name in arguments:
-                made[name] = arguments[name] * factor
-        for name, bits in operation.get("flags", {}).items():
-            made[name] = (number(arguments.get(name)) or 0) & ~operation.get("clear", 0) | bits
-        if made == arguments:
-            return arguments
-        self._tell(which)
+    def _set(self, operation: Operation, arguments: Any, client: int) -> Any:
+        """Set arguments: all of them, or with `given` only those that are given."""
+        made = {**arguments}
+        for name, how in operation["sets"].items():
+            if name in arguments or not operation.get("given"):
+                made[name] = _becoming(arguments.get(name), how)
         if "setPhysicsEngineParameter" in operation["functions"]:
-            for name in operation.get("values", {}).keys() & arguments.keys():
+            for name in operation["sets"].keys() & arguments.keys():
                 self._told[client, None, None, name] = arguments[name]
         return made
 
-    def _motor(self, which: int, operation: Operation, arguments: Any, _: int) -> Any:
-        """Give the motors of joints other values; links None for all that a call is for."""
-        links, values = operation.get("links"), operation["values"]
-        factors, least = operation.get("factors", {}), operation.get("least", False)
-
-        def other(name: str, given: Any) -> Any:
-            """Return a number that a motor is given in place of another, or of none."""
-            if name in factors:
-                return None if given is None else given * factors[name]
-            return max(given, values[name]) if least and given is not None else values[name]
-
+    def _motor(self, operation: Operation, arguments: Any, _: int) -> Any:
+        """Set the motors of joints; links None for all that a call is for."""
+        links, made = operation.get("links"), {**arguments}
         if "jointIndices" not in arguments:
-            if links is not None and number(arguments.get("jointIndex")) not in links:
-                return arguments
-            found = {name: other(name, arguments.get(name)) for name in (*values, *factors)}
-            made = {**arguments, **{k: v for k, v in found.items() if v is not None}}
-        else:
-            joints = [number(each) for each in arguments["jointIndices"]]
-            made = dict(arguments)
-            for name in (*values, *factors):
-                plural = PLURAL.get(name)
-                given = arguments.get(plural)
-                if plural is None or (given is None and name in factors):
-                    continue  # there is none of it for several joints
-                of = [UNSAID.get(name, 0.0)] * len(joints) if given is None else [*given]
-                made[plural] = [
-                    other(name, each) if links is None or joint in links else each
-                    for joint, each in zip(joints, of)
-                ]
-        if made != arguments:
-            self._tell(which)
+            if links is None or number(arguments.get("jointIndex")) in links:
+                for name, how in operation["sets"].items():
+                    if name in arguments or how[0] != "*":
+                        made[name] = _becoming(arguments.get(name), how)
+            return made
+        joints = [number(each) for each in arguments["jointIndices"]]
+        for name, how in operation["sets"].items():
+            plural = PLURAL.get(name)
+            given = arguments.get(plural)
+            if plural is None or (given is None and how[0] == "*"):
+                continue  # there is none of it for several joints
+            of = [UNSAID.get(name, 0.0)] * len(joints) if given is None else [*given]
+            made[plural] = [
+                _becoming(each, how) if links is None or joint in links else each
+                for joint, each in zip(joints, of)
+            ]
         return made
 
-    def _redirect(self, which: int, operation: Operation, arguments: Any, _: int) -> Any:
+    def _redirect(self, operation: Operation, arguments: Any, _: int) -> Any:
         """Send the motor calls of joints to others."""
         to = dict(operation["links"])
         made = dict(arguments)
@@ -238,10 +231,9 @@ class Interventions:
         else:
             joint = number(arguments.get("jointIndex"))
             made["jointIndex"] = to.get(joint, joint)
-        self._tell(which)
         return made
 
-    def _centre(self, which: int, _: Operation, arguments: Any, client: int) -> Any:
+    def _centre(self, _: Operation, arguments: Any, client: int) -> Any:
         """Let a force act at the centre of mass."""
         link, body = number(arguments.get("linkIndex")), body_of(arguments)
         at = [0.0, 0.0, 0.0]
@@ -251,10 +243,9 @@ class Interventions:
                 if link is None or link < 0
                 else self._p.getLinkState(body, link, 0, 1, client)[0]
             )
-        self._tell(which)
         return {**arguments, "posObj": [*at]}
 
-    def _frames(self, which: int, _: Operation, arguments: Any, client: int) -> Any:
+    def _frames(self, _: Operation, arguments: Any, client: int) -> Any:
         """Let a constraint join bodies where they are: its frame on the child is the parent's."""
         p = self._p
         if arguments.get("jointType") not in (p.JOINT_FIXED, p.JOINT_POINT2POINT):
@@ -265,45 +256,41 @@ class Interventions:
         turned = arguments.get("parentFrameOrientation", none)
         point = p.multiplyTransforms(*one, arguments["parentFramePosition"], turned)
         point = p.multiplyTransforms(*p.invertTransform(*other), *point)
-        self._tell(which)
         return {
             **arguments,
             "childFramePosition": [*point[0]],
             "childFrameOrientation": [*point[1]],
         }
 
-    def _frame(self, which: int, _: Operation, arguments: Any, client: int) -> Any:
+    def _frame(self, _: Operation, arguments: Any, client: int) -> Any:
         """Place a body's frame where its centre of mass is set."""
         info = self._p.getDynamicsInfo(body_of(arguments), -1, client)
         pose = arguments["posObj"], arguments["ornObj"]
         at, turned = self._p.multiplyTransforms(*pose, info[3], info[4])
-        self._tell(which)
         return {**arguments, "posObj": [*at], "ornObj": [*turned]}
 
-    def _fall(self, which: int, _: Operation, arguments: Any, client: int) -> Any:
+    def _fall(self, _: Operation, arguments: Any, client: int) -> Any:
         """Leave a body its vertical velocity."""
         if "linearVelocity" not in arguments:
             return arguments
         vertical = self._p.getBaseVelocity(body_of(arguments), client)[0][2]
-        self._tell(which)
         return {**arguments, "linearVelocity": [*[*arguments["linearVelocity"]][:2], vertical]}
 
-    def _drive(self, which: int, _: Operation, arguments: Any, client: int) -> Any:
+    def _drive(self, _: Operation, arguments: Any, client: int) -> Any:
         """Drive joints by motors to where they are set, once the first step is made."""
         if "jointIndex" not in arguments:
             self._steps[client] = self._steps.get(client, 0) + 1
             return arguments
         if not self._steps.get(client):
             return arguments
-        self._tell(which)
-        self._calls["setJointMotorControl2"](
-            body_of(arguments),
-            arguments["jointIndex"],
-            self._p.POSITION_CONTROL,
-            targetPosition=arguments["targetValue"],
-            physicsClientId=client,
-        )
+        self._drive_to(client, arguments)
         return None
+
+    def _drive_to(self, client: int, arguments: Any, **force: Any) -> None:
+        """Give the motor of a joint where it is set as its target."""
+        joint, mode = arguments["jointIndex"], self._p.POSITION_CONTROL
+        to = {"targetPosition": arguments["targetValue"], **force}
+        self._make(client, "setJointMotorControl2", body_of(arguments), joint, mode, **to)
 
     def _pose(self, body: Any, link: Any, client: int) -> Any:
         if number(body) is None or number(body) < 0:  # type: ignore[operator]
@@ -314,37 +301,29 @@ class Interventions:
 
     # -- calls added ------------------------------------------------------------------------------
 
-    def _add(self, _: int, __: Operation, arguments: Any, ___: int) -> Any:
-        return arguments
-
-    def _add_then(self, which: int, operation: Operation, arguments: Any, client: int) -> None:
+    def _add_then(self, operation: Operation, arguments: Any, client: int) -> None:
         """Add calls after this one; after one that sets the same only if it does."""
-        name = operation["call"]
-        values, factors = operation.get("values", {}), operation.get("factors", {})
-        again = {*values, *factors}
-        if operation.get("only_after") and not again & arguments.keys():
+        name, sets = operation["call"], operation["sets"]
+        if operation.get("only_after") and not sets.keys() & arguments.keys():
             return
         body = operation.get("body")
+        about = {} if body is None else {"bodyUniqueId": body}
         joints = 0 if body is None else self._p.getNumJoints(body, client)
         for link in operation.get("links", [None]):
             if link is not None and link >= joints:  # another body has its id: PyBullet would crash
                 continue
-            made: dict[str, Any] = dict(operation.get("fixed", {}))
-            made.update(values)
-            if body is not None:
-                made["bodyUniqueId"] = body
             if link is not None:
-                made[operation["link_name"]] = link
+                about[operation["link_name"]] = link
+            noted: dict[str, Any] = {}
             if name in ("changeDynamics", "setPhysicsEngineParameter"):
-                before = self._noted(client, body, link, again)
-                made.update({key: before[key] * factor for key, factor in factors.items()})
-            self._tell(which)
-            self._calls[name](**made, **{CLIENT: client})
-            for key in again:
+                noted = self._noted(client, body, link, sets)
+            made = {key: _becoming(noted.get(key), how) for key, how in sets.items()}
+            self._make(client, name, **about, **made)
+            for key in sets:
                 reported = self._reported(client, body, link, key)
                 self._ours[client, body, link, key] = reported
 
-    def _noted(self, client: int, body: Any, link: Any, names: set[str]) -> dict[str, Any]:
+    def _noted(self, client: int, body: Any, link: Any, names: Iterable[str]) -> dict[str, Any]:
         """Note what the script is to read of a link, and return it."""
         for name in names:
             key = client, body, link, name
@@ -362,83 +341,49 @@ class Interventions:
         except (KeyError, IndexError, self._p.error):
             return None
 
-    def _lift(self, which: int, operation: Operation, arguments: Any, _: int) -> Any:
+    def _lift(self, operation: Operation, arguments: Any, _: int) -> Any:
         """Place a body elsewhere than where it is set."""
         if "posObj" not in arguments:
             return arguments
-        self._tell(which)
         moved = [each + by for each, by in zip(arguments["posObj"], operation["by_m"])]
         return {**arguments, "posObj": moved}
 
-    def _lift_then(self, which: int, operation: Operation, arguments: Any, client: int) -> None:
+    def _lift_then(self, operation: Operation, arguments: Any, client: int) -> None:
         """Place a body elsewhere than where it was made."""
         body = operation["body"]
         if "posObj" in arguments:
             return
         at, turned = self._p.getBasePositionAndOrientation(body, client)
         at = [each + by for each, by in zip(at, operation["by_m"])]
-        self._tell(which)
-        self._calls["resetBasePositionAndOrientation"](body, at, [*turned], physicsClientId=client)
+        self._make(client, "resetBasePositionAndOrientation", body, at, [*turned])
 
-    def _pull(self, _: int, __: Operation, arguments: Any, ___: int) -> Any:
-        return arguments
-
-    def _pull_then(self, which: int, operation: Operation, _: Any, client: int) -> None:
+    def _pull_then(self, operation: Operation, _: Any, client: int) -> None:
         """Give a constraint that was made another largest force."""
         p = self._p
         made = p.getConstraintUniqueId(p.getNumConstraints(client) - 1, client)
         force_n = p.getConstraintInfo(made, client)[FORCE_AT]
-        most_n = operation["values"].get("maxForce", force_n)
-        most_n *= operation["factors"].get("maxForce", 1.0)
-        self._tell(which)
-        self._calls["changeConstraint"](made, maxForce=most_n, physicsClientId=client)
+        most_n = _becoming(force_n, operation["sets"]["maxForce"])
+        self._make(client, "changeConstraint", made, maxForce=most_n)
 
-    def _gear(self, _: int, __: Operation, arguments: Any, ___: int) -> Any:
-        return arguments
-
-    def _gear_then(self, which: int, operation: Operation, _: Any, client: int) -> None:
+    def _gear_then(self, operation: Operation, _: Any, client: int) -> None:
         """Join two joints of a body that was made by a gear, the follower's motor off."""
         p, body, (leads, follows) = self._p, operation["body"], operation["links"]
         if max(leads, follows) >= p.getNumJoints(body, client):
             return
-        self._tell(which)
-        self._calls["setJointMotorControl2"](
-            body, follows, p.VELOCITY_CONTROL, force=0, physicsClientId=client
-        )
+        self._make(client, "setJointMotorControl2", body, follows, p.VELOCITY_CONTROL, force=0)
         none = [0.0, 0.0, 0.0]
-        gear = self._calls["createConstraint"](
-            body,
-            leads,
-            body,
-            follows,
-            p.JOINT_GEAR,
-            [1.0, 0.0, 0.0],
-            none,
-            none,
-            physicsClientId=client,
-        )
-        self._calls["changeConstraint"](
-            gear,
-            gearRatio=operation["ratio"],
-            maxForce=GEAR_N,
-            erp=GEAR_ERP,
-            physicsClientId=client,
-        )
+        joint = body, leads, body, follows, p.JOINT_GEAR, [1.0, 0.0, 0.0], none, none
+        gear = self._make(client, "createConstraint", *joint)
+        how = {"gearRatio": operation["ratio"], "maxForce": GEAR_N, "erp": GEAR_ERP}
+        self._make(client, "changeConstraint", gear, **how)
 
-    def _also(self, _: int, __: Operation, arguments: Any, ___: int) -> Any:
-        return arguments
-
-    def _also_then(self, which: int, operation: Operation, arguments: Any, client: int) -> None:
+    def _also_then(self, operation: Operation, arguments: Any, client: int) -> None:
         """Make a call for another simulation, too."""
         other, name = operation["of"], operation["functions"][0]
         if client != other and self._p.isConnected(other):
-            self._tell(which)
-            self._calls[name](**{**arguments, CLIENT: other})
+            self._make(other, name, **arguments)
 
-    def _carry(self, _: int, __: Operation, arguments: Any, ___: int) -> Any:
-        return arguments
-
-    def _carry_then(self, which: int, _: Operation, arguments: Any, client: int) -> None:
+    def _carry_then(self, _: Operation, arguments: Any, client: int) -> None:
         """Give a body that is set to poses the velocity that takes it there."""
         body, at = body_of(arguments), [*arguments["posObj"]]
         key = "carried", client, body
@@ -447,13 +392,9 @@ class Interventions:
             return
         timestep_s = self._p.getPhysicsEngineParameters(client)["fixedTimeStep"]
         velocity = [(now - then) / timestep_s for now, then in zip(at, before)]
-        self._tell(which)
-        self._calls["resetBaseVelocity"](body, velocity, physicsClientId=client)
+        self._make(client, "resetBaseVelocity", body, velocity)
 
-    def _hold(self, _: int, __: Operation, arguments: Any, ___: int) -> Any:
-        return arguments
-
-    def _hold_then(self, which: int, _: Operation, arguments: Any, client: int) -> None:
+    def _hold_then(self, _: Operation, arguments: Any, client: int) -> None:
         """Give the motor of a joint that is reset its new position as the target."""
         p, body, joint = self._p, body_of(arguments), number(arguments.get("jointIndex"))
         if "controlMode" in arguments:
@@ -463,29 +404,20 @@ class Interventions:
             return
         kept = self._kept.get(("motor", client, body, joint))
         if kept is not None:
-            self._tell(which)
-            self._calls["setJointMotorControl2"](
-                body,
-                joint,
-                p.POSITION_CONTROL,
-                targetPosition=arguments["targetValue"],
-                physicsClientId=client,
-                **kept,
-            )
+            self._drive_to(client, arguments, **kept)
 
-    def _again(self, which: int, _: Operation, arguments: Any, client: int) -> Any:
+    def _again(self, _: Operation, arguments: Any, client: int) -> Any:
         """Give the last push of each place again, before each step in which it is not given."""
         if "forceObj" in arguments or "torqueObj" in arguments:
             return arguments
         step = self._steps.get(client, 0)
         for (what, of, name, *_), (at, push) in [*self._kept.items()]:
             if what == "push" and of == client and at < step:
-                self._tell(which)
-                self._calls[name](**push)
+                self._make(client, name, **push)
         self._steps[client] = step + 1
         return arguments
 
-    def _again_then(self, _: int, __: Operation, arguments: Any, client: int) -> None:
+    def _again_then(self, __: Operation, arguments: Any, client: int) -> None:
         frame = caller()
         for name in PUSHES:
             vector = "forceObj" if name == "applyExternalForce" else "torqueObj"
@@ -522,6 +454,29 @@ class Interventions:
                 at = REPORTED[argument][1]
                 result = (*result[:at], value, *result[at + 1 :])
         return result
+
+
+def _becoming(held: Any, how: Sequence[Any]) -> Any:
+    """Return what an argument becomes; without one, flags are 0, and any number is the least."""
+    if how[0] in ("|", "~", "^"):
+        held = number(held) or 0
+    elif held is None and how[0] == ">":
+        return how[1]
+    return becoming(held, how)
+
+
+def _differ(made: Any, arguments: Any) -> bool:
+    """Return whether arguments differ, of which some may be arrays."""
+    if made is arguments:
+        return False
+    return made is None or {k: _plain(v) for k, v in made.items()} != {
+        k: _plain(v) for k, v in arguments.items()
+    }
+
+
+def _plain(value: Any) -> Any:
+    value = value.tolist() if hasattr(value, "tolist") else value
+    return [*value] if isinstance(value, tuple) else value
 
 
 def _bodies(name: str, result: Any) -> Iterator[int]:

@@ -1,0 +1,176 @@
+"""The table of interventions: one row for each thing that can be changed in a run.
+
+The rows of an engine are in its own folder (`interventions`); those that any engine has are here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field
+from string import Formatter
+from typing import Any
+
+from drop_physics.messages import Message
+from drop_physics.trace.cures import NUDGE, ChangedRun, Cure, Scope, whole_number
+
+Operation = dict[str, Any]
+"""One operation of a run, as the engine's hooks take it."""
+How = Sequence[Any]
+"""An operator of `watching.operators`, and what it takes: `("*", 10)`."""
+Becomes = Callable[[float | None], How]
+"""What a value becomes, by a cure's number or without one."""
+NOT_SAID = "…"
+MORE = 10.0
+"""The factor of what is raised, if a cure gives no number."""
+AWAY = 1.001
+"""Factor of the distance by which a body is moved away from another."""
+FACTOR = "factor"
+"""The form of a cure that changes a factor of the whole run: of all friction or masses, or the
+magnitude of gravity [m/s²]."""
+
+
+def to(usual: object) -> Becomes:
+    """Return what gives a cure's number, or a usual value without one."""
+    return lambda number: ("=", usual if number is None else number)
+
+
+def always(operator: str, value: object) -> Becomes:
+    """Return what does the same, whatever a cure's number is."""
+    return lambda _: (operator, value)
+
+
+def raised(number: float | None) -> How:
+    """Return a cure's number, or a factor without one."""
+    return ("*", MORE) if number is None else ("=", number)
+
+
+def times(number: float | None) -> How:
+    """Return a cure's number as a factor."""
+    return ("*", number or MORE)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One intervention: its name, its words, and the run in which it is made."""
+
+    name: str
+    """The name, as `--try` takes it; after a colon its form, if there are several."""
+    sets: Mapping[str, Becomes] = field(default_factory=dict)
+    """What arguments or fields become, by name."""
+    _: KW_ONLY
+    words: str = ""
+    """What its user would write, with `{value}`; its name if empty."""
+    unsaid: Mapping[str, str] = field(default_factory=dict)
+    """What the words name if a cure is tried by its name alone."""
+    usual: float | None = None
+    """The value of a cure without a number."""
+    share: float = 1.0
+    """The factor of a cure's number, which is a limit to stay below or above."""
+    decides: bool = False
+    """Whether it switches its cause off entirely, so that a trial without effect refutes it."""
+    whole_run: bool = False
+    """Whether it is made on the whole run, not on a body or joint."""
+    needs: str = ""
+    """What only a finding knows, by its name in `Cure.given`."""
+    below: str = ""
+    """The argument of a `Variation` that takes its value, unseen by the script."""
+
+    def number(self, cure: Cure) -> float | None:
+        """Return the value of a cure, or the usual one."""
+        value = self.usual if cure.value is None else cure.value
+        return None if value is None else value * self.share
+
+    def changes(self, cure: Cure) -> dict[str, How]:
+        """Return how each argument or field changes."""
+        number = self.number(cure)
+        return {name: becomes(number) for name, becomes in self.sets.items()}
+
+    def call_of(self, cure: Cure) -> str:
+        """Return what a cure's user would write."""
+        if not self.words:
+            return cure.name
+        known = self.known(cure)
+        names = [name for _, name, _, _ in Formatter().parse(self.words) if name]
+        return Message(self.words, **{name: known.get(name, NOT_SAID) for name in names})
+
+    def known(self, cure: Cure) -> dict[str, Any]:
+        """Return the values that words may name."""
+        number = self.number(cure) or 0.0
+        given = {
+            name: ", ".join(map(str, each)) if isinstance(each, list) else each
+            for name, each in cure.given.items()
+        }
+        return {**self.unsaid, **given, "value": number, "mm": 1e3 * number}
+
+    def operations(self, cure: Cure, scope: Scope) -> Iterable[Operation]:
+        """Return what the engine's hooks do otherwise."""
+        del cure, scope
+        return ()
+
+    def applied(self, cure: Cure, scope: Scope) -> ChangedRun | None:
+        """Return the run with a cure; None if there is nothing that it changes."""
+        if self.needs and self.needs not in cure.given:
+            return None
+        operations, number = [*self.operations(cure, scope)], self.number(cure)
+        if not self.below:
+            return ChangedRun(operations) if operations else None
+        value = None if number is None else whole_number(number)
+        return ChangedRun(operations, {self.below: value})
+
+
+PARAMETER = Row("parameter", whole_run=True)
+OF_ANY = (
+    Row("nudge", below="nudge", usual=NUDGE, whole_run=True),
+    Row("seed", below="draws", whole_run=True),
+    PARAMETER,
+)
+"""The rows that any engine has."""
+
+
+class Interventions:
+    """The table of an engine.
+
+    Parameters
+    ----------
+    rows
+        Its rows.
+    parameters
+        What `parameter` sets, by name; if it is a choice, the names by their numbers.
+    set_parameter
+        Returns a run with a parameter of some name and value.
+    left_out
+        Returns a run without the call of a function in a line of a file, or without one of its
+        arguments; None if that cannot be.
+    """
+
+    def __init__(
+        self,
+        rows: Iterable[Row],
+        parameters: dict[str, Sequence[str]],
+        set_parameter: Callable[[str, float], ChangedRun],
+        left_out: Callable[[str, str, int, str | None], ChangedRun | None],
+    ) -> None:
+        self.rows = {row.name: row for row in (*rows, *OF_ANY)}
+        self.parameters, self.left_out = parameters, left_out
+        self._set_parameter = set_parameter
+
+    def row_of(self, cure: Cure) -> Row | None:
+        """Return the row of a cure; None if the engine has none such.
+
+        A row of the form `given` is for a number that a cure of no form has.
+        """
+        form = cure.form or ("given" if cure.value is not None else "")
+        return self.rows.get(f"{cure.name}:{form}") or self.rows.get(cure.name)
+
+    def call_of(self, cure: Cure) -> str:
+        """Return the call or attribute that a cure's user would write."""
+        row = self.row_of(cure)
+        return cure.name if row is None else row.call_of(cure)
+
+    def applied(self, cure: Cure, scope: Scope) -> ChangedRun | None:
+        """Return the run with a cure; None if the engine does not support it."""
+        if cure.name == PARAMETER.name:
+            name, value = cure.given["name"], whole_number(cure.value or 0.0)
+            return self._set_parameter(name, value) if name in self.parameters else None
+        row = self.row_of(cure)
+        return None if row is None else row.applied(cure, scope)

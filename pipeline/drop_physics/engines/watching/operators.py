@@ -1,0 +1,29 @@
+"""What a number, a vector or an array becomes: the operators of interventions."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Sequence
+from typing import Any
+
+OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
+    "=": lambda _, given: given,
+    "*": operator.mul,
+    "/": operator.truediv,
+    "+": operator.add,
+    "|": operator.or_,
+    "^": operator.xor,
+    "~": lambda held, bits: held & ~bits,
+    ">": lambda held, least: held.clip(min=least) if hasattr(held, "clip") else max(held, least),
+    "<": lambda held, most: held.clip(max=most) if hasattr(held, "clip") else min(held, most),
+}
+"""Functions of what is held and of what an intervention gives, by name: the last four set and
+clear bits, and set a least and a largest value."""
+
+
+def becoming(held: Any, how: Sequence[Any]) -> Any:
+    """Return what a value becomes, each element of a list by itself."""
+    name, given = how
+    if name != "=" and isinstance(held, (list, tuple)):
+        return [becoming(each, how) for each in held]
+    return OPERATORS[name](held, given)
