@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.arrays import Int64
+from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.bodies import Records, configs_of, records_of, settings_of, substeps_of
 from drop_physics.explain.body_history import BodyHistory, history_of
 from drop_physics.explain.causes import Totals
@@ -27,9 +27,11 @@ from drop_physics.explain.steps import (
 from drop_physics.explain.times import StepTimes
 from drop_physics.explain.touching import STEPS, Touching, rows_of
 from drop_physics.physics.base import EXACT_MACHINES, Law
+from drop_physics.physics.columns import rotation
+from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.laws.lookup import step_law
 from drop_physics.physics.step_law import StepLaw
-from drop_physics.physics.tree import States, Tree
+from drop_physics.physics.tree import BASE, States, Tree
 from drop_physics.trace.acts import CONSTRAINS, SETS_TIMESTEP, Act
 from drop_physics.trace.calls import Call, Push
 from drop_physics.trace.events import order
@@ -80,6 +82,26 @@ class ExplainedPiece:
             its = np.flatnonzero(places[at] == keys) if len(places) else at[:0]
             if len(its):
                 yield batch, verdict, its, at[its]
+
+    def placed(
+        self, number: int, link: int, samples: Int64, *, after: bool = True
+    ) -> tuple[Float64, Float64]:
+        """Return where a link is at samples [m], and its axes; shapes (n, 3) and (n, 3, 3).
+
+        With `after` not given, as the steps begin that lead to these. What no step moves is where
+        calls put it; nan stands for what is not known.
+        """
+        place_m, axes = np.full((len(samples), 3), np.nan), np.full((len(samples), 3, 3), np.nan)
+        if number not in self.bodies and link == BASE:
+            base = self.records[number].base_at(samples)
+            place_m, axes = base[:, :3], np.moveaxis(rotation(base[:, 3:7].T), -1, 0)
+        for steps in self.bodies[number].intervals if number in self.bodies else ():
+            _, rows, its = np.intersect1d(steps.steps, samples, return_indices=True)
+            if len(rows) and link < steps.law.tree.links:
+                states = steps.after if after else steps.before
+                kin = kinematics(steps.law.tree, states.at(rows))
+                place_m[its], axes[its] = kin.position_m(link), kin.matrix(link)
+        return place_m, axes
 
     @cached_property
     def _places(self) -> list[Int64]:

@@ -24,9 +24,7 @@ from drop_physics.explain.touches import TouchTable
 from drop_physics.explain.touching import STEPS
 from drop_physics.fields import counted
 from drop_physics.messages import Message, joined
-from drop_physics.physics.columns import rotation
-from drop_physics.physics.kinematics import kinematics
-from drop_physics.physics.tree import BASE, States
+from drop_physics.physics.tree import States
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.body_properties import AskedOfBodies
 from drop_physics.rules.inputs import Inputs
@@ -280,22 +278,8 @@ class Scene:
     def placed(
         self, number: int, link: int, samples: Int64, *, after: bool = True
     ) -> tuple[Float64, Float64]:
-        """Return where a link is at samples [m], and its axes; shapes (n, 3) and (n, 3, 3).
-
-        With `after` not given, as the steps begin that lead to these. What no step moves is where
-        calls put it; nan stands for what is not known.
-        """
-        place_m, axes = np.full((len(samples), 3), np.nan), np.full((len(samples), 3, 3), np.nan)
-        if number not in self.judged and link == BASE:
-            base = self.records[number].base_at(samples)
-            place_m, axes = base[:, :3], np.moveaxis(rotation(base[:, 3:7].T), -1, 0)
-        for _, steps in self.intervals(number):
-            _, rows, its = np.intersect1d(steps.steps, samples, return_indices=True)
-            if len(rows) and link < steps.law.tree.links:
-                states = steps.after if after else steps.before
-                kin = kinematics(steps.law.tree, states.at(rows))
-                place_m[its], axes[its] = kin.position_m(link), kin.matrix(link)
-        return place_m, axes
+        """Return where a link of the latest piece is at samples: `ExplainedPiece.placed`."""
+        return self._explained.placed(number, link, samples, after=after)
 
     @cached_property
     def moving(self) -> list[int]:

@@ -1,0 +1,202 @@
+"""The account of a recording: rows from the states of all steps and the terms of the sum."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from drop_physics.account import asked, moved
+from drop_physics.account.constrained import Held
+from drop_physics.account.ledger import Ledger, bins_for
+from drop_physics.account.names import Names
+from drop_physics.account.ranking import ranked
+from drop_physics.account.rows import Row
+from drop_physics.account.series import BaseTrack, JointSeries
+from drop_physics.account.subjects import Subject, subject_of
+from drop_physics.account.terms import impulses_by_term, servos_of
+from drop_physics.account.touching import Touching
+from drop_physics.account.words import Words
+from drop_physics.account.written import Written, energy_row
+from drop_physics.arrays import Float64
+from drop_physics.explain.causes import Totals
+from drop_physics.explain.driving import control_of
+from drop_physics.explain.joints import JointTable
+from drop_physics.explain.recording import ExplainedPiece
+from drop_physics.explain.steps import BodySteps
+from drop_physics.explain.times import StepTimes
+from drop_physics.explain.touches import TouchTable
+from drop_physics.messages import Message
+from drop_physics.trace.events import Actuator, Body
+from drop_physics.trace.history import Seen
+
+
+class Account:
+    """Gathers a recording piece by piece, and tells it in rows."""
+
+    def __init__(self, seen: Seen, times: Mapping[int, StepTimes]) -> None:
+        freedoms = sum(
+            6 * body.base_moves + sum(joint.widths[1] for joint in body.joints)
+            for body in seen.bodies.values()
+            if not body.soft
+        )
+        self._seen, self._bins = seen, bins_for(freedoms)
+        self._words = Words(Names(seen.bodies), times)
+        self._servos = {number: servos_of(body) for number, body in seen.bodies.items()}
+        self._ledgers: dict[int, Ledger] = {}
+        self._series: dict[int, list[JointSeries]] = {}
+        self._controls: dict[int, list[Float64]] = {}
+        """The controls of a body's actuators, shape (n, actuators) for each piece."""
+        self._tracks: dict[int, BaseTrack] = {}
+        self._written: dict[int, Written] = {}
+        self._gravity: dict[int, Float64] = {}
+        """The strongest gravity that acted on each body, shape (3,)."""
+        self._broken: dict[int, int] = {}
+        """The first sample of each body that is no number."""
+        self._touching, self._held = Touching(), Held(seen)
+
+    def see(self, explained: ExplainedPiece, joints: JointTable, touches: TouchTable) -> None:
+        """Add a piece."""
+        normals = explained.piece.contacts["normal"]
+        for number, judged in explained.bodies.items():
+            for steps in judged.intervals:
+                if len(steps) and steps.law.tree.size:
+                    self._add(number, steps, normals)
+        for number, found in joints.latest.items():
+            self._series.setdefault(number, []).extend(map(JointSeries.of, found))
+            for driven in found:
+                self._add_controls(driven.body, explained, driven.steps)
+        self._touching.add(touches.pairs)
+        self._held.add(explained)
+
+    def rows(self, totals: Mapping[int, Totals], about: str | None = None) -> list[Row]:
+        """Return all rows, the most salient first; `totals` are those of the explanation."""
+        subjects = {
+            number: subject_of(self._seen.bodies[number], ledger, self._gravity[number])
+            for number, ledger in self._ledgers.items()
+        }
+        read = {
+            target.body
+            for reading in self._seen.readings
+            if reading.complete
+            for target in reading.targets
+        }
+        read = read if len(read) < len(subjects) else set()
+        with np.errstate(all="ignore"):  # of states that are no numbers
+            rows = [*self._rows(subjects, totals)]
+        return ranked(rows, read, about)
+
+    def _rows(self, subjects: Mapping[int, Subject], totals: Mapping[int, Totals]) -> Iterator[Row]:
+        words = self._words
+        for number, subject in subjects.items():
+            if number in self._broken:
+                yield _not_finite(subject, self._broken[number], words)
+            if number in self._series:
+                yield from self._joint_rows(subject)
+            if number in self._tracks:
+                yield from moved.base_rows(
+                    subject, self._tracks[number], self._gravity[number], words
+                )
+            total = totals.get(number)
+            if total is not None and total.covered:
+                row = energy_row(subject, total.energy_j, total.start_j, total.end_j, words)
+                if row is not None:
+                    yield row
+            row = self._written[number].row(subject, words)
+            if row is not None:
+                yield row
+        yield from self._held.rows(subjects, words)
+        yield from self._touching.rows(subjects, words)
+
+    def _joint_rows(self, subject: Subject) -> Iterator[Row]:
+        number, words = subject.body.number, self._words
+        rates = subject.tree.joint_rates
+        parts = [part for part in self._series[number] if part.after.shape[1] == rates]
+        if not parts or len(subject.body.joints) != subject.tree.links:
+            return
+        series = JointSeries.joined(parts)
+        controls = self._controls_of(subject.body, len(series))
+        yield from asked.clamped_rows(subject, controls, words)
+        for axis in asked.axes_of(subject, words):
+            k = axis.joint_rate
+            motors = {
+                actuator: given
+                for actuator, given in controls.items()
+                if actuator.acts_on == "joint"
+                and actuator.target == axis.joint.name
+                and actuator.kind in ("motor", "general", "muscle")
+            }
+            rate = series.asked_rate[:, k]
+            turns = np.isfinite(rate)
+            row: Row | None
+            if np.isfinite(series.target[:, k]).mean() > asked.SELDOM:
+                row = asked.position_row(subject, axis, series, words)
+            elif turns.mean() > asked.SELDOM and np.abs(rate[turns]).max(initial=0.0) > 0:
+                row = asked.rate_row(subject, axis, series, words)
+            elif motors or series.torque_asked[:, k].mean() > asked.SELDOM:
+                row = asked.torque_row(subject, axis, series, words, motors)
+            else:
+                row = moved.joint_row(subject, axis, series, words)
+            if row is not None:
+                yield row
+
+    def _add(self, number: int, steps: BodySteps, normals: Float64) -> None:
+        tree, first = steps.law.tree, int(steps.steps[0])
+        ledger = self._ledgers.get(number)
+        if ledger is None or ledger.tree.size != tree.size:
+            ledger = self._ledgers[number] = Ledger(tree, first, self._bins)
+        ledger.tree = tree
+        if steps.covered:
+            ledger.add(steps, impulses_by_term(steps, normals, self._servos[number]))
+        self._written.setdefault(number, Written()).add(steps)
+        pull = steps.reported.gravity_m_s2
+        strongest = pull[int(np.argmax(np.linalg.norm(pull, axis=1)))].copy()
+        known = self._gravity.get(number)
+        if known is None or np.linalg.norm(strongest) > np.linalg.norm(known):
+            self._gravity[number] = strongest
+        finite = np.isfinite(steps.after.velocity).all(axis=1)
+        finite &= np.isfinite(steps.after.position_m).all(axis=1)
+        if not finite.all():
+            self._broken.setdefault(number, int(steps.steps[int(np.argmin(finite))]))
+        if not tree.fixed:
+            before = steps.before
+            track = self._tracks.get(number)
+            if track is None:
+                track = self._tracks[number] = BaseTrack(
+                    before.position_m[0].copy(),
+                    before.orientation[0].copy(),
+                    before.position_m[0].copy(),
+                )
+            track.add(steps.steps, steps.after.position_m, steps.after.orientation)
+
+    def _add_controls(self, body: Body, explained: ExplainedPiece, steps: BodySteps) -> None:
+        if body.actuators:
+            given = [
+                control_of(each, body, explained.piece, steps.steps) for each in body.actuators
+            ]
+            self._controls.setdefault(body.number, []).append(np.stack(given, axis=1))
+
+    def _controls_of(self, body: Body, steps: int) -> dict[Actuator, Float64]:
+        parts = self._controls.get(body.number, [])
+        if not parts or sum(map(len, parts)) != steps:
+            return {}
+        given = np.concatenate(parts)
+        return {each: given[:, k] for k, each in enumerate(body.actuators)}
+
+
+def _not_finite(subject: Subject, step: int, words: Words) -> Row:
+    """Return the row of a body whose state stops being a number."""
+    return Row(
+        kind="moved",
+        body=subject.body.label,
+        told=Message(
+            "its state is no number from step {step:,} on ({time})",
+            step=step,
+            time=words.time(subject, step),
+        ),
+        step=step,
+        time_s=words.seconds(subject, step),
+        salience=1e3,
+        subject=subject.body,
+        group=("not finite",),
+    )

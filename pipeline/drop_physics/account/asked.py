@@ -1,0 +1,379 @@
+"""Rows of joints that were asked for something: a position, a rate, a torque."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from drop_physics.account.ledger import OWN
+from drop_physics.account.rows import Row
+from drop_physics.account.series import JointSeries
+from drop_physics.account.subjects import Subject
+from drop_physics.account.terms import GAP, GIVEN, RATE, Term
+from drop_physics.account.words import Words
+from drop_physics.arrays import Flags, Float64
+from drop_physics.messages import Message
+from drop_physics.physics.kinematics import kinematics
+from drop_physics.quantities import number, quantity
+from drop_physics.trace.events import Actuator, Joint
+
+DRIVES = ("motors", GIVEN, GAP, RATE)
+"""Causes that are what a joint was commanded; they come first among a row's terms."""
+SELDOM = 0.02
+"""A command in fewer of the steps than this share does not make the joint a commanded one."""
+HOLD_STEPS, LATE = 5, 0.85
+"""After a jump, a target that stands for HOLD_STEPS counts where the gap grows, and in the last
+part of the hold."""
+ROUND = 1e-9
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One degree of freedom of a joint."""
+
+    joint: Joint
+    name: str
+    joint_rate: int
+    """Its index among the rates of the joints."""
+    rate: int
+    """Its index in the generalised velocity."""
+    scale: float
+    """What a way of 1 counts: the size of the body for a slide, 1 rad for a turn."""
+
+    @property
+    def unit(self) -> str:
+        """The unit of its position."""
+        return "m" if self.joint.kind == "prismatic" else "rad"
+
+    @property
+    def force_unit(self) -> str:
+        """The unit of its force."""
+        return "N" if self.joint.kind == "prismatic" else "N m"
+
+
+def axes_of(subject: Subject, words: Words) -> Iterator[Axis]:
+    """Yield the degrees of freedom of a body's joints."""
+    body, first = subject.body, subject.tree.first_rate
+    for joint, place in zip(body.joints, body.rates, strict=True):
+        for k in range(place.start, place.stop):
+            scale = subject.size_m if joint.kind == "prismatic" else 1.0
+            yield Axis(joint, words.names.rate(body, k), k, first + k, scale)
+
+
+def position_row(subject: Subject, axis: Axis, series: JointSeries, words: Words) -> Row | None:
+    """Return the row of a joint that has position targets, at its telling moment."""
+    k, steps = axis.joint_rate, series.steps
+    target, after = series.target[:, k], series.after[:, k]
+    known = np.isfinite(target)
+    off = after - target
+    gap = np.abs(off)
+    counts = _counting(series.before[:, k], target, gap) & known & np.isfinite(gap)
+    if not counts.any():
+        return None
+    at = _worst(gap, counts)
+    last = int(np.flatnonzero(known)[-1])
+    asked = max(float(np.ptp(target[known])), float(np.abs(target[known] - after[0]).max()))
+    at = _telling(gap, counts, at, last)
+    window = words.around(subject, int(steps[at]), len(series))
+    sign = float(np.sign(target[at] - after[at])) or 1.0
+    forces = subject.ledger.forces(axis.rate, window, sign)
+    terms = words.terms(subject, forces, axis.force_unit, drives=DRIVES)
+    near = slice(max(0, at - 2), at + 3)
+    at_limit = bool(series.at_limit[near, k].mean() > 0.5)
+    told = Message(
+        "{asked}, got {got} ({gap}) at {time}",
+        asked=quantity(float(target[at]), axis.unit),
+        got=quantity(float(after[at]), axis.unit),
+        gap=quantity(float(off[at]), axis.unit, "+"),
+        time=words.time(subject, int(steps[at])),
+    )
+    jumps = np.abs(np.diff(target[known])) > ROUND
+    if jumps.mean() > 0.5 and len(series) > 10:
+        told = told + Message(", while its target moves")
+    if at == last:
+        told = told + Message(", at the end")
+    elif abs(off[last] - off[at]) < 0.02 * gap[at]:
+        told = told + Message(", and at the end")
+    else:
+        told = told + Message("; {gap} at the end", gap=quantity(float(off[last]), axis.unit, "+"))
+    if at_limit:
+        told = told + Message("; its drive at its limit")
+    told = told + _turned(subject, axis)
+    return Row(
+        kind="asked",
+        body=subject.body.label,
+        joint=axis.name,
+        told=told,
+        asked=float(target[at]),
+        got=float(after[at]),
+        gap=float(off[at]),
+        unit=axis.unit,
+        step=int(steps[at]),
+        time_s=words.seconds(subject, int(steps[at])),
+        at_limit=at_limit,
+        terms=terms,
+        salience=float(gap[at]) / axis.scale / (asked / axis.scale + 0.1),
+        subject=subject.body,
+        group=("position", subject.kind, words.opposing(forces)),
+    )
+
+
+def rate_row(subject: Subject, axis: Axis, series: JointSeries, words: Words) -> Row | None:
+    """Return the row of a joint that a velocity motor turns: its rate, and the way in all."""
+    k, steps = axis.joint_rate, series.steps
+    asked, rate = series.asked_rate[:, k], series.rate[:, k]
+    known = np.isfinite(asked)
+    timestep_s = words.timesteps_s(subject, steps)
+    missed = np.where(known, rate - asked, 0.0)
+    missed = np.where(np.isfinite(missed), missed, 0.0)
+    lost = np.cumsum(missed * timestep_s)
+    wanted = np.cumsum(np.where(known, asked, 0.0) * timestep_s)
+    came = float(np.where(known, np.nan_to_num(rate), 0.0) @ timestep_s)
+    width = max(3, len(series) // 20)
+    mean = np.convolve(missed, np.ones(width) / width, "same")
+    at = int(np.argmax(np.abs(mean)))
+    spell = slice(max(0, at - width // 2), min(len(series), at + width // 2 + 1))
+    window = subject.ledger.window(int(steps[spell][0]), int(steps[spell][-1]))
+    aim = float(np.nanmean(asked[spell])) if known[spell].any() else 0.0
+    sign = float(np.sign(aim)) or 1.0
+    forces = subject.ledger.forces(axis.rate, window, sign)
+    got = float(np.mean(rate[spell]))
+    at_limit = bool(series.at_limit[spell, k].mean() > 0.5)
+    told = Message(
+        "{asked}, got {got} about {time}; {wanted} in all, came {came}",
+        asked=quantity(aim, f"{axis.unit}/s"),
+        got=quantity(got, f"{axis.unit}/s"),
+        time=words.time(subject, int(steps[at])),
+        wanted=quantity(float(wanted[-1]), axis.unit),
+        came=quantity(came, axis.unit),
+    )
+    if at_limit:
+        told = told + Message("; its drive at its limit")
+    told = told + Message("; about {axis}", axis=_axis_at_end(subject, axis))
+    return Row(
+        kind="asked",
+        body=subject.body.label,
+        joint=axis.name,
+        told=told,
+        asked=aim,
+        got=got,
+        gap=got - aim,
+        unit=f"{axis.unit}/s",
+        step=int(steps[at]),
+        time_s=words.seconds(subject, int(steps[at])),
+        at_limit=at_limit,
+        terms=words.terms(subject, forces, axis.force_unit, drives=DRIVES),
+        salience=float(np.abs(lost).max()) / (float(np.abs(wanted).max()) + 0.1 * axis.scale),
+        subject=subject.body,
+        group=("rate", subject.kind, round(aim, 3), words.opposing(forces)),
+    )
+
+
+def torque_row(
+    subject: Subject,
+    axis: Axis,
+    series: JointSeries,
+    words: Words,
+    actuators: Mapping[Actuator, Float64],
+) -> Row | None:
+    """Return the row of a joint that was given a torque: as it begins, or as its balance breaks.
+
+    `actuators` has the motors on the joint with their controls, shape (n,) each.
+    """
+    ledger, k, steps = subject.ledger, axis.joint_rate, series.steps
+    drive = sum(
+        (
+            ledger.impulse[term][:, axis.rate]
+            for term in ledger.impulse
+            if term.cause in ("motors", GIVEN) or term.cause.startswith("actuator ")
+        ),
+        start=np.zeros(ledger.bins),
+    )
+    acting = np.flatnonzero(np.abs(drive) > ROUND * max(np.abs(drive).max(), 1e-300))
+    if not len(acting) or not ledger.seconds[acting].any():
+        return None
+    balance = drive.copy()
+    for cause in ("gravity", "spring", "gravity compensation"):
+        if Term(cause) in ledger.impulse:
+            balance = balance + ledger.impulse[Term(cause)][:, axis.rate]
+    begins, when = int(acting[0]), Message("as it began")
+    if np.abs(balance[acting[:3]]).max() < 0.05 * np.abs(drive[acting[:3]]).max():
+        broken = acting[np.abs(balance[acting]) > 0.1 * np.abs(drive[acting]).max()]
+        if len(broken) and Term("gravity") in ledger.impulse:
+            begins = int(broken[0])
+            step = ledger.first + begins * ledger.width
+            when = Message("balanced until {time}, then", time=words.time(subject, step))
+    window = slice(begins, begins + max(3, len(acting) // 50))
+    forces = ledger.forces(axis.rate, window)
+    given = sum(force for term, force in forces.items() if words.drives(term, DRIVES))
+    sign = float(np.sign(given)) or 1.0
+    forces = {term: force * sign for term, force in forces.items()}
+    after = series.after[:, k]
+    start = float(series.before[0, k])
+    way = float(np.nanmax(np.abs(after - start))) if np.isfinite(after).any() else 0.0
+    if not np.isfinite(start):
+        way = float(np.abs(np.cumsum(series.rate[:, k] * words.timesteps_s(subject, steps))).max())
+    took = -sum(f for term, f in forces.items() if f < 0 and term is not OWN and term != OWN)
+    cancelled = min(1.0, took / max(abs(given), 1e-12))
+    told = _controls(actuators) + Message(
+        "moved {way}; {when} {force}",
+        way=quantity(way, axis.unit),
+        when=when,
+        force=quantity(abs(given), axis.force_unit),
+    )
+    still = way / axis.scale < 0.1
+    step = ledger.first + begins * ledger.width
+    return Row(
+        kind="given",
+        body=subject.body.label,
+        joint=axis.name,
+        told=told,
+        asked=abs(given),
+        got=way,
+        unit=axis.force_unit,
+        step=step,
+        time_s=words.seconds(subject, step),
+        terms=words.terms(subject, forces, axis.force_unit, drives=DRIVES),
+        salience=max(min(way / axis.scale, 1.0) * 0.6, cancelled * 0.7 if still else 0.0),
+        subject=subject.body,
+        group=("torque", subject.kind, words.opposing(forces)),
+    )
+
+
+def _controls(actuators: Mapping[Actuator, Float64]) -> Message:
+    """Return what the script gave each motor on a joint, and what its range and gear make of it."""
+    told = Message("")
+    for actuator, given in actuators.items():
+        if not np.isfinite(given).any():
+            continue
+        most = float(given[int(np.nanargmax(np.abs(given)))])
+        told = told + Message("ctrl {given}", given=number(most))
+        if actuator.ctrl_range is not None:
+            clipped = float(np.clip(most, *actuator.ctrl_range))
+            if clipped != most:
+                told = told + Message(" clamped to {clipped}", clipped=number(clipped))
+        if actuator.gear != 1:
+            told = told + Message(" × gear {gear}", gear=number(actuator.gear))
+        told = told + Message("; ")
+    return told
+
+
+def clamped_rows(
+    subject: Subject, controls: Mapping[Actuator, Float64], words: Words
+) -> Iterator[Row]:
+    """Yield a row for each actuator whose control is clamped by its range."""
+    for actuator, given in controls.items():
+        if actuator.ctrl_range is None or not np.isfinite(given).any():
+            continue
+        low, high = actuator.ctrl_range
+        outside: Flags = (given < low - 1e-12) | (given > high + 1e-12)
+        if not outside.any():
+            continue
+        at = int(np.nanargmax(np.where(outside, np.abs(given), 0.0)))
+        asked, got = float(given[at]), float(np.clip(given[at], low, high))
+        yield Row(
+            kind="asked",
+            body=subject.body.label,
+            actuator=actuator.name,
+            told=Message(
+                "ctrl {asked}, clamped to {got} by its range {low} to {high} in {steps:,} of "
+                "{of:,} steps",
+                asked=number(asked),
+                got=number(got),
+                low=number(low),
+                high=number(high),
+                steps=int(outside.sum()),
+                of=len(given),
+            ),
+            asked=asked,
+            got=got,
+            gap=got - asked,
+            unit="",
+            salience=0.9 * abs(asked - got) / max(abs(asked), 1e-12) + 0.3 * float(outside.mean()),
+            subject=subject.body,
+            group=("clamped", subject.kind, round(asked, 6)),
+        )
+
+
+def _counting(before: Float64, target: Float64, gap: Float64) -> Flags:
+    """Return the steps whose gap counts, not those in which a joint is on its way to a new target.
+
+    After a jump of the target, steps count while the gap is larger than at the jump, and in the
+    last part of the hold; with a target that moves all the time, all count from the first step on
+    in which the gap is no larger than in the median.
+    """
+    counts = np.ones(len(target), np.bool_)
+    jumped = np.ones(len(target), np.bool_)
+    jumped[1:] = (target[1:] != target[:-1]) & np.isfinite(target[1:])
+    starts = np.flatnonzero(jumped)
+    for start, end in zip(starts, [*starts[1:], len(target)], strict=True):
+        hold = end - start
+        if hold >= HOLD_STEPS:
+            began = abs(before[start] - target[start])
+            away = gap[start:end] > began * 1.02 + ROUND
+            counts[start:end] = away | (np.arange(hold) >= LATE * hold)
+    if jumped.mean() > 0.3 and np.isfinite(gap).any():
+        near = np.flatnonzero(gap <= np.nanmedian(gap) * 1.001 + 1e-12)
+        counts[: int(near[0])] = False
+    return counts
+
+
+def _worst(gap: Float64, counts: Flags) -> int:
+    """Return the step with the largest gap; where that is a spike, the first of the usual large."""
+    limit = float(np.percentile(gap[counts], 98))
+    large = np.flatnonzero(counts & (gap >= limit * 0.999))
+    at = int(large[np.argmax(gap[large])])
+    return at if gap[at] <= 3 * limit else int(large[np.argsort(gap[large])[0]])
+
+
+def _telling(gap: Float64, counts: Flags, worst: int, last: int) -> int:
+    """Return the moment of a row: the end, if the gap there is steady and nearly the largest.
+
+    A hold is told by its steady part, not by the bounce that precedes it.
+    """
+    tail = slice(max(0, last - max(10, len(gap) // 10)), last + 1)
+    steady = float(np.ptp(gap[tail])) < 0.1 * float(gap[last]) + ROUND
+    return last if counts[last] and steady and gap[last] >= 0.5 * gap[worst] else worst
+
+
+def _axes_in_world(subject: Subject, axis: Axis) -> tuple[Float64, Float64] | None:
+    """Return the axis of a joint as a recording begins and ends, unit vectors in world axes."""
+    ledger = subject.ledger
+    known = np.flatnonzero(ledger.counts)
+    if not len(known):
+        return None
+    kin = kinematics(ledger.tree, ledger.ends.at(known[[0, -1]]))
+    along = kin.axes[axis.joint.link][axis.joint_rate - subject.body.rates[axis.joint.link].start]
+    lengths = np.linalg.norm(along, axis=0)
+    return None if not lengths.all() else (along[:, 0] / lengths[0], along[:, 1] / lengths[1])
+
+
+def _axis_at_end(subject: Subject, axis: Axis) -> str:
+    """Return the world axis nearest to that of a joint at the end."""
+    axes = _axes_in_world(subject, axis)
+    return "?" if axes is None else main_axis(axes[1])
+
+
+def _turned(subject: Subject, axis: Axis) -> Message:
+    """Return the world axes of a slide that has turned by more than half a radian, or nothing."""
+    axes = _axes_in_world(subject, axis) if axis.unit == "m" else None
+    if axes is None:
+        return Message("")
+    first, end = axes
+    if np.arccos(np.clip(first @ end, -1.0, 1.0)) < 0.5:
+        return Message("")
+    return Message(
+        "; along {first} at first, {end} at the end",
+        first=main_axis(first),
+        end=main_axis(end),
+    )
+
+
+def main_axis(direction: Float64) -> str:
+    """Return the world axis that a direction is nearest to: `x`, `-z`."""
+    most = int(np.argmax(np.abs(direction)))
+    return ("-" if direction[most] < 0 else "") + "xyz"[most]
+
+

@@ -1,0 +1,189 @@
+"""The ledger of a body: impulse and work of each term over a recording, in bins of steps.
+
+A bin is one step while the recording is short; when there are more bins than fit, each two become
+one. So memory does not grow with a recording, and any window has its mean forces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drop_physics.account.terms import DRAG, Impulses, Term
+from drop_physics.arrays import Float64, Int64
+from drop_physics.explain.steps import BodySteps
+from drop_physics.physics.dynamics import mass_matrix
+from drop_physics.physics.kinematics import kinematics
+from drop_physics.physics.tree import States, Tree
+
+MOST_BINS = 1 << 10
+"""Most bins of a ledger."""
+NUMBERS = 1 << 23
+"""Most numbers of all ledgers together, if each body has TERMS terms."""
+TERMS = 8
+
+OWN = Term("own inertia")
+"""The momentum that a rate itself takes up."""
+
+
+def bins_for(freedoms: int) -> int:
+    """Return how many bins each ledger has, where all bodies together have so many freedoms."""
+    most = NUMBERS // max(1, 2 * TERMS * freedoms)
+    return max(64, min(MOST_BINS, 1 << max(0, most.bit_length() - 1)))
+
+
+@dataclass(eq=False)
+class Ledger:
+    """Impulse and work by term of one body; rows are bins of `width` steps from `first` on."""
+
+    tree: Tree
+    first: int
+    """The sample that the first step led to."""
+    bins: int
+    """Most bins; an even number."""
+    width: int = 1
+    """Steps of each bin."""
+    counts: Int64 = field(init=False)
+    """Explained steps of each bin, shape (bins,)."""
+    seconds: Float64 = field(init=False)
+    """Time of these steps [s], shape (bins,)."""
+    way: Float64 = field(init=False)
+    """Mean velocity of each step times its timestep, summed, shape (bins, size)."""
+    gained: Float64 = field(init=False)
+    """Change of the generalised velocity in the steps, summed, shape (bins, size)."""
+    ends: States = field(init=False)
+    """A state in each bin: after its last step."""
+    impulse: dict[Term, Float64] = field(default_factory=dict)
+    """Impulses [N s, N m s], shape (bins, size) each."""
+    work: dict[Term, Float64] = field(default_factory=dict)
+    """Impulse times mean velocity [J], shape (bins, size) each."""
+
+    def __post_init__(self) -> None:
+        size, joints = self.tree.size, self.tree.joint_coordinates
+        self.counts, self.seconds = np.zeros(self.bins, np.int64), np.zeros(self.bins)
+        self.way, self.gained = np.zeros((2, self.bins, size))
+        self.ends = States(
+            position_m=np.zeros((self.bins, 3)),
+            orientation=np.tile([0.0, 0.0, 0.0, 1.0], (self.bins, 1)),
+            joints=np.zeros((self.bins, joints)),
+            velocity=np.zeros((self.bins, size)),
+        )
+
+    def add(self, steps: BodySteps, impulses: Impulses) -> None:
+        """Add steps of the body; `impulses` are theirs by term, shape (n, size) each."""
+        while (int(steps.steps[-1]) - self.first) // self.width >= self.bins:
+            self._widen()
+        at = (steps.steps - self.first) // self.width
+        timestep_s = steps.reported.timestep_s
+        before, after = steps.before.velocity, steps.after.velocity
+        mean = 0.5 * (before + after)
+        np.add.at(self.counts, at, 1)
+        np.add.at(self.seconds, at, timestep_s)
+        np.add.at(self.way, at, mean * timestep_s[:, None])
+        np.add.at(self.gained, at, after - before)
+        last = np.flatnonzero(np.diff(at, append=at[-1] + 1))
+        for name in ("position_m", "orientation", "joints", "velocity"):
+            getattr(self.ends, name)[at[last]] = getattr(steps.after, name)[last]
+        for term, impulse in impulses.items():
+            for kept, values in ((self.impulse, impulse), (self.work, impulse * mean)):
+                if term not in kept:
+                    kept[term] = np.zeros((self.bins, self.tree.size))
+                np.add.at(kept[term], at, values)
+
+    def _widen(self) -> None:
+        """Make one bin of each two."""
+        half, rest = self.bins // 2, self.bins - self.bins // 2
+
+        def summed(values: Float64) -> Float64:
+            pairs = values.reshape(half, 2, *values.shape[1:]).sum(axis=1)
+            return np.concatenate((pairs, np.zeros((rest, *values.shape[1:]), values.dtype)))
+
+        odd = self.counts[1::2] > 0
+        for name in ("position_m", "orientation", "joints", "velocity"):
+            column = getattr(self.ends, name)
+            column[:half] = np.where(odd[:, None], column[1::2], column[::2])
+        for name in ("counts", "seconds", "way", "gained"):
+            setattr(self, name, summed(getattr(self, name)))
+        for kept in (self.impulse, self.work):
+            for term in kept:
+                kept[term] = summed(kept[term])
+        self.width *= 2
+
+    def window(self, first: int, last: int) -> slice:
+        """Return the bins that hold the steps to the samples from `first` to `last`."""
+        low = max(0, (first - self.first) // self.width)
+        return slice(low, max(low, (last - self.first) // self.width) + 1)
+
+    def forces(self, rate: int, window: slice, sign: float = 1.0) -> dict[Term, float]:
+        """Return the mean force of each term on a rate over a window [N] or [N m], times `sign`.
+
+        With the inertial ones: the rate's own inertia, and the drag of other rates' acceleration
+        through the mass matrix. Empty where no step of the window is explained.
+        """
+        seconds = float(self.seconds[window].sum())
+        if not seconds:
+            return {}
+        found = {
+            term: sign * float(values[window, rate].sum()) / seconds
+            for term, values in self.impulse.items()
+        }
+        gained = self.gained[window].sum(axis=0)
+        row = -self._inertia(rate, window) * gained / seconds * sign
+        found[OWN] = float(row[rate])
+        row[rate] = 0.0
+        base = self.tree.first_rate
+        if base and rate >= base:
+            found[Term(DRAG)] = float(row[:base].sum())
+            row[:base] = 0.0
+        found |= {Term(DRAG, rate=int(k)): float(row[k]) for k in np.flatnonzero(row)}
+        return {term: force for term, force in found.items() if force}
+
+    def works(self, rate: int, window: slice) -> dict[Term, Float64]:
+        """Return the work of each term on a rate in the bins of a window [J]."""
+        found = {term: values[window, rate] for term, values in self.work.items()}
+        return {term: values for term, values in found.items() if values.any()}
+
+    def works_along(self, direction: Float64, window: slice) -> dict[Term, Float64]:
+        """Return the work of each term on a free base's motion along a direction [J].
+
+        Of the mean velocity of each bin; `direction` is a unit vector in world axes, shape (3,).
+        """
+        seconds = self.seconds[window]
+        speed = np.divide(
+            self.way[window, 3:6] @ direction,
+            seconds,
+            out=np.zeros_like(seconds),
+            where=seconds > 0,
+        )
+        return {
+            term: (values[window, 3:6] @ direction) * speed
+            for term, values in self.impulse.items()
+        }
+
+    def _inertia(self, rate: int, window: slice) -> Float64:
+        """Return a row of the mass matrix at the middle of a window, shape (size,)."""
+        known = np.flatnonzero(self.counts[window]) + window.start
+        middle = known[[len(known) // 2]]
+        return np.asarray(mass_matrix(kinematics(self.tree, self.ends.at(middle)))[0, rate])
+
+
+def given_and_taken(works: Mapping[Term, Float64]) -> tuple[dict[Term, float], dict[Term, float]]:
+    """Return which terms gave energy and which took it [J]; both where one went to and fro.
+
+    A term whose net work is below a tenth of its gross work has both: its net would hide it.
+    """
+    gave: dict[Term, float] = {}
+    took: dict[Term, float] = {}
+    for term, values in works.items():
+        size = max(1, len(values) // 50)
+        parts = np.add.reduceat(values, np.arange(0, len(values), size)) if len(values) else values
+        net, plus, minus = parts.sum(), parts[parts > 0].sum(), parts[parts < 0].sum()
+        if abs(net) > 0.1 * (plus - minus):
+            plus, minus = max(net, 0.0), min(net, 0.0)
+        if plus > 0:
+            gave[term] = float(plus)
+        if minus < 0:
+            took[term] = float(minus)
+    return gave, took

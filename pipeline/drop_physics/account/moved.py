@@ -1,0 +1,223 @@
+"""Rows of what moved though nothing commanded it, and of what was pushed and did not move."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from drop_physics.account.asked import Axis
+from drop_physics.account.ledger import given_and_taken
+from drop_physics.account.rows import Row, RowTerm
+from drop_physics.account.series import BaseTrack, JointSeries
+from drop_physics.account.subjects import Subject
+from drop_physics.account.terms import Term
+from drop_physics.account.words import Words
+from drop_physics.arrays import Float64
+from drop_physics.messages import Message
+from drop_physics.quantities import number, quantity
+
+MOVED = 0.01
+"""A way below this share of the body's size, or below this angle [rad], is no motion."""
+TURNED_RAD = 0.03
+FALL = 5.0
+"""A fall by less than this many sizes, with nothing but gravity giving, is what falls do."""
+
+
+def joint_row(subject: Subject, axis: Axis, series: JointSeries, words: Words) -> Row | None:
+    """Return the row of a joint that nothing asks for a position, a rate or a torque."""
+    k, ledger = axis.joint_rate, subject.ledger
+    after = series.after[:, k]
+    start = float(series.before[0, k])
+    if not np.isfinite(start):  # a spherical joint has no single angle
+        timestep_s = words.timesteps_s(subject, series.steps)
+        after, start = np.cumsum(series.rate[:, k] * timestep_s), 0.0
+    way = np.nan_to_num(np.abs(after - start))
+    at = int(np.argmax(way))
+    step = int(series.steps[at])
+    held = series.default[:, k].mean() > 0.5
+    driven = [
+        term.cause
+        for term in ledger.impulse
+        if term.cause.startswith("actuator ") and ledger.impulse[term][:, axis.rate].any()
+    ]
+    pushed = Term("applied")
+    if way[at] / axis.scale < 0.1 and pushed in ledger.impulse:
+        row = _pushed(subject, axis, float(way[at]), step, words)
+        if row is not None:
+            return row
+    if way[at] / axis.scale <= MOVED:
+        return None
+    gave, took = given_and_taken(ledger.works(axis.rate, ledger.window(ledger.first, step)))
+    if driven:
+        why = Message("driven by {actuator}", actuator=driven[0])
+    elif np.isfinite(series.asked_rate[:, k]).any():
+        why = Message("told to stand")
+    elif held:
+        why = Message("held by the engine's own motor")
+    else:
+        why = Message("nothing commands it")
+    return Row(
+        kind="moved",
+        body=subject.body.label,
+        joint=axis.name,
+        told=Message(
+            "{start} to {end} at {time}; {why}",
+            start=quantity(start, axis.unit),
+            end=quantity(float(after[at]), axis.unit),
+            time=words.time(subject, step),
+            why=why,
+        ),
+        asked=start,
+        got=float(after[at]),
+        gap=float(after[at]) - start,
+        unit=axis.unit,
+        step=step,
+        time_s=words.seconds(subject, step),
+        terms=_works(subject, gave, took, words),
+        salience=float(way[at]) / axis.scale * 0.8,
+        subject=subject.body,
+        group=("moved", subject.kind, _most(gave)),
+    )
+
+
+def _pushed(subject: Subject, axis: Axis, way: float, step: int, words: Words) -> Row | None:
+    """Return the row of a joint that a force pushes and that hardly moves."""
+    ledger = subject.ledger
+    acting = np.flatnonzero(ledger.impulse[Term("applied")][:, axis.rate])
+    if not len(acting):
+        return None
+    window = slice(int(acting[0]), int(acting[-1]) + 1)
+    forces = ledger.forces(axis.rate, window)
+    push = forces.get(Term("applied"), 0.0)
+    forces = {term: force * (float(np.sign(push)) or 1.0) for term, force in forces.items()}
+    against = -sum(force for force in forces.values() if force < 0)
+    return Row(
+        kind="held",
+        body=subject.body.label,
+        joint=axis.name,
+        told=Message(
+            "pushed with {push}, moved {way}",
+            push=quantity(abs(push), axis.force_unit),
+            way=quantity(way, axis.unit),
+        ),
+        asked=abs(push),
+        got=way,
+        unit=axis.force_unit,
+        step=step,
+        time_s=words.seconds(subject, step),
+        terms=words.terms(subject, forces, axis.force_unit),
+        salience=0.5 * min(1.0, against / max(abs(push), 1e-12)),
+        subject=subject.body,
+        group=("held", subject.kind, words.opposing(forces)),
+    )
+
+
+def base_rows(
+    subject: Subject, track: BaseTrack, gravity_m_s2: Float64, words: Words
+) -> Iterator[Row]:
+    """Yield how far a free base came and who gave it that, and how far it turned."""
+    way = track.farthest_m - track.start_m
+    distance = float(np.linalg.norm(way))
+    if distance / subject.size_m > MOVED and track.farthest_step >= 0:
+        yield from _ways(subject, track, way, gravity_m_s2, words)
+    if track.most_turned_rad > TURNED_RAD:
+        yield _turn(subject, track, words)
+
+
+def _ways(
+    subject: Subject, track: BaseTrack, way: Float64, gravity_m_s2: Float64, words: Words
+) -> Iterator[Row]:
+    pull = float(np.linalg.norm(gravity_m_s2))
+    up = gravity_m_s2 / pull if pull else np.zeros(3)
+    vertical = (way @ up) * up
+    level = way - vertical
+    far = float(np.linalg.norm(way))
+    main = level if np.linalg.norm(level) > np.linalg.norm(vertical) else vertical
+    first = _way(subject, track, way, main, words)
+    fell = _most_given(first) == "gravity"
+    short = fell and far < FALL * subject.size_m
+    yield replace(first, salience=far / subject.size_m * (0.25 if short else 0.6))
+    sideways = float(np.linalg.norm(level))
+    if fell and sideways / subject.size_m > 0.02:
+        aside = _way(subject, track, level, level, words)
+        yield replace(aside, salience=sideways / subject.size_m * 0.6)
+
+
+def _way(
+    subject: Subject, track: BaseTrack, way: Float64, main: Float64, words: Words
+) -> Row:
+    ledger, step = subject.ledger, track.farthest_step
+    along = main / np.linalg.norm(main)
+    gave, took = given_and_taken(ledger.works_along(along, ledger.window(ledger.first, step)))
+    far = float(np.linalg.norm(way))
+    parts = [
+        f"{'xyz'[k]} {quantity(float(way[k]), 'm', '+')}"
+        for k in range(3)
+        if abs(way[k]) > 0.1 * far
+    ]
+    told = Message("{way} by {time}", way=", ".join(parts), time=words.time(subject, step))
+    if not gave:
+        told = told + Message("; nothing gives: its start velocity")
+    return Row(
+        kind="moved",
+        body=subject.body.label,
+        told=told,
+        got=far,
+        unit="m",
+        step=step,
+        time_s=words.seconds(subject, step),
+        terms=_works(subject, gave, took, words),
+        subject=subject.body,
+        group=("base", subject.kind, _most(gave), int(np.argmax(np.abs(main)))),
+    )
+
+
+def _turn(subject: Subject, track: BaseTrack, words: Words) -> Row:
+    ledger, step = subject.ledger, track.most_turned_step
+    window = ledger.window(ledger.first, step)
+    works = {term: values[window, :3].sum(axis=1) for term, values in ledger.work.items()}
+    gave, took = given_and_taken({term: each for term, each in works.items() if each.any()})
+    turned = ledger.way[window, :3].sum(axis=0)
+    known = np.flatnonzero(ledger.counts)
+    late = known[-max(1, len(known) // 10) :]
+    seconds = float(ledger.seconds[late].sum())
+    spin = float(np.linalg.norm(ledger.way[late, :3].sum(axis=0))) / max(seconds, 1e-12)
+    told = Message(
+        "by {angle:.3g}°, mostly about {axis}, by {time}",
+        angle=float(np.degrees(track.most_turned_rad)),
+        axis="xyz"[int(np.argmax(np.abs(turned)))],
+        time=words.time(subject, step),
+    )
+    if spin > 0.05:
+        told = told + Message("; still {spin} rad/s at the end", spin=number(spin))
+    return Row(
+        kind="turned",
+        body=subject.body.label,
+        told=told,
+        got=track.most_turned_rad,
+        unit="rad",
+        step=step,
+        time_s=words.seconds(subject, step),
+        terms=_works(subject, gave, took, words),
+        salience=track.most_turned_rad * 0.45,
+        subject=subject.body,
+        group=("turned", subject.kind, _most(gave)),
+    )
+
+
+def _works(
+    subject: Subject, gave: Mapping[Term, float], took: Mapping[Term, float], words: Words
+) -> tuple[RowTerm, ...]:
+    """Return what gave and what took energy as terms."""
+    return (*words.terms(subject, gave, "J")[:3], *words.terms(subject, took, "J")[:3])
+
+
+def _most(gave: Mapping[Term, float]) -> str | None:
+    """Return the cause that gave most."""
+    return max(gave, key=lambda term: gave[term]).cause if gave else None
+
+
+def _most_given(row: Row) -> str | None:
+    return row.towards[0].cause if row.towards else None

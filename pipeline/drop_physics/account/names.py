@@ -1,0 +1,95 @@
+"""The names of bodies, links and terms in an account."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+
+from drop_physics.account.terms import CONTACT, DRAG, FRICTION, GAP, GIVEN, RATE, Term
+from drop_physics.explain.cause_names import cause_in_words
+from drop_physics.messages import Message
+from drop_physics.trace.events import Body
+
+WORDS = {
+    "motors": Message("motor"),
+    "stops": Message("joint limit"),
+    "integrator": Message("integrator"),
+    "applied": Message("applied force"),
+    "friction loss": Message("joint friction"),
+    "clamp": Message("the engine's speed limit"),
+    "contacts": Message("other contacts"),
+    "constraints": Message("constraint"),
+    "own inertia": Message("own inertia"),
+    "remainder": Message("unexplained"),
+    GIVEN: Message("torque as given"),
+}
+"""Names of causes in a row, where they differ from those of an energy's causes."""
+
+
+class Names:
+    """The names of a recording's bodies, their links and terms."""
+
+    def __init__(self, bodies: Mapping[int, Body]) -> None:
+        self._bodies = bodies
+        self._counts = Counter(_short(body) for body in bodies.values())
+
+    def body(self, number: int) -> str:
+        """Return the name of a body, with its number where several have it; `world` of none."""
+        body = self._bodies.get(number)
+        if body is None:
+            return Message("world")
+        short = _short(body)
+        return short if self._counts[short] == 1 else body.label
+
+    def link(self, number: int, link: int) -> str:
+        """Return the name of a link, or of its body if that has no other link."""
+        body = self._bodies.get(number)
+        if body is None or len(body.links) == 1 or not -1 <= link < len(body.links) - 1:
+            return self.body(number)
+        return body.links[link + 1]
+
+    def partner(self, number: int, term: Term) -> str:
+        """Return the name of the other side of a contact of a body."""
+        assert term.other is not None and term.other_link is not None
+        name = self.link(term.other, term.other_link)
+        many = term.other in self._bodies and len(self._bodies[term.other].links) > 1
+        if term.other == number or not many or name == self.body(term.other):
+            return name
+        return f"{self.body(term.other)}.{name}"
+
+    def rate(self, body: Body, joint_rate: int) -> str:
+        """Return the name of a joint's rate, with the axis where the joint has three."""
+        for joint, place in zip(body.joints, body.rates, strict=True):
+            if place.start <= joint_rate < place.stop:
+                wide = place.stop - place.start > 1
+                return joint.name + (f"[{'xyz'[joint_rate - place.start]}]" if wide else "")
+        return self.body(body.number)
+
+    def term(self, body: Body, term: Term, first_rate: int) -> str:
+        """Return the name of a term of a body, with its partner."""
+        if term.cause in (CONTACT, FRICTION):
+            assert term.link is not None
+            own, other = self.link(body.number, term.link), self.partner(body.number, term)
+            if len(body.links) > 1:
+                other = f"{own}/{other}"
+            if term.cause == CONTACT:
+                return Message("contact {other}", other=other)
+            return Message("friction {other}", other=other)
+        if term.cause == DRAG and term.rate is None:
+            return Message("drag of its base")
+        if term.cause == DRAG:
+            assert term.rate is not None
+            if term.rate < first_rate:
+                return Message("drag of its base")
+            return Message("drag of {joint}", joint=self.rate(body, term.rate - first_rate))
+        if term.cause == GAP:
+            return Message("kp × gap")
+        if term.cause == RATE:
+            return Message("kv × rate")
+        return WORDS.get(term.cause) or cause_in_words(term.cause)
+
+
+def _short(body: Body) -> str:
+    """Return a body's label without its number."""
+    number, _, name = body.label.partition("_")
+    return name if number.isdigit() and name else body.label

@@ -1,0 +1,54 @@
+"""The order of an account's rows: one measure for all kinds, alike rows as one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Hashable, Iterable
+from dataclasses import replace
+
+from drop_physics.account.rows import Row
+
+MOST = 2.5
+"""The largest salience: beyond 1 it grows with the logarithm."""
+READ = 1.3
+"""Factor for the rows of a body that the script reads, where it does not read all."""
+
+
+def ranked(rows: Iterable[Row], read: Collection[int], about: str | None = None) -> list[Row]:
+    """Return the rows, the most salient first; equal ones as one row that counts them.
+
+    `read` has the numbers of the bodies that the script reads, empty if it reads all or none.
+    `about` names a body or a joint whose rows come first.
+    """
+    weighed = [replace(row, salience=_salience(row, read)) for row in rows]
+    weighed.sort(key=lambda row: (not is_about(row, about), -row.salience))
+    first: dict[Hashable, int] = {}
+    found: list[Row] = []
+    for row in weighed:
+        key = None if row.group is None else (row.kind, row.group)
+        if key is not None and key in first:
+            place = first[key]
+            found[place] = replace(found[place], alike=found[place].alike + 1)
+            continue
+        if key is not None:
+            first[key] = len(found)
+        found.append(row)
+    return found
+
+
+def is_about(row: Row, about: str | None) -> bool:
+    """Return whether a row is about a body or a joint, or touches it."""
+    if about is None:
+        return False
+    names = {row.body, row.joint, row.actuator, row.constraint, *(row.pair or ())}
+    return about in names or (row.subject is not None and about == row.subject.name)
+
+
+def _salience(row: Row, read: Collection[int]) -> float:
+    value = row.salience if math.isfinite(row.salience) else 3.0
+    value = max(value, 1e-3)
+    if value > 1:
+        value = min(1 + math.log10(value) / 2, MOST)
+    if row.subject is not None and row.subject.number in read:
+        value *= READ
+    return value

@@ -1,0 +1,63 @@
+"""What rows are measured by: how large a body is, how heavy, and which bodies are equal."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+
+import numpy as np
+
+from drop_physics.account.ledger import Ledger
+from drop_physics.arrays import Float64
+from drop_physics.physics.tree import Tree
+from drop_physics.trace.events import Body
+
+UNBOUNDED = ("plane", "hfield", "heightfield")
+"""Kinds of shapes that have no size."""
+STANDARD_GRAVITY_M_S2 = 9.81
+"""Stands in for the gravity of a scene that has none, where weights are compared."""
+LEAST_M = 0.1
+"""The size of a body that has no shape."""
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A body with the scales of its rows."""
+
+    body: Body
+    ledger: Ledger
+    size_m: float
+    """The longest edge of its largest part, or how far its joints reach if that is more."""
+    mass_kg: float
+    """The mass of what can move."""
+    weight_n: float
+
+    @property
+    def kind(self) -> Hashable:
+        """A key that equal bodies share."""
+        return len(self.body.links), round(self.mass_kg, 9), round(self.size_m, 9)
+
+    @property
+    def tree(self) -> Tree:
+        """The body as a tree of links."""
+        return self.ledger.tree
+
+
+def subject_of(body: Body, ledger: Ledger, gravity_m_s2: Float64) -> Subject:
+    """Return a body with its scales; `gravity_m_s2` has the shape (3,)."""
+    tree = ledger.tree
+    mass_kg = float(tree.masses_kg[1 if tree.fixed else 0 :].sum())
+    pull = float(np.linalg.norm(gravity_m_s2)) or STANDARD_GRAVITY_M_S2
+    return Subject(body, ledger, _size_m(body, tree), mass_kg, max(mass_kg * pull, 1e-9))
+
+
+def _size_m(body: Body, tree: Tree) -> float:
+    shapes = [
+        max(shape.size_m)
+        for shape in (*body.collisions, *body.shapes)
+        if shape.size_m and shape.kind not in UNBOUNDED
+    ]
+    boxes = np.reshape(body.bounds_m, (-1, 2, 3))
+    box = float(np.max(boxes[:, 1] - boxes[:, 0], initial=0.0))
+    reach = float(np.abs(tree.positions_m).sum()) if tree.links else 0.0
+    return max([*shapes, box if box < 1e3 else 0.0, reach]) or LEAST_M

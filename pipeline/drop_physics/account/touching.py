@@ -1,0 +1,175 @@
+"""Rows of links that touch: what presses, what slips, and what overlaps without any force."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drop_physics.account.rows import Row
+from drop_physics.account.subjects import Subject
+from drop_physics.account.words import Words
+from drop_physics.arrays import Float64
+from drop_physics.explain.contact_points import Pairs
+from drop_physics.messages import Message
+from drop_physics.quantities import number, quantity
+
+PairKey = tuple[int, int, int, int]
+"""The numbers of two bodies, and their links."""
+MOST_PAIRS = 1 << 12
+"""Most pairs of links that are told apart."""
+WEIGHTS, DEEP, SLID = 8.0, 0.03, 0.03
+"""A press is told from WEIGHTS weights of the lighter body on; an overlap, and a slide, from these
+shares of the smaller body's size on."""
+LIMIT = 0.98
+"""Share of its limit from which friction counts as at its limit."""
+
+
+@dataclass(eq=False)
+class Touched:
+    """Two links that touched; grows piece by piece."""
+
+    first_step: int
+    last_step: int = -1
+    steps: int = 0
+    normals_n: list[Float64] = field(default_factory=list)
+    """The normal force of each step [N], piece by piece."""
+    deepest_m: float = 0.0
+    deepest_step: int = -1
+    slid_m: float = 0.0
+    at_limit: int = 0
+    """Points whose friction is at its limit."""
+    limited: int = 0
+    """Points that friction may act on."""
+    friction: float = 0.0
+    """The largest coefficient."""
+    rubs: bool = False
+    """Whether friction acted at all."""
+
+    @property
+    def normal_n(self) -> float:
+        """The median normal force of the steps in which one acts [N]."""
+        forces = np.concatenate(self.normals_n) if self.normals_n else np.zeros(0)
+        forces = forces[forces > 0]
+        return float(np.median(forces)) if len(forces) else 0.0
+
+
+class Touching:
+    """All pairs of links that touched; grows piece by piece."""
+
+    def __init__(self) -> None:
+        self.pairs: dict[PairKey, Touched] = {}
+
+    def add(self, pairs: Pairs) -> None:
+        """Add the contact points of a piece."""
+        points = pairs.points
+        if not len(points):
+            return
+        keys = np.concatenate((points.body, points.link), axis=1)
+        kinds, which = np.unique(keys, axis=0, return_inverse=True)
+        order = np.argsort(which.reshape(-1), kind="stable")
+        starts = np.flatnonzero(np.diff(which.reshape(-1)[order], prepend=-1))
+        tangential_n = np.linalg.norm(points.tangential_n, axis=1)
+        limit_n = points.friction * points.normal_n
+        slip_m = np.linalg.norm(points.slip_m_s, axis=1) * points.timestep_s
+        for kind, its in zip(kinds.tolist(), np.split(order, starts[1:]), strict=True):
+            key: PairKey = (kind[0], kind[1], kind[2], kind[3])
+            if key not in self.pairs and len(self.pairs) >= MOST_PAIRS:
+                continue
+            touched = self.pairs.setdefault(key, Touched(int(points.step[its[0]])))
+            steps, row = np.unique(points.step[its], return_inverse=True)
+            touched.last_step = int(steps[-1])
+            touched.steps += len(steps)
+            normal_n = np.bincount(row.reshape(-1), points.normal_n[its])
+            touched.normals_n.append(normal_n)
+            deepest = int(its[np.argmin(points.distance_m[its])])
+            if -points.distance_m[deepest] > touched.deepest_m:
+                touched.deepest_m = float(-points.distance_m[deepest])
+                touched.deepest_step = int(points.step[deepest])
+            pressed = points.normal_n[its] > 1e-9
+            each_m = np.bincount(row.reshape(-1), np.where(pressed, slip_m[its], 0.0))
+            points_of = np.maximum(np.bincount(row.reshape(-1), pressed), 1)
+            touched.slid_m += float((each_m / points_of).sum())
+            acts = limit_n[its] > 1e-9
+            touched.limited += int(acts.sum())
+            touched.at_limit += int((tangential_n[its][acts] >= LIMIT * limit_n[its][acts]).sum())
+            touched.friction = max(touched.friction, float(points.friction[its].max()))
+            most_n = float(points.normal_n[its].max())
+            touched.rubs |= bool((tangential_n[its] > 1e-6 * most_n).any())
+
+    def rows(self, subjects: Mapping[int, Subject], words: Words) -> Iterator[Row]:
+        """Yield the rows of all pairs."""
+        for key, touched in self.pairs.items():
+            its = [subjects[number] for number in dict.fromkeys(key[:2]) if number in subjects]
+            if its:
+                yield from _rows(key, touched, its, words)
+
+
+def _rows(key: PairKey, touched: Touched, its: list[Subject], words: Words) -> Iterator[Row]:
+    pair = (words.names.link(key[0], key[2]), words.names.link(key[1], key[3]))
+    weight_n = min(subject.weight_n for subject in its)
+    size_m = min(subject.size_m for subject in its)
+    lighter = min(its, key=lambda subject: subject.weight_n)
+    normal_n = touched.normal_n
+    weights, depth = normal_n / weight_n, touched.deepest_m / size_m
+    kinds = tuple(str(subject.kind) for subject in its)
+    common = {
+        "body": lighter.body.label,
+        "pair": (str(pair[0]), str(pair[1])),
+        "subject": lighter.body,
+    }
+    deep = touched.deepest_step if touched.deepest_step >= 0 else touched.first_step
+    if (weights > WEIGHTS and touched.steps >= 5) or depth > DEEP:
+        told = Message(
+            "{force} in the median, {weights} weights, in {steps:,} steps",
+            force=quantity(normal_n, "N"),
+            weights=number(weights),
+            steps=touched.steps,
+        )
+        if depth > 1e-3:
+            told = told + Message(", {depth} deep", depth=quantity(touched.deepest_m, "m"))
+        heavy = np.log10(max(weights, 1e-9)) / 2.5 if weights > WEIGHTS else 0.0
+        yield Row(
+            kind="press",
+            told=told,
+            got=normal_n,
+            unit="N",
+            step=deep,
+            time_s=words.seconds(lighter, deep),
+            salience=max(float(heavy), 3.0 * depth if depth > DEEP else 0.0),
+            group=("press", kinds, round(float(np.log10(max(weights, 1e-9))))),
+            **common,
+        )
+    slid = touched.slid_m / size_m
+    if slid > SLID and normal_n > 0:
+        if not touched.rubs:
+            told = Message(
+                "slid {slid} in {steps:,} steps; no friction acts: the coefficient is {friction}",
+                slid=quantity(touched.slid_m, "m"),
+                steps=touched.steps,
+                friction=number(touched.friction),
+            )
+            salience = 0.8
+        else:
+            share = touched.at_limit / max(touched.limited, 1)
+            told = Message(
+                "slid {slid} in {steps:,} steps; friction at its limit, coefficient {friction}, "
+                "in {share:.0%}",
+                slid=quantity(touched.slid_m, "m"),
+                steps=touched.steps,
+                friction=number(touched.friction),
+                share=share,
+            )
+            salience = 0.35 * min(slid, 1.0) * max(share, 0.3)
+        yield Row(
+            kind="slips",
+            told=told,
+            got=touched.slid_m,
+            unit="m",
+            step=touched.last_step,
+            time_s=words.seconds(lighter, touched.last_step),
+            salience=salience,
+            group=("slips", kinds, round(slid, 1)),
+            **common,
+        )

@@ -1,0 +1,91 @@
+"""How rows tell times, windows and terms."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+
+from drop_physics.account.ledger import OWN
+from drop_physics.account.names import Names
+from drop_physics.account.rows import RowTerm
+from drop_physics.account.subjects import Subject
+from drop_physics.account.terms import CONTACT, DRAG, FRICTION, Term
+from drop_physics.arrays import Float64, Int64
+from drop_physics.explain.times import StepTimes
+from drop_physics.messages import Message
+from drop_physics.quantities import number
+
+MOST_TERMS = 6
+"""Most terms of a row."""
+LEAST_SHARE = 0.05
+"""A term below this share of the largest is left out."""
+
+
+class Words:
+    """What rows need to tell of a recording."""
+
+    def __init__(self, names: Names, times: Mapping[int, StepTimes]) -> None:
+        self.names, self._times = names, times
+
+    def seconds(self, subject: Subject, step: int) -> float:
+        """Return the time of a sample [s]."""
+        return self._times[subject.body.client].of(step)
+
+    def time(self, subject: Subject, step: int) -> Message:
+        """Return the time of a sample as readers see it."""
+        return Message("{time} s", time=number(self.seconds(subject, step)))
+
+    def timesteps_s(self, subject: Subject, steps: Int64) -> Float64:
+        """Return the timestep of the steps to some samples [s]."""
+        return self._times[subject.body.client].of_steps(steps)[0]
+
+    def around(self, subject: Subject, step: int, steps: int) -> slice:
+        """Return the bins around a sample of a recording of so many steps: a hundredth each way."""
+        half = max(2, steps // 100)
+        return subject.ledger.window(step - half, step + half)
+
+    def drives(self, term: Term, drives: Collection[str]) -> bool:
+        """Return whether a term is what the joint was commanded."""
+        return term.cause in drives or term.cause.startswith("actuator ")
+
+    def opposing(self, forces: Mapping[Term, float]) -> object:
+        """Return the strongest term against the motion, as rows of equal groups share it."""
+        against = {t: f for t, f in forces.items() if f < 0 and t != OWN}
+        if not against:
+            return None
+        most = min(against, key=lambda term: against[term])
+        return most.cause
+
+    def terms(
+        self,
+        subject: Subject,
+        values: Mapping[Term, float],
+        unit: str,
+        drives: Collection[str] = (),
+    ) -> tuple[RowTerm, ...]:
+        """Return the terms of a row, drives first, then by size; without the rate's own inertia."""
+        told = {term: value for term, value in values.items() if term != OWN and value}
+        most = max(map(abs, told.values()), default=0.0)
+        ranked = sorted(
+            (term for term, value in told.items() if abs(value) > LEAST_SHARE * most),
+            key=lambda term: (not self.drives(term, drives), -abs(told[term])),
+        )
+        return tuple(self._told(subject, term, told[term], unit) for term in ranked[:MOST_TERMS])
+
+    def _told(self, subject: Subject, term: Term, value: float, unit: str) -> RowTerm:
+        body = link = None
+        if term.cause in (CONTACT, FRICTION) and term.other is not None:
+            body = str(self.names.body(term.other))
+            at = -1 if term.other_link is None else term.other_link
+            link = str(self.names.link(term.other, at))
+        elif term.cause == DRAG and term.rate is not None:
+            first = subject.tree.first_rate
+            link = self.names.rate(subject.body, term.rate - first) if term.rate >= first else None
+        return RowTerm(
+            cause=term.cause,
+            words=self.names.term(subject.body, term, subject.tree.first_rate),
+            body=body,
+            link=link,
+            value=value,
+            unit=unit,
+            towards=value > 0,
+        )

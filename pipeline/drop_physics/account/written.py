@@ -1,0 +1,133 @@
+"""Rows of states that the script wrote between steps, and of energy given and taken."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from drop_physics.account.rows import Row
+from drop_physics.account.subjects import Subject
+from drop_physics.account.terms import CONTACT, FRICTION, Term
+from drop_physics.account.words import Words
+from drop_physics.explain.steps import BodySteps
+from drop_physics.messages import Message
+from drop_physics.physics.tree import States
+from drop_physics.quantities import number, quantity
+
+ODD = ("integrator", "solver", "clamp", "remainder")
+"""Causes that physics has not: they give energy only where a step is wrong."""
+TURNOVER = 0.02
+"""Share of a body's turnover of energy from which what an odd cause gives counts."""
+
+
+@dataclass(eq=False)
+class Written:
+    """The states of a body that calls wrote between steps; grows piece by piece."""
+
+    steps: int = 0
+    """Steps of the body."""
+    written: int = 0
+    """Steps before which its state was written."""
+    way: float = 0.0
+    """How far calls moved it in all [m] and [rad]."""
+    stepped: float = 0.0
+    """How far its steps moved it in all."""
+    velocity: float = 0.0
+    """How much calls changed its velocities in all [m/s] and [rad/s]."""
+    last_step: int = -1
+    _last: States | None = None
+
+    def add(self, steps: BodySteps) -> None:
+        """Add steps of the body."""
+        before, after = steps.before, steps.after
+        put = np.flatnonzero(steps.put)
+        moved = np.linalg.norm(after.position_m - before.position_m, axis=1)
+        self.steps += len(steps)
+        self.stepped += float(moved.sum() + np.abs(after.joints - before.joints).sum())
+        for row in put[put > 0].tolist():
+            self._jump(after.at(np.array([row - 1])), before.at(np.array([row])))
+        if len(put) and put[0] == 0 and self._last is not None:
+            if self._last.joints.shape == before.joints[:1].shape:
+                self._jump(self._last, before.at(np.array([0])))
+        if len(put):
+            self.last_step = int(steps.steps[put[-1]])
+        self._last = after.at(np.array([len(steps) - 1]))
+
+    def _jump(self, end: States, begin: States) -> None:
+        """Add the change from the end of a step to the beginning of the next."""
+        self.written += 1
+        self.way += float(np.linalg.norm(begin.position_m - end.position_m))
+        self.way += float(np.abs(begin.joints - end.joints).sum())
+        self.velocity += float(np.abs(begin.velocity - end.velocity).sum())
+
+    def row(self, subject: Subject, words: Words) -> Row | None:
+        """Return the row of a body whose state was written, None if nothing changed by it."""
+        way = self.way / subject.size_m
+        if not self.written or (way <= 0.01 and self.velocity <= 0.01):
+            return None
+        told = Message(
+            "the script wrote its state before {written:,} of {steps:,} steps: moved it by {way} "
+            "m or rad in all, steps by {stepped}",
+            written=self.written,
+            steps=self.steps,
+            way=number(self.way),
+            stepped=number(self.stepped),
+        )
+        if self.velocity:
+            told = told + Message(
+                "; changed its velocities by {velocity} in all", velocity=number(self.velocity)
+            )
+        return Row(
+            kind="set",
+            body=subject.body.label,
+            told=told,
+            got=self.way,
+            step=self.last_step,
+            time_s=words.seconds(subject, self.last_step),
+            salience=min(1.0, self.written / self.steps + 0.4 * min(way, 1.0)),
+            subject=subject.body,
+            group=("set", subject.kind, self.written),
+        )
+
+
+def energy_row(
+    subject: Subject,
+    by_cause_j: Mapping[str, float],
+    start_j: float,
+    end_j: float,
+    words: Words,
+) -> Row | None:
+    """Return who gave a body energy and who took it; contacts by partner."""
+    values = {Term(cause): value for cause, value in by_cause_j.items() if value}
+    contacts = {
+        term: float(work.sum())
+        for term, work in subject.ledger.work.items()
+        if term.cause in (CONTACT, FRICTION)
+    }
+    if contacts and Term("contacts") in values:
+        del values[Term("contacts")]
+        values |= contacts
+    given = sum(value for value in values.values() if value > 0)
+    taken = -sum(value for value in values.values() if value < 0)
+    turnover, potential = max(given, taken), subject.weight_n * subject.size_m
+    if turnover < 1e-9 * potential:
+        return None
+    odd = max((values.get(Term(cause), 0.0) for cause in ODD), default=0.0) / turnover
+    large = min(turnover / potential, 1.0)
+    return Row(
+        kind="energy",
+        body=subject.body.label,
+        told=Message(
+            "{start} to {end}", start=quantity(start_j, "J"), end=quantity(end_j, "J")
+        ),
+        asked=start_j,
+        got=end_j,
+        gap=end_j - start_j,
+        unit="J",
+        terms=words.terms(subject, values, "J"),
+        salience=max(1.2 * odd * large if odd > TURNOVER else 0.0, 0.22 * large),
+        subject=subject.body,
+        group=("energy", subject.kind, max(values, key=lambda term: abs(values[term])).cause),
+    )
