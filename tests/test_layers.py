@@ -35,7 +35,7 @@ OF_MUJOCO = re.compile(r"mj[a-z]?_\w+")
 ENGINE = re.compile("(py)?bullet|mujoco|mj", re.IGNORECASE)
 LAWS = "drop_physics.physics.laws."
 # The judge never imports what it judges.
-JUDGE = ("physics/", "explain/", "rules/", "analysis/", "compare/", "drop/")
+JUDGE = ("physics/", "explain/", "account/", "rules/", "analysis/", "compare/", "drop/")
 
 
 @cache

@@ -18,6 +18,7 @@ from types import UnionType
 from typing import Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import polars as pl
+from drop_physics.account import rows as account
 from drop_physics.analysis import results as script
 from drop_physics.compare.calls import OtherCall
 from drop_physics.compare.comparison import Comparison
@@ -116,6 +117,8 @@ CONTRACT: dict[type, set[str]] = {
     JointRow: {field.name for field in fields(JointRow)},
     ActuatorRow: {field.name for field in fields(ActuatorRow)},
     ReplayedSteps: {field.name for field in fields(ReplayedSteps)},
+    account.Row: {field.name for field in fields(account.Row) if field.metadata.get("json", True)},
+    account.RowTerm: {field.name for field in fields(account.RowTerm)},
     Touch: {"with", *(field.name for field in fields(Touch) if field.name != "other")},
 }  # fmt: skip
 """Stable keys by type; `COMMANDS` has those of a whole command."""
@@ -289,6 +292,7 @@ SCRIPT_ANALYSIS = _object(
         "explained",
         "bodies",
         "findings",
+        "account",
     },
     origin=dict[str, Any],
     engine=dict[str, Any],

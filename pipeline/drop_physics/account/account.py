@@ -69,8 +69,13 @@ class Account:
         self._touching.add(touches.pairs)
         self._held.add(explained)
 
-    def rows(self, totals: Mapping[int, Totals], about: str | None = None) -> list[Row]:
-        """Return all rows, the most salient first; `totals` are those of the explanation."""
+    def rows(
+        self, joints: JointTable, totals: Mapping[int, Totals], about: str | None = None
+    ) -> list[Row]:
+        """Return all rows, the most salient first; `totals` are those of the explanation.
+
+        `about` names a body or a joint whose rows come first.
+        """
         subjects = {
             number: subject_of(self._seen.bodies[number], ledger, self._gravity[number])
             for number, ledger in self._ledgers.items()
@@ -83,16 +88,18 @@ class Account:
         }
         read = read if len(read) < len(subjects) else set()
         with np.errstate(all="ignore"):  # of states that are no numbers
-            rows = [*self._rows(subjects, totals)]
+            rows = [*self._rows(subjects, joints, totals)]
         return ranked(rows, read, about)
 
-    def _rows(self, subjects: Mapping[int, Subject], totals: Mapping[int, Totals]) -> Iterator[Row]:
+    def _rows(
+        self, subjects: Mapping[int, Subject], joints: JointTable, totals: Mapping[int, Totals]
+    ) -> Iterator[Row]:
         words = self._words
         for number, subject in subjects.items():
             if number in self._broken:
                 yield _not_finite(subject, self._broken[number], words)
             if number in self._series:
-                yield from self._joint_rows(subject)
+                yield from self._joint_rows(subject, joints)
             if number in self._tracks:
                 yield from moved.base_rows(
                     subject, self._tracks[number], self._gravity[number], words
@@ -108,7 +115,7 @@ class Account:
         yield from self._held.rows(subjects, words)
         yield from self._touching.rows(subjects, words)
 
-    def _joint_rows(self, subject: Subject) -> Iterator[Row]:
+    def _joint_rows(self, subject: Subject, joints: JointTable) -> Iterator[Row]:
         number, words = subject.body.number, self._words
         rates = subject.tree.joint_rates
         parts = [part for part in self._series[number] if part.after.shape[1] == rates]
@@ -116,7 +123,8 @@ class Account:
             return
         series = JointSeries.joined(parts)
         controls = self._controls_of(subject.body, len(series))
-        yield from asked.clamped_rows(subject, controls, words)
+        yield from asked.clamped_rows(subject, controls)
+        needs = [row.needs_at_target for row in joints.rows(number)]
         for axis in asked.axes_of(subject, words):
             k = axis.joint_rate
             motors = {
@@ -130,7 +138,7 @@ class Account:
             turns = np.isfinite(rate)
             row: Row | None
             if np.isfinite(series.target[:, k]).mean() > asked.SELDOM:
-                row = asked.position_row(subject, axis, series, words)
+                row = asked.position_row(subject, axis, series, words, needs[k])
             elif turns.mean() > asked.SELDOM and np.abs(rate[turns]).max(initial=0.0) > 0:
                 row = asked.rate_row(subject, axis, series, words)
             elif motors or series.torque_asked[:, k].mean() > asked.SELDOM:

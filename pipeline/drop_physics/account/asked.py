@@ -62,8 +62,13 @@ def axes_of(subject: Subject, words: Words) -> Iterator[Axis]:
             yield Axis(joint, words.names.rate(body, k), k, first + k, scale)
 
 
-def position_row(subject: Subject, axis: Axis, series: JointSeries, words: Words) -> Row | None:
-    """Return the row of a joint that has position targets, at its telling moment."""
+def position_row(
+    subject: Subject, axis: Axis, series: JointSeries, words: Words, needs: float | None
+) -> Row | None:
+    """Return the row of a joint that has position targets, at its telling moment.
+
+    `needs` is the effort that holding its last target takes [N] or [N m], None if not known.
+    """
     k, steps = axis.joint_rate, series.steps
     target, after = series.target[:, k], series.after[:, k]
     known = np.isfinite(target)
@@ -99,8 +104,13 @@ def position_row(subject: Subject, axis: Axis, series: JointSeries, words: Words
     else:
         told = told + Message("; {gap} at the end", gap=quantity(float(off[last]), axis.unit, "+"))
     if at_limit:
-        told = told + Message("; its drive at its limit")
+        limit = quantity(float(series.limit[at, k]), axis.force_unit)
+        told = told + Message("; its drive at its limit of {limit}", limit=limit)
+        if needs is not None and abs(needs) > series.limit[at, k]:
+            holding = quantity(abs(needs), axis.force_unit)
+            told = told + Message(", holding its target takes {needs}", needs=holding)
     told = told + _turned(subject, axis)
+    salience = float(gap[at]) / axis.scale / (asked / axis.scale + 0.1)
     return Row(
         kind="asked",
         body=subject.body.label,
@@ -114,9 +124,9 @@ def position_row(subject: Subject, axis: Axis, series: JointSeries, words: Words
         time_s=words.seconds(subject, int(steps[at])),
         at_limit=at_limit,
         terms=terms,
-        salience=float(gap[at]) / axis.scale / (asked / axis.scale + 0.1),
+        salience=salience,
         subject=subject.body,
-        group=("position", subject.kind, words.opposing(forces)),
+        group=("position", subject.kind, words.opposing(forces), magnitude(salience)),
     )
 
 
@@ -260,9 +270,7 @@ def _controls(actuators: Mapping[Actuator, Float64]) -> Message:
     return told
 
 
-def clamped_rows(
-    subject: Subject, controls: Mapping[Actuator, Float64], words: Words
-) -> Iterator[Row]:
+def clamped_rows(subject: Subject, controls: Mapping[Actuator, Float64]) -> Iterator[Row]:
     """Yield a row for each actuator whose control is clamped by its range."""
     for actuator, given in controls.items():
         if actuator.ctrl_range is None or not np.isfinite(given).any():
@@ -371,9 +379,12 @@ def _turned(subject: Subject, axis: Axis) -> Message:
     )
 
 
+def magnitude(salience: float) -> int:
+    """Return the power of ten of a salience; alike rows share it."""
+    return int(np.floor(np.log10(max(salience, 1e-12)) + 0.5))
+
+
 def main_axis(direction: Float64) -> str:
     """Return the world axis that a direction is nearest to: `x`, `-z`."""
     most = int(np.argmax(np.abs(direction)))
     return ("-" if direction[most] < 0 else "") + "xyz"[most]
-
-

@@ -177,9 +177,7 @@ def _gap_row(held: HeldConstraint, its: list[Subject], words: Words) -> Row:
     )
 
 
-def _gear_row(
-    gear: ConstraintVersion, subjects: Mapping[int, Subject], words: Words
-) -> Row | None:
+def _gear_row(gear: ConstraintVersion, subjects: Mapping[int, Subject], words: Words) -> Row | None:
     """Return how far the two joints of a gear moved, None where that is not known."""
     moved: list[tuple[str, float]] = []
     for body, link in zip(gear.bodies, gear.links, strict=True):

@@ -158,8 +158,7 @@ class Ledger:
             where=seconds > 0,
         )
         return {
-            term: (values[window, 3:6] @ direction) * speed
-            for term, values in self.impulse.items()
+            term: (values[window, 3:6] @ direction) * speed for term, values in self.impulse.items()
         }
 
     def _inertia(self, rate: int, window: slice) -> Float64:

@@ -145,9 +145,7 @@ def _ways(
         yield replace(aside, salience=sideways / subject.size_m * 0.6)
 
 
-def _way(
-    subject: Subject, track: BaseTrack, way: Float64, main: Float64, words: Words
-) -> Row:
+def _way(subject: Subject, track: BaseTrack, way: Float64, main: Float64, words: Words) -> Row:
     ledger, step = subject.ledger, track.farthest_step
     along = main / np.linalg.norm(main)
     gave, took = given_and_taken(ledger.works_along(along, ledger.window(ledger.first, step)))

@@ -50,7 +50,8 @@ class Names:
 
     def partner(self, number: int, term: Term) -> str:
         """Return the name of the other side of a contact of a body."""
-        assert term.other is not None and term.other_link is not None
+        assert term.other is not None
+        assert term.other_link is not None
         name = self.link(term.other, term.other_link)
         many = term.other in self._bodies and len(self._bodies[term.other].links) > 1
         if term.other == number or not many or name == self.body(term.other):

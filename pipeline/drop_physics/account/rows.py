@@ -33,6 +33,7 @@ class RowTerm:
     value: float
     """Mean force [N] or torque [N m] over the row's moment, or work [J] up to it."""
     unit: str
+    """The unit of the value."""
     towards: bool
     """Whether it acts towards what was asked, or gave the motion or energy."""
 
@@ -42,26 +43,36 @@ class Row:
     """One line of the account."""
 
     kind: Kind
+    """`asked`, `given`, `moved`, `turned`, `held`, `set`, `press`, `slips`, `energy`, `reads` or
+    `idle`."""
     body: str | None
     """Label of the body that it is about."""
     joint: str | None = None
+    """Name of the joint, with its axis where it has three."""
     link: str | None = None
+    """Name of the link."""
     pair: tuple[str, str] | None = None
     """The two links that touch, or should."""
     constraint: str | None = None
+    """Name of the constraint or equality, or of the links that it holds."""
     actuator: str | None = None
+    """Name of the actuator."""
     site: str | None = None
     """File and line of the call or the reading that it is about."""
     told: str
     """The row as a sentence, without its subject and its terms."""
     asked: float | None = None
+    """The number that was asked for, or given."""
     got: float | None = None
+    """The number that came."""
     gap: float | None = None
     """Got minus asked."""
     unit: str | None = None
+    """The unit of these numbers, in SI."""
     step: int | None = None
     """The sample that the row's moment ends with."""
     time_s: float | None = None
+    """Simulated time of that sample."""
     at_limit: bool = False
     """Whether the drive is at its limit at that moment."""
     terms: tuple[RowTerm, ...] = ()
@@ -70,9 +81,9 @@ class Row:
     """The measure by which rows are ranked; of no meaning besides."""
     alike: int = 0
     """How many further bodies or joints it stands for."""
-    subject: Body | None = field(default=None, repr=False)
+    subject: Body | None = field(default=None, repr=False, metadata={"json": False})
     """The body itself."""
-    group: Hashable = field(default=None, repr=False)
+    group: Hashable = field(default=None, repr=False, metadata={"json": False})
     """Rows of equal groups are alike: the first stands for all."""
 
     @property

@@ -52,12 +52,10 @@ def subject_of(body: Body, ledger: Ledger, gravity_m_s2: Float64) -> Subject:
 
 
 def _size_m(body: Body, tree: Tree) -> float:
-    shapes = [
-        max(shape.size_m)
-        for shape in (*body.collisions, *body.shapes)
-        if shape.size_m and shape.kind not in UNBOUNDED
-    ]
+    shapes = [(each.kind, each.size_m) for each in body.collisions]
+    shapes += [(each.kind, each.size_m) for each in body.shapes]
+    sizes = [max(size_m) for kind, size_m in shapes if size_m and kind not in UNBOUNDED]
     boxes = np.reshape(body.bounds_m, (-1, 2, 3))
     box = float(np.max(boxes[:, 1] - boxes[:, 0], initial=0.0))
     reach = float(np.abs(tree.positions_m).sum()) if tree.links else 0.0
-    return max([*shapes, box if box < 1e3 else 0.0, reach]) or LEAST_M
+    return max([*sizes, box if box < 1e3 else 0.0, reach]) or LEAST_M

@@ -1,4 +1,4 @@
-"""The terms of a body's sum, told apart by partner: which link presses which, which part of a servo."""
+"""The terms of a body's sum by partner: which link presses which, which part of a servo acts."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ class Touching:
             steps, row = np.unique(points.step[its], return_inverse=True)
             touched.last_step = int(steps[-1])
             touched.steps += len(steps)
-            normal_n = np.bincount(row.reshape(-1), points.normal_n[its])
+            normal_n = np.bincount(row.reshape(-1), points.normal_n[its]).astype(np.float64)
             touched.normals_n.append(normal_n)
             deepest = int(its[np.argmin(points.distance_m[its])])
             if -points.distance_m[deepest] > touched.deepest_m:
@@ -107,18 +107,13 @@ class Touching:
 
 
 def _rows(key: PairKey, touched: Touched, its: list[Subject], words: Words) -> Iterator[Row]:
-    pair = (words.names.link(key[0], key[2]), words.names.link(key[1], key[3]))
+    pair = (str(words.names.link(key[0], key[2])), str(words.names.link(key[1], key[3])))
     weight_n = min(subject.weight_n for subject in its)
     size_m = min(subject.size_m for subject in its)
     lighter = min(its, key=lambda subject: subject.weight_n)
     normal_n = touched.normal_n
     weights, depth = normal_n / weight_n, touched.deepest_m / size_m
     kinds = tuple(str(subject.kind) for subject in its)
-    common = {
-        "body": lighter.body.label,
-        "pair": (str(pair[0]), str(pair[1])),
-        "subject": lighter.body,
-    }
     deep = touched.deepest_step if touched.deepest_step >= 0 else touched.first_step
     if (weights > WEIGHTS and touched.steps >= 5) or depth > DEEP:
         told = Message(
@@ -132,6 +127,8 @@ def _rows(key: PairKey, touched: Touched, its: list[Subject], words: Words) -> I
         heavy = np.log10(max(weights, 1e-9)) / 2.5 if weights > WEIGHTS else 0.0
         yield Row(
             kind="press",
+            body=lighter.body.label,
+            pair=pair,
             told=told,
             got=normal_n,
             unit="N",
@@ -139,7 +136,7 @@ def _rows(key: PairKey, touched: Touched, its: list[Subject], words: Words) -> I
             time_s=words.seconds(lighter, deep),
             salience=max(float(heavy), 3.0 * depth if depth > DEEP else 0.0),
             group=("press", kinds, round(float(np.log10(max(weights, 1e-9))))),
-            **common,
+            subject=lighter.body,
         )
     slid = touched.slid_m / size_m
     if slid > SLID and normal_n > 0:
@@ -164,6 +161,8 @@ def _rows(key: PairKey, touched: Touched, its: list[Subject], words: Words) -> I
             salience = 0.35 * min(slid, 1.0) * max(share, 0.3)
         yield Row(
             kind="slips",
+            body=lighter.body.label,
+            pair=pair,
             told=told,
             got=touched.slid_m,
             unit="m",
@@ -171,5 +170,5 @@ def _rows(key: PairKey, touched: Touched, its: list[Subject], words: Words) -> I
             time_s=words.seconds(lighter, touched.last_step),
             salience=salience,
             group=("slips", kinds, round(slid, 1)),
-            **common,
+            subject=lighter.body,
         )

@@ -48,9 +48,9 @@ class Written:
         self.stepped += float(moved.sum() + np.abs(after.joints - before.joints).sum())
         for row in put[put > 0].tolist():
             self._jump(after.at(np.array([row - 1])), before.at(np.array([row])))
-        if len(put) and put[0] == 0 and self._last is not None:
-            if self._last.joints.shape == before.joints[:1].shape:
-                self._jump(self._last, before.at(np.array([0])))
+        last = self._last
+        if put[:1].tolist() == [0] and last and last.joints.shape == before.joints[:1].shape:
+            self._jump(last, before.at(np.array([0])))
         if len(put):
             self.last_step = int(steps.steps[put[-1]])
         self._last = after.at(np.array([len(steps) - 1]))
@@ -119,9 +119,7 @@ def energy_row(
     return Row(
         kind="energy",
         body=subject.body.label,
-        told=Message(
-            "{start} to {end}", start=quantity(start_j, "J"), end=quantity(end_j, "J")
-        ),
+        told=Message("{start} to {end}", start=quantity(start_j, "J"), end=quantity(end_j, "J")),
         asked=start_j,
         got=end_j,
         gap=end_j - start_j,

@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
+from drop_physics.account.rows import Row
 from drop_physics.arrays import Vector
 from drop_physics.engine_report import EngineReport
 from drop_physics.explain.actuators import ActuatorRow
@@ -234,6 +235,8 @@ class Analysis(Printable, reported_by=REPORT):
     """All bodies that ever existed, or that of `--body`."""
     findings: list[Finding]
     """What was asked and what happened instead, and why; the gravest first."""
+    account: Sequence[Row] = ()
+    """What was asked, given, moved and held, with the terms of the sum; the most salient first."""
     left_out: int = 0
     """How many more were found, and left out: by the command, the script or the project."""
     by_body: dict[int, Explained]
@@ -270,8 +273,14 @@ class Analysis(Printable, reported_by=REPORT):
         """Return the analysis of one body, with its findings."""
         (body,) = (body for body in self.bodies if body.id == number)
         findings = [finding for finding in self.findings if finding.body in (None, body.label)]
-        explained = self.by_body[number]
-        return replace(self, bodies=[body], findings=findings, explained=explained)
+        account = [row for row in self.account if row.body == body.label]
+        return replace(
+            self,
+            bodies=[body],
+            findings=findings,
+            account=account,
+            explained=self.by_body[number],
+        )
 
 
 def renamed(value: Any) -> Any:  # noqa: ANN401

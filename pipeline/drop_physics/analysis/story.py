@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from drop_physics.account.account import Account
 from drop_physics.analysis.bodies import BodyStory
 from drop_physics.analysis.phases import runs_of
 from drop_physics.analysis.results import Analysis, Explained
@@ -82,6 +83,7 @@ class Story:
         )
         self.curves = CurveTable(seen, self.scene.times)
         self._rules = Rules(self.scene) if asked else None
+        self._account = Account(seen, self.scene.times) if asked else None
         self._seen, self._origin = seen, origin
         self._whole, self._also, self._reports = whole, also, reports
         self._rows: list[SampleRows] = []
@@ -105,6 +107,8 @@ class Story:
         self.curves.add(explained, self.scene.joints, self.scene.touches)
         if self._rules is not None:
             self._rules.see()
+        if self._account is not None:
+            self._account.see(explained, self.scene.joints, self.scene.touches)
         touched = runs_of(explained)
         for number, judged in explained.bodies.items():
             history = explained.histories[number]
@@ -128,6 +132,7 @@ class Story:
             explained=_together([*by_body.values()]),
             bodies=[body.result(totals.get(n)) for n, body in self.bodies.items()],
             findings=self.findings(),
+            account=[] if self._account is None else self._account.rows(self.scene.joints, totals),
             left_out=len(self.findings(reported=False)),
             by_body=by_body,
             rows=joined(self._rows),

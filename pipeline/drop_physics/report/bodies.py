@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.fields import counted
 from drop_physics.messages import Message, columns_of, joined
+from drop_physics.report import account
 from drop_physics.report.blocks import (
     Block,
     Column,
@@ -52,6 +53,8 @@ def report_of_bodies(analysis: Analysis, *, verbose: bool = False) -> Report:
     most = len(shown) if verbose else min(len(shown), MOST_FINDINGS)
     found = FindingList([*shown, *little], most, analysis.left_out, analysis.sources)
     sections = [Section([found], apart=False)]
+    rows = len(analysis.account) if verbose else account.FEW if shown else account.MANY
+    sections += account.account_of(analysis.account, rows)
     verbose = verbose or alone
     joints = [*_joints(moving, analysis.findings, verbose=verbose)]
     sections += joints

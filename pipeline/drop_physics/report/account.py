@@ -1,0 +1,80 @@
+"""The report of an account: a row each, with the terms towards and against below it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from drop_physics.messages import Message, joined
+from drop_physics.quantities import number
+from drop_physics.report.blocks import Fact, Facts, Section, Words
+
+if TYPE_CHECKING:
+    from drop_physics.account.rows import Row, RowTerm
+
+FEW, MANY = 6, 12
+"""Rows that are shown beside findings, and without any."""
+NEGLIGIBLE = 0.01
+"""Rows below this salience are in the JSON only: drives on their targets."""
+SHOWN_TERMS = 2
+"""Terms of each side."""
+COLUMN = 8
+"""Width of the kinds."""
+WORDS = {
+    "asked": Message("asked"),
+    "given": Message("given"),
+    "moved": Message("moved"),
+    "turned": Message("turned"),
+    "held": Message("held"),
+    "set": Message("set"),
+    "press": Message("press"),
+    "slips": Message("slips"),
+    "energy": Message("energy"),
+    "reads": Message("reads"),
+    "idle": Message("idle"),
+}
+"""The kinds of rows as readers see them."""
+
+
+def account_of(rows: Sequence[Row], most: int) -> list[Section]:
+    """Return the account, at most so many rows; nothing where there is none."""
+    rows = [row for row in rows if row.salience >= NEGLIGIBLE]
+    if not rows:
+        return []
+    facts = [fact for row in rows[:most] for fact in facts_of(row)]
+    blocks: list[Facts | Words] = [Facts(facts, COLUMN)]
+    if len(rows) > most:
+        more = Message("{rows} more rows: --account {all}", rows=len(rows) - most, all=len(rows))
+        blocks.append(Words(more, "dim"))
+    return [Section(blocks)]
+
+
+def facts_of(row: Row) -> list[Fact]:
+    """Return a row as facts: what was asked and came, and who acts for and against it."""
+    who = row.who
+    if row.alike:
+        who = Message("{who} and {alike} more", who=who, alike=row.alike)
+    facts = [Fact(WORDS[row.kind], joined("  ", [who, row.told]), "bold")]
+    if row.terms:
+        facts.append(Fact("", _sides(row)))
+    return facts
+
+
+def _sides(row: Row) -> Message:
+    """Return the terms of a row as one line."""
+    works = row.terms[0].unit == "J"
+    towards, against = _terms(row.towards), _terms(row.against)
+    if works:
+        return Message("  by {towards}   against {against}", towards=towards, against=against)
+    return Message("  towards {towards}   against {against}", towards=towards, against=against)
+
+
+def _terms(terms: Sequence[RowTerm]) -> str:
+    """Return the terms of one side, the unit behind the last."""
+    shown = [
+        Message("{cause} {value}", cause=term.words, value=number(term.value, "+"))
+        for term in terms[:SHOWN_TERMS]
+    ]
+    return (
+        Message("{terms} {unit}", terms=joined(", ", shown), unit=terms[0].unit) if shown else "–"
+    )
