@@ -55,8 +55,9 @@ class Decoder:
         """Whether the script closed the pipe or wrote into it: the end is missing."""
         self.unseeded: list[str] = []
         self.outside: list[tuple[str, str]] = []
-        """What the script did outside its simulation: `connects`, `starts`, `writes`, `removes`,
-        `keeps` or `keeps there`, and a name."""
+        """What the script did outside its simulation, as `watching.outside` tells it, and a name."""
+        self.processor_s = 0.0
+        """Processor time of the script [s]."""
         self.intervened: set[int] = set()
         """Numbers of the interventions that have changed something."""
         self.forked: dict[int, tuple[int, int]] = {}
@@ -228,6 +229,9 @@ class Decoder:
 
     def _on_outside(self, how: str, name: str) -> None:
         self.outside.append((how, name))
+
+    def _on_took(self, processor_s: float) -> None:
+        self.processor_s = processor_s
 
     def _on_intervened(self, number: int) -> None:
         self.intervened.add(number)

@@ -15,11 +15,13 @@ from abc import ABC, abstractmethod
 from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from drop_physics.engines.channel import WATCHING, shared_block, wide_pipe
 from drop_physics.engines.decoder import Decoder
 from drop_physics.engines.other_processes import OtherProcesses
+from drop_physics.engines.reached import Reached, reached_of, state_of
 from drop_physics.engines.watching import pipe
 from drop_physics.errors import DropError
 from drop_physics.messages import Message
@@ -58,6 +60,8 @@ TOLD = (
     "begins_s",
     "listens",
     "scratch",
+    "private",
+    "limits",
 )
 """Further fields that its process receives."""
 
@@ -100,6 +104,11 @@ class Program:
     """Changes of its calls, as `interventions` makes them."""
     scratch: str | None = None
     """A copy of the working directory to run in."""
+    private: Mapping[str, Any] | None = None
+    """The arguments of `watching.private.Private`, whose view of the file system it runs in; None
+    for the machine's own."""
+    limits: Mapping[str, Any] | None = None
+    """What `watching.limits.keep` takes; None if it is not limited, as in its first run."""
     trials: Sequence[Program] = ()
     """Programs that differ only in their changes and steps: they branch off from this run."""
 
@@ -256,6 +265,12 @@ class OtherEngine(Listener):
         return True
 
 
+def _end_group(leader: int) -> None:
+    """End a group of processes of ours, by the number of its leader."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(leader, signal.SIGKILL)
+
+
 class BlockListener(Listener):
     """Reads what a block of Python sends, whose process has started this one.
 
@@ -313,14 +328,14 @@ class PartedTrial(Listener):
 
     def __exit__(self, *_: object) -> None:
         if not self._closed:
-            self._end(signal.SIGKILL)
+            self._end()
         self.decoder.close()
 
     def stop(self, why: str) -> None:
         """Stop the trial."""
         if not self._why:
             self._why = why
-            self._end(signal.SIGKILL)
+            self._end()
 
     def events(self) -> Iterator[Event]:
         """Yield the events from the run's beginning, until the process has ended."""
@@ -340,9 +355,8 @@ class PartedTrial(Listener):
     def _tick(self) -> None:
         self.tell()
 
-    def _end(self, number: int) -> None:
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(self._process, number)
+    def _end(self) -> None:
+        _end_group(self._process)
 
 
 class Script(Listener):
@@ -371,6 +385,8 @@ class Script(Listener):
         stderr: int | None = None,
         tell: Callable[[float, int], None] = lambda *_: None,
     ) -> None:
+        self._before = state_of(Path.cwd()) if program.listens else None
+        self._is_limited = program.limits is not None
         self._block = shared_block()
         reading, writing = wide_pipe()
         super().__init__(reading, self._block.fileno())
@@ -403,8 +419,10 @@ class Script(Listener):
         try:
             self._process = subprocess.Popen(
                 [*command, *program.arguments],
+                stdin=subprocess.DEVNULL if self._is_limited else None,
                 stdout=stdout,
                 stderr=stderr,
+                process_group=0 if self._is_limited else None,
                 pass_fds=(
                     *(writing, self._block.fileno()),
                     *(number for _, end, block in self._parts for number in (end, block.fileno())),
@@ -428,6 +446,11 @@ class Script(Listener):
                 os.close(end)
         self._others = OtherProcesses(self._process.pid)
 
+    def reached(self) -> Reached:
+        """Return what it reached beside its simulation, after its end, if that was observed."""
+        after = None if self._before is None else state_of(Path.cwd())
+        return reached_of(self.decoder.outside, self._before, after, self.decoder.processor_s)
+
     def part(self, number: int, trial: Program) -> PartedTrial | None:
         """Return the next trial that has branched off from this run; None if there is none yet."""
         if number not in self.decoder.forked or self.kept is None:
@@ -445,8 +468,7 @@ class Script(Listener):
         """Stop the trials that nobody has taken, for which this run would wait."""
         for number, (process, _) in [*self.decoder.forked.items()]:
             if number not in self._taken:
-                with contextlib.suppress(ProcessLookupError):
-                    os.kill(process, signal.SIGKILL)
+                _end_group(process)
 
     def __enter__(self) -> Script:
         return self
@@ -455,6 +477,8 @@ class Script(Listener):
         if self._process.poll() is None:
             self._process.kill()
         self._process.wait()
+        if self._is_limited:  # what it has started, too
+            _end_group(self._process.pid)
         self._close()
 
     def _close(self) -> None:

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import atexit
-import ctypes
 import sys
+import time
 import traceback
 from collections.abc import Callable
 from types import TracebackType
 
 from .hidden import WRAPPERS
 from .host import ScriptWatch, Stop
+from .limits import end_with_parent
 from .sites import is_library, shown_file
 
 NOWHERE = "", 0
 """File and line where there is none."""
-PR_SET_PDEATHSIG, SIGKILL = 1, 9
-"""Numbers from Linux's `sys/prctl.h` and `signal.h`."""
 
 
 def run(watch: ScriptWatch, script: Callable[[], None]) -> None:
     """Run a script to its end, and end the process as it asks."""
-    _end_with_the_recorder()
+    end_with_parent()
     atexit.register(_end_last, watch)
     code: object = 0
     try:
@@ -52,8 +51,7 @@ def end(watch: ScriptWatch, how: str, error: str = "", site: tuple[str, int] = N
     """Send the recorder what is left, and that the script is over: nothing follows."""
     watch.finish()
     watch.lock.remove()
-    watch.pipe.note("end", how=how, error=error, site=site)
-    watch.pipe.flush()
+    _note_end(watch, how, error, site)
 
 
 def _tell(watch: ScriptWatch, how: str, error: str = "", site: tuple[str, int] = NOWHERE) -> None:
@@ -63,8 +61,13 @@ def _tell(watch: ScriptWatch, how: str, error: str = "", site: tuple[str, int] =
     """
     with watch.lock:
         watch.settle()
-        watch.pipe.note("end", how=how, error=error, site=site)
-        watch.pipe.flush()
+        _note_end(watch, how, error, site)
+
+
+def _note_end(watch: ScriptWatch, how: str, error: str, site: tuple[str, int]) -> None:
+    watch.pipe.note("took", processor_s=time.process_time())
+    watch.pipe.note("end", how=how, error=error, site=site)
+    watch.pipe.flush()
 
 
 def _end_last(watch: ScriptWatch) -> None:
@@ -102,9 +105,3 @@ def _is_ours(trace: TracebackType) -> bool:
 def in_one_line(error: BaseException) -> str:
     """Return an exception's type and message."""
     return " ".join("".join(traceback.format_exception_only(type(error), error)).split())
-
-
-def _end_with_the_recorder() -> None:
-    """Have the system end this process when the recorder is killed: nothing else could stop it."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, SIGKILL)

@@ -1,7 +1,9 @@
 """Trials that part from a run: a fork of its process just before the first call that differs.
 
 Engine, generators, clock and inputs are the same memory in both, so nothing has to be repeated. The
-child sends into a pipe of its own, from there on; what came before, the recorder has.
+child sends into a pipe of its own, from there on; what came before, the recorder has. It shares no
+file with the run: what it writes is in a layer of its own (`private`), its descriptors are its own
+(`descriptors`), and its standard output goes nowhere.
 """
 
 from __future__ import annotations
@@ -11,10 +13,10 @@ import contextlib
 import gc
 import os
 import random
-import sys
-import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
+
+from . import descriptors, limits
 
 if TYPE_CHECKING:
     from .host import ScriptWatch
@@ -57,34 +59,35 @@ class Forks:
     def _forked(self, number: int, trial: dict[str, Any]) -> bool:
         """Part from the run; return whether this is the trial."""
         watch = self._watch
-        if threading.active_count() > 1:  # others would be lost in the child
-            self.pending.clear()
+        if descriptors.shared(self._ours(), watch.pipe.inode_of_block):
+            self.pending.clear()  # each is a run from the start, then
         if (number, trial) not in self.pending:
             return False
-        for stream in (sys.stdout, sys.stderr):
-            with contextlib.suppress(AttributeError, OSError, ValueError):  # closed, or none
-                stream.flush()
+        gc.unfreeze()
+        descriptors.flush()
         with watch.lock:
             watch.pipe.flush()
         drawn = random.getstate()  # which Python seeds anew after a fork
         watch.is_parting = True
         gc.freeze()  # collecting would copy what is shared
-        try:
+        waits, ready = os.pipe()
+        child = -1
+        with contextlib.suppress(OSError):  # too many processes
             child = os.fork()
-        except OSError:  # too many processes
-            watch.is_parting = False
-            self.pending.clear()
-            return False
         if not child:
+            os.close(waits)
+            with _ending_where_it_fails():
+                self._begin(number, ready)
             random.setstate(drawn)
-            for other, each in self.pending:
-                if other != number:
-                    os.close(each["pipe"])
-                    os.close(each["block"])
-            self.pending, self._children, self._is_trial = [], [], True
             watch.become(trial)
             return True
         watch.is_parting = False
+        os.close(ready)
+        begun = child > 0 and os.read(waits, 1)
+        os.close(waits)
+        if not begun:
+            self.pending.clear()
+            return False
         self._children.append(child)
         self.pending.remove((number, trial))
         os.close(trial["pipe"])
@@ -93,3 +96,36 @@ class Forks:
             watch.pipe.note("forked", trial=number, process=child, after=watch.pipe.sent_bytes)
             watch.pipe.flush()
         return False
+
+    def _begin(self, number: int, ready: int) -> None:
+        """Share nothing with the run that this process was forked from, which waits until then."""
+        limits.lead_a_group()
+        for other, each in self.pending:
+            if other != number:
+                os.close(each["pipe"])
+                os.close(each["block"])
+        trial = self.trials[number]
+        self.pending, self._children, self._is_trial = [], [], True
+        private = self._watch.private
+        if private is not None:
+            private.part(str(number))
+        printed = os.open(os.devnull, os.O_WRONLY)
+        ours = {*self._ours(), trial["pipe"], trial["block"], ready, printed}
+        descriptors.replace(ours, private, printed)
+        os.close(printed)
+        os.write(ready, b"1")
+        os.close(ready)
+
+    def _ours(self) -> set[int]:
+        """Return the descriptors that the script has not opened."""
+        of_trials = (each[name] for _, each in self.pending for name in ("pipe", "block"))
+        return {self._watch.pipe.descriptor, *of_trials}
+
+
+@contextlib.contextmanager
+def _ending_where_it_fails() -> Iterator[None]:
+    """End this process, which has just been forked, where something fails: its parent sees that."""
+    try:
+        yield
+    except BaseException:  # noqa: BLE001 - the script must not go on
+        os._exit(1)

@@ -22,6 +22,7 @@ from .hidden import hide
 from .imports import Then, on_extension, on_import
 from .outside import Outside
 from .pipe import APART, Pipe
+from .private import Private
 from .sites import Sites
 from .turns import Turn
 
@@ -98,6 +99,8 @@ class ScriptWatch:
         Runs that part from this one, as `forks` takes them.
     is_plain
         Whether nothing differs from the script's own run.
+    private
+        The view of the file system that the process has entered; None for the machine's own.
     """
 
     def __init__(
@@ -110,8 +113,9 @@ class ScriptWatch:
         of_first: bool = False,
         trials: Sequence[dict[str, Any]] = (),
         is_plain: bool = True,
+        private: Private | None = None,
     ) -> None:
-        self.pipe, self.clock = pipe, clock
+        self.pipe, self.clock, self.private = pipe, clock, private
         self.on = True
         self.lock, self.sites = Turn(), Sites(pipe)
         self.engines: list[EngineWatch] = []
@@ -129,6 +133,7 @@ class ScriptWatch:
         self.steppers: list[tuple[Any, str, Any]] = []
         """What stands for functions that make steps: where it stands, and the name."""
         self._is_plain = is_plain
+        self._outside: Outside | None = None
         self._left: Any = None
         """The counters that were shared, in a forked child."""
         self._process, self._thread = getpid(), get_ident()
@@ -224,11 +229,16 @@ class ScriptWatch:
 
     def listen_outside(self) -> None:
         """Tell what the script reaches beside its simulation; for good, in this interpreter."""
-        Outside(self._tell_outside).listen()
+        self._outside = Outside(self._tell_outside, lambda: {self.pipe.descriptor})
+        self._outside.listen()
 
     def _tell_outside(self, what: str, name: str) -> None:
         if self.on:
             self.tell("outside", how=what, name=name)
+
+    def _look_outside(self) -> None:
+        if self._outside is not None:
+            self._outside.look()
 
     # -- steps and time ---------------------------------------------------------------------------
 
@@ -241,6 +251,8 @@ class ScriptWatch:
         if get_ident() != self._thread:
             self._threads.add(current_thread())
         self.clock.step(time_s)
+        if self.steps_made == 1:
+            self._look_outside()
         if self.steps_made - self._beside == self._limit_steps:
             self.stop("steps")
         if self._limit_s is not None:
@@ -283,6 +295,7 @@ class ScriptWatch:
     def settle(self) -> None:
         """Send what is left of all simulations, as far as the script has come."""
         with self.lock:
+            self._look_outside()
             for engine in self.engines:
                 engine.settle()
             self.pipe.flush()

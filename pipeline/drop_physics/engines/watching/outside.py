@@ -1,33 +1,41 @@
-"""What a script reaches beside its simulation, so that it is not run again unasked.
+"""What a script reaches beside its simulation, so that it can be run again without harm.
 
-Sockets, other programs, devices, and files that it writes elsewhere than in its working directory
-or in the system's folder for temporary ones; of the files there, those that another run of it would
-write, too. What a library starts while it is imported is its own. Python tells an audit hook, which
+Sockets, other programs, devices, and files that it writes elsewhere than in its working directory or
+in the system's folder for temporary ones; of the files there, those that another run of it would
+write, too. Python tells an audit hook of calls; what C code has opened is looked up in `/proc`, at
+the first step and at the end. What a library starts while it is imported is its own. An audit hook
 cannot be taken off again: it is for an interpreter that is the script's own.
 """
 
 from __future__ import annotations
 
 import os
+import stat
 import sys
 from collections.abc import Callable
 from typing import Any
 
+from . import descriptors
 from .draws import is_imported
 
 CONNECTS = ("socket.connect", "socket.bind", "socket.sendto")
 STARTS = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.spawn")
 TEMPORARY = ("/tmp", "/var/tmp", "/usr/tmp", os.curdir)
 """Where Python makes temporary files, unless the environment names a folder."""
-MAKES = ("tempfile.mkstemp", "tempfile.mkdtemp")
+OWN = ("tempfile.mkstemp", "tempfile.mkdtemp")
 REMOVES = ("os.remove", "os.rename", "os.rmdir", "os.truncate")
-WRITES = os.O_WRONLY | os.O_RDWR | os.O_APPEND
-QUIET = ("/dev/null", "/dev/tty", "/dev/shm/", "/dev/urandom", "/proc/")
-"""Devices that nothing comes of."""
+CHANGES = ("os.chmod", "os.chown", "os.utime", "os.setxattr", "os.removexattr")
+MAKES = ("os.mkdir", "sqlite3.connect")
+LINKS = ("os.symlink", "os.link", "os.rename")
+"""Functions whose second argument is what they make."""
+QUIET = ("/dev/shm/", "/dev/dri/", "/dev/nvidia", "/dev/kfd", "/proc/")
+"""Devices that nothing comes of, as renderers use them."""
 CACHES = (f"{os.sep}__pycache__{os.sep}", f"{os.sep}.cache{os.sep}", f"matplotlib{os.sep}")
 """Parts of paths that libraries write for themselves."""
 MOST = 8
 """Things that are told."""
+MOST_MADE = 1000
+"""Files and folders that are told, which the script has made."""
 
 
 class Outside:
@@ -36,16 +44,19 @@ class Outside:
     Parameters
     ----------
     tell
-        Called with what it is, `connects`, `starts`, `removes`, `writes` or, in those folders,
-        `keeps` where a copy of the working directory would take it, else `keeps there`, and its
-        name.
+        Called with what it is, `connects`, `starts`, `opens` (a device), `removes`, `writes` or, in
+        those folders, `keeps` where a copy of the working directory would take it, else `keeps
+        there`, or `makes` of a file that is new; and its name.
+    ours
+        Returns the descriptors that are not the script's.
     """
 
-    def __init__(self, tell: Callable[[str, str], None]) -> None:
-        self._tell = tell
+    def __init__(self, tell: Callable[[str, str], None], ours: Callable[[], set[int]]) -> None:
+        self._tell, self._ours = tell, ours
         self._told: set[tuple[str, str]] = set()
         self._own: set[str] = set()
         """Temporary files and folders, whose names no other run has."""
+        self._made = 0
         self.on = True
         self._began = os.path.realpath(os.getcwd())
         # `tempfile` itself would draw a name, and with it what the script draws next.
@@ -58,46 +69,104 @@ class Outside:
         """Begin."""
         sys.addaudithook(self._hear)
 
+    def look(self) -> None:
+        """Tell what is open now, whoever has opened it."""
+        if not sys.platform.startswith("linux"):
+            return
+        networks = _network_sockets()
+        for number in descriptors.numbers(self._ours()):
+            try:
+                mode, path = os.fstat(number).st_mode, os.readlink(descriptors.link(number))
+            except OSError:  # another thread has closed it
+                continue
+            if stat.S_ISSOCK(mode) and path[len("socket:[") : -1] in networks:
+                self._note("connects", "a socket")
+            elif stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
+                self._device(path)
+            elif stat.S_ISREG(mode) and descriptors.is_written(number):
+                self._file("writes", path)
+
     def _hear(self, event: str, arguments: tuple[Any, ...]) -> None:
         if event == "open":
             path, _, flags = arguments
-            if self.on and flags & WRITES and (type(path) is str or type(path) is bytes):
+            if self.on and flags & (descriptors.WRITES | os.O_APPEND) and _is_path(path):
                 self._file("writes", os.fsdecode(path))
         elif not self.on:
             return
-        elif event in MAKES:
+        elif event in OWN:
             self._own.add(os.path.realpath(os.fsdecode(arguments[0])))
         elif event in CONNECTS:
             self._note("connects", str(arguments[1])[:80])
         elif event in STARTS and not is_imported(sys._getframe(1)):
             self._note("starts", str(arguments[0])[:80])
-        elif event in REMOVES and type(arguments[0]) is str:
-            self._file("removes", arguments[0])
+        else:
+            self._hear_of_file(event, arguments)
+
+    def _hear_of_file(self, event: str, arguments: tuple[Any, ...]) -> None:
+        if event in REMOVES and _is_path(arguments[0]):
+            self._file("removes", os.fsdecode(arguments[0]))
+        elif event in (*CHANGES, *MAKES) and _is_path(arguments[0]):
+            self._file("writes", os.fsdecode(arguments[0]))
+        if event in LINKS and _is_path(arguments[1]):
+            self._file("writes", os.fsdecode(arguments[1]))
 
     def _file(self, what: str, path: str) -> None:
         try:
-            whole = os.path.realpath(path)
+            # A link itself is made or removed, and what it leads to is written.
+            folder, name = os.path.split(os.path.abspath(path))
+            whole = os.path.join(os.path.realpath(folder), name)
+            if what == "writes":
+                whole = os.path.realpath(whole)
             here = os.path.join(os.path.realpath(os.getcwd()), "")
-        except OSError:
+            mode = os.stat(whole).st_mode if os.path.exists(whole) else 0
+        except (OSError, ValueError):
+            return
+        if stat.S_ISCHR(mode) or stat.S_ISBLK(mode) or stat.S_ISFIFO(mode):
+            self._device(whole)
             return
         if whole.startswith(QUIET) or any(part in whole for part in CACHES):
             return
+        if what == "writes" and not os.path.lexists(whole) and self._made < MOST_MADE:
+            self._made += not whole.startswith(tuple(self._own))
+            self._send("makes", whole)
         # A file without a name is opened by its folder's.
         inside = os.path.join(whole, "").startswith((here, *self._allowed))
         if not inside:
             self._note(what, whole)
-        elif os.path.isdir(whole):
+        elif stat.S_ISDIR(mode):
             return
         elif what == "writes" and not whole.startswith(tuple(self._own)):
             copied = not os.path.isabs(path) and os.path.realpath(os.getcwd()) == self._began
             self._note("keeps" if copied else "keeps there", whole)
 
+    def _device(self, path: str) -> None:
+        if not path.startswith((*descriptors.HARMLESS, *QUIET)):
+            self._note("opens", path)
+
     def _note(self, what: str, name: str) -> None:
-        key = what, name
-        if key not in self._told and len(self._told) < MOST:
-            self._told.add(key)
-            self.on = False  # what telling opens is ours
-            try:
-                self._tell(what, name)
-            finally:
-                self.on = True
+        if len(self._told) < MOST and (what, name) not in self._told:
+            self._told.add((what, name))
+            self._send(what, name)
+
+    def _send(self, what: str, name: str) -> None:
+        self.on = False  # what telling opens is ours
+        try:
+            self._tell(what, name)
+        finally:
+            self.on = True
+
+
+def _is_path(argument: object) -> bool:
+    return type(argument) is str or type(argument) is bytes
+
+
+def _network_sockets() -> set[str]:
+    """Return the inodes of the sockets that lead to a network: not those of this machine alone."""
+    found = set()
+    for name in ("tcp", "tcp6", "udp", "udp6", "raw", "raw6"):
+        try:
+            with open(f"/proc/self/net/{name}") as file:
+                found |= {line.split()[9] for line in [*file][1:]}
+        except OSError:
+            continue
+    return found

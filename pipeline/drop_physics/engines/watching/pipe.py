@@ -79,6 +79,7 @@ class Pipe:
     def __init__(self, pipe: int, block: int) -> None:
         self._pipe = pipe
         self._inode = os.fstat(pipe).st_ino
+        self.inode_of_block = os.fstat(block).st_ino
         self.memory: Any = mmap.mmap(block, SHARED_BYTES)
         self.counters: Any = memoryview(self.memory)[BLOCK_BYTES:].cast("Q")
         self.counts: Any = memoryview(self.memory)[: BLOCK.size].cast("Q")
@@ -145,6 +146,11 @@ class Pipe:
             self._hand_over(self.memory[BLOCK.size : self.end])
 
     @property
+    def descriptor(self) -> int:
+        """The descriptor of the pipe."""
+        return self._pipe
+
+    @property
     def sent_bytes(self) -> int:
         """How many bytes have gone through the pipe."""
         return self._before
@@ -160,6 +166,7 @@ class Pipe:
             raise OSError(ctypes.get_errno(), "the block cannot be mapped")
         os.dup2(pipe, self._pipe, inheritable=False)
         self._inode = os.fstat(self._pipe).st_ino
+        self.inode_of_block = os.fstat(block).st_ino
         os.close(pipe)
         os.close(block)
         self._before = self.counts[0] = self.counts[1] = 0

@@ -10,7 +10,8 @@ import runpy
 import sys
 from types import ModuleType
 
-from . import ending, start
+from . import ending, limits, start
+from .private import private_of
 
 _ALWAYS = {
     "abc", "codecs", "encodings", "genericpath", "io", "ntpath", "os", "posixpath", "site", "stat",
@@ -26,16 +27,23 @@ def main(options: str, *command: str) -> None:
     Parameters
     ----------
     options
-        JSON: the arguments of `start.watch`; `is_module`; `listens`, whether it is told what the
-        script reaches; and its `scratch` folder.
+        JSON: the arguments of `start.watch`, but for `private`, which are those of `Private`;
+        `is_module`; `listens`, whether it is told what the script reaches; its `limits`; and the
+        `scratch` copy of the working directory that it runs in, or None.
     command
         The script, or a module's name, and its own arguments.
     """
     arguments = json.loads(options)
     is_module, listens = arguments.pop("is_module"), arguments.pop("listens")
-    start.enter(arguments.pop("scratch"))
+    scratch, limited = arguments.pop("scratch"), arguments.pop("limits")
+    private = private_of(arguments.pop("private"))
+    if limited is not None:
+        limits.keep(limited)
+    if private is not None:
+        private.enter()
+    start.enter(scratch)
     sys.argv = [*command]
-    watch = start.watch(**arguments)
+    watch = start.watch(**arguments, private=private)
     if listens:
         watch.listen_outside()
     run = _run_module if is_module else _run_file

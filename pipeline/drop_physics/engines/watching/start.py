@@ -14,6 +14,7 @@ from .clock import Clock
 from .draws import Draws
 from .host import ScriptWatch
 from .pipe import Pipe
+from .private import Private
 from .sites import HOME
 
 
@@ -30,6 +31,7 @@ def watch(
     variation: dict[str, Any] | None = None,
     interventions: Sequence[dict[str, Any]] = (),
     trials: Sequence[dict[str, Any]] = (),
+    private: Private | None = None,
 ) -> ScriptWatch:
     """Watch all engines, each as soon as it is imported.
 
@@ -53,6 +55,8 @@ def watch(
         What its calls do otherwise, likewise.
     trials
         Runs that part from this one, as `forks` takes them.
+    private
+        The view of the file system that this process has entered; None for the machine's own.
     """
     started = ScriptWatch(
         Pipe(pipe, block),
@@ -62,6 +66,7 @@ def watch(
         of_first=of_first,
         trials=trials,
         is_plain=not (variation or interventions or trials),
+        private=private,
     )
     version = ".".join(map(str, sys.version_info[:3]))
     started.pipe.note(

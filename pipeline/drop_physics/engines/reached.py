@@ -1,0 +1,89 @@
+"""What a script's run reached beside its simulation, and what it changed in its folder."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+MOST_ENTRIES = 5000
+"""The state of a folder with more files and folders than this is not taken."""
+LEFT_OUT = (".git", "recordings", "__pycache__")
+"""Folders that no script means to write."""
+KEEPS, THERE = "keeps", "keeps there"
+"""A file in its working directory that it writes: by a relative path, or by another."""
+MAKES = "makes"
+"""A file that was not there before."""
+
+
+@dataclass(frozen=True)
+class Reached:
+    """What a script's run reached."""
+
+    noted: tuple[tuple[str, str], ...] = ()
+    """What it told: `connects`, `starts`, `opens`, `writes`, `removes`, `keeps` or `keeps there`,
+    and a name."""
+    made: tuple[str, ...] = ()
+    """Paths of files and folders that it made."""
+    changed: tuple[str, ...] = ()
+    """Paths in its working directory that it changed or removed."""
+    is_known: bool = True
+    """Whether its working directory is small enough that its changes were looked for."""
+    processor_s: float = 0.0
+    """Processor time that it took [s]."""
+
+    def names(self, *kinds: str) -> list[str]:
+        """Return the names of what it reached in some ways."""
+        return [name for kind, name in self.noted if kind in kinds]
+
+    @property
+    def writes(self) -> bool:
+        """Whether it writes any file, wherever."""
+        return bool(self.noted or self.made or self.changed) or not self.is_known
+
+
+State = Mapping[str, tuple[int, int, int, int]]
+"""Mode, size, time of the last change [ns] and inode of each file and folder, by path."""
+
+
+def state_of(folder: Path) -> State | None:
+    """Return the state of a folder and all that it holds; None where that is too much."""
+    found: dict[str, tuple[int, int, int, int]] = {}
+    for at, folders, files in os.walk(folder):
+        folders[:] = [each for each in folders if each not in LEFT_OUT]
+        for name in (*folders, *files):
+            path = os.path.join(at, name)
+            try:
+                status = os.lstat(path)
+            except OSError:  # it is gone
+                continue
+            # A folder changes with what is in it, which has a state of its own.
+            changed = 0 if name in folders else status.st_mtime_ns
+            size = 0 if name in folders else status.st_size
+            found[path] = status.st_mode, size, changed, status.st_ino
+        if len(found) > MOST_ENTRIES:
+            return None
+    return found
+
+
+def reached_of(
+    noted: Iterable[tuple[str, str]],
+    before: State | None,
+    after: State | None,
+    processor_s: float,
+) -> Reached:
+    """Return what a run reached, by what it told and by its folder's states before and after it."""
+    told = [*noted]
+    made = [name for kind, name in told if kind == MAKES]
+    changed: list[str] = []
+    if before is not None and after is not None:
+        made += after.keys() - before.keys()
+        changed = sorted(path for path, state in before.items() if after.get(path) != state)
+    return Reached(
+        tuple(each for each in told if each[0] != MAKES),
+        tuple(sorted({*made})),
+        tuple(changed),
+        before is not None and after is not None,
+        processor_s,
+    )

@@ -1,0 +1,228 @@
+"""What a forked process would share with its parent: descriptors, mappings, threads.
+
+A child inherits open files: both move one offset, and write to one file. So in a child each regular
+file is opened again, and one that is open for writing is a copy of its own. What cannot be copied,
+such as a socket, a device, a database or a thread, forbids a fork. Only Linux shows all of them, in
+`/proc`.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import io
+import os
+import re
+import stat
+import sys
+import threading
+from collections.abc import Collection
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .private import Private
+
+STANDARD = (0, 1, 2)
+HARMLESS = (
+    *("/dev/null", "/dev/zero", "/dev/full", "/dev/random", "/dev/urandom", "/dev/tty"),
+    "/dev/pts/",
+)
+"""Devices that a parent and its child may both use."""
+DATABASE = b"SQLite format 3\0"
+"""The first bytes of a database of SQLite."""
+POOL = re.compile(r"\S*openblas\S*\.so\S*")
+"""A library with a pool of threads that it starts again in a child."""
+POOL_SIZES = (
+    *("openblas_get_num_threads", "openblas_get_num_threads64_"),
+    *("scipy_openblas_get_num_threads", "scipy_openblas_get_num_threads64_"),
+)
+"""Functions that return the number of its threads, the calling one included."""
+WRITES = os.O_WRONLY | os.O_RDWR
+KEPT_FLAGS = WRITES | os.O_APPEND
+"""Flags with which a file is opened again."""
+
+
+def shared(ours: Collection[int], block: int) -> str:
+    """Return what forbids a fork of this process, in a few words; empty if nothing does.
+
+    Parameters
+    ----------
+    ours
+        Descriptors of ours.
+    block
+        The inode of the memory that we share.
+    """
+    if not sys.platform.startswith("linux"):
+        return "no /proc"
+    return _thread() or _mapping(block) or next(filter(None, map(_kind, numbers(ours))), "")
+
+
+def flush() -> None:
+    """Write what buffers of this process hold, Python's and those of C."""
+    for each in gc.get_objects():
+        if isinstance(each, (io.BufferedWriter, io.BufferedRandom, io.TextIOWrapper)):
+            try:
+                each.flush()
+            except (OSError, ValueError):  # closed, or detached, or its disk is full
+                continue
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except (AttributeError, OSError, ValueError):
+            continue
+    ctypes.CDLL(None).fflush(None)
+
+
+def replace(ours: Collection[int], private: Private | None, printed: int) -> None:
+    """Give each regular file that is open for writing, in a child, a copy of its own.
+
+    Parameters
+    ----------
+    ours
+        Descriptors of ours.
+    private
+        The child's view of the file system, which has been entered; None for the machine's own.
+    printed
+        The descriptor that standard output and standard error go to.
+    """
+    for number in numbers(ours):
+        if not stat.S_ISREG(os.fstat(number).st_mode):
+            continue
+        if is_written(number):
+            own = _copied(number, private)
+        else:
+            own = os.open(link(number), os.O_RDONLY)
+        os.lseek(own, os.lseek(number, 0, os.SEEK_CUR), os.SEEK_SET)
+        os.dup2(own, number, inheritable=os.get_inheritable(number))
+        os.close(own)
+    for number in STANDARD[1:]:
+        os.dup2(printed, number)
+
+
+def _copied(number: int, private: Private | None) -> int:
+    """Return a descriptor of a child's own copy of a file.
+
+    Through a private view the path leads to it. A file that has no path any more is copied.
+    """
+    path, flags = os.readlink(link(number)), _flags(number) & KEPT_FLAGS
+    if private is not None and private.holds(path) and _is_at(path, os.fstat(number)):
+        return os.open(path, flags)
+    if private is None:
+        name = f"/dev/shm/drop-{os.getpid()}-{number}"
+    else:
+        name = private.file(f"descriptor-{number}")
+    with open(link(number), "rb") as source, open(name, "xb") as copy:
+        while os.sendfile(copy.fileno(), source.fileno(), None, 1 << 30):
+            pass
+    own = os.open(name, flags)
+    os.unlink(name)
+    return own
+
+
+def _is_at(path: str, status: os.stat_result) -> bool:
+    """Return whether a path leads to a file, as far as a layer shows it."""
+    try:
+        there = os.stat(path)
+    except OSError:
+        return False
+    return (there.st_size, there.st_mtime_ns) == (status.st_size, status.st_mtime_ns)
+
+
+def link(number: int) -> str:
+    """Return the path through which a descriptor's file is opened again."""
+    return f"/proc/self/fd/{number}"
+
+
+def numbers(ours: Collection[int]) -> list[int]:
+    """Return the open descriptors that are neither ours nor standard streams."""
+    with os.scandir("/proc/self/fd") as listed:
+        found = sorted(int(each.name) for each in listed)
+    return [each for each in found if each not in (*ours, *STANDARD) and _is_open(each)]
+
+
+def _is_open(number: int) -> bool:
+    try:
+        os.fstat(number)
+    except OSError:  # it was that of the listing
+        return False
+    return True
+
+
+def is_written(number: int) -> bool:
+    """Return whether a descriptor is open for writing."""
+    return bool(_flags(number) & WRITES)
+
+
+def _flags(number: int) -> int:
+    with open(f"/proc/self/fdinfo/{number}") as file:
+        return next(int(line.split()[1], 8) for line in file if line.startswith("flags:"))
+
+
+def _kind(number: int) -> str:
+    """Return what a descriptor is that a child must not share; empty if it may."""
+    mode, path = os.fstat(number).st_mode, os.readlink(link(number))
+    if stat.S_ISREG(mode):
+        return "a database" if _is_database(number) else ""
+    if stat.S_ISDIR(mode):
+        return ""
+    if stat.S_ISSOCK(mode):
+        return "a socket"
+    if stat.S_ISFIFO(mode):
+        return "a pipe"
+    if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
+        return "" if path.startswith(HARMLESS) else f"the device {path}"
+    return path
+
+
+def _is_database(number: int) -> bool:
+    if not is_written(number):
+        return False
+    try:
+        with open(link(number), "rb") as file:
+            begins = file.read(len(DATABASE))
+    except OSError:
+        return False
+    return begins == DATABASE or (not begins and "sqlite3" in sys.modules)
+
+
+def _mapping(block: int) -> str:
+    """Return which memory other processes may share and write to, but for the block."""
+    with open("/proc/self/maps", encoding="utf-8", errors="surrogateescape") as file:
+        for line in file:
+            _, how, _, _, inode, *path = line.split(maxsplit=5)
+            if how[1] == "w" and how[3] == "s" and int(inode) != block:
+                return f"shared memory {''.join(path).strip()}"
+    return ""
+
+
+def _thread() -> str:
+    """Return which threads there are beside this one and those of known pools."""
+    if threading.active_count() > 1:
+        return "a thread"
+    here = _thread_name(str(os.getpid()))
+    others = [_thread_name(each) for each in os.listdir("/proc/self/task")]
+    others.remove(here)
+    if any(each != here for each in others) or len(others) > _pools():
+        return "a thread of a library"
+    return ""
+
+
+def _thread_name(number: str) -> str:
+    try:
+        with open(f"/proc/self/task/{number}/comm", errors="replace") as file:
+            return file.read()
+    except OSError:  # it has ended
+        return ""
+
+
+def _pools() -> int:
+    """Return the number of threads in pools that survive a fork: those of OpenBLAS."""
+    with open("/proc/self/maps", encoding="utf-8", errors="surrogateescape") as file:
+        libraries = set(POOL.findall(file.read()))
+    return sum(_pool(each) - 1 for each in libraries)
+
+
+def _pool(library: str) -> int:
+    loaded: Any = ctypes.CDLL(library)
+    size = next((getattr(loaded, name) for name in POOL_SIZES if hasattr(loaded, name)), None)
+    return 1 if size is None else int(size())

@@ -1,0 +1,51 @@
+"""What a run may take: a group of processes that ends with us, processor time, and memory."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import os
+import signal
+import sys
+from typing import Any
+
+PR_SET_PDEATHSIG, SIGKILL = 1, 9
+"""Numbers from Linux's `sys/prctl.h` and `signal.h`."""
+MOST_WANTED = "1000"
+"""The score with which Linux ends a process first where memory runs out."""
+
+
+def end_with_parent() -> None:
+    """Have the system end this process when its parent is killed: nothing else could stop it."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, SIGKILL)
+
+
+def keep(limits: dict[str, Any]) -> None:
+    """Keep this process, and each that it forks, within limits.
+
+    Parameters
+    ----------
+    limits
+        `processor_s`, the processor time of each [s], and `bytes`, the memory that each may have
+        for itself; None for as much as there is.
+    """
+    import resource
+
+    for which, most in (
+        (resource.RLIMIT_CPU, limits["processor_s"]),
+        (resource.RLIMIT_DATA, limits["bytes"]),
+    ):
+        _, hard = resource.getrlimit(which)
+        if most is not None and (hard == resource.RLIM_INFINITY or most < hard):
+            resource.setrlimit(which, (math.ceil(most), hard))
+    if sys.platform == "linux":
+        with open("/proc/self/oom_score_adj", "w") as file:
+            file.write(MOST_WANTED)
+
+
+def lead_a_group() -> None:
+    """Let this process, just forked, lead a group of its own, which is ended as one."""
+    os.setpgid(0, 0)
+    end_with_parent()
+    signal.signal(signal.SIGXCPU, signal.SIG_DFL)

@@ -1,0 +1,215 @@
+"""How a script is run again without touching anything: by what its first run reached.
+
+Where the kernel offers private mounts, each run has a view of the file system of its own
+(`engines.watching.private`): it finds the files that the first run found, and what it writes is thrown
+away. Elsewhere it runs in a copy of its working directory, if it writes nothing else.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from drop_physics.engines.channel import WATCHING
+from drop_physics.engines.reached import KEEPS, THERE, Reached
+from drop_physics.engines.script import Program
+from drop_physics.errors import DropError
+from drop_physics.fields import all_of
+from drop_physics.messages import Message
+from drop_physics.stages.scratch import scratch_copy
+from drop_physics.workers import under_load
+
+LONGEST = 10.0
+"""A run is stopped after this many times the duration of the script's own run."""
+LEAST_S = 2.0
+"""No run is stopped earlier [s]."""
+SHARED_MEMORY = "/dev/shm"
+WORDS = {
+    "connects": Message("connects to {name}"),
+    "starts": Message("starts {name}"),
+    "opens": Message("opens {name}"),
+    "writes": Message("writes {name}"),
+    "removes": Message("removes {name}"),
+}
+"""What a script may reach beside its simulation."""
+BEYOND_FILES = ("connects", "opens")
+"""What no view of the file system protects."""
+
+
+@dataclass(frozen=True)
+class Again:
+    """How a script is run again.
+
+    Parameters
+    ----------
+    folders
+        Folders in which each run may write, in a layer of its own; without any, runs see the
+        machine's own files.
+    made
+        What its first run made, which others do not see there.
+    network
+        Whether a run with layers of its own may use the network.
+    copied
+        Files of the working directory that it writes, where each run works in a copy of that.
+    parts
+        Whether runs may part from one another.
+    took_s, processor_s
+        Duration and processor time of its first run [s]; infinite if they are not known.
+    """
+
+    folders: tuple[str, ...] = ()
+    made: tuple[str, ...] = ()
+    network: bool = True
+    copied: tuple[Path, ...] = ()
+    parts: bool = True
+    took_s: float = float("inf")
+    processor_s: float = float("inf")
+
+    @contextmanager
+    def ready(self, program: Program, *, finer: int = 1) -> Iterator[Program]:
+        """Yield a program as it is run again, and throw away what it has written.
+
+        Parameters
+        ----------
+        program
+            What is run.
+        finer
+            The most steps of the engine per step of the script, of it and of what parts from it.
+        """
+        limited = replace(program, limits=self._limits(finer))
+        if self.folders:
+            with scratch_folder() as scratch:
+                private = {
+                    "scratch": str(scratch),
+                    "folders": [*self.folders],
+                    "made": [*self.made],
+                    "network": self.network,
+                }
+                yield replace(limited, private=private)
+        elif self.copied:
+            with scratch_copy(Path.cwd().resolve(), self.copied) as copy:
+                yield replace(limited, scratch=str(copy), target=_from_home(program))
+        else:
+            yield limited
+
+    def patience_s(self, finer: int = 1) -> float:
+        """Return how long a run may take [s], as the machine is loaded now."""
+        return under_load(max(LEAST_S, LONGEST * self.took_s) * finer)
+
+    def _limits(self, finer: int) -> dict[str, Any]:
+        most_s = max(LEAST_S, LONGEST * self.processor_s) * finer
+        return {
+            "processor_s": None if most_s == float("inf") else most_s,
+            "bytes": _memory_bytes(),
+        }
+
+
+def again_of(
+    program: Program, reached: Reached, *, took_s: float, anyway: bool
+) -> Again:
+    """Return how a script is run again.
+
+    Parameters
+    ----------
+    program
+        The script.
+    reached
+        What its first run reached.
+    took_s
+        Duration of that [s].
+    anyway
+        Whether it is run again even if that is not without consequences.
+
+    Raises
+    ------
+    DropError
+        If it would not be, and `anyway` is not given.
+    """
+    folders = _folders(program, reached)
+    private = is_offered(folders)
+    refused = BEYOND_FILES if private else tuple(WORDS)
+    beyond = [each for each in reached.noted if each[0] in refused]
+    if not private and not reached.is_known:
+        beyond.append(("writes", str(Path.cwd())))
+    there = [("writes", name) for name in reached.names(THERE)]
+    beyond += [] if private else there
+    if beyond and not anyway:
+        first = dict(reversed(beyond))
+        raise DropError(
+            "{script} {what}, and would do so in each run; --again runs it all the same",
+            script=program.target,
+            what=all_of(Message(WORDS[how], name=name) for how, name in first.items()),
+        )
+    took = {"took_s": took_s, "processor_s": reached.processor_s or float("inf")}
+    if private:
+        connects = bool(reached.names("connects"))
+        return Again(tuple(folders), reached.made, connects, parts=not beyond, **took)
+    written = {*reached.names(KEEPS), *reached.changed, *reached.made}
+    return Again(copied=tuple(map(Path, sorted(written))), parts=not reached.writes, **took)
+
+
+def _folders(program: Program, reached: Reached) -> list[str]:
+    """Return the folders that a script may write to, as far as they are there."""
+    written = reached.names("writes", "removes", THERE)
+    found = [
+        Path.cwd(),
+        *([] if program.is_module else [Path(program.target).resolve().parent]),
+        Path(tempfile.gettempdir()),
+        Path.home(),
+        Path(SHARED_MEMORY),
+        *(Path(name).parent for name in written),
+    ]
+    return sorted({str(each.resolve()) for each in found if each.is_dir()})
+
+
+@functools.cache
+def _is_offered(folders: tuple[str, ...], here: str) -> bool:
+    del here
+    if not sys.platform.startswith("linux"):
+        return False
+    with scratch_folder() as scratch:
+        view = {"scratch": str(scratch), "folders": [*folders], "made": [], "network": False}
+        command = [sys.executable, str(WATCHING), "watching.private", json.dumps(view)]
+        tried = subprocess.run(command, stderr=subprocess.DEVNULL, check=False)
+    return tried.returncode == 0
+
+
+def is_offered(folders: Sequence[str]) -> bool:
+    """Return whether the kernel lets a process have layers of its own over folders."""
+    return _is_offered(tuple(folders), str(Path.cwd()))
+
+
+@contextmanager
+def scratch_folder() -> Iterator[Path]:
+    """Yield a folder that is removed afterwards, with what layers have left in it."""
+    folder = tempfile.mkdtemp(prefix="drop-")
+    try:
+        yield Path(folder)
+    finally:
+        for at, folders, _ in os.walk(folder):
+            for each in folders:  # overlayfs lets nobody look into its own
+                os.chmod(os.path.join(at, each), 0o700)
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _memory_bytes() -> int | None:
+    """Return the memory of this machine; None where it is not told."""
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):
+        return None
+
+
+def _from_home(program: Program) -> str:
+    """Return the path of a script, valid in any folder."""
+    return program.target if program.is_module else str(Path(program.target).absolute())
