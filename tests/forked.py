@@ -50,8 +50,10 @@ class Forked:
         self,
         command: Sequence[str],
         *,
+        stdin: int | None = None,
         stdout: int | None = None,
         stderr: int | None = None,
+        process_group: int | None = None,
         pass_fds: Sequence[int] = (),
         env: Mapping[str, str] | None = None,
         also: str = "",
@@ -63,15 +65,20 @@ class Forked:
         if stdout == subprocess.PIPE:
             from_it, numbers[1] = os.pipe()
             self.stdout: BinaryIO | None = os.fdopen(from_it, "rb")
+        null = os.open(os.devnull, os.O_RDWR)
+        if stdin == subprocess.DEVNULL:
+            numbers[0] = null
         numbers |= {number: number for number in pass_fds}
         request = {
             "arguments": [*command[1:]],
             "env": {**(os.environ if env is None else env)},
             "folder": str(Path.cwd()),
+            "leads": process_group == 0,
             "numbers": [*numbers],
         }
         _ask(_server(also), request, [writing, *numbers.values()])
         os.close(writing)
+        os.close(null)
         if stdout == subprocess.PIPE:
             os.close(numbers[1])
         self.pid = self._read()
@@ -118,7 +125,9 @@ def fork_scripts() -> None:
     from drop_physics.engines.mujoco import explained
 
     for module in (script, explained):
-        vars(module)["subprocess"] = SimpleNamespace(Popen=popen, PIPE=subprocess.PIPE)
+        vars(module)["subprocess"] = SimpleNamespace(
+            Popen=popen, PIPE=subprocess.PIPE, DEVNULL=subprocess.DEVNULL
+        )
 
 
 def popen(command: Sequence[str], **how: Any) -> Any:
@@ -251,6 +260,8 @@ def _become(request: dict[str, Any], files: list[int]) -> None:
     for each, number in zip(above, numbers, strict=True):
         os.dup2(each, number)
         os.close(each)
+    if request["leads"]:
+        os.setpgid(0, 0)
     os.chdir(request["folder"])
     ours = _paths()
     os.environ.clear()

@@ -330,6 +330,7 @@ def sweep(
     plot: given.SweepPlot = None,
     dark: given.Dark = False,
     force: given.Force = False,
+    again: given.Again = False,
     json: given.Json = False,
     lists: dict[str, str | bool | None],
     camera: Camera | None,
@@ -358,7 +359,7 @@ def sweep(
         }
         refused = [f"--{name}" for name, each in others.items() if each]
         _sweep_script(
-            program, tries, refused, lists["duration_s"], out, seed, jobs, ray, force, json
+            program, tries, refused, lists["duration_s"], out, seed, jobs, ray, force, again, json
         )
     if ray is None and jobs != 1 and (jobs or samples):
         from drop_physics.sweeping.engines import get_ready
@@ -397,6 +398,7 @@ def _sweep_script(
     jobs: int | None,
     ray: str | None,
     force: bool,
+    again: bool,
     json: bool,
 ) -> None:
     from drop_physics.errors import ScenarioError
@@ -424,6 +426,7 @@ def _sweep_script(
             jobs=jobs,
             ray=ray,
             force=force,
+            again=again,
             stdout=output.descriptor(sys.stderr),
             progress=report,
         )
@@ -475,6 +478,7 @@ def record(
     duration: given.Duration = None,
     seed: given.Seed = None,
     twice: given.Twice = False,
+    again: given.Again = False,
     python: given.Python = None,
     keep_sleeping: given.KeepSleeping = False,
     force: given.Force = False,
@@ -503,6 +507,7 @@ def record(
         duration_s=duration,
         seed=seed,
         twice=twice,
+        again=again,
         python=python,
         keep_sleeping=keep_sleeping,
         force=force,
@@ -587,6 +592,7 @@ def trust(
     plot: given.TrustPlot = None,
     dark: given.Dark = False,
     html: given.Page = None,
+    again: given.Again = False,
     python: given.Python = None,
     force: given.Force = False,
     json: given.Json = False,
@@ -618,6 +624,7 @@ def trust(
             jobs=jobs,
             ray=ray,
             force=force,
+            again=again,
             stdout=output.descriptor(sys.stderr),
             table=table,
             plot=plot,

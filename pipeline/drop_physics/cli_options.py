@@ -239,8 +239,8 @@ Ablate = Annotated[
 Again = Annotated[
     bool,
     flag(
-        "Run it again even if it opens sockets, starts programs, or writes files outside the "
-        "working directory.",
+        "Run it again even if it opens sockets or devices, or writes where nothing keeps it from "
+        "doing so.",
         "--again",
     ),
 ]

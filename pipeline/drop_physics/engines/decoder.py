@@ -55,7 +55,8 @@ class Decoder:
         """Whether the script closed the pipe or wrote into it: the end is missing."""
         self.unseeded: list[str] = []
         self.outside: list[tuple[str, str]] = []
-        """What the script did outside its simulation, as `watching.outside` tells it, and a name."""
+        """What the script did outside its simulation, as `watching.outside` calls it, a name
+        each."""
         self.processor_s = 0.0
         """Processor time of the script [s]."""
         self.intervened: set[int] = set()

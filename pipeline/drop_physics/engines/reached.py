@@ -53,7 +53,7 @@ def state_of(folder: Path) -> State | None:
     for at, folders, files in os.walk(folder):
         folders[:] = [each for each in folders if each not in LEFT_OUT]
         for name in (*folders, *files):
-            path = os.path.join(at, name)
+            path = f"{at}{os.sep}{name}"
             try:
                 status = os.lstat(path)
             except OSError:  # it is gone

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def json_of(recorded: Recorded) -> dict[str, Any]:
     """Return the object that `--json` prints."""
-    left_out = {"failure", "twice", "outside"} | (set() if recorded.twice else {"first_difference"})
+    left_out = {"failure", "twice", "reached"} | (set() if recorded.twice else {"first_difference"})
     left_out |= {name for name in ("replay", "beside") if getattr(recorded, name) is None}
     values = vars(recorded) | {"error": recorded.error or None}
     if recorded.beside is not None:

@@ -1,7 +1,7 @@
 """How a script is run again without touching anything: by what its first run reached.
 
 Where the kernel offers private mounts, each run has a view of the file system of its own
-(`engines.watching.private`): it finds the files that the first run found, and what it writes is thrown
+(`engines.watching.private`): it does not find what the first run made, and what it writes is thrown
 away. Elsewhere it runs in a copy of its working directory, if it writes nothing else.
 """
 
@@ -63,6 +63,8 @@ class Again:
         Files of the working directory that it writes, where each run works in a copy of that.
     parts
         Whether runs may part from one another.
+    alone
+        Whether runs would write the same files, so that one is made after another.
     took_s, processor_s
         Duration and processor time of its first run [s]; infinite if they are not known.
     """
@@ -72,6 +74,7 @@ class Again:
     network: bool = True
     copied: tuple[Path, ...] = ()
     parts: bool = True
+    alone: bool = False
     took_s: float = float("inf")
     processor_s: float = float("inf")
 
@@ -115,14 +118,14 @@ class Again:
 
 
 def again_of(
-    program: Program, reached: Reached, *, took_s: float, anyway: bool
+    target: str, reached: Reached, *, is_module: bool, took_s: float, anyway: bool
 ) -> Again:
     """Return how a script is run again.
 
     Parameters
     ----------
-    program
-        The script.
+    target, is_module
+        The script's path, or a module's name.
     reached
         What its first run reached.
     took_s
@@ -135,7 +138,7 @@ def again_of(
     DropError
         If it would not be, and `anyway` is not given.
     """
-    folders = _folders(program, reached)
+    folders = _folders(None if is_module else Path(target), reached)
     private = is_offered(folders)
     refused = BEYOND_FILES if private else tuple(WORDS)
     beyond = [each for each in reached.noted if each[0] in refused]
@@ -147,23 +150,29 @@ def again_of(
         first = dict(reversed(beyond))
         raise DropError(
             "{script} {what}, and would do so in each run; --again runs it all the same",
-            script=program.target,
+            script=target,
             what=all_of(Message(WORDS[how], name=name) for how, name in first.items()),
         )
-    took = {"took_s": took_s, "processor_s": reached.processor_s or float("inf")}
+    limited = Again(took_s=took_s, processor_s=reached.processor_s or float("inf"))
     if private:
-        connects = bool(reached.names("connects"))
-        return Again(tuple(folders), reached.made, connects, parts=not beyond, **took)
+        return replace(
+            limited,
+            folders=tuple(folders),
+            made=reached.made,
+            network=bool(reached.names("connects")),
+            parts=not beyond,
+        )
     written = {*reached.names(KEEPS), *reached.changed, *reached.made}
-    return Again(copied=tuple(map(Path, sorted(written))), parts=not reached.writes, **took)
+    copied = () if beyond else tuple(map(Path, sorted(written)))
+    return replace(limited, copied=copied, parts=not reached.writes, alone=bool(beyond))
 
 
-def _folders(program: Program, reached: Reached) -> list[str]:
+def _folders(script: Path | None, reached: Reached) -> list[str]:
     """Return the folders that a script may write to, as far as they are there."""
     written = reached.names("writes", "removes", THERE)
     found = [
         Path.cwd(),
-        *([] if program.is_module else [Path(program.target).resolve().parent]),
+        *([] if script is None else [script.resolve().parent]),
         Path(tempfile.gettempdir()),
         Path.home(),
         Path(SHARED_MEMORY),
@@ -179,7 +188,7 @@ def _is_offered(folders: tuple[str, ...], here: str) -> bool:
         return False
     with scratch_folder() as scratch:
         view = {"scratch": str(scratch), "folders": [*folders], "made": [], "network": False}
-        command = [sys.executable, str(WATCHING), "watching.private", json.dumps(view)]
+        command = [sys.executable, "-IS", str(WATCHING), "watching.private", json.dumps(view)]
         tried = subprocess.run(command, stderr=subprocess.DEVNULL, check=False)
     return tried.returncode == 0
 
@@ -198,7 +207,7 @@ def scratch_folder() -> Iterator[Path]:
     finally:
         for at, folders, _ in os.walk(folder):
             for each in folders:  # overlayfs lets nobody look into its own
-                os.chmod(os.path.join(at, each), 0o700)
+                Path(at, each).chmod(0o700)
         shutil.rmtree(folder, ignore_errors=True)
 
 

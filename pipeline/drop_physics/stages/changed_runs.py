@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import os
 import time
 from abc import ABC, abstractmethod
@@ -14,9 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from drop_physics.engines.script import PartedTrial, Program, Script
+from drop_physics.stages.again import Again
 from drop_physics.stages.proposals import Candidate
 from drop_physics.stages.runs import Ended, RunsUnderWay
-from drop_physics.stages.scratch import scratch_copy
 from drop_physics.trace.cures import ChangedRun
 
 if TYPE_CHECKING:
@@ -24,9 +23,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-LONGEST = 10.0
-"""A run is stopped after LEAST_S plus this many times the duration of the script's own run."""
-LEAST_S = 20.0
 SECOND = "own"
 """Name of a second, unchanged run of the script, from which others branch off."""
 
@@ -47,13 +43,10 @@ class RunChanged(ABC, Generic[T]):
     """The recording of the script's own run."""
     base: Recording | None
     """The same recording, read; None if it is still to be read."""
-    took_s: float = math.inf
-    """Duration of the script's own run [s]; infinite if no run is to be stopped for its time."""
+    again: Again = Again()
+    """How the script is run again."""
     drawn: bool = False
     """Whether to record what only the viewer needs, too."""
-    written: Sequence[Path] = ()
-    """Files of the working directory that the script writes: it then runs in a copy of that
-    folder."""
     runs: RunsUnderWay = field(default_factory=RunsUnderWay)
 
     def run_of(self, number: int) -> ChangedRun | None:
@@ -80,11 +73,9 @@ class RunChanged(ABC, Generic[T]):
         """Run a candidate, record it, and compare it with the script's own run."""
         if self.run_of(number) is None or self.is_late(number):
             return self.not_made(number)
-        program, until = self.program_of(number), self._until(number)
+        until, finer = self._until(number), self.finer(number)
         with ExitStack() as stack:
-            if self.written:
-                copy = stack.enter_context(scratch_copy(Path.cwd().resolve(), self.written))
-                program = replace(program, scratch=str(copy), target=_from_home(program))
+            program = stack.enter_context(self.again.ready(self.program_of(number), finer=finer))
             null = stack.enter_context(Path(os.devnull).open("wb")).fileno()
 
             def tell(_: float, __: int) -> None:
@@ -109,11 +100,6 @@ class RunChanged(ABC, Generic[T]):
     def stop(self) -> None:
         """Stop the run under way."""
         self.runs.stop()
-
-    @property
-    def patience_s(self) -> float:
-        """Longest time that a run may take, with one step for each of the script's [s]."""
-        return LEAST_S + LONGEST * self.took_s
 
     def program_of(self, number: int) -> Program:
         """Return the program to run for a candidate that the engine supports."""
@@ -160,9 +146,4 @@ class RunChanged(ABC, Generic[T]):
         return 1 if run is None else run.finer
 
     def _until(self, number: int) -> float:
-        return time.time() + LEAST_S + LONGEST * self.took_s * self.finer(number)
-
-
-def _from_home(program: Program) -> str:
-    """Return the path of a script, valid in any folder."""
-    return program.target if program.is_module else str(Path(program.target).absolute())
+        return time.time() + self.again.patience_s(self.finer(number))

@@ -27,15 +27,14 @@ T = TypeVar("T")
 MOST = 24
 """Most runs that branch off from one: each has two open files, and a process until it is read."""
 WAIT_S = 0.005
-FORKS = sys.platform.startswith(("linux", "darwin"))
-"""Whether a process can fork another on this system."""
+FORKS = sys.platform.startswith("linux")
+"""Whether a process can be forked that shares nothing: only Linux shows what it has open."""
 
 
 def run_changed(
     work: RunChanged[T],
     numbers: Sequence[int],
     *,
-    parts: bool,
     jobs: int,
     ray: str | None,
     progress: Progress,
@@ -46,8 +45,6 @@ def run_changed(
     ----------
     work, numbers
         What runs a candidate, and which.
-    parts
-        Whether they may part from one run: what that opens would be shared.
     jobs, ray
         How many run at once on this machine; or a Ray cluster's address.
     progress
@@ -60,12 +57,12 @@ def run_changed(
             some,
             stop=runs.stop,
             has_failed=work.has_failed,
-            jobs=jobs,
+            jobs=1 if work.again.alone else jobs,
             progress=progress,
             ray=None if ray is None else (replace(work, base=None), ray),
         )
 
-    if not (parts and FORKS and ray is None):
+    if not (work.again.parts and FORKS and ray is None):
         return run_by(work, numbers)
     done: dict[int, T] = {}
     for at in range(0, len(numbers), MOST):
@@ -165,7 +162,8 @@ def parting(work: RunChanged[T], numbers: Sequence[int]) -> Iterator[Parting[T]]
         explain=False,
         steps=1 if early else work.program.steps,
     )
-    until = time.time() + work.patience_s * (1 + len(able))
+    finer = max((work.finer(number) for number in able), default=1)
+    until = time.time() + work.again.patience_s(finer) * (1 + len(able))
 
     def tell(_: float, __: int) -> None:
         if time.time() > until:
@@ -174,7 +172,8 @@ def parting(work: RunChanged[T], numbers: Sequence[int]) -> Iterator[Parting[T]]
     with (
         ThreadPoolExecutor(1) as reader,
         Path(os.devnull).open("wb") as null,
-        running.Script(program, stdout=null.fileno(), stderr=null.fileno(), tell=tell) as process,
+        work.again.ready(program, finer=finer) as ready,
+        running.Script(ready, stdout=null.fileno(), stderr=null.fileno(), tell=tell) as process,
     ):
         own = reader.submit(work.recorded, process, None)
         try:

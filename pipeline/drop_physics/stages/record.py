@@ -24,13 +24,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from drop_physics.engines import script as running
+from drop_physics.engines.reached import Reached
 from drop_physics.engines.script import Program
+from drop_physics.errors import DropError
 from drop_physics.fields import all_of
 from drop_physics.files.outputs import check_apart
 from drop_physics.messages import Message
 from drop_physics.printable import Printable
 from drop_physics.recording import schema
 from drop_physics.recording.about import about_script
+from drop_physics.stages.again import Again, again_of
 from drop_physics.stages.found import name_of, path_digest
 from drop_physics.stages.missing_file import missing_file
 from drop_physics.stages.program import (
@@ -98,9 +101,8 @@ class Recorded(Printable, reported_by="drop_physics.report.record"):
     """The outcome of replaying the steps of MuJoCo; None for other engines."""
     beside: Recorded | None = None
     """The recording of the other engine, if the script steps two."""
-    outside: tuple[tuple[str, str], ...] = ()
-    """What the script did outside its simulation, if that was observed: `connects`, `starts`,
-    `writes`, `removes`, or in its working directory `keeps`, and a name."""
+    reached: Reached = Reached()
+    """What the script reached beside its simulation, if that was observed."""
 
 
 def record_script(
@@ -113,6 +115,7 @@ def record_script(
     duration_s: float | None = None,
     seed: int | None = None,
     twice: bool = False,
+    again: bool = False,
     python: str | None = None,
     keep_sleeping: bool = False,
     force: bool = False,
@@ -143,6 +146,9 @@ def record_script(
         starts at a fixed time. None leaves them alone.
     twice
         Whether to run it again, with other leftovers in fresh memory, and compare every state.
+    again
+        Whether a script that connects, opens devices or writes where it cannot be kept from doing
+        so is run a second time all the same.
     python
         The interpreter that runs it; None for the current one.
     keep_sleeping
@@ -190,7 +196,7 @@ def record_script(
         seed,
         begins_s,
         explain=explain,
-        listens=listens,
+        listens=listens or twice,
     )
     recording_id = uuid.uuid4().hex
     placed = target_of(target, out, is_module=is_module, keep=keep, force=force)
@@ -224,14 +230,25 @@ def record_script(
         path.touch()  # the newest of the script
     for sentence in _worth_knowing(process, recorder, ended, keep_sleeping=keep_sleeping):
         note(sentence)
-    compared, again = False, None
+    compared, differs = False, None
     if twice:
         first = {process.decoder.engine: recorder}
         last = process.decoder.steps, ended.how
         if beside is not None:
             first[beside.engine] = beside.recorder
             last = process.decoder.steps + beside.steps, ended.how
-        compared, again = _again(program, last, first, note, progress or _silent)
+        try:
+            rerun = again_of(
+                target,
+                process.reached(),
+                is_module=is_module,
+                took_s=time.perf_counter() - began,
+                anyway=again,
+            )
+        except DropError as error:  # the recording is whole
+            note(error.in_options)
+        else:
+            compared, differs = _again(program, rerun, last, first, note, progress or _silent)
     recorded = recorded_of(recorder, ended, path, recording_id=recording_id, name=target)
     return replace(
         recorded,
@@ -239,8 +256,8 @@ def record_script(
         wall_s=time.perf_counter() - began,
         beside=None if beside is None else beside.recorded,
         twice=compared,
-        first_difference=again,
-        outside=tuple(process.decoder.outside),
+        first_difference=differs,
+        reached=process.reached(),
     )
 
 
@@ -458,6 +475,7 @@ def _named_later(note: Callable[[str], None]) -> Callable[[float, int], None]:
 @np.errstate(all="ignore")
 def _again(
     program: Program,
+    rerun: Again,
     last: tuple[int, str],
     recorders: Mapping[str, Recorder],
     note: Callable[[str], None],
@@ -488,9 +506,12 @@ def _again(
         again_of[listener.decoder.engine] = taken
 
     try:
-        again = replace(program, steps=most, perturb=running.OTHER_PERTURB, explain=False)
+        again = replace(
+            program, steps=most, perturb=running.OTHER_PERTURB, explain=False, listens=False
+        )
         with (
-            running.Script(again, stdout=null, stderr=null, tell=tell) as process,
+            rerun.ready(again) as ready,
+            running.Script(ready, stdout=null, stderr=null, tell=tell) as process,
             _interrupts(process.interrupt),
         ):
             take_in(process)

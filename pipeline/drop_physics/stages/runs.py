@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from drop_physics.engines import script as running
+from drop_physics.engines.reached import Reached
 from drop_physics.messages import Message
 from drop_physics.sweeping import engines
 
@@ -43,8 +44,8 @@ class Ended:
     """The numbers of the interventions that have changed something."""
     also_steps: str
     """The other engine, if the script steps two; else empty."""
-    outside: bool
-    """Whether the script did anything outside its simulation, if that was observed."""
+    reached: Reached
+    """What the script reached beside its simulation, if that was observed."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,7 @@ class RunsUnderWay:
             decoder.steps,
             frozenset(decoder.intervened),
             decoder.also_steps,
-            bool(decoder.outside),
+            process.reached() if isinstance(process, running.Script) else Reached(),
         )
 
     def stop(self) -> None:

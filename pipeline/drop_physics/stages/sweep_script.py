@@ -102,6 +102,7 @@ def sweep_script(
     jobs: int | None = None,
     ray: str | None = None,
     force: bool = False,
+    again: bool = False,
     stdout: int = 1,
     progress: Progress = lambda *_: None,
 ) -> ScriptSweep:
@@ -123,6 +124,9 @@ def sweep_script(
         Processes on this machine, None for one per core; or a Ray cluster's address.
     force
         Whether all is run again, and what is in the folder is replaced.
+    again
+        Whether a script that connects, opens devices or writes where it cannot be kept from doing
+        so is run again all the same.
     stdout
         File descriptor of the script's standard output, in its own run.
     progress
@@ -162,12 +166,12 @@ def sweep_script(
     folder = RunFolder(Path(out).resolve(), identity, force, "sweep.json", reads=True)
     combined = [", ".join(each.call for each in one) for one in itertools.product(*lists)]
     with folder.claimed((BASE, *combined)):
-        base, limited, parts = folder.begun(program, stdout=stdout)
+        base, limited, rerun = folder.begun(program, anyway=again, stdout=stdout)
         known = [candidates_of(base.seen, cures, "--try", usual=False) for cures in lists]
         all_of = [*itertools.product(*known)]
         candidates = [_together(each) for each in all_of]
-        work = RunSwept(limited, candidates, folder.path, base.path, base, runs=folder.runs)
-        found = run_kept(work, parts=parts, jobs=jobs, ray=ray, progress=progress)
+        work = RunSwept(limited, candidates, folder.path, base.path, base, rerun, runs=folder.runs)
+        found = run_kept(work, jobs=jobs, ray=ray, progress=progress)
         rows = [
             {"run": n, **dict(_given(each.intervention.cure) for each in one), **row}
             for n, (one, row) in enumerate(zip(all_of, found, strict=True))

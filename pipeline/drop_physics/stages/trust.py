@@ -102,6 +102,7 @@ def trust(
     jobs: int | None = None,
     ray: str | None = None,
     force: bool = False,
+    again: bool = False,
     stdout: int = 1,
     table: Path | str | None = None,
     plot: Path | str | None = None,
@@ -129,6 +130,9 @@ def trust(
         Processes on this machine, None for one per core; or a Ray cluster's address.
     force
         Whether all is run again, and what is in the folder is replaced.
+    again
+        Whether a script that connects, opens devices or writes where it cannot be kept from doing
+        so is run again all the same.
     stdout
         File descriptor of the script's standard output, in its own run.
     table
@@ -172,10 +176,12 @@ def trust(
     place = Path("recordings") / f"{Path(target).stem}-trust" if out is None else Path(out)
     folder = RunFolder(place.resolve(), identity_of(program), force)
     with folder.claimed((BASE, *(each.call for each in asked))):
-        base, limited, parts = folder.begun(program, stdout=stdout, note=note)
+        base, limited, rerun = folder.begun(program, anyway=again, stdout=stdout, note=note)
         candidates = candidates_of(base.seen, asked, "--vary", usual=not vary)
-        work = RunVariation(limited, candidates, folder.path, base.path, base, runs=folder.runs)
-        varied = run_kept(work, parts=parts, jobs=jobs, ray=ray, progress=progress)
+        work = RunVariation(
+            limited, candidates, folder.path, base.path, base, rerun, runs=folder.runs
+        )
+        varied = run_kept(work, jobs=jobs, ray=ray, progress=progress)
     result = _trust(target, work, varied)
     if any(outputs):
         write_outputs(result, *outputs, dark=dark, force=force)

@@ -9,6 +9,7 @@ import contextlib
 import hashlib
 import json
 import os
+import time
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -17,11 +18,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+from pydantic import TypeAdapter
 
+from drop_physics.engines.reached import Reached
 from drop_physics.errors import DropError, OutputError, RecordingError
 from drop_physics.files.outputs import make_folder
 from drop_physics.files.whole import lock, opened, written_whole
 from drop_physics.messages import Message
+from drop_physics.stages.again import Again, again_of
 from drop_physics.stages.changed_runs import RunChanged, plain
 from drop_physics.stages.parting import parts_first, run_changed
 from drop_physics.stages.program import STOPPED, digest_of_script
@@ -139,22 +143,28 @@ def made_of(name: str, recording: Recording, *, finer: int = 1) -> Made:
     )
 
 
-def run_kept(
-    work: RunKept[T], *, parts: bool, jobs: int | None, ray: str | None, progress: Progress
-) -> list[T]:
+def run_kept(work: RunKept[T], *, jobs: int | None, ray: str | None, progress: Progress) -> list[T]:
     """Run all candidates, those with the most steps first, and return them in order."""
     numbers = range(len(work.candidates))
     # What parts later has to be held against the script's own run before it counts.
-    parts = parts and all(parts_first(work.run_of(number)) for number in numbers)
+    parts = work.again.parts and all(parts_first(work.run_of(number)) for number in numbers)
+    work = replace(work, again=replace(work.again, parts=parts))
     order = sorted(numbers, key=lambda number: -work.finer(number))
     try:
-        done = run_changed(
-            work, order, parts=parts, jobs=jobs or cores(), ray=ray, progress=progress
-        )
+        done = run_changed(work, order, jobs=jobs or cores(), ray=ray, progress=progress)
     except BaseException as stop:
         stop.add_note(Message("run the same command again to resume it"))
         raise
     return [done[number] for number in numbers]
+
+
+@dataclass(frozen=True)
+class FirstRun:
+    """What is kept of the script's own run beside its recording."""
+
+    reached: Reached
+    took_s: float
+    """Its duration [s]."""
 
 
 # -- the folder -----------------------------------------------------------------------------------
@@ -233,11 +243,17 @@ class RunFolder:
         return self.path / f"{plain(name)}.rrd"
 
     def begun(
-        self, program: Program, *, stdout: int, note: Callable[[str], None] = lambda _: None
-    ) -> tuple[Recording, Program, bool]:
+        self,
+        program: Program,
+        *,
+        anyway: bool,
+        stdout: int,
+        note: Callable[[str], None] = lambda _: None,
+    ) -> tuple[Recording, Program, Again]:
         """Run and record a program as it is, or read what is there.
 
-        Also return it limited to the steps that it made, and whether others may part from it.
+        Also return it limited to the steps that it made, and how it is run again, `anyway` if it
+        would not be.
 
         Raises
         ------
@@ -246,8 +262,9 @@ class RunFolder:
         OutputError
             If its recording is another, or damaged.
         """
-        path, parts, two = self.recording(BASE), False, False
+        path, two = self.recording(BASE), False
         if not os.path.lexists(path):
+            began = time.monotonic()
             ended = self.runs.record(
                 replace(program, listens=True),
                 path,
@@ -258,7 +275,10 @@ class RunFolder:
             )
             if ended.how == "interrupted":
                 raise DropError("{name} was interrupted; run the same command again", name=BASE)
-            parts, two = not ended.outside, bool(ended.also_steps)
+            two = bool(ended.also_steps)
+            first = FirstRun(ended.reached, time.monotonic() - began)
+            with written_whole(self._first_run, force=True, ours=True) as file:
+                file.write(TypeAdapter(FirstRun).dump_json(first, indent=2) + b"\n")
         base = whole(path, self.id)
         if two:
             note(only_of(base.seen.engine))
@@ -269,14 +289,39 @@ class RunFolder:
                 "with which it steps",
                 script=program.target,
             )
+        first = self._read_first_run()
+        again = again_of(
+            program.target,
+            first.reached,
+            is_module=program.is_module,
+            took_s=first.took_s,
+            anyway=anyway,
+        )
         steps = made.steps + (made.ended not in STOPPED)
-        return base, replace(program, steps=steps, of_first=True, duration_s=None), parts
+        return base, replace(program, steps=steps, of_first=True, duration_s=None), again
 
     @property
     def id(self) -> str:
         """Return the id of the script's own run, from which those of the others follow."""
         text = json.dumps(self.identity, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+    @property
+    def _first_run(self) -> Path:
+        return self.path / "first-run.json"
+
+    def _read_first_run(self) -> FirstRun:
+        """Return what is known of the script's own run, which an earlier call may have made.
+
+        Raises
+        ------
+        OutputError
+            If that was altered.
+        """
+        try:
+            return TypeAdapter(FirstRun).validate_json(self._first_run.read_bytes())
+        except (OSError, ValueError):
+            raise altered(self._first_run) from None
 
     @property
     def _description(self) -> Path:
@@ -312,7 +357,12 @@ def whole(path: Path, recording_id: str) -> Recording:
         recording = read(path)
         if recording.recording_id == recording_id:
             return recording
-    raise OutputError(
+    raise altered(path)
+
+
+def altered(path: Path) -> OutputError:
+    """Return the error that a file of a folder is not the one that was written."""
+    return OutputError(
         "{path} was altered or replaced after it was written; run all again with --force",
         path=path,
     )

@@ -16,21 +16,20 @@ from drop_physics.engines.cures import cures_of
 from drop_physics.engines.script import Program
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.experiments.interventions import Intervention
-from drop_physics.fields import all_of, outside
+from drop_physics.fields import outside
 from drop_physics.files.outputs import make_folder
 from drop_physics.files.whole import written_whole
 from drop_physics.messages import Message
 from drop_physics.printable import Printable
 from drop_physics.recording.layer_file import VERDICTS, forget_trials, trials_of
+from drop_physics.stages.again import LONGEST, again_of
 from drop_physics.stages.asked import cures_of as cures_asked
-from drop_physics.stages.changed_runs import LONGEST
 from drop_physics.stages.found import is_of, origin_of
 from drop_physics.stages.parting import run_changed
 from drop_physics.stages.program import SEEDED_CLOCK_S, STOPPED
 from drop_physics.stages.proposals import Candidate, Proposals
 from drop_physics.stages.record import record_script
 from drop_physics.stages.runs import Progress, only_of
-from drop_physics.stages.scratch import can_be_copied
 from drop_physics.stages.why_shares import shares
 from drop_physics.stages.why_trials import RunTrial, TrialRun, first_tried
 from drop_physics.workers import cores
@@ -53,17 +52,6 @@ BUDGET_S = 60.0
 """No trial begins later after the script's own run [s]."""
 TAKES = 5.0
 """Time that a trial may take, its comparison included, in that of the script's own run."""
-
-
-OUTSIDE = {
-    "connects": Message("connects to {name}"),
-    "starts": Message("starts {name}"),
-    "writes": Message("writes {name}"),
-    "removes": Message("removes {name}"),
-}
-"""What a script may reach beside its simulation."""
-KEEPS, THERE = "keeps", "keeps there"
-"""A file in its working directory that it writes: in a copy of that, or only where it is."""
 
 
 @dataclass(frozen=True)
@@ -163,8 +151,8 @@ def why(
     ablate
         Whether each call of a setter and each of its optional arguments is left out in turn.
     again
-        Whether a script that connects, starts programs or writes outside the working directory is
-        run again all the same.
+        Whether a script that connects, opens devices or writes where it cannot be kept from doing
+        so is run again all the same.
     budget_s
         So long [s] after the script's own run no trial begins; the first one always does.
     out
@@ -235,29 +223,13 @@ def why(
     base = read(recorded.recording)
     if recorded.beside is not None:
         note(only_of(base.seen.engine))
-    reached = dict(reversed(recorded.outside))
-    written = [Path(name) for how, name in recorded.outside if how == KEEPS]
-    kept, there = reached.pop(KEEPS, None), reached.pop(THERE, None)
-    here = Path.cwd().resolve()
-    if not (there or reached) and len(recorded.outside) < MOST and can_be_copied(here):
-        kept = None
-    else:
-        kept, written = there or kept, []
-    if kept is not None and jobs != 1 and ray is None:
-        note(
-            Message(
-                "{script} writes {name}: its runs are made one after another",
-                script=target,
-                name=kept,
-            )
-        )
-        jobs = 1
-    if reached and not again:
-        raise DropError(
-            "{script} {what}, and would do so in each run; --again runs it all the same",
-            script=target,
-            what=all_of(Message(OUTSIDE[how], name=name) for how, name in reached.items()),
-        )
+    rerun = again_of(
+        target,
+        recorded.reached,
+        is_module=is_module,
+        took_s=recorded.wall_s,
+        anyway=again,
+    )
     from drop_physics.rules.choice import EVERY
     from drop_physics.stages.analyze import analyze
 
@@ -302,9 +274,8 @@ def why(
         folder,
         recorded.recording,
         base,
-        recorded.wall_s,
+        rerun,
         drawn,
-        written,
         until=time.time() + budget_s,
         best=next(iter(order), None),
     )
@@ -313,7 +284,6 @@ def why(
         return run_changed(
             which,
             numbers,
-            parts=not recorded.outside,
             jobs=jobs or cores(),
             ray=ray,
             progress=progress,

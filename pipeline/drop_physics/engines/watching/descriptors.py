@@ -88,15 +88,16 @@ def replace(ours: Collection[int], private: Private | None, printed: int) -> Non
     for number in numbers(ours):
         if not stat.S_ISREG(os.fstat(number).st_mode):
             continue
-        if is_written(number):
-            own = _copied(number, private)
-        else:
-            own = os.open(link(number), os.O_RDONLY)
+        own = _copied(number, private) if is_written(number) else _reopened(number)
         os.lseek(own, os.lseek(number, 0, os.SEEK_CUR), os.SEEK_SET)
         os.dup2(own, number, inheritable=os.get_inheritable(number))
         os.close(own)
     for number in STANDARD[1:]:
         os.dup2(printed, number)
+
+
+def _reopened(number: int) -> int:
+    return os.open(link(number), os.O_RDONLY)
 
 
 def _copied(number: int, private: Private | None) -> int:

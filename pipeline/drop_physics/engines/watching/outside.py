@@ -1,7 +1,7 @@
 """What a script reaches beside its simulation, so that it can be run again without harm.
 
-Sockets, other programs, devices, and files that it writes elsewhere than in its working directory or
-in the system's folder for temporary ones; of the files there, those that another run of it would
+Sockets, other programs, devices, and files that it writes elsewhere than in its working directory
+or in the system's folder for temporary ones; of the files there, those that another run of it would
 write, too. Python tells an audit hook of calls; what C code has opened is looked up in `/proc`, at
 the first step and at the end. What a library starts while it is imported is its own. An audit hook
 cannot be taken off again: it is for an interpreter that is the script's own.
@@ -76,14 +76,15 @@ class Outside:
         networks = _network_sockets()
         for number in descriptors.numbers(self._ours()):
             try:
-                mode, path = os.fstat(number).st_mode, os.readlink(descriptors.link(number))
+                status, path = os.fstat(number), os.readlink(descriptors.link(number))
             except OSError:  # another thread has closed it
                 continue
+            mode = status.st_mode
             if stat.S_ISSOCK(mode) and path[len("socket:[") : -1] in networks:
                 self._note("connects", "a socket")
             elif stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
                 self._device(path)
-            elif stat.S_ISREG(mode) and descriptors.is_written(number):
+            elif stat.S_ISREG(mode) and status.st_nlink and descriptors.is_written(number):
                 self._file("writes", path)
 
     def _hear(self, event: str, arguments: tuple[Any, ...]) -> None:

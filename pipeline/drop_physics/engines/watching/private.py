@@ -47,9 +47,7 @@ class Private:
         Whether the network is there.
     """
 
-    def __init__(
-        self, scratch: str, folders: list[str], made: list[str], *, network: bool
-    ) -> None:
+    def __init__(self, scratch: str, folders: list[str], made: list[str], *, network: bool) -> None:
         self._scratch, self._folders, self._network = os.path.realpath(scratch), folders, network
         self._made, self._name = made, "run"
         self._layers: list[str] = []
