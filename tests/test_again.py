@@ -1,8 +1,8 @@
 """A script that is run again touches nothing: its files are as after one run, whatever it writes.
 
-Each way of writing is a script; each verb that runs a script again takes it, and its runs end as the
-first did. Afterwards contents and modes are those of a bare run in another folder, and nothing has
-changed since the verb's first run.
+Each way of writing is a script; each verb that runs a script again takes it, and its runs end as
+the first did. Afterwards contents and modes are those of a bare run in another folder, and nothing
+has changed since the verb's first run.
 """
 
 from __future__ import annotations
