@@ -1559,7 +1559,8 @@ print(at)
             "np.random.seed(0); np.random.rand(); random.seed(0); random.random()\n"
             "np.random.RandomState(3).rand(); np.random.default_rng(3).random()\n"
             "random.setstate(random.Random(1).getstate()); random.random()\n"
-            "np.random.set_state(np.random.RandomState(1).get_state()); np.random.rand()",
+            "np.random.set_state(np.random.RandomState(1).get_state()); np.random.rand()\n"
+            "import copy; copy.deepcopy(np.random.default_rng(3)).random()",
             "",
         ),
         ("np.random.RandomState().rand()", "numpy.random.SeedSequence"),

@@ -84,6 +84,8 @@ def _(worst: Worst) -> Said:
         if unit and actuator.kind == "position"
         else None,
         level=None if worst.sent else "model",
+        # What gives more than a motor can may be wrong itself.
+        proposed=None if worst.sent else True,
         site=worst.scene.only_site(Act.SET_CONTROL),
     )
 
@@ -188,9 +190,14 @@ def _(worst: Worst) -> Said:
     engines=MUJOCOS,
 )
 def reset_clears(actuators: ActuatorColumns) -> Match:
-    """A reset of the state sets what actuators are given to zero, and nothing gives it again."""
+    """A reset of the state sets what actuators are given to zero, and nothing gives it again.
+
+    An episode that begins with zeros as the one before did may be given them: what is written
+    shows only where it differs.
+    """
     scene, given, before = actuators.scene, actuators.given, actuators.before.copy()
     cleared, written = np.zeros(given.shape, np.bool_), dict[int, dict[int, float]]()
+    began = scene.carried.get(("began", actuators.number), given[0])
     for call in scene.piece.calls.of(Act.SET_CONTROL, Act.RESET_STATE):
         rows, wrote = actuators.step - 1 == call.at.step, written.setdefault(call.at.step, {})
         if call.client != actuators.client:
@@ -199,9 +206,11 @@ def reset_clears(actuators: ActuatorColumns) -> Match:
             indices, values, _ = written_by(call)
             wrote |= zip(indices.tolist(), values.tolist(), strict=True)
             continue
-        cleared[rows] = True
         for k, each in enumerate(actuators.actuators):
             before[rows, k] = wrote.get(each.number, before[rows, k])
+            cleared[rows, k] = began[k] != 0 or each.number in wrote
+        began = given[rows][0] if rows.any() else began
+    scene.carried["began", actuators.number] = began
     cleared &= (before != 0) & (given == 0)
     return Match(given == 0, np.ones(given.shape), firsts={"was": before * cleared}, begins=cleared)
 

@@ -147,9 +147,12 @@ def _only_seen(body: Body) -> Iterator[Collision]:
 
 
 def _is_child(body: Body, one: int, other: int) -> bool:
-    """Return whether of two links one is the child of the other, which can move."""
+    """Return whether of two links one is the child of the other, which can move, and turns on it.
+
+    What slides on its parent may be made to slide into it, as a telescope's tubes are.
+    """
     link, parent = max(one, other), min(one, other)
-    if link == parent or parent not in body.moving:
+    if link == parent or parent not in body.moving or body.joints[link].kind == "prismatic":
         return False
     above = body.joints[link].parent
     # A link whose name has a slash is between two joints of one body of the model.

@@ -10,7 +10,7 @@ from drop_physics.arrays import Float64
 from drop_physics.explain.joints import JointTelemetry, target_of
 from drop_physics.messages import Message
 from drop_physics.rules.thresholds import IN_DEGREES_RAD
-from drop_physics.trace.events import Body, Joint
+from drop_physics.trace.events import Actuator, Body, Joint
 
 OFF = {"rad": 1e-2, "m": 1e-3}
 """Distance below which a joint is at its target."""
@@ -35,6 +35,12 @@ def aimed(driven: JointTelemetry, row: int) -> Float64:
 def name_of(driven: JointTelemetry, k: int) -> str:
     """Return the name of the joint of a rate."""
     return driven.body.joints[link_of(driven.body, k)].name
+
+
+def actuators_on(body: Body, k: int) -> list[Actuator]:
+    """Return the actuators that act on the joint of a rate."""
+    name = body.joints[link_of(body, k)].name
+    return [each for each in body.actuators if (each.acts_on, each.target) == ("joint", name)]
 
 
 def units_of(driven: JointTelemetry, k: int) -> tuple[str, str]:

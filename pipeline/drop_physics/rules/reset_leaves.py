@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 
 import numpy as np
 
@@ -31,6 +32,7 @@ def left_targets(joints: JointColumns, anew: Collection[int] = ()) -> Match:
     puts = puts & (np.abs(before - came) > joints.at_target)
     episodes = puts | np.isnan(came)
     put = joints.latest("reset-leaves put", episodes, step)
+    anew = told > joints.previous("reset-leaves began", put)
     position = joints.latest("reset-leaves position", episodes, before)
     back = np.abs(before - joints.previous("reset-leaves home", position)) < BACK
     where = (told < put - 1) & (joints.limit > 0) & np.isfinite(joints.target)
@@ -40,7 +42,7 @@ def left_targets(joints: JointColumns, anew: Collection[int] = ()) -> Match:
         np.abs(position - joints.target) - np.abs(joints.after - joints.target),
         {"position": position, "target": joints.target, "least": joints.at_target + 0 * before},
         sums={"work": joints.torque * (joints.after - before)},
-        firsts={"put": puts, "back": back, "restored": restored[:, None] & where},
+        firsts={"put": puts, "back": back, "restored": restored[:, None] & where, "anew": anew},
         begins=puts,
     )
 
@@ -94,11 +96,13 @@ def state_leaves_control(joints: JointColumns) -> Match | None:
 @state_leaves_control.says
 def _(worst: Worst) -> Said:
     message = Message(
-        "{joint} is put to {position} and driven off by {off}: ctrl keeps the {target} that it had "
+        "{joint} is put to {position} and driven off by {off}: ctrl is still the {target} of "
         "before qpos was written (joints of this robot: {count})"
     )
-    # Sent there again on purpose it looks the same.
-    return _said(worst, message, Cure("targets-held", worst.body))
+    # Sent there again on purpose it looks the same, as it does if the last episode began with it.
+    level: Level | None = None if worst.anew else "note"
+    said = _said(worst, message, Cure("targets-held", worst.body), level)
+    return replace(said, proposed=True)
 
 
 for _rule in (reset_leaves, state_leaves_control):

@@ -20,12 +20,12 @@ from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import (
     OFF,
+    actuators_on,
     aimed,
     distance,
     effort,
     in_radians,
     is_degrees,
-    link_of,
     place,
 )
 from drop_physics.rules.rule import Match, Said, Worst, joint_rule
@@ -70,6 +70,8 @@ class ServoGap:
     """The force of its own spring."""
     rubs: float
     """The force of its dry friction."""
+    weighs: float
+    """The force of gravity on it."""
     kp: float
     gear: float
     fixed: bool
@@ -209,10 +211,14 @@ def _spring(worst: Worst, held: ServoGap) -> Why:
     left = distance(near, worst.unit)
     cure: Cure | None = Cure("gains", worst.joint, enough)
     advice = Message('kp="{kp:g}" of the <position>', kp=enough)
-    if held.fixed:
+    if known:
         advice = Message('kp="{kp:g}" of the <position> leaves {left}', kp=enough, left=left)
+    if held.fixed and -held.weighs * math.copysign(1.0, held.own) > HOLDS * abs(held.own):
+        # Written later, it counts only in a model that was compiled with some.
         advice = Message(
-            '{leaves}, or gravcomp="1" of its bodies takes gravity off it', leaves=advice
+            '{leaves}, or gravcomp="1" of its <body>s, as the model is compiled, takes gravity off '
+            "it",
+            leaves=advice,
         )
     if held.back * held.own < 0 and abs(held.back) > abs(held.own) / 2:
         why = Message(
@@ -287,6 +293,7 @@ def _cause(joints: JointColumns, row: int, k: int, *, rests: bool) -> ServoGap |
         range=(float(joints.lower[row, k]), float(joints.upper[row, k])),
         back=forces.get("spring", 0.0),
         rubs=forces.get("friction loss", 0.0),
+        weighs=forces["gravity"],
         kp=actuator.kp,
         gear=actuator.gear,
         fixed=steps.law.tree.fixed,
@@ -317,7 +324,5 @@ def _cause(joints: JointColumns, row: int, k: int, *, rests: bool) -> ServoGap |
 
 def _servo(joints: JointColumns, k: int) -> Actuator | None:
     """Return the position actuator of a joint, if it is the only actuator of it."""
-    body = joints.driven.body
-    name = body.joints[link_of(body, k)].name
-    its = [each for each in body.actuators if each.acts_on == "joint" and each.target == name]
+    its = actuators_on(joints.driven.body, k)
     return its[0] if len(its) == 1 and its[0].kind == "position" and its[0].gear else None

@@ -14,7 +14,7 @@ from drop_physics.explain.joints import REST_STEPS
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.joint import effort, name_of
+from drop_physics.rules.joint import actuators_on, effort
 from drop_physics.rules.rule import Match, Said, Worst, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
@@ -138,13 +138,13 @@ def _(worst: Worst) -> Said:
     engines=MUJOCOS,
 )
 def servo_is_a_damper(joints: JointColumns) -> Match:
-    """A velocity actuator is a damper: it gives what a load takes only off its target."""
+    """A joint's only actuator is a damper: it gives what a load takes only off its target."""
     goal, dt = joints.target_velocity, joints.steps.reported.timestep_s[:, None]
     kv, own = np.zeros(goal.shape), joints.torque * dt
-    for each in joints.driven.body.actuators:
-        for k in range(goal.shape[1]):
-            if (each.kind, each.target) == ("velocity", name_of(joints.driven, k)):
-                kv[:, k] = each.kv * each.gear**2
+    for k in range(goal.shape[1]):
+        its = actuators_on(joints.driven.body, k)
+        if [each.kind for each in its] == ["velocity"]:
+            kv[:, k] = its[0].kv * its[0].gear ** 2
     gap, gains = joints.rate - goal, joints.inertia * np.abs(joints.rate - joints.rate_before)
     where = (np.abs(gap) > np.maximum(SLOW * np.abs(goal), COASTS_RAD_S)) & _alone(joints)
     where &= (kv > 0) & ~joints.at_limit & (gains < SPRING_SHARE * np.abs(own))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,12 +18,11 @@ from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.servo import Servos
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.joint import link_of
+from drop_physics.rules.joint import actuators_on, link_of
 from drop_physics.rules.rule import Match, Said, Worst, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import CROSSINGS, DOUBLES, GROWN, RINGS_STEPS
-from drop_physics.trace.events import Actuator
 
 FOURTH_ORDER, AT_THE_END = 1, (2, 3)
 """Values of `opt.integrator`: Runge-Kutta, and those that use the damping of actuators at the
@@ -60,16 +60,22 @@ def turned_around(joints: JointColumns) -> Match:
             named[rows, k] = turner = _turner(joints, rows, first + k)
             acts = np.isin(turner, [_by(joints, k), "joint damping"])
             where[rows[acts], k], size[rows[acts], k] = True, its[0].growth
-            numbers["gear"][rows, k] = ([each.gear for each in _actuators(joints, k)] or [1.0])[0]
+            numbers["gear"][rows, k] = (
+                [each.gear for each in actuators_on(joints.driven.body, k)] or [1.0]
+            )[0]
             for name, value in _limits(*its).items():
                 numbers[name][rows, k] = value
             continue
         rows = np.flatnonzero(turned[:, k])
+        if not len(rows):
+            continue
         named[rows, k] = turner = _turner(joints, rows, first + k)
         drives = [name.partition(" ")[0] in DRIVES for name in turner.tolist()]
         fastest[rows, k] = tops = _tops(np.abs(after[:, k]), rows)
         broken[rows, k] = ends = _tops(breaks, rows)
-        before_it = np.append(np.abs(after[: rows[:1].sum(), k]).max(initial=0.0), tops[:-1])
+        before_it = np.append(np.abs(after[: rows[0], k]).max(initial=0.0), tops[:-1])
+        starts = np.append(False, ends[:-1])  # anew, where the sum no longer closed
+        before_it[starts] = np.abs(before[rows[starts], k])
         size[rows, k] = _growth(before_it, tops, np.array(drives, np.bool_), ends)
         where[rows, k] = size[rows, k] > 0
         numbers["lasts"][rows, k] = np.diff(rows, prepend=0)
@@ -80,9 +86,9 @@ def turned_around(joints: JointColumns) -> Match:
 
 @turned_around.counts
 def _(runs: Runs, _: Scene) -> Float64:
-    # A law that is known is broken by one turn before a reset as well.
-    sure = (runs.count >= CROSSINGS) | runs.broken | np.isnan(runs.inertia)
-    return np.where(sure, runs.size, 0.0)
+    # A law that is known is broken by one turn before a reset as well; else some turns are a bump.
+    by_law = np.isfinite(runs.inertia) & ((runs.count >= CROSSINGS) | runs.broken)
+    return np.where(by_law | (runs.count >= RINGS_STEPS), runs.size, 0.0)
 
 
 NUMBERS = (
@@ -107,14 +113,8 @@ def _turner(joints: JointColumns, rows: NDArray[np.intp], place: int) -> NDArray
 
 def _by(joints: JointColumns, k: int) -> str:
     """Return the name of the term of the only actuator of a joint; empty if there is none."""
-    its = _actuators(joints, k)
+    its = actuators_on(joints.driven.body, k)
     return f"actuator {its[0].name}" if len(its) == 1 else ""
-
-
-def _actuators(joints: JointColumns, k: int) -> list[Actuator]:
-    body = joints.driven.body
-    name = body.joints[link_of(body, k)].name
-    return [each for each in body.actuators if each.acts_on == "joint" and each.target == name]
 
 
 def _servos(joints: JointColumns, k: int) -> tuple[Servos, int] | None:
@@ -124,7 +124,7 @@ def _servos(joints: JointColumns, k: int) -> tuple[Servos, int] | None:
     joint, and where several actuators act on it.
     """
     steps, body = joints.driven.steps, joints.driven.body
-    if body.joints[link_of(body, k)].widths[1] != 1 or len(_actuators(joints, k)) > 1:
+    if body.joints[link_of(body, k)].widths[1] != 1 or len(actuators_on(body, k)) > 1:
         return None
     integrator = int(joints.setting("integrator", 0))
     size, first = steps.law.tree.size, steps.law.tree.first_rate
@@ -186,7 +186,7 @@ def _limits(servos: Servos, place: int) -> dict[str, float]:
 
 def _tops(values: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
     """Return the most of some values, (n,), from each of some rows on until the next."""
-    return np.maximum.reduceat(values, rows) if len(rows) else values[:0]
+    return np.asarray(np.maximum.reduceat(values, rows))
 
 
 def _growth(before: Float64, tops: Float64, drives: Flags, ends: Flags) -> Float64:
@@ -198,8 +198,10 @@ def _growth(before: Float64, tops: Float64, drives: Flags, ends: Flags) -> Float
     found = np.zeros(len(tops))
     for factor in (1.0, DOUBLES):
         grows = drives & (tops > factor * before) & (before > 0)
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], grows, [False]]).astype(int)))
-        for start, end in edges.reshape(-1, 2).tolist():
+        others = np.append(True, (grows[1:] != grows[:-1]) | ends[:-1])
+        for start, end in pairwise([*np.flatnonzero(others).tolist(), len(grows)]):
+            if not grows[start]:
+                continue
             count, all_of_it = end - start, tops[end - 1] / before[start]
             rings = count >= RINGS_STEPS and all_of_it >= GROWN
             if rings or (factor == DOUBLES and count > 1 and ends[end - 1]):
@@ -221,6 +223,8 @@ def _(worst: Worst) -> Said:
             "often": often,
             "fastest": f"{worst.fastest:.3g} {worst.unit}/s",
             "growth": worst.size,
+            "geared": Message(" at a gear of {gear:g}", gear=worst.gear) if worst.gear != 1 else "",
+            "squared": "gear² " if worst.gear != 1 else "",
             "kp": worst.stiffness / worst.gear**2,
             "kv": worst.damping / worst.gear**2,
             "damping": worst.damping,
@@ -253,7 +257,7 @@ def _by_script(worst: Worst) -> tuple[Message, Message, Cure]:
         return message, advice, cure
     message = Message(
         "{joint} turns around {often}, {growth:.3g} times as fast each time, up to {fastest}, "
-        "by what the script gives it: {term}"
+        "by {term}"
     )
     if worst.lasts > 1:
         advice = Message(
@@ -262,8 +266,8 @@ def _by_script(worst: Worst) -> tuple[Message, Message, Cure]:
         )
         return message, advice, cure
     advice = Message(
-        "smaller gains in the script, most of all that of the rate, a shorter timestep, or "
-        "armature=… of the <joint>"
+        "smaller gains, most of all that of the rate, a shorter timestep, or armature=… of the "
+        "<joint>"
     )
     return message, advice, cure
 
@@ -274,21 +278,22 @@ def _by_law(worst: Worst) -> tuple[Message, Message, Cure]:
     cure = Cure("gains", worst.joint, gain, form=f"{name}-below")
     if worst.springs:
         message = Message(
-            "{joint} turns around with every step and grows, by {term}: kp = {kp:.3g} on an "
-            "inertia of {inertia} in steps of {timestep:.3g} ms has kp h²/I = {ratio:.3g}, "
-            "and above {most:.3g} it grows"
+            "{joint} turns around with every step and grows, by {term}: kp = {kp:.3g}{geared} on "
+            "an inertia of {inertia} in steps of {timestep:.3g} ms has kp {squared}h²/I = "
+            "{ratio:.3g}, and above {most:.3g} it grows"
         )
     elif worst.turner.startswith("actuator "):
         message = Message(
-            "{joint} turns around with every step and grows, by {term}: kv = {kv:.3g} on an "
-            "inertia of {inertia} in steps of {timestep:.3g} ms has kv h/I = {share:.3g}, and "
-            "above {most:.3g} it grows"
+            "{joint} turns around with every step and grows, by {term}: kv = {kv:.3g}{geared} on "
+            "an inertia of {inertia} in steps of {timestep:.3g} ms has kv {squared}h/I = "
+            "{share:.3g}, and above {most:.3g} it grows"
         )
         if np.isnan(worst.most):
             message = Message(
                 "{joint} turns around with every step and grows, by {term}: on an inertia of "
-                "{inertia} in steps of {timestep:.3g} ms either gain alone makes it grow, kp = "
-                "{kp:.3g} with kp h²/I = {ratio:.3g} and kv = {kv:.3g} with kv h/I = {share:.3g}"
+                "{inertia} in steps of {timestep:.3g} ms{geared} either gain alone makes it grow, "
+                "kp = {kp:.3g} with kp {squared}h²/I = {ratio:.3g} and kv = {kv:.3g} with "
+                "kv {squared}h/I = {share:.3g}"
             )
             cure = Cure("armature", worst.joint, -_within(-worst.armature))
     else:

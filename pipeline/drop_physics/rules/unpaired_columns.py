@@ -117,7 +117,8 @@ def _unpaired(scene: Scene, shapes: Shapes) -> Iterator[tuple[Pair, str, Call | 
         if body.flags & SELF_COLLISION and not body.flags & OF_PARENTS:
             for place in places:
                 parent = of, body.joints[place[1]].parent
-                if parent in shapes:
+                # What slides on its parent may be made to slide into it, as a telescope's tubes.
+                if parent in shapes and body.joints[place[1]].kind != "prismatic":
                     yield (place, parent), "parent-and-child", None
         if body.base_moves and not body.joints and not body.collisions and not body.soft:
             for other in shapes:

@@ -24,6 +24,8 @@ SILENT = ("getstate", "get_state", "getrandbits")
 """Those that draw nothing, or with which Python's library draws for itself."""
 OF_NUMPY = ("seed", "sample", "ranf", "set_bit_generator")
 """Functions of numpy's generator that are not its methods."""
+COPIES = "__bit_generator_ctor"
+"""The function of numpy that makes a generator to which another's state is then given."""
 SEEDED_STATE = re.compile(r"RandomState\((?!\s*(None\s*)?\))")
 """A call that gives `numpy.random.RandomState` a seed."""
 
@@ -153,6 +155,6 @@ def is_made(frame: Any) -> bool:
 
 
 def _gives_seed(frame: Any) -> bool:
-    """Return whether a line gives a RandomState a seed; before numpy takes it, it draws its own."""
+    """Return whether a generator gets its seed or another's state; numpy first draws its own."""
     line = getline(frame.f_code.co_filename, frame.f_lineno)
-    return SEEDED_STATE.search(line) is not None
+    return frame.f_code.co_name == COPIES or SEEDED_STATE.search(line) is not None
