@@ -358,7 +358,7 @@ def test_a_force_of_several_points_is_that_of_the_pair(found: list[Finding]) -> 
             "barely",
             r"^hinge turns around with every step, 1\.05 times .* 7\.43e\+05 rad/s, by actuator m",
         ),
-        ("held", r"^hinge turns around every 10 steps, 3\.3\d? times .* by actuator m$"),
+        ("held", r"^hinge turns around every 10 steps, 3\.25 times .* by actuator m$"),
         (
             "sign",
             r"^hinge turns around every 4\d steps, 1\.7\d? times .* \S+ rad/s, by actuator m$",

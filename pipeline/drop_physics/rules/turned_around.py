@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,17 +70,17 @@ def turned_around(joints: JointColumns) -> Match:
             continue
         named[rows, k] = turner = _turner(joints, rows, first + k)
         drives = [name.partition(" ")[0] in DRIVES for name in turner.tolist()]
-        fastest[rows, k] = tops = _tops(np.abs(after[:, k]), rows)
-        broken[rows, k] = ends = _tops(breaks, rows)
-        before_it = np.append(np.abs(after[: rows[0], k]).max(initial=0.0), tops[:-1])
-        starts = np.append(False, ends[:-1])  # anew, where the sum no longer closed
-        before_it[starts] = np.abs(before[rows[starts], k])
+        broken[rows, k] = ends = np.maximum.reduceat(breaks, rows)
+        # What comes before a turn begins with the turn before it, or where the sum breaks.
+        marks = np.unique(np.concatenate([[0], rows, np.flatnonzero(breaks) + 1]))
+        most, at = np.maximum.reduceat(np.abs(after[:, k]), marks), np.searchsorted(marks, rows)
+        fastest[rows, k] = tops = most[at]
+        before_it = np.append(0.0, most)[at]
         size[rows, k] = _growth(before_it, tops, np.array(drives, np.bool_), ends)
         where[rows, k] = size[rows, k] > 0
-        numbers["lasts"][rows, k] = np.diff(rows, prepend=0)
+        numbers["lasts"][rows, k] = np.diff(rows, append=2 * rows[-1] - rows[-2:][0])
     noted = {"turner": named.astype(np.str_), "timestep": steps.reported.timestep_s[:, None]}
-    most = {"fastest": fastest, "broken": broken}
-    return Match(where, size, {**noted, **numbers}, most=most)
+    return Match(where, size, {**noted, **numbers}, most={"fastest": fastest, "broken": broken})
 
 
 @turned_around.counts
@@ -182,11 +181,6 @@ def _limits(servos: Servos, place: int) -> dict[str, float]:
         "armature": (calm(servos, "inertia", place) - 1) * float(servos.inertia[place, place]),
         "implicit": float(not implicit.grows),
     }
-
-
-def _tops(values: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
-    """Return the most of some values, (n,), from each of some rows on until the next."""
-    return np.asarray(np.maximum.reduceat(values, rows))
 
 
 def _growth(before: Float64, tops: Float64, drives: Flags, ends: Flags) -> Float64:
