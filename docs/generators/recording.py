@@ -111,6 +111,8 @@ CLOSING = {
     "series_sha256": "digests of joints and of constraints' forces, in the order of their entities",
     "calls_sha256": "digests of the calls of each simulation",
     "impulses_sha256": "digests of what acted in the steps of each simulation",
+    "models_sha256": "digest of the compiled models",
+    "steps_sha256": "digest of what steps can be taken again with",
     "closing_sha256": "digest of this property",
 }
 HAPPENED = {
@@ -148,6 +150,11 @@ SAMPLED = {
     "and of others like it after it was removed, each with its id as `constraint`",
     f"{schema.CONTROLS}/CLIENT": "what actuators were given in the steps that led to a sample, a "
     "row where that changes; of MuJoCo",
+    schema.MODELS: "a compiled model that was stepped, as MuJoCo saves it, in parts of 1 MB: "
+    "`json` has its number, its engine and version, and its digest; `data` the bytes",
+    schema.STEPS: "a piece of a simulation's steps, a row each: with its model and state before "
+    "each step, MuJoCo takes it again; `json` says what the `numbers` are (what is not in the "
+    "series of joints), and `at` the steps of those that only some steps have",
     f"{schema.IMPULSES}/CLIENT": "what acted in the step that led to a sample, of MuJoCo: lists of "
     f"`cause` (numbers of `{schema.CAUSES}`) and of their `impulse`s [N s or N m s] one after the "
     "other; `status`: 0 where these are the step's sum, else why not; the `remainder` that they "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -19,7 +20,9 @@ from drop_physics.recording import schema
 from drop_physics.recording.damage import damaged, twice, wrong_count
 from drop_physics.recording.rrd import Chunk
 from drop_physics.recording.schema import Table
+from drop_physics.recording.step_frames import PackedFrames
 from drop_physics.trace.events import At, Calls, Impulses
+from drop_physics.trace.frames import ModelPart
 from drop_physics.trace.states import Rows
 
 Properties = dict[str, Any]
@@ -164,6 +167,48 @@ def impulses(chunk: Chunk, path: Path) -> Impulses:
         held["cause"],
         held["impulse"],
     )
+
+
+def model_parts(chunk: Chunk, path: Path) -> Iterator[ModelPart]:
+    """Yield the parts of compiled models in a chunk.
+
+    Raises
+    ------
+    RecordingError
+        If it holds anything else.
+    """
+    said = _column(chunk, schema.JSON, _is_list_of(pa.types.is_string), path)
+    data = _column(chunk, "data", _is_list_of(pa.types.is_uint8), path)
+    for texts, held in zip(said, data, strict=True):
+        try:
+            yield ModelPart(**json.loads(texts[0].as_py()), data=held.values.to_numpy().tobytes())
+        except (ValueError, TypeError, IndexError, AttributeError):
+            what = Message("{entity} is not in drop's format", entity=chunk.entity)
+            raise damaged(path, what) from None
+
+
+def steps(chunk: Chunk, path: Path) -> Iterator[PackedFrames]:
+    """Yield the frames of pieces of steps in a chunk.
+
+    Raises
+    ------
+    RecordingError
+        If it holds anything else.
+    """
+    lists = [_column(chunk, name, _is_list_of(kind), path) for name, kind in _OF_STEPS.items()]
+    for texts, *held in zip(*lists, strict=True):
+        if len(texts) != 1:
+            raise damaged(path, wrong_count(chunk.entity, 1, schema.JSON))
+        numbers, at, answers = (each.values.to_numpy() for each in held)
+        yield PackedFrames(texts[0].as_py(), numbers, at, answers.tobytes())
+
+
+_OF_STEPS = {
+    schema.JSON: pa.types.is_string,
+    "numbers": pa.types.is_float64,
+    "at": pa.types.is_int64,
+    "answers": pa.types.is_uint8,
+}
 
 
 def _lists(

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from drop_physics.arrays import Float64, Int64
 from drop_physics.recording import schema
+from drop_physics.recording.step_frames import PackedFrames
 from drop_physics.trace.events import Calls, Impulses, Site, widths_of
 
 
@@ -34,22 +35,36 @@ class RowsDigest:
         return self._hash.hexdigest()
 
 
-class ToldDigest:
-    """SHA-256 of rows of JSON, in any order: a recording holds them by entity."""
+class RowsInAnyOrder:
+    """SHA-256 of rows that are read in another order than they were written."""
 
     def __init__(self) -> None:
         self._digests = bytearray()
 
-    def update(self, entity: str, step: int, call: int, text: str) -> None:
+    def add(self, *parts: bytes | memoryview) -> None:
         """Add one row."""
-        row = json.dumps([entity, step, call, text]).encode()
-        self._digests += hashlib.sha256(row).digest()
+        made = hashlib.sha256()
+        for part in parts:
+            made.update(part)
+        self._digests += made.digest()
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self._digests) // 32
 
     def hexdigest(self) -> str:
         """Return the digest of all rows so far."""
         # A tool that splits a recording by time repeats what holds at the beginning of a part.
         digests = np.unique(np.frombuffer(bytes(self._digests), "V32").view("S32"))
         return hashlib.sha256(digests.tobytes()).hexdigest()
+
+
+class ToldDigest(RowsInAnyOrder):
+    """SHA-256 of rows of JSON: a recording holds them by entity."""
+
+    def update(self, entity: str, step: int, call: int, text: str) -> None:
+        """Add one row."""
+        self.add(json.dumps([entity, step, call, text]).encode())
 
 
 class CallsDigest:
@@ -85,6 +100,7 @@ class Digests:
         self._calls: dict[int, CallsDigest] = {}
         """Digests of calls, by client."""
         self._impulses: dict[int, CallsDigest] = {}
+        self._models, self._steps = RowsInAnyOrder(), RowsInAnyOrder()
 
     def add_series(self, entity: str, steps: Int64, values: NDArray[Any]) -> None:
         """Add rows of series."""
@@ -107,6 +123,25 @@ class Digests:
         digest = self._impulses.setdefault(seen.client, CallsDigest())
         digest.add(np.hstack((heads.view(np.float64), seen.remainder[:, None])), seen.values)
         digest.add(seen.causes.view(np.float64), np.empty(0))
+
+    def add_model(self, number: int, at: int, data: bytes) -> None:
+        """Add a part of a compiled model."""
+        self._models.add(f"{number} {at} ".encode(), data)
+
+    def add_steps(self, row: PackedFrames) -> None:
+        """Add the frames of a piece of steps."""
+        numbers, at = (np.ascontiguousarray(each).view(np.uint8).data for each in row[1:3])
+        self._steps.add(row.layout.encode(), numbers, at, row.answers)
+
+    @property
+    def models(self) -> str | None:
+        """The digest of the compiled models; None without any."""
+        return self._models.hexdigest() if len(self._models) else None
+
+    @property
+    def steps(self) -> str | None:
+        """The digest of the frames of steps; None without any."""
+        return self._steps.hexdigest() if len(self._steps) else None
 
     @property
     def impulses(self) -> list[str] | None:

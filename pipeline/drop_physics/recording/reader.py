@@ -30,6 +30,7 @@ from drop_physics.recording.digest import (
 from drop_physics.recording.inputs import Drop, check_inputs, drop_of
 from drop_physics.recording.json_rows import Told
 from drop_physics.recording.sampled import RecordedSamples, is_series
+from drop_physics.recording.steps import RecordedSteps
 from drop_physics.recording.versions import lacking
 from drop_physics.scenario import Camera, Scenario
 from drop_physics.trace.events import (
@@ -48,7 +49,7 @@ from drop_physics.trace.events import (
     SolverStop,
     order,
 )
-from drop_physics.trace.history import Seen
+from drop_physics.trace.history import DEFAULT_ENGINE, Seen
 from drop_physics.trace.readings import Reading
 from drop_physics.trace.states import in_step_order
 
@@ -71,6 +72,8 @@ class Recording:
     seen: Seen
     sampled: RecordedSamples
     """Where in the file its samples and pictures are."""
+    steps: RecordedSteps
+    """Where in the file its models and frames are."""
     entities: frozenset[str]
 
     @property
@@ -82,7 +85,8 @@ class Recording:
     def lacks(self) -> Message | None:
         """What it does not hold, as it is of an earlier schema, in a sentence; None if nothing."""
         version = (self.ended or {}).get("schema_version", schema.SCHEMA_VERSION)
-        what = lacking(version, of_drop=self.drop is not None)
+        replayed = self.seen.engine != DEFAULT_ENGINE
+        what = lacking(version, of_drop=self.drop is not None, replayed=replayed)
         if what is None:
             return None
         return Message(
@@ -163,8 +167,17 @@ def read(path: Path) -> Recording:
         drop = drop_of(held.properties, path)
         if schema.STATES.entity not in held.sampled.entities:
             raise damaged(path, Message("it has no state"))
-    recording_id, sampled = held.recording_id, held.sampled
-    return Recording(path, recording_id, origin, drop, closing, seen, sampled, held.entities)
+    return Recording(
+        path=path,
+        recording_id=held.recording_id,
+        origin=origin,
+        drop=drop,
+        ended=closing,
+        seen=seen,
+        sampled=held.sampled,
+        steps=held.steps,
+        entities=held.entities,
+    )
 
 
 @dataclass
@@ -175,6 +188,7 @@ class Contents:
     texts: dict[str, list[tuple[At, str]]]
     """Rows of JSON by entity, in the order of steps and calls."""
     sampled: RecordedSamples
+    steps: RecordedSteps
     made: Digests
     """Digests of samples, in the order of the file."""
     properties: dict[str, Properties]
@@ -200,6 +214,7 @@ def contents(path: Path) -> Contents:
     texts: dict[str, list[tuple[At, str]]] = {entity: [] for entity in schema.TOLD}
     properties: dict[str, Properties] = {}
     sampled, made = RecordedSamples(path), Digests()
+    steps = RecordedSteps(sampled)
     recording_id = ""
     entities: set[str] = set()
     for chunk in chunks_of(path):
@@ -217,6 +232,14 @@ def contents(path: Path) -> Contents:
             acted = columns.impulses(chunk, path)
             sampled.add(chunk, acted.steps)
             made.add_impulses(acted)
+        elif entity == schema.MODELS:
+            for part in columns.model_parts(chunk, path):
+                made.add_model(part.number, part.at, part.data)
+                steps.add_model(chunk, part)
+        elif entity == schema.STEPS:
+            for number, row in enumerate(columns.steps(chunk, path)):
+                made.add_steps(row)
+                steps.add_frames(chunk, row, number)
         elif is_series(entity):
             if (read := columns.series(chunk, path)) is not None:
                 sampled.add(chunk, read[0])
@@ -229,7 +252,7 @@ def contents(path: Path) -> Contents:
             gather(properties, chunk, path)
     for entity, held in texts.items():
         texts[entity] = sorted(dict.fromkeys(held), key=lambda row: order(row[0]))
-    return Contents(recording_id, texts, sampled, made, properties, frozenset(entities))
+    return Contents(recording_id, texts, sampled, steps, made, properties, frozenset(entities))
 
 
 def digests(held: Contents) -> dict[str, Any]:
@@ -250,6 +273,8 @@ def digests(held: Contents) -> dict[str, Any]:
         "series": _listed(held.made.series),
         "calls": _calls_digests(held),
         "impulses": _listed(held.made.impulses),
+        "models": held.made.models,
+        "steps": held.made.steps,
         "inputs": inputs_digest({name: held for name, held in inputs.items() if held is not None}),
     }
 

@@ -28,6 +28,7 @@ from drop_physics.recording.falling import Falling
 from drop_physics.recording.gathering import Gathering
 from drop_physics.recording.joints import Commands, joint_names
 from drop_physics.recording.layout import Look, eye_around, series_of
+from drop_physics.recording.step_frames import packed
 from drop_physics.recording.writer import Chunk, Times
 from drop_physics.trace.events import (
     Appearance,
@@ -45,6 +46,7 @@ from drop_physics.trace.events import (
     Surface,
     widths_of,
 )
+from drop_physics.trace.frames import Frames, ModelPart
 from drop_physics.trace.history import rows_of_bases
 from drop_physics.trace.states import Rows
 
@@ -102,6 +104,7 @@ class Recorder:
         self._calls = Gathering(_calls_chunk, most=ROWS_TOGETHER)
         self._tables = {each: Gathering(_table_chunk, most=ROWS_TOGETHER) for each in schema.TABLES}
         self._series = Gathering(_series_chunk, most=ROWS_TOGETHER)
+        self._frames = Gathering(writer.steps_chunk, most=ROWS_TOGETHER)
         self._slots: dict[int, dict[tuple[int, int], int]] = {}
         """The slots of constraints in each simulation, by id and count of a force's numbers."""
         self._short = 0
@@ -194,6 +197,8 @@ class Recorder:
             "series_sha256": self._made.series,
             "calls_sha256": self._made.calls,
             "impulses_sha256": self._made.impulses,
+            "models_sha256": self._made.models,
+            "steps_sha256": self._made.steps,
             "told_sha256": self._told_rows.hexdigest(),
             "inputs_sha256": inputs_digest(self.inputs),
             **{f"made_with_{name}": value for name, value in ending.made_with.items()},
@@ -213,6 +218,11 @@ class Recorder:
                 yield writer.impulses_chunk(event)
             case Controls():
                 yield from self._on_controls(event)
+            case ModelPart():
+                self._made.add_model(event.number, event.at, event.data)
+                yield writer.model_chunk(event)
+            case Frames():
+                self._on_frames(event)
             case ContactRows():
                 self._add_contacts(event.client, event.contacts, event.steps, event.times_s)
                 yield from self._tables[schema.CONTACTS.entity].flush()
@@ -285,6 +295,13 @@ class Recorder:
         if self.drawn:
             yield from self.drawing.on_samples(seen)
 
+    def _on_frames(self, seen: Frames) -> None:
+        """Take the frames of steps whose samples were taken before."""
+        row = packed(seen, {number: body.label for number, body in self.bodies.items()})
+        self._made.add_steps(row)
+        at = Times(np.array([seen.first + 1]), seen.clock_s[:1])
+        self._frames.hold(schema.STEPS, at, row)
+
     def _slots_of(self, seen: Samples) -> dict[int, int]:
         """Return the slot of each constraint by id: its own, or that of one like it that is gone.
 
@@ -320,7 +337,8 @@ class Recorder:
         """
         self._held_since_s = None
         contacts, states = (self._tables[each.entity] for each in (schema.CONTACTS, schema.STATES))
-        for gathered in (self._rows, self._calls, contacts, self._series, states):
+        held = self._rows, self._calls, contacts, self._series, states, self._frames
+        for gathered in held:
             yield from gathered.flush()
 
     def _add_contacts(

@@ -15,7 +15,7 @@ import numpy as np
 from drop_physics.trace.states import BASE_STATE, CONTACT
 
 APPLICATION_ID = "drop"
-SCHEMA_VERSION = 5
+SCHEMA_VERSION = 6
 
 STEP_TIMELINE = "sim_step"
 TIME_TIMELINE = "sim_time"
@@ -87,6 +87,11 @@ CONSTRAINT = "constraint"
 
 CONTROLS = "controls"
 """What actuators were given lies below it, by simulation: a row per step where that changes."""
+MODELS = "models"
+"""A row per part of a compiled model that was stepped: with it and `steps`, the engine can take
+each step again."""
+STEPS = "steps"
+"""A row per piece of a simulation's steps: the full state before each of them, and its inputs."""
 IMPULSES = "impulses"
 """What acted in each step lies below it, by simulation, where the engine has computed it again."""
 CAUSES = "causes"

@@ -25,12 +25,19 @@ class Addition(NamedTuple):
     what: Message
     of_drops: bool
     """Whether recordings of drops hold it, or only those of scripts."""
+    of_replayed: bool = False
+    """Whether only recordings hold it whose engine can take its steps again."""
 
 
 OLDEST = 3
 """The first schema that is read."""
 ADDED: Mapping[int, Addition] = {
     4: Addition(Message("where the script read its simulation"), of_drops=False),
+    6: Addition(
+        Message("the model and the states with which a step can be taken again"),
+        of_drops=False,
+        of_replayed=True,
+    ),
 }
 """What each schema added."""
 
@@ -59,11 +66,16 @@ def check_version(version: object, path: Path) -> None:
     )
 
 
-def lacking(version: int, *, of_drop: bool) -> Message | None:
-    """Return what recordings of a schema lack, in words; None where that is nothing."""
+def lacking(version: int, *, of_drop: bool, replayed: bool) -> Message | None:
+    """Return what recordings of a schema lack, in words; None where that is nothing.
+
+    `replayed` is whether their engine can take steps again.
+    """
     what = [
         added.what
         for number, added in ADDED.items()
-        if number > version and (added.of_drops or not of_drop)
+        if number > version
+        and (added.of_drops or not of_drop)
+        and (replayed or not added.of_replayed)
     ]
     return joined(", ", what) if what else None

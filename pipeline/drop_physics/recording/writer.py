@@ -7,6 +7,7 @@ viewer's layout, verifies the file, and only then renames it.
 from __future__ import annotations
 
 import functools
+import json
 import os
 import shutil
 import tempfile
@@ -30,8 +31,10 @@ from drop_physics.errors import check_signals
 from drop_physics.files.outputs import output_errors
 from drop_physics.recording import schema
 from drop_physics.recording.sealing import seal, unfinished
+from drop_physics.recording.step_frames import PackedFrames
 from drop_physics.scenario import Camera
 from drop_physics.trace.events import At, Calls, Impulses
+from drop_physics.trace.frames import ModelPart
 from drop_physics.trace.states import Rows
 
 __all__ = ["Chunk"]  # for the stages, which pass chunks on and use nothing else of Rerun
@@ -343,6 +346,35 @@ def impulses_chunk(seen: Impulses) -> Chunk:
     ]
     entity = f"{schema.IMPULSES}/{seen.client}"
     return Chunk.from_columns(entity, times(Times(seen.steps, seen.times_s)), columns)
+
+
+def model_chunk(part: ModelPart) -> Chunk:
+    """Return a part of a compiled model."""
+    said = {name: value for name, value in vars(part).items() if name != "data"}
+    columns = [
+        _lists_column(schema.JSON, [[json.dumps(said)]]),
+        _lists_column("data", [np.frombuffer(part.data, np.uint8)]),
+    ]
+    at = Times(np.array([part.number]), np.zeros(1), np.array([part.at]))
+    return Chunk.from_columns(schema.MODELS, times(at), columns)
+
+
+def steps_chunk(entity: str, at: Times, rows: Sequence[PackedFrames]) -> Chunk:
+    """Return the frames of pieces of steps, a row each."""
+    columns = [
+        _lists_column(schema.JSON, [[row.layout] for row in rows]),
+        _lists_column("numbers", [row.numbers for row in rows]),
+        _lists_column("at", [row.at for row in rows]),
+        _lists_column("answers", [np.frombuffer(row.answers, np.uint8) for row in rows]),
+    ]
+    return Chunk.from_columns(entity, times(at), columns)
+
+
+def _lists_column(component: str, rows: Sequence[Any]) -> rr.ComponentColumn:
+    """Return a list of each row."""
+    offsets = np.cumsum([0, *map(len, rows)]).astype(np.int32)
+    values = _Arrow(pa.array(np.concatenate(rows)))
+    return rr.ComponentColumn(component, values, offsets=offsets)
 
 
 def texts_chunk(entity: str, at: Times, texts: Sequence[str]) -> Chunk:

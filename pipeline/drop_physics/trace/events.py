@@ -15,6 +15,7 @@ from drop_physics.arrays import Float64, Int64
 from drop_physics.messages import Message
 from drop_physics.physics.tree import places
 from drop_physics.trace.acts import Act, act_of
+from drop_physics.trace.frames import Frames, ModelPart
 from drop_physics.trace.readings import Reading
 from drop_physics.trace.states import Joints, Rows
 
@@ -633,6 +634,8 @@ Event = (
     | Impulses
     | Controls
     | ContactRows
+    | ModelPart
+    | Frames
 )
 
 

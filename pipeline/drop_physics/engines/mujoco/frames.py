@@ -89,19 +89,28 @@ CORE = ("qpos", "qvel", "act", "history", "plastic", "qacc_warmstart", "plugin_s
 """What a step changes, in the order of MuJoCo's memory."""
 USER = ("ctrl", "qfrc_applied", "xfrc_applied", "eq_active", "mocap_pos", "mocap_quat")
 """What only the script changes, likewise."""
-PARTS = (*CORE, *USER)
-FLAGS = ("eq_active",)
-"""Parts whose elements are bytes; those of all others are doubles."""
+ASLEEP = "tree_asleep"
+"""How long each tree has been still, or which one sleeps with it; a step changes it, and needs it.
+MuJoCo before 3.4 has none."""
+PARTS = (*CORE, *USER, ASLEEP)
+KINDS: dict[str, np.dtype[Any]] = {"eq_active": np.dtype(np.uint8), ASLEEP: np.dtype(np.int32)}
+"""Types of the parts whose elements are no doubles."""
+DOUBLE = np.dtype(np.float64)
 LONG = 32
 """A part of more elements is sent as indices and values where fewer than half have changed."""
 
 
+def kind_of(name: str) -> np.dtype[Any]:
+    """Return the type of a part's elements."""
+    return KINDS.get(name, DOUBLE)
+
+
 def part_bytes(number: int, before: bytes | memoryview, now: bytes | memoryview) -> bytes:
     """Return what has changed in a part of the state, as a frame has it."""
-    dtype = np.uint8 if PARTS[number] in FLAGS else np.float64
+    dtype = kind_of(PARTS[number])
     new = np.frombuffer(now, dtype)
     if len(new) > LONG:
-        bits = np.uint8 if dtype is np.uint8 else np.uint64
+        bits = f"u{dtype.itemsize}"
         changed = np.flatnonzero(np.frombuffer(before, bits) != new.view(bits))
         if 2 * len(changed) < len(new):
             indices = changed.astype(np.uint32)
@@ -122,7 +131,7 @@ def part_of(payload: bytes, at: int) -> tuple[str, Any, Any, int]:
         indices = np.frombuffer(payload, np.uint32, count, at)
         at += 4 * count
     name = PARTS[number]
-    dtype = np.dtype(np.uint8 if name in FLAGS else np.float64)
+    dtype = kind_of(name)
     values = np.frombuffer(payload, dtype, count, at)
     return name, indices, values, at + count * dtype.itemsize
 

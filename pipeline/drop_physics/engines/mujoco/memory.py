@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .frames import CORE, FLAGS, LONG, PART_HEAD, PARTS, USER, part_bytes
+from .frames import ASLEEP, CORE, LONG, PART_HEAD, PARTS, USER, kind_of, part_bytes
 
 ALIGNED = 64
 """MuJoCo's arrays begin at multiples of so many bytes; its states have no other gaps."""
@@ -62,8 +62,8 @@ class StatePart:
         self.name, self.begin, self.size, self.end = name, begin, size, begin + size
         self.number = PARTS.index(name)
         self.view, self.saved = view[begin : self.end], memoryview(saved)[begin : self.end]
-        short = name not in FLAGS and size <= 8 * LONG
-        self._head = PART_HEAD.pack(self.number, 0, 0, size // 8) if short else b""
+        count = size // kind_of(name).itemsize
+        self._head = PART_HEAD.pack(self.number, 0, 0, count) if count <= LONG else b""
 
     def frame(self) -> bytes:
         """Return what has changed, as a frame has it."""
@@ -114,6 +114,11 @@ def core_of(d: Any) -> StateMemory:
 def user_of(d: Any) -> StateMemory:
     """Return the part of an MjData's state that only the script changes."""
     return StateMemory({name: getattr(d, name) for name in USER})
+
+
+def asleep_of(d: Any) -> StateMemory:
+    """Return what an MjData knows of its sleeping trees: nothing before MuJoCo 3.4."""
+    return StateMemory({ASLEEP: getattr(d, ASLEEP, np.empty(0, np.int32))})
 
 
 def warnings_of(d: Any) -> memoryview:

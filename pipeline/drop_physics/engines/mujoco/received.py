@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
@@ -113,10 +114,14 @@ class StepPiece:
     """The site of each call, shape (n,)."""
     parts: dict[str, Float64]
     """The state after each step, by name of `frames.CORE`, shape (n, width)."""
+    widths: Mapping[str, int]
+    """Numbers of elements of the parts that no step sends."""
     written: list[Written]
     edited: list[Edited]
     warnings: list[tuple[int, int, int, int]]
     """Warnings: step, kind, how often in that step, and last info."""
+    answers: list[tuple[int, bytes]]
+    """What callbacks did within a step, as `frames` has it."""
 
 
 @dataclass
@@ -127,6 +132,7 @@ class _World:
     model: int
     core: list[tuple[str, int, int]]
     """Name, begin and size [bytes] of its parts within a step's bytes."""
+    widths: Mapping[str, int]
     size: int
     step: int = 0
     site: int = -1
@@ -135,10 +141,12 @@ class _World:
     written: list[Written] = field(default_factory=list)
     edited: list[Edited] = field(default_factory=list)
     warnings: list[tuple[int, int, int, int]] = field(default_factory=list)
+    answers: list[tuple[int, bytes]] = field(default_factory=list)
     counts: dict[int, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.most = min(PIECE_STEPS, -(-PIECE_BYTES // max(self.size, 1)))
+        size = self.size + 8 * sum(self.widths.values())
+        self.most = min(PIECE_STEPS, -(-PIECE_BYTES // max(size, 1)))
         """Number of steps that make a piece."""
 
     def piece(self) -> StepPiece:
@@ -160,11 +168,14 @@ class _World:
             stale=(functions & (STALE | UNPOSED)).astype(np.uint8),
             sites=heads["site"].astype(np.int32),
             parts=parts,
+            widths=self.widths,
             written=self.written,
             edited=self.edited,
             warnings=self.warnings,
+            answers=self.answers,
         )
-        self.payloads, self.written, self.edited, self.warnings = [], [], [], []
+        self.payloads, self.written, self.edited = [], [], []
+        self.warnings, self.answers = [], []
         return found
 
 
@@ -175,10 +186,12 @@ class Received:
     ----------
     spool
         A file that gets all that `explain` needs, or None.
+    models
+        A folder that gets each model in MuJoCo's binary form, under its digest; None for no models.
     """
 
-    def __init__(self, spool: BinaryIO | None = None) -> None:
-        self._spool = spool
+    def __init__(self, spool: BinaryIO | None = None, models: Path | None = None) -> None:
+        self._spool, self._models_folder = spool, models
         self.version = self.python = ""
         self.models: dict[int, MujocoModel] = {}
         self.sites: list[ScriptLine] = []
@@ -225,10 +238,20 @@ class Received:
             self._on_warned(payload)
         elif kind == frames.DONE:
             self._on_done(payload)
+        elif kind == frames.CALLBACK:
+            *_, number, _ = frames.CALLBACK_HEAD.unpack_from(payload)
+            world = self._worlds[number]
+            world.answers.append((world.step, payload))
         elif kind == frames.ARRAYS:
             head, arrays = frames.arrays_of(payload)
             if head["what"] == "constants":
                 self._constants[head["digest"]] = arrays
+                for model in self.models.values():
+                    if model.digest == head["digest"]:
+                        model.arrays = arrays
+            elif self._models_folder is not None:
+                with (self._models_folder / f"{head['digest']}.mjb").open("ab") as file:
+                    file.write(arrays["bytes"].data)
         return ()
 
     def rest(self) -> Iterator[StepPiece]:
@@ -242,14 +265,14 @@ class Received:
     def _on_step(self, payload: bytes) -> tuple[StepPiece, ...]:
         number, site = WHERE.unpack_from(payload)
         world = self._worlds[number]
+        # Only now all is known that lies between the steps of the piece before.
+        whole = (world.piece(),) if len(world.payloads) >= world.most else ()
         world.payloads.append(payload)
         world.step, world.site = world.step + 1, site
-        return (world.piece(),) if len(world.payloads) >= world.most else ()
+        return whole
 
     def _on_written(self, payload: bytes) -> None:
         _, cause, count, number, site, argument, time_s = frames.WRITTEN_HEAD.unpack_from(payload)
-        if CAUSES[cause] == "posed":
-            return
         at, parts = frames.WRITTEN_HEAD.size, {}
         for _ in range(count):
             name, indices, values, at = frames.part_of(payload, at)
@@ -260,7 +283,8 @@ class Received:
         world.written.append(
             Written(world.step, CAUSES[cause], argument, site, world.site, time_s, parts)
         )
-        world.site = site
+        if CAUSES[cause] != "posed":
+            world.site = site
 
     def _on_done(self, payload: bytes) -> None:
         _, cause, _, number, site, argument = frames.DONE_HEAD.unpack_from(payload)
@@ -315,12 +339,12 @@ class Received:
         number: int,
         model: int,
         core: list[tuple[str, int, int]],
+        user: list[tuple[str, int, int]],
         core_bytes: int,
         **_: Any,  # noqa: ANN401
     ) -> None:
-        held = self.models[model]
-        held.arrays = held.arrays or self._constants[held.digest]
-        self._worlds[number] = _World(number, model, core, core_bytes)
+        widths = {name: size // frames.kind_of(name).itemsize for name, _, size in user}
+        self._worlds[number] = _World(number, model, core, widths, core_bytes)
         self._worlds[number].edited = [each._replace(step=0) for each in self._edits.get(model, ())]
 
     def _on_model_of(self, world: int, model: int) -> Iterator[StepPiece]:

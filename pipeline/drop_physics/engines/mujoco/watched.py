@@ -32,6 +32,7 @@ from drop_physics.engines.mujoco.described import (
 )
 from drop_physics.engines.mujoco.explain.reasons import EXPLAINED, OTHER
 from drop_physics.engines.mujoco.explained import explained
+from drop_physics.engines.mujoco.framed import FramesOfSteps, shared_by
 from drop_physics.engines.mujoco.frames import CAUSES
 from drop_physics.engines.mujoco.held import equalities_of
 from drop_physics.engines.mujoco.impulses import ExplainedSteps
@@ -53,6 +54,7 @@ from drop_physics.trace.events import (
     Site,
     located,
 )
+from drop_physics.trace.frames import ModelPart
 from drop_physics.trace.states import CONTACT, Joints
 
 Float64 = NDArray[np.float64]
@@ -68,8 +70,8 @@ MOVES = frozenset((*MOVING, *PLACES))
 """The parts of the state that say where bodies are, and how they move."""
 BY_MEMORY = frozenset(("memory", *CAUSES[CAUSES.index("mj_forward") :]))
 """Causes of changes that the script made by itself."""
-SILENT = frozenset(("step", "posed"))
-"""Causes that are no act of the script."""
+SILENT = "step"
+"""The cause that is no act of the script."""
 PLACES_BODIES = re.compile(r"opt\.|body_i?(pos|quat)|jnt_|qpos0|geom_(type|size|pos|quat)")
 """Fields of a model that say where bodies and their shapes are, and when."""
 SHAPES_BODIES = re.compile(r"body_|jnt_|dof_|geom_|qpos0")
@@ -78,6 +80,8 @@ _FULL = "inertia", "contacts full", "constraints full"
 _BAD = "bad position", "bad velocity", "bad acceleration", "bad control"
 WARNINGS = {7: (*_FULL, *_BAD), 8: (*_FULL, "drawing full", *_BAD)}
 """Names of MuJoCo's warnings (`mjtWarning`), by the number of kinds that a version knows."""
+PART_BYTES = 1 << 20
+"""Bytes of a model that are one event."""
 MOST_NOTES = 3
 """Largest number of different texts that are noted of one kind."""
 
@@ -99,6 +103,7 @@ class MujocoSimulation:
     """The number of steps of the MjData so far."""
     arrays: dict[str, NDArray[Any]]
     """The model's constants, with what was edited."""
+    frames: FramesOfSteps
     began: bool = False
     start: dict[str, NDArray[Any]] | None = None
     """The state before its first step."""
@@ -187,6 +192,10 @@ class MujocoDecoder:
         self._simulations: dict[tuple[int, int], MujocoSimulation] = {}
         self._described_before: dict[str, tuple[DescribedBody, ...]] = {}
         """The bodies of each model, by its digest: many states may have the same."""
+        self._models: dict[str, int] = {}
+        """The numbers of models in the recording, by digest."""
+        self._told: set[int] = set()
+        """The numbers of those that the recording has."""
         self._edited: set[int] = set()
         """The edits that were reported, by the identity of their values, which are kept."""
         self._kept: list[NDArray[Any]] = []
@@ -229,7 +238,7 @@ class MujocoDecoder:
         if self._received is None:
             self._folder = Path(tempfile.mkdtemp(prefix="drop-"))
             self._spool = (self._folder / "spool").open("wb")
-            self._received = Received(self._spool)
+            self._received = Received(self._spool, self._folder)
         pieces = self._received.take(payload)
         return self._on_pieces(pieces) if pieces else ()
 
@@ -324,6 +333,8 @@ class MujocoDecoder:
                 if first <= each.step < last or (last == end and each.step >= end)
             ]
             yield from self._on_steps(simulation, piece, first, last, here)
+        shared = shared_by(simulation.described.bodies)
+        yield simulation.frames.of_piece(piece, simulation.timestep_s, shared)
 
     def _warned(self, its: MujocoSimulation, piece: StepPiece) -> None:
         """Count MuJoCo's warnings in a piece."""
@@ -357,7 +368,12 @@ class MujocoDecoder:
         self._described_before[model.digest] = made.bodies
         before = [each for (of, _), each in self._simulations.items() if of == world]
         held = dict(before[-1].held) if before else {}
-        found = MujocoSimulation(client, number_of_model, first, made, number, held, first, arrays)
+        clock_s = before[-1].frames.clock_s if before else 0.0
+        which = self._models.setdefault(model.digest, len(self._models))
+        frames = FramesOfSteps(client, which, first, held, clock_s)
+        found = MujocoSimulation(
+            client, number_of_model, first, made, number, held, first, arrays, frames
+        )
         self._simulations[key] = found
         return found
 
@@ -376,6 +392,7 @@ class MujocoDecoder:
         edits = sorted(edits, key=lambda each: (each.step, each.name))  # as in every run
         acts: list[Edited | Written] = [*edits, *wrote]
         acts.sort(key=lambda each: each.step)
+        its.frames.edited(edits)
         for step, together in itertools.groupby(acts, key=lambda each: each.step):
             now = [*together]
             edited = [each for each in now if isinstance(each, Edited)]
@@ -405,6 +422,7 @@ class MujocoDecoder:
         """Yield the events that describe a simulation before its first step."""
         its.began, its.timestep_s = True, _timestep(its)
         at = At(0, 0.0, self._calls)
+        yield from self._model(its)
         its.since.append((0, 0.0, its.timestep_s))
         yield self._settings(its, at)
         yield from equalities_of(its.described, its.client)
@@ -422,6 +440,23 @@ class MujocoDecoder:
             yield from surfaces_of(at, made.body, self._folder)
             if made.body.number in puts:
                 yield puts[made.body.number]
+
+    def _model(self, its: MujocoSimulation) -> Iterator[ModelPart]:
+        """Yield the model of a simulation, unless it was yielded before."""
+        assert self._received is not None
+        assert self._folder is not None
+        digest = self._received.models[its.model].digest
+        number = self._models[digest]
+        if number in self._told:
+            return
+        self._told.add(number)
+        file = self._folder / f"{digest}.mjb"
+        size = file.stat().st_size
+        with file.open("rb") as binary:
+            for at in range(0, size, PART_BYTES):
+                data = binary.read(PART_BYTES)
+                engine = f"MuJoCo {self._received.version}"
+                yield ModelPart(number, engine, digest, size, at, data)
 
     def _settings(self, its: MujocoSimulation, at: At) -> Settings:
         assert self._received is not None
@@ -579,12 +614,16 @@ class MujocoDecoder:
             for name, held in piece.parts.items():
                 its.held[name] = held[row]
         its.held_at = written.step
+        if written.cause == "posed":
+            its.frames.posed(written, its.held)
+            return
         changed = its.take(written)
+        its.frames.wrote(written, its.held, piece)
         if "qpos" in changed:
             its.written[written.step] = its.held["qpos"]
         if "ctrl" in changed:
             its.given[written.step] = its.held["ctrl"]
-        if written.cause in SILENT:
+        if written.cause == SILENT:
             return
         if written.cause == "first":
             for name in GIVEN_FIRST:

@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 from .. import frames, memory
-from ..frames import CALLBACKS, CAUSES, FLAGS, STALE, STEPS, UNPOSED
+from ..frames import CALLBACKS, CAUSES, STALE, STEPS, UNPOSED, kind_of
 from .batch import WaitingSteps
 from .constraints import PairTable
 from .flags import IPC, NO_ACTUATION, NO_RESET, SLEEP
@@ -156,7 +156,7 @@ class ReplayedData:
         self.other: Any = None
         """Data in which the stages of a step are evaluated."""
         self.core, self.user = memory.core_of(self.d), memory.user_of(self.d)
-        for part in (*self.core.parts, *self.user.parts):
+        for part in (*self.core.parts, *self.user.parts, *memory.asleep_of(self.d).parts):
             part.view[:] = bytes(part.size)
         self.d.time = 0.0
         if before is not None:
@@ -180,9 +180,7 @@ class ReplayedData:
 
     def write(self, name: str, indices: Any, values: Any) -> None:
         """Write elements of a part of the state."""
-        held = getattr(self.d, name).reshape(-1)
-        if name in FLAGS:
-            held = held.view(np.uint8)
+        held = getattr(self.d, name).reshape(-1).view(kind_of(name))
         if indices is None:
             held[:] = values
         else:
@@ -505,8 +503,7 @@ class _Elsewhere:
 
     def write(self, name: str, indices: Any, values: Any) -> None:
         """Write elements of a part of the state."""
-        held = getattr(self.d, name).reshape(-1)
-        held = held.view(np.uint8) if name in FLAGS else held
+        held = getattr(self.d, name).reshape(-1).view(kind_of(name))
         held[slice(None) if indices is None else indices] = values
 
 

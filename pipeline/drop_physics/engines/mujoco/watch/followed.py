@@ -164,6 +164,8 @@ class WatchedData:
     ) -> None:
         self.watch, self.model, self.number, self.ref = watch, model, number, weakref.ref(d)
         self.core, self.user = memory.core_of(d), memory.user_of(d)
+        self.asleep = memory.asleep_of(d)
+        self._stretches = self.core, self.user, self.asleep
         self.warned = memory.warnings_of(d)
         self._warnings = bytearray(self.warned)
         self._passive = memory.view_of(d.qfrc_passive.ctypes.data, d.qfrc_passive.nbytes)
@@ -178,15 +180,17 @@ class WatchedData:
         self._posed: tuple[bytes, bytes] | None = None
         """Core and user part of the state that positions were computed for; None if that was the
         state before the last step."""
-        parts = [[part.name, part.begin, part.size] for part in self.core.parts]
-        user = [[part.name, part.begin, part.size] for part in self.user.parts]
+        core, user, asleep = (
+            [[part.name, part.begin, part.size] for part in stretch.parts]
+            for stretch in self._stretches
+        )
         watch.send(
             note_bytes(
                 "world",
                 number=number,
                 model=model.number,
-                core=parts,
-                user=user,
+                core=core,
+                user=[*user, *asleep],
                 core_bytes=self.core.size,
             )
         )
@@ -195,7 +199,7 @@ class WatchedData:
     @property
     def is_written(self) -> bool:
         """Whether the state is not what was last sent; the time apart."""
-        return self.core.saved != self.core.view or self.user.saved != self.user.view
+        return any(each.saved != each.view for each in self._stretches)
 
     def before(self, d: Any, site: int) -> None:
         """Send what was written since the last step, to the state or the model."""
@@ -210,7 +214,7 @@ class WatchedData:
     def tell_written(self, d: Any, site: int, cause: int, argument: int = 0) -> None:
         """Send the parts of the state that changed without a step."""
         count, parts = 0, b""
-        for stretch in (self.core, self.user):
+        for stretch in self._stretches:
             if stretch.saved != stretch.view:
                 more, frames = stretch.changed()
                 count, parts = count + more, parts + frames
@@ -310,7 +314,7 @@ class WatchedData:
             self.watch.send(head + bytes(core.view))
         core.kept[:] = core.view
         self._posed = None
-        if reset:
+        if reset or self.asleep.saved != self.asleep.view:
             self.tell_written(d, site, RESET)
         # MuJoCo clears the counters where it resets itself: then they may be what they were.
         if self._warnings != self.warned or time <= before:

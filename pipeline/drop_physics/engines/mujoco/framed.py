@@ -1,0 +1,186 @@
+"""The frames of a simulation, from the pieces of its stream: what its steps started from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.engines.mujoco.described import DescribedBody
+from drop_physics.engines.mujoco.frames import ASLEEP, CORE, USER
+from drop_physics.engines.mujoco.received import Edited, StepPiece, Written
+from drop_physics.trace.frames import CLOCK, Column, Frames, ModelEdit, SharedColumns
+
+Float64 = NDArray[np.float64]
+Held = Mapping[str, NDArray[Any]]
+"""The parts of a state, flat; one that was never sent is zero."""
+T = TypeVar("T")
+
+STATE = (*CORE, ASLEEP)
+"""The parts that a step changes."""
+
+
+class FramesOfSteps:
+    """Gathers what lies between the steps of one simulation, until a piece of them is complete.
+
+    Parameters
+    ----------
+    client
+        The number of the simulation.
+    model
+        The number of its model in the recording.
+    first
+        The number of its first step among those of its MjData.
+    held, clock_s
+        The state before that step, and MuJoCo's clock then [s].
+    """
+
+    def __init__(self, client: int, model: int, first: int, held: Held, clock_s: float) -> None:
+        self._client, self._model, self._first = client, model, first
+        self._left: Held = dict(held)
+        """What the last step of the piece before has left; its clock [s]."""
+        self.clock_s = clock_s
+        self._written: dict[int, Held] = {}
+        """States that were written before a step, with the clock."""
+        self._inputs: dict[str, dict[int, Float64]] = {name: {} for name in USER}
+        self._posed: dict[str, dict[int, Float64]] = {}
+        self._asleep: dict[int, Float64] = {}
+        """What sleeps once the step before has been made."""
+        self._edits: dict[int, list[Edited]] = {}
+
+    def wrote(self, written: Written, held: Held, piece: StepPiece) -> None:
+        """Note what was written before a step; `held` is the state with that."""
+        step, parts = written.step, {*written.parts}
+        row = step - piece.first - 1
+        left_s = piece.times_s[row] if row >= 0 else self.clock_s
+        if written.cause == "step":
+            if ASLEEP in parts:
+                self._asleep[step] = held[ASLEEP]
+        elif not np.isnan(written.time_s) and (
+            parts & {*STATE} or step in self._written or written.time_s != left_s
+        ):
+            self._written[step] = {**held, CLOCK: np.array([written.time_s])}
+        for name in parts & {*USER}:
+            self._inputs[name][step] = held[name]
+
+    def posed(self, written: Written, held: Held) -> None:
+        """Note for which other state the positions were computed that a step takes."""
+        for name, (indices, values) in written.parts.items():
+            row = np.array(values if indices is None else held[name], np.float64)
+            row[slice(None) if indices is None else indices] = values
+            self._posed.setdefault(name, {})[written.step] = row
+
+    def edited(self, edits: Iterable[Edited]) -> None:
+        """Note what was changed in the model."""
+        for each in edits:
+            self._edits.setdefault(each.step, []).append(each)
+
+    def of_piece(
+        self, piece: StepPiece, timestep_s: float, shared: Mapping[str, Sequence[SharedColumns]]
+    ) -> Frames:
+        """Return the frames of a piece, once all that lies between its steps was noted.
+
+        Parameters
+        ----------
+        piece
+            The piece.
+        timestep_s
+            The timestep of most of its steps [s].
+        shared
+            Where its samples have the same numbers.
+        """
+        first, end = piece.first, piece.first + len(piece.times_s)
+        after = {name: piece.parts[name] for name in CORE if name in piece.parts}
+        widths = {CLOCK: 1, **{name: rows.shape[1] for name, rows in after.items()}, **piece.widths}
+        left = {**self._left, CLOCK: np.array([self.clock_s])}
+        written = {first: left, **_until(self._written, end)}
+        before = {
+            name: _column({step: held.get(name) for step, held in written.items()}, width, first)
+            for name, width in widths.items()
+            if name not in USER
+        }
+        if ASLEEP in widths:
+            after[ASLEEP] = self._asleep_after(before[ASLEEP], first, end)
+        inputs = {}
+        for name in USER:
+            if name in widths:
+                rows = {first: _of_width(left.get(name), widths[name])}
+                inputs[name] = _column(rows | _until(self._inputs[name], end), widths[name], first)
+        self.clock_s = float(piece.times_s[-1])
+        self._left = {name: rows[-1] for name, rows in after.items()}
+        self._left |= {name: each.rows[-1] for name, each in inputs.items()}
+        posed = {
+            name: _column(its, widths[name], first)
+            for name, rows in self._posed.items()
+            if (its := _until(rows, end))
+        }
+        return Frames(
+            client=self._client,
+            model=self._model,
+            first=first - self._first,
+            timestep_s=timestep_s,
+            clock_s=piece.times_s,
+            functions=(piece.functions | piece.stale).astype(np.int64),
+            after=after,
+            before=before,
+            inputs=inputs,
+            posed=posed,
+            edits=[
+                _edit(each, first) for step in _until(self._edits, end).values() for each in step
+            ],
+            answers=[(step - first, payload) for step, payload in piece.answers],
+            shared=shared,
+        )
+
+    def _asleep_after(self, before: Column, first: int, end: int) -> Float64:
+        """Return what sleeps after each step, shape (n, trees)."""
+        slept = {step - first: row for step, row in _until(self._asleep, end + 1).items()}
+        changed = dict(zip(before.at.tolist(), before.rows, strict=True))
+        row, rows = before.rows[0], np.empty((end - first, before.rows.shape[1]))
+        for step in range(end - first):
+            row = changed.get(step, row)
+            row = rows[step] = slept.get(step + 1, row)
+        return rows
+
+
+def _until(rows: dict[int, T], end: int) -> dict[int, T]:
+    """Take out and return the rows of steps before `end`."""
+    return {step: rows.pop(step) for step in sorted(rows) if step < end}
+
+
+def _of_width(row: NDArray[Any] | None, width: int) -> Float64:
+    """Return a row of a part; what was never sent is zero."""
+    whole = np.zeros(width)
+    if row is not None:
+        whole[: len(row)] = row
+    return whole
+
+
+def _column(rows: Mapping[int, NDArray[Any] | None], width: int, first: int) -> Column:
+    """Return rows of a part as a column."""
+    whole = np.array([_of_width(row, width) for row in rows.values()])
+    return Column(np.array([*rows], np.int64) - first, whole)
+
+
+def _edit(edit: Edited, first: int) -> ModelEdit:
+    indices, values = edit.indices.astype(np.int64), edit.new.astype(np.float64)
+    return ModelEdit(max(edit.step - first, 0), edit.name, indices, values)
+
+
+def shared_by(bodies: Iterable[DescribedBody]) -> dict[str, list[SharedColumns]]:
+    """Return where the samples of bodies' joints have the same numbers as `qpos` and `qvel`.
+
+    Those of joints that turn about a point are rotated, and are not the same.
+    """
+    found: dict[str, list[SharedColumns]] = {"qpos": [], "qvel": []}
+    for made in bodies:
+        series = ("qpos", "position", made.positions), ("qvel", "velocity", made.rates)
+        for kind, (name, of, columns) in enumerate(series):
+            turned = [np.arange(len(columns))[each[kind]] for each in made.balls]
+            places = np.setdiff1d(np.arange(len(columns)), np.concatenate([[], *turned]))
+            if len(places):
+                its = SharedColumns(made.body.number, of, columns[places], places)
+                found[name].append(its)
+    return found

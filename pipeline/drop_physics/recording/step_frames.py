@@ -1,0 +1,192 @@
+"""The frames of a piece of steps as a row of a recording: one list of numbers, and what they are.
+
+A part of the state that the samples of joints have, too, is not repeated; nor is the clock where it
+is a timestep later.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from typing import Generic, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.arrays import Float64, Int64
+from drop_physics.trace.frames import CLOCK, Column, Frames, ModelEdit, SharedColumns
+
+T = TypeVar("T", bound=np.generic)
+
+SPARSE = ("before", "inputs", "posed")
+"""The groups of columns that have rows at some steps only."""
+
+Series = Callable[[str, str], Float64]
+"""Returns a series of a body's joints in the samples that the steps led to, by its label and what
+the series is of, shape (n, places)."""
+
+
+class PackedFrames(NamedTuple):
+    """A row of a recording."""
+
+    layout: str
+    """What the numbers are, as JSON."""
+    numbers: Float64
+    at: Int64
+    """The steps of sparse columns, and the indices of edits."""
+    answers: bytes
+
+
+def packed(frames: Frames, labels: Mapping[int, str]) -> PackedFrames:
+    """Return frames as a row; `labels` has those of bodies by number."""
+    other = np.flatnonzero(frames.clock_s != _starts_s(frames) + frames.timestep_s)
+    numbers: list[Float64] = [frames.clock_s[other], frames.functions.astype(np.float64)]
+    at: list[Int64] = [other]
+    after = {}
+    for name, rows in frames.after.items():
+        shared = frames.shared.get(name, ())
+        where = [each.columns for each in shared]
+        own = np.setdiff1d(np.arange(rows.shape[1]), np.concatenate([[], *where]))
+        numbers.append(rows[:, own].ravel())
+        after[name] = {
+            "width": rows.shape[1],
+            "joints": [
+                [labels[each.body], each.of, each.columns.tolist(), each.places.tolist()]
+                for each in shared
+            ],
+        }
+    sparse: dict[str, dict[str, list[int]]] = {}
+    for group in SPARSE:
+        columns: Mapping[str, Column] = getattr(frames, group)
+        sparse[group] = {name: [*each.rows.shape] for name, each in columns.items()}
+        numbers += [each.rows.ravel() for each in columns.values()]
+        at += [each.at for each in columns.values()]
+    numbers += [each.values for each in frames.edits]
+    at += [each.indices for each in frames.edits]
+    layout = {
+        "client": frames.client,
+        "model": frames.model,
+        "first": frames.first,
+        "steps": len(frames),
+        "timestep_s": frames.timestep_s,
+        "other_times": len(other),
+        "after": after,
+        **sparse,
+        "edits": [[each.step, each.name, len(each.values)] for each in frames.edits],
+        "answers": [[step, len(payload)] for step, payload in frames.answers],
+    }
+    return PackedFrames(
+        json.dumps(layout, separators=(",", ":")),
+        np.concatenate(numbers),
+        np.concatenate(at),
+        b"".join(payload for _, payload in frames.answers),
+    )
+
+
+def span_of(row: PackedFrames) -> tuple[int, int, int]:
+    """Return the simulation of a row, the sample that its first step starts from, and its steps.
+
+    Raises
+    ------
+    ValueError, LookupError, TypeError
+        If the row is not as `packed` makes it.
+    """
+    layout = json.loads(row.layout)
+    return int(layout["client"]), int(layout["first"]), int(layout["steps"])
+
+
+def unpacked(row: PackedFrames, numbers_of: Mapping[str, int], series: Series) -> Frames:
+    """Return the frames of a row.
+
+    Parameters
+    ----------
+    row
+        The row.
+    numbers_of
+        The numbers of bodies, by label.
+    series
+        What the samples of joints hold.
+
+    Raises
+    ------
+    ValueError, LookupError, TypeError
+        If the row is not as `packed` makes it.
+    """
+    layout = json.loads(row.layout)
+    n, numbers, at = layout["steps"], _Taken(row.numbers), _Taken(row.at)
+    many = layout["other_times"]
+    other = Column(at.take(many), numbers.take(many)[:, None])
+    functions = numbers.take(n).astype(np.int64)
+    after: dict[str, Float64] = {}
+    shared: dict[str, list[SharedColumns]] = {}
+    for name, part in layout["after"].items():
+        rows = after[name] = np.empty((n, part["width"]))
+        own = np.ones(part["width"], np.bool_)
+        for label, of, columns, places in part["joints"]:
+            rows[:, columns] = series(label, of)[:, places]
+            own[columns] = False
+            its = SharedColumns(numbers_of[label], of, np.array(columns), np.array(places))
+            shared.setdefault(name, []).append(its)
+        rows[:, own] = numbers.take(n * int(own.sum())).reshape(n, -1)
+    sparse = {
+        group: {
+            name: Column(at.take(count), numbers.take(count * width).reshape(count, width))
+            for name, (count, width) in layout[group].items()
+        }
+        for group in SPARSE
+    }
+    edits = [
+        ModelEdit(step, name, at.take(count), numbers.take(count))
+        for step, name, count in layout["edits"]
+    ]
+    answers, done = [], 0
+    for step, size in layout["answers"]:
+        answers.append((step, row.answers[done : done + size]))
+        done += size
+    return Frames(
+        client=layout["client"],
+        model=layout["model"],
+        first=layout["first"],
+        timestep_s=layout["timestep_s"],
+        clock_s=_clock_s(n, layout["timestep_s"], other, sparse["before"][CLOCK]),
+        functions=functions,
+        after=after,
+        **sparse,
+        edits=edits,
+        answers=answers,
+        shared=shared,
+    )
+
+
+def _starts_s(frames: Frames) -> Float64:
+    """Return the clock before each step [s], shape (n,)."""
+    starts_s = np.concatenate(([0.0], frames.clock_s[:-1]))
+    before = frames.before[CLOCK]
+    starts_s[before.at] = before.rows[:, 0]
+    return starts_s
+
+
+def _clock_s(n: int, timestep_s: float, other: Column, before: Column) -> Float64:
+    """Return the clock after each step [s], shape (n,): added up as the engine does."""
+    told, starts = (
+        dict(zip(each.at.tolist(), each.rows[:, 0].tolist(), strict=True))
+        for each in (other, before)
+    )
+    clock_s, now_s = np.empty(n), 0.0
+    for step in range(n):
+        now_s = clock_s[step] = told.get(step, starts.get(step, now_s) + timestep_s)
+    return clock_s
+
+
+class _Taken(Generic[T]):
+    """An array that is taken piece by piece."""
+
+    def __init__(self, values: NDArray[T]) -> None:
+        self._values, self._done = values, 0
+
+    def take(self, count: int) -> NDArray[T]:
+        """Return the next elements."""
+        begin, self._done = self._done, self._done + count
+        if count < 0 or self._done > len(self._values):
+            raise ValueError(f"{self._done} of {len(self._values)} elements")
+        return self._values[begin : self._done]

@@ -1,0 +1,111 @@
+"""The models and frames of a recording, with which its engine can take each of its steps again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from drop_physics.arrays import Float64
+from drop_physics.messages import Message
+from drop_physics.recording import columns, schema
+from drop_physics.recording.damage import damaged
+from drop_physics.recording.rrd import Chunk
+from drop_physics.recording.sampled import RecordedSamples
+from drop_physics.recording.step_frames import PackedFrames, span_of, unpacked
+from drop_physics.trace.frames import Frames, ModelPart
+
+
+class _Place(NamedTuple):
+    """Where the frames of a piece are."""
+
+    first: int
+    """The sample that its first step starts from."""
+    end: int
+    """The sample that its last step leads to."""
+    chunk: int
+    row: int
+
+
+class RecordedModel(NamedTuple):
+    """A compiled model."""
+
+    engine: str
+    """The engine and its version: the only one that can load it."""
+    sha256: str
+    size: int
+    """Bytes."""
+
+
+@dataclass
+class RecordedSteps:
+    """The models and frames in the chunks of a file, of which the index is kept."""
+
+    samples: RecordedSamples
+    models: dict[int, RecordedModel] = field(default_factory=dict)
+    """The models that were stepped, by number."""
+    _parts: dict[int, list[tuple[int, int]]] = field(default_factory=dict)
+    """Where the parts of each model begin, and their chunks."""
+    _places: dict[int, list[_Place]] = field(default_factory=dict)
+    """Where the frames of each simulation are, in order."""
+
+    @property
+    def clients(self) -> list[int]:
+        """The simulations that have frames."""
+        return sorted(self._places)
+
+    def add_model(self, chunk: Chunk, part: ModelPart) -> None:
+        """Add a part of a model to the index."""
+        self.models[part.number] = RecordedModel(part.engine, part.sha256, part.size)
+        self._parts.setdefault(part.number, []).append((part.at, chunk.position))
+
+    def add_frames(self, chunk: Chunk, row: PackedFrames, number: int) -> None:
+        """Add a row of a chunk to the index."""
+        client, first, steps = span_of(row)
+        places = self._places.setdefault(client, [])
+        places.append(_Place(first, first + steps, chunk.position, number))
+        places.sort()
+
+    def model(self, number: int) -> bytes:
+        """Return a compiled model in its engine's binary form.
+
+        Raises
+        ------
+        RecordingError
+            If the file has changed since it was indexed.
+        """
+        parts = {
+            part.at: part.data
+            for chunk in self.samples.chunks_at(at for _, at in self._parts[number])
+            for part in columns.model_parts(chunk, self.samples.path)
+            if part.number == number
+        }
+        return b"".join(data for _, data in sorted(parts.items()))
+
+    def pieces(self, client: int, first: int, end: int) -> Iterator[Frames]:
+        """Yield the frames of each piece with a step that starts from sample `first` to `end` - 1.
+
+        Raises
+        ------
+        RecordingError
+            If frames are not as drop writes them, or the file has changed since it was indexed.
+        """
+        path, appearances = self.samples.path, self.samples.appearances
+        numbers = {each.body.label: each.body.number for each in appearances}
+        for place in self._places.get(client, ()):
+            if place.end <= first or place.first >= end:
+                continue
+
+            def series(label: str, of: str, place: _Place = place) -> Float64:
+                entity = f"{schema.JOINTS}/{label}/{of}"
+                return self.samples.series(entity, place.first + 1, place.end + 1)[1]
+
+            (chunk,) = self.samples.chunks_at([place.chunk])
+            row = [*columns.steps(chunk, path)][place.row]
+            try:
+                yield unpacked(row, numbers, series)
+            except (ValueError, LookupError, TypeError):
+                if self.samples.partial:  # its last samples may be missing
+                    return
+                what = Message("{entity} is not in drop's format", entity=schema.STEPS)
+                raise damaged(path, what) from None
