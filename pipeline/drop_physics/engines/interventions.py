@@ -54,7 +54,8 @@ class Row:
     """One intervention: its name, its words, and the run in which it is made."""
 
     name: str
-    """The name, as `--try` takes it; after a colon its form, if there are several."""
+    """The name, as `--try` takes it; after a colon its form, if there are several. Empty if only
+    the causal search has the row."""
     sets: Mapping[str, Becomes] = field(default_factory=dict)
     """What arguments or fields become, by name."""
     _: KW_ONLY
@@ -74,6 +75,25 @@ class Row:
     """What only a finding knows, by its name in `Cure.given`."""
     below: str = ""
     """The argument of a `Variation` that takes its value, unseen by the script."""
+    tries: str = ""
+    """The operators that the causal search tries, as `watching.changes` has them."""
+    breaks: str = ""
+    """Those of them that take a part of the scene or of the command away."""
+    default: object = 0.0
+    """The engine's default, for the operator `=default`."""
+    change: str = ""
+    """What the search changes, if it is not the first that is set."""
+
+    @property
+    def tried(self) -> dict[str, object]:
+        """The row as the search in the script's interpreter takes it."""
+        first = next(iter(self.sets), self.name).partition("[")[0]
+        return {
+            "change": self.change or first.replace("opt.", "option."),
+            "tries": self.tries.split(),
+            "breaks": self.breaks.split(),
+            "default": self.default,
+        }
 
     def number(self, cure: Cure) -> float | None:
         """Return the value of a cure, or the usual one."""
@@ -150,7 +170,10 @@ class Interventions:
         set_parameter: Callable[[str, float], ChangedRun],
         left_out: Callable[[str, str, int, str | None], ChangedRun | None],
     ) -> None:
-        self.rows = {row.name: row for row in (*rows, *OF_ANY)}
+        every = (*rows, *OF_ANY)
+        self.rows = {row.name: row for row in every if row.name}
+        self.tried = [row.tried for row in every if row.tries]
+        """The rows that the causal search tries."""
         self.parameters, self.left_out = parameters, left_out
         self._set_parameter = set_parameter
 

@@ -33,6 +33,11 @@ Applies = Callable[["FieldRow", Cure, Scope], Iterator[Operation]]
 Elements = Callable[[Scope], Mapping[str, Any]]
 
 WORLD = "world"
+FLAGS = (
+    "EQUALITY LIMIT FRICTIONLOSS SPRING DAMPER CLAMPCTRL WARMSTART FILTERPARENT REFSAFE EULERDAMP "
+    "NATIVECCD MULTICCD ISLAND MIDPHASE OVERRIDE SLEEP DIAGEXACT SPECULATIVE"
+)
+"""Flags of `mjtDisableBit` and `mjtEnableBit` that the causal search turns over."""
 BELOW = 0.8
 """The share of a limit that is tried where a cure is to stay below it."""
 ABOVE = 2.0
@@ -300,9 +305,59 @@ GRAVITY: dict[str, Becomes] = {
     "opt.disableflags": always("~", "mjDSBL_GRAVITY"),
 }
 
+SEARCHED = (
+    ("jnt_stiffness", "stiffness", "=0 *0.1 *10", ""),
+    ("jnt_axis", "axis", "*-1", ""),
+    ("jnt_pos", "pos", "=0", ""),
+    ("jnt_solref", "solreflimit", "stiff", ""),
+    ("actuator_gear", "gear", "*0.1 *10 *-1 =1", ""),
+    ("actuator_kp", "kp", "*0.1 *10", ""),
+    ("actuator_kv", "kv", "=0 *0.1 *10", ""),
+    ("actuator_kp_kv", "kp and kv", "*0.1 *10", ""),
+    ("actuator_off", "actuator", "=0", "=0"),
+    ("actuator_forcelimited", "forcelimited", "=0", ""),
+    ("actuator_dyntype", "dyntype", "=0", ""),
+    ("geom_margin", "margin", "=0", ""),
+    ("geom_pos", "pos", "=0", ""),
+    ("geom_size", "size", "*0.5", ""),
+    ("pair_friction", "friction", "=0 *0.1 *10", ""),
+    ("body_inertia", "inertia", "*0.1 *10", "*0.1 *10"),
+    ("body_ipos", "pos of <inertial>", "=0", ""),
+    ("site_pos", "pos", "=0", ""),
+    ("site_size", "size", "*0.1 *10", ""),
+    ("eq_active", "active", "=0", ""),
+    ("eq_solimp", "solimp", "stiff", ""),
+    ("tendon_stiffness", "stiffness", "=0 *0.1 *10", ""),
+    ("tendon_damping", "damping", "=0 *0.1 *10", ""),
+    ("tendon_limited", "limited", "=0", ""),
+    ("option.integrator", "integrator", "=0 =1 =2 =3", ""),
+    ("option.density", "density", "=0", ""),
+    ("option.wind", "wind", "=0", ""),
+    ("start.qpos", "data.qpos", "=default +0.001 +0.01", ""),
+    ("start.qvel", "data.qvel", "=0", "=0"),
+    *(
+        (f"input.{part}", f"data.{part}", "=0 *0.1 *10 *-1 held late", "=0 held")
+        for part in ("ctrl", "qfrc_applied", "xfrc_applied")
+    ),
+    ("input.mocap_pos", "data.mocap_pos", "held late", "held"),
+    ("input.qpos", "data.qpos", "undone", ""),
+    ("input.qvel", "data.qvel", "undone", ""),
+    *((f"flag.{name}", name.lower(), "^", "^") for name in ("CONTACT", "GRAVITY", "ACTUATION")),
+    *((f"flag.{name}", name.lower(), "^", "") for name in FLAGS.split()),
+)
+"""What only the causal search changes: field, attribute, operators, and those that break."""
+
 ROWS = (
     # The whole run.
-    Row("timestep", words="timestep/{value:g}", below="finer", usual=2.0, whole_run=True),
+    Row(
+        "timestep",
+        words="timestep/{value:g}",
+        below="finer",
+        usual=2.0,
+        whole_run=True,
+        change="option.timestep",
+        tries="/2 /10",
+    ),
     FieldRow("iterations", {"opt.iterations": lambda n: ("*", n)}, usual=4.0, whole_run=True),
     FieldRow(f"gravity:{FACTOR}", {"opt.gravity": lambda size: ("size", size)}),
     FieldRow(
@@ -320,6 +375,7 @@ ROWS = (
         words='iterations="{value:g}"',
         usual=500.0,
         whole_run=True,
+        tries="*10",
     ),
     FieldRow(
         "noslip",
@@ -327,6 +383,7 @@ ROWS = (
         words='noslip_iterations="{value:g}"',
         usual=5.0,
         whole_run=True,
+        tries="=0 =10",
     ),
     FieldRow(
         "impratio",
@@ -334,6 +391,7 @@ ROWS = (
         words='cone="elliptic" impratio="{value:g}"',
         usual=10.0,
         whole_run=True,
+        tries="=1 *10",
     ),
     FieldRow(
         "cone",
@@ -341,6 +399,7 @@ ROWS = (
         words='cone="elliptic"',
         decides=True,
         whole_run=True,
+        tries="=0 =1",
     ),
     FieldRow(
         "gravity",
@@ -349,6 +408,9 @@ ROWS = (
         usual=-9.81,
         decides=True,
         whole_run=True,
+        tries="=0 =default",
+        breaks="=0",
+        default=(0.0, 0.0, -9.81),
     ),
     FieldRow(
         "gravity:flag",
@@ -394,7 +456,13 @@ ROWS = (
         words='actuatorfrcrange="-{force:.3g} {force:.3g}"',
         more="forcerange",
     ),
-    FieldRow("ctrlrange", makes=_control_range, words=Message("without ctrlrange")),
+    FieldRow(
+        "ctrlrange",
+        makes=_control_range,
+        words=Message("without ctrlrange"),
+        change="actuator_ctrllimited",
+        tries="=0",
+    ),
     FieldRow("targets-held", makes=_done("hold"), words=Message("data.ctrl with data.qpos")),
     FieldRow(
         "targets-held:reset",
@@ -409,7 +477,13 @@ ROWS = (
         whole_run=True,
     ),
     # Joints.
-    FieldRow("limits", {"jnt_limited": always("=", 0)}, _joints, words=Message("without range")),
+    FieldRow(
+        "limits",
+        {"jnt_limited": always("=", 0)},
+        _joints,
+        words=Message("without range"),
+        tries="=0",
+    ),
     *(
         FieldRow(
             name,
@@ -419,11 +493,20 @@ ROWS = (
             usual=0.0,
             share=share,
             decides=True,
+            tries=tries,
         )
-        for name, share in (("damping", 1.0), ("joint-damping", 1.0), ("damping:below", BELOW))
+        for name, share, tries in (
+            ("damping", 1.0, "=0 *0.1 *10 +10M0"),
+            ("joint-damping", 1.0, ""),
+            ("damping:below", BELOW, ""),
+        )
     ),
     FieldRow(
-        "friction:loss", {"dof_frictionloss": to(0)}, _joints, words='frictionloss="{value:g}"'
+        "friction:loss",
+        {"dof_frictionloss": to(0)},
+        _joints,
+        words='frictionloss="{value:g}"',
+        tries="=0 *10",
     ),
     FieldRow(
         "armature",
@@ -432,9 +515,18 @@ ROWS = (
         words='armature="{value:g}"',
         usual=ARMATURE_KG_M2,
         derived=True,
+        tries="=0 *10 +M0",
     ),
     # Bodies.
-    FieldRow("mass", makes=_mass, words='mass="{value:g}"', more="mass"),
+    FieldRow(
+        "mass",
+        makes=_mass,
+        words='mass="{value:g}"',
+        more="mass",
+        change="body_mass",
+        tries="*0.1 *10",
+        breaks="*0.1 *10",
+    ),
     FieldRow(
         "gravcomp",
         {"body_gravcomp": to(0)},
@@ -442,6 +534,8 @@ ROWS = (
         words='gravcomp="{value:g}"',
         usual=1.0,
         derived=True,
+        tries="=0 =1",
+        breaks="=1",
     ),
     FieldRow("lifted", makes=_lift, words=Message("{mm:.3g} mm higher")),
     FieldRow(
@@ -450,6 +544,8 @@ ROWS = (
         _bodies,
         words='friction="{value:.4g}"',
         more="friction",
+        tries="=0 *0.1 *10 =default",
+        default=(1.0, 0.005, 0.0001),
     ),
     # To hold, no less than they have: of a pair the larger counts.
     FieldRow(
@@ -464,6 +560,7 @@ ROWS = (
         {"geom_condim": to(3), "pair_dim": to(3)},
         _both,
         words='condim="{value:g}"',
+        tries="=1 =3 =4 =6",
     ),
     FieldRow(
         "solref",
@@ -473,8 +570,17 @@ ROWS = (
         },
         _both,
         words='solref="0.02 1" solimp="0.9 0.95 0.001"',
+        tries="=default stiff",
+        default=SOLREF,
     ),
-    FieldRow("solref:given", {"eq_solref[0]": to(0)}, _bodies, words='solref="{value:g} 1"'),
+    FieldRow(
+        "solref:given",
+        {"eq_solref[0]": to(0)},
+        _bodies,
+        words='solref="{value:g} 1"',
+        tries="=default stiff",
+        default=SOLREF,
+    ),
     FieldRow("solref:contact", dict.fromkeys(SOFT, _lasting), _both, words='solref="{value:g} 1"'),
     FieldRow(
         "solref:stopping",
@@ -490,7 +596,9 @@ ROWS = (
         usual=1.0,
     ),
     # What touches what.
-    FieldRow("collision-off", makes=_pass, words="<exclude>", decides=True),
+    FieldRow(
+        "collision-off", makes=_pass, words="<exclude>", decides=True, change="pair", tries="=0"
+    ),
     FieldRow(
         "exclude",
         makes=_exclude,
@@ -508,6 +616,9 @@ ROWS = (
         makes=_between("meet"),
         words=Message("contype and conaffinity that meet"),
         decides=True,
+        change="geom_collides",
+        tries="=0 =1",
+        breaks="=0",
     ),
     Row(
         "concave",
@@ -544,6 +655,11 @@ ROWS = (
         decides=True,
         whole_run=True,
     ),
+    *(
+        Row("", change=change, words=words, tries=tries, breaks=breaks)
+        for change, words, tries, breaks in SEARCHED
+    ),
+    Row("", change="geom_solimp", words="solimp", tries="=default stiff", default=SOLIMP),
     FieldRow("without", makes=_without, words=Message("without {left_out}"), needs="function"),
 )
 INTERVENTIONS = Interventions(ROWS, OPTIONS, _set_parameter, left_out)

@@ -44,6 +44,10 @@ FREE, BALL = 0, 1
 """Types of joints (`mjtJoint`); those above have one coordinate."""
 LEAST_KG = 1e-15
 """The mass of a body that has none (`mjMINVAL`)."""
+SIZES = ("nq", "nv", "nu", "nbody", "ngeom", "nsite", "neq", "ntendon")
+"""Sizes of a model."""
+INPUTS = ("ctrl", "qfrc_applied", "xfrc_applied", "mocap_pos", "qpos", "qvel")
+"""Parts of a state that a script writes."""
 BITS = 31
 """Bits of `contype` and `conaffinity` that are used."""
 NOT_A_PAIR = 0
@@ -97,6 +101,8 @@ class ModelChanges:
         self._models: dict[int, ChangedModel] = {}
         """Changes by the `id` of the MjModel, which Python may reuse."""
         self._data: dict[int, ChangedData] = {}
+        self.seen: dict[tuple[int, ...], Seen] = {}
+        """What is seen of the run, by the sizes of the model, if an operation asks for it."""
         self._sited = any("site" in each for _, each in self._operations)
 
     @property
@@ -112,6 +118,12 @@ class ModelChanges:
     def of(self, do: str) -> Iterator[tuple[int, Operation]]:
         """Yield the operations that do something, by number."""
         return ((number, each) for number, each in self._operations if each["do"] == do)
+
+    def seen_of(self, m: Any) -> Seen | None:
+        """Return what is seen of states of a model, and of others with the same elements."""
+        if not any(self.of("see")):
+            return None
+        return self.seen.setdefault(tuple(sizes(m)), Seen())
 
     # -- in place of mujoco's functions -----------------------------------------------------------
 
@@ -272,7 +284,7 @@ class ChangedModel:
         """Several threads may run functions of one model."""
         self._writes: list[tuple[int, Write]] = []
         for number, each in changes._operations:
-            self._writes += [(number, write) for write in _writes_of(watch.mujoco, m, each)]
+            self._writes += [(number, write) for write in writes_of(watch.mujoco, m, each)]
         if changes.finer > 1:
             self._writes.append((-1, ("opt.timestep", None, lambda held: held / changes.finer)))
         self._derives = [
@@ -280,7 +292,7 @@ class ChangedModel:
             for number, each in changes._operations
             if each.get("derived") or each["do"] == "derive"
         ]
-        self._keeps = [each for each in changes.of("keep") if _has(m, each[1]["field"])]
+        self._keeps = [each for each in changes.of("keep") if has_field(m, each[1]["field"])]
         self._known: dict[str, Any] = {}
         """The script's own values of fields in which a write is undone."""
         self._kept: list[tuple[str, Any, Any]] = []
@@ -297,7 +309,7 @@ class ChangedModel:
             for number, each in self._keeps:
                 self._undo(m, number, each["field"], of_site=each["site"] == site)
             for number, (name, where, become) in self._writes:
-                held = _field(m, name)
+                held = field_of(m, name)
                 before = held if np.isscalar(held) else np.array(held[where])
                 new = become(before)
                 if not np.array_equal(new, before):
@@ -309,7 +321,7 @@ class ChangedModel:
 
     def _undo(self, m: Any, number: int, name: str, *, of_site: bool) -> None:
         """Undo what a script has written since the last call, if that is of the site."""
-        held = np.array(_field(m, name))
+        held = np.array(field_of(m, name))
         known = self._known.setdefault(name, held)
         if np.array_equal(held, known):
             return
@@ -347,25 +359,53 @@ class ChangedModel:
                     self._changes.fire(number)
 
 
-def _has(m: Any, name: str) -> bool:
+def has_field(m: Any, name: str) -> bool:
+    """Return whether a model of this version has a field."""
     return hasattr(m.opt if name.startswith("opt.") else m, name.removeprefix("opt."))
 
 
-def _field(m: Any, name: str) -> Any:
+def field_of(m: Any, name: str) -> Any:
     """Return a field of a model, or of its options."""
     return getattr(m.opt, name[4:]) if name.startswith("opt.") else getattr(m, name)
 
 
 def _set(m: Any, name: str, where: Any, value: Any) -> None:
-    held = _field(m, name)
+    held = field_of(m, name)
     if np.isscalar(held):
         setattr(m.opt, name[4:], value)
     else:
         held[where] = value
 
 
+class Seen:
+    """What the causal search knows of a run: what touched, and what the script gave as inputs."""
+
+    def __init__(self) -> None:
+        self.pairs: set[tuple[int, int]] = set()
+        """Geometries that touched each other."""
+        self.written: dict[str, set[int]] = {part: set() for part in INPUTS}
+        """Elements of parts of the state that are not what the step before has left."""
+        self._left: dict[tuple[int, str], Any] = {}
+
+    def before(self, d: Any) -> None:
+        """Note what a step finds written; a pose or a velocity only after the first step."""
+        for part, written in self.written.items():
+            now, left = getattr(d, part), self._left.get((id(d), part))
+            if left is None:
+                left = now if part in ("qpos", "qvel", "mocap_pos") else np.zeros_like(now)
+            written.update(np.flatnonzero(now != left).tolist())
+
+    def after(self, d: Any) -> None:
+        """Note what a step leaves."""
+        for part in self.written:
+            self._left[id(d), part] = getattr(d, part).copy()
+        self.pairs.update(map(tuple, np.sort(d.contact.geom[: d.ncon], axis=1).tolist()))
+
+
 class ChangedData:
     """A state that is written before or after steps, or in which a write is undone.
+
+    The script's own inputs are back after the step.
 
     Parameters
     ----------
@@ -380,7 +420,14 @@ class ChangedData:
     def __init__(self, changes: ModelChanges, watch: MujocoWatch, m: Any, d: Any) -> None:
         self._changes, self._watch = changes, watch
         self._model, self.ref = weakref.ref(m), weakref.ref(d)
-        self._leaves = [*changes.of("leave")]
+        self._leaves = [each for each in changes.of("leave") if _is_of(m, each[1])]
+        self._inputs = [each for each in changes.of("input") if _is_of(m, each[1])]
+        self._input: dict[int, Any] = {}
+        """The first or the last value of an input, by the operation's number."""
+        self._own: list[tuple[int | None, Any, Sequence[int], Any]] = []
+        """The script's own inputs within a step: part, elements, values; and the number of the
+        operation that gives them one step late, or None."""
+        self._seen = changes.seen_of(m)
         self._clears = [*changes.of("clear")]
         self._held: dict[str, Any] = {}
         """Parts of the state as the last step has left them."""
@@ -408,10 +455,14 @@ class ChangedData:
         m, d, fire = self._model(), self.ref(), self._changes.fire
         if m is None or d is None:
             return
+        if self._seen is not None:
+            self._seen.before(d)
         for number, each in self._leaves:
             held, part = self._held[each["part"]], getattr(d, each["part"])
-            if each.get("site", site) == site and not np.array_equal(part, held):
-                part[...] = held
+            part, its = (part, ...) if "ids" not in each else (part.reshape(-1), each["ids"])
+            old = held.reshape(part.shape)[its]
+            if each.get("site", site) == site and not np.array_equal(part[its], old):
+                part[its] = old
                 fire(number)
         for number, each in self._clears:
             if self._cleared.get(each["part"]) and not getattr(d, each["part"]).any():
@@ -423,16 +474,38 @@ class ChangedData:
         elif self._last is not None and self._holds:
             self._hold(m, d, *self._last)
         self._time_s = d.time
+        for number, each in self._inputs:
+            self._give(number, getattr(d, each["part"]).reshape(-1), each["ids"], each["how"])
+
+    def _give(self, number: int, part: Any, its: Sequence[int], how: Sequence[Any]) -> None:
+        """Give a step another input: what it was first or before, or as an operator says."""
+        own = part[its].copy()
+        if how[0] == "held":
+            new = self._input.setdefault(number, own)
+        elif how[0] == "late":
+            new = self._input.get(number, own)
+        else:
+            new = becoming(own, how)
+        self._own.append((number if how[0] == "late" else None, part, its, own))
+        part[its] = new
+        if not np.array_equal(part[its], own):
+            self._changes.fire(number)
 
     def _begin(self, m: Any, d: Any) -> None:
         """Write what differs where an episode begins."""
         for number, each in self._changes.of("lift"):
-            for body in _ids(self._watch.mujoco, m, "body", each["names"]):
+            for body in _ids(self._watch.mujoco, m, "body", each):
                 joint = m.body_jntadr[body]
                 if joint >= 0 and m.jnt_type[joint] == FREE:
                     at = m.jnt_qposadr[joint]
                     d.qpos[at : at + 3] += each["by_m"]
                     self._changes.fire(number)
+        for number, each in self._changes.of("start"):
+            part = getattr(d, each["part"])
+            new = becoming(part, each["how"])
+            if _is_of(m, each) and not np.array_equal(part, np.broadcast_to(new, part.shape)):
+                part[:] = new
+                self._changes.fire(number)
         for number, _ in self._changes.of("key"):
             for key in range(m.nkey):
                 if np.abs(d.qpos - m.key_qpos[key]).max(initial=0.0) > SAME:
@@ -467,6 +540,13 @@ class ChangedData:
         d = self.ref()
         if d is None:
             return
+        while self._own:
+            number, part, its, own = self._own.pop()
+            part[its] = own
+            if number is not None and name in STEPS:
+                self._input[number] = own
+        if self._seen is not None and name in STEPS:
+            self._seen.after(d)
         if name in ("mj_step1", "mj_forward"):
             self._posed = d.qpos.tobytes()
         if name in STEPS:
@@ -493,33 +573,39 @@ def _not_at_load(trial: Mapping[str, Any]) -> bool:
 # -- what is written into a model -----------------------------------------------------------------
 
 
-def _writes_of(module: Any, m: Any, operation: Operation) -> Iterator[Write]:
+def writes_of(module: Any, m: Any, operation: Operation) -> Iterator[Write]:
     """Yield what an operation writes into a model."""
+    if not _is_of(m, operation):
+        return
     do, (field, _, column) = operation["do"], operation.get("field", "").partition("[")
-    if field and not _has(m, field):
+    if field and not has_field(m, field):
         return  # of another version
     if do == "write":
         where: Any = ...
-        if operation.get("names") is not None:
-            kind = field.partition("_")[0]
-            where = _rows(module, m, kind, operation["of"], operation["names"])
+        if "of" in operation:
+            kind, of = field.partition("_")[0], operation["of"]
+            where = rows_of(module, m, kind, of, _ids(module, m, of, operation))
             if "limited" in operation:
                 where = where[getattr(m, operation["limited"])[where].astype(bool)]
             if not len(where):
                 return
         yield field, (where, int(column[:-1])) if column else where, _becoming(module, operation)
     elif do == "weigh":
-        ids = _ids(module, m, "body", operation["names"])
+        ids = _ids(module, m, "body", operation)
         given, masses = operation["mass"], m.body_mass[ids].clip(LEAST_KG)
         factor = np.full(len(ids), operation["factor"]) if given is None else given / masses
         yield "body_mass", ids, lambda held: held * factor
         yield "body_inertia", ids, lambda held: held * factor[:, None]
     elif do == "meet":
-        yield from _meeting(module, m, *operation["names"])
+        yield from _meeting(m, *(_geoms(module, m, names) for names in operation["names"]))
     elif do == "part":
-        yield from _parting(module, m, *operation["names"])
+        yield from _parting(m, operation.get("pairs") or _sides(module, m, *operation["names"]))
+    elif do == "collide":
+        types, affinities = m.geom_contype.copy(), m.geom_conaffinity.copy()
+        types[operation["ids"]] = affinities[operation["ids"]] = operation["bits"]
+        yield from _bits(m, types, affinities)
     elif do == "unexclude":
-        first, second = (_ids(module, m, "body", names) for names in operation["names"])
+        first, second = (named(module, m, "body", names) for names in operation["names"])
         pairs = {(int(min(a, b)) << 16) + int(max(a, b)) for a in first for b in second}
         pairs |= {(int(max(a, b)) << 16) + int(min(a, b)) for a in first for b in second}
         rows = [n for n, each in enumerate(m.exclude_signature.tolist()) if each in pairs]
@@ -533,7 +619,8 @@ def _becoming(module: Any, operation: Operation) -> Callable[[Any], Any]:
     if name == "size":
         return lambda held: held * (given / (np.linalg.norm(held) or 1.0))
     if isinstance(given, str):
-        given = int(getattr(module.mjtDisableBit, given))
+        flags = module.mjtDisableBit if given.startswith("mjDSBL") else module.mjtEnableBit
+        given = int(getattr(flags, given))
 
     def become(held: Any) -> Any:
         new = becoming(held, (name, given))
@@ -542,9 +629,8 @@ def _becoming(module: Any, operation: Operation) -> Callable[[Any], Any]:
     return become
 
 
-def _rows(module: Any, m: Any, kind: str, of: str, names: Sequence[str]) -> Any:
-    """Return which elements of a kind belong to some things, by their names."""
-    ids = _ids(module, m, of, names)
+def rows_of(module: Any, m: Any, kind: str, of: str, ids: Sequence[int]) -> Any:
+    """Return which elements of a kind belong to some things."""
     if kind == "actuator" and of == "joint":
         by_joint = np.isin(m.actuator_trntype, BY_JOINT)
         return np.flatnonzero(by_joint & np.isin(m.actuator_trnid[:, 0], ids))
@@ -572,7 +658,13 @@ def _bodies_of_equality(module: Any, m: Any, number: int) -> Iterator[int]:
             yield int(m.site_bodyid[other])
 
 
-def _ids(module: Any, m: Any, kind: str, names: Sequence[str]) -> list[int]:
+def _ids(module: Any, m: Any, kind: str, operation: Operation) -> Sequence[int]:
+    """Return the numbers of the things that an operation is on: they, or their names, are given."""
+    ids: Sequence[int] | None = operation.get("ids")
+    return named(module, m, kind, operation["names"]) if ids is None else ids
+
+
+def named(module: Any, m: Any, kind: str, names: Sequence[str]) -> list[int]:
     """Return the numbers of things by their names; one without is called by kind and number."""
     object_type = getattr(module.mjtObj, f"mjOBJ_{kind.upper()}")
     found = []
@@ -585,56 +677,70 @@ def _ids(module: Any, m: Any, kind: str, names: Sequence[str]) -> list[int]:
     return found
 
 
+def sizes(m: Any) -> list[int]:
+    """Return what tells a model from others, so far as its elements' numbers mean the same."""
+    return [int(getattr(m, name)) for name in SIZES]
+
+
+def _is_of(m: Any, operation: Operation) -> bool:
+    """Return whether an operation is on elements of a model."""
+    return operation.get("sizes") in (None, sizes(m))
+
+
 # -- which geometries meet ------------------------------------------------------------------------
 
 
 def _geoms(module: Any, m: Any, names: Sequence[str]) -> list[int]:
     """Return the geometries of bodies that are made to collide with anything; else all of them."""
-    mine = _rows(module, m, "geom", "body", names)
+    mine = rows_of(module, m, "geom", "body", named(module, m, "body", names))
     solid = mine[(m.geom_contype[mine] | m.geom_conaffinity[mine]) != 0]
     return [int(each) for each in (solid if len(solid) else mine)]
 
 
-def _free_bits(m: Any) -> list[int]:
-    used = int(np.bitwise_or.reduce(m.geom_contype, initial=0))
-    used |= int(np.bitwise_or.reduce(m.geom_conaffinity, initial=0))
+def _sides(
+    module: Any, m: Any, first: Sequence[str], second: Sequence[str] | None
+) -> list[tuple[list[int], list[int]]]:
+    """Return the geometries of bodies, and those of others, or of the bodies' parents."""
+    if second is not None:
+        return [(_geoms(module, m, first), _geoms(module, m, second))]
+    parents = {int(m.body_parentid[each]) for each in named(module, m, "body", first)}
+    theirs = [geom for geom in range(m.ngeom) if int(m.geom_bodyid[geom]) in parents]
+    return [(_geoms(module, m, first), theirs)]
+
+
+def _free_bits(types: Any, affinities: Any) -> list[int]:
+    used = int(np.bitwise_or.reduce(types | affinities, initial=0))
     return [1 << each for each in range(BITS) if not used >> each & 1]
 
 
-def _meeting(module: Any, m: Any, first: Sequence[str], second: Sequence[str]) -> Iterator[Write]:
-    """Yield writes by which the geometries of bodies meet those of others, and nothing else."""
-    free = _free_bits(m)
+def _meeting(m: Any, first: Sequence[int], second: Sequence[int]) -> Iterator[Write]:
+    """Yield writes by which geometries meet others, and nothing else."""
+    types, affinities = m.geom_contype.copy(), m.geom_conaffinity.copy()
+    free = _free_bits(types, affinities)
     if free:
-        types, affinities = m.geom_contype.copy(), m.geom_conaffinity.copy()
-        types[_geoms(module, m, first)] |= free[0]
-        affinities[_geoms(module, m, second)] |= free[0]
+        types[first] |= free[0]
+        affinities[second] |= free[0]
         yield from _bits(m, types, affinities)
 
 
-def _parting(
-    module: Any, m: Any, first: Sequence[str], second: Sequence[str] | None
-) -> Iterator[Write]:
-    """Yield writes by which geometries of bodies meet those of others, or of parents, no more.
+def _parting(m: Any, sides: Sequence[tuple[Sequence[int], Sequence[int]]]) -> Iterator[Write]:
+    """Yield writes by which geometries of one side meet those of the other no more.
 
     Each kind of the first ones' bits gets a bit of its own, which those answer that it met.
     """
-    if second is None:
-        parents = {int(m.body_parentid[each]) for each in _ids(module, m, "body", first)}
-        theirs = {geom for geom in range(m.ngeom) if int(m.geom_bodyid[geom]) in parents}
-    else:
-        theirs = {*_geoms(module, m, second)}
-    mine = _geoms(module, m, first)
-    kinds = sorted({(int(m.geom_contype[g]), int(m.geom_conaffinity[g])) for g in mine})
-    free = _free_bits(m)
-    if len(kinds) > len(free):
-        return
     types, affinities = m.geom_contype.copy(), m.geom_conaffinity.copy()
-    for (kind, affinity), bit in zip(kinds, free):
-        its = [g for g in mine if (m.geom_contype[g], m.geom_conaffinity[g]) == (kind, affinity)]
-        meets = (m.geom_contype & affinity) | (m.geom_conaffinity & kind)
-        others = [g for g in np.flatnonzero(meets).tolist() if g not in theirs and g not in mine]
-        affinities[others] |= bit
-        types[its], affinities[its] = bit, 0
+    for mine, theirs in sides:
+        kinds = sorted({(int(types[geom]), int(affinities[geom])) for geom in mine})
+        free = _free_bits(types, affinities)
+        if len(kinds) > len(free):
+            return
+        old = types.copy(), affinities.copy()
+        for (kind, affinity), bit in zip(kinds, free):
+            its = [geom for geom in mine if (old[0][geom], old[1][geom]) == (kind, affinity)]
+            meets = np.flatnonzero((old[0] & affinity) | (old[1] & kind))
+            others = [geom for geom in meets.tolist() if geom not in theirs and geom not in mine]
+            affinities[others] |= bit
+            types[its], affinities[its] = bit, 0
     yield from _bits(m, types, affinities)
 
 

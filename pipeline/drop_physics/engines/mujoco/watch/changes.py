@@ -1,0 +1,287 @@
+"""The single changes of a run of a MuJoCo script, and the operations that make them.
+
+The rows arrive as data (`interventions`). What they change is found in the model, by the numbers of
+its elements, since many have no name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ...watching.changes import Change, how_of
+from .intervene import (
+    BALL,
+    ENGINE,
+    FREE,
+    Operation,
+    Seen,
+    field_of,
+    has_field,
+    rows_of,
+    sizes,
+    writes_of,
+)
+
+ELEMENTS = {
+    "dof": ("joint", "njnt"),
+    "jnt": ("joint", "njnt"),
+    "eq": ("equality", "neq"),
+    "actuator": ("actuator", "nu"),
+    "geom": ("geom", "ngeom"),
+    "body": ("body", "nbody"),
+    "site": ("site", "nsite"),
+    "tendon": ("tendon", "ntendon"),
+    "pair": ("pair", "npair"),
+}
+"""Kind of element, and size, by the prefix of a field."""
+OF_INPUTS = {
+    "ctrl": "actuator",
+    "qfrc_applied": "joint",
+    "xfrc_applied": "body",
+    "mocap_pos": "body",
+    "qpos": "joint",
+    "qvel": "joint",
+}
+"""What has the numbers of an input."""
+OF_CONTACT = ("geom_friction", "geom_condim", "geom_solref", "geom_solimp", "geom_margin")
+SAME_FRAME = {"geom_pos": "geom_sameframe", "site_pos": "site_sameframe"}
+"""Where MuJoCo has noted as it compiles that a position is that of a body, or of its inertia."""
+DERIVED = (
+    *("body_mass", "body_inertia", "body_ipos", "body_gravcomp"),
+    *("dof_armature", "actuator_gear"),
+)
+"""Fields from which MuJoCo derives others."""
+STIFF_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
+AFFINE, MESH = 1, 7
+"""A bias of an actuator that is affine in length and rate; a type of geometries."""
+
+Written = tuple[str, Any, Sequence[int]]
+"""A field, its operator with what that takes, and elements."""
+
+
+def possible(
+    module: Any, m: Any, d: Any, rows: Sequence[Mapping[str, Any]], seen: Seen
+) -> list[Change]:
+    """Return the changes of rows that would change something in a model or a run.
+
+    Parameters
+    ----------
+    module
+        The script's mujoco.
+    m, d
+        The MjModel and the MjData before the first step.
+    rows
+        Of each its `change`, its operators `tries`, those of them that `breaks` has, and the
+        engine's `default`.
+    seen
+        What is seen of the script's own run.
+    """
+    found = []
+    for row in rows:
+        for op in row["tries"]:
+            whole = Change(
+                row["change"], op, how_of(op, row["default"]), breaks=op in row["breaks"]
+            )
+            elements = _elements(m, whole, seen)
+            if elements is None:
+                found += [whole] if _does(module, m, d, whole) else []
+                continue
+            kind, ids = elements
+            ids = [n for n in ids if _does(module, m, d, replace(whole, ids=(n,)))]
+            of = tuple(name_of(module, m, kind, n) for n in ids)
+            found += [replace(whole, ids=tuple(ids), of=of)] if ids else []
+    return found
+
+
+def trial_of(module: Any, m: Any, change: Change) -> dict[str, Any]:
+    """Return what differs in a run with a change, as `ModelChanges.become` takes it.
+
+    Parameters
+    ----------
+    module, m
+        The script's mujoco, and the MjModel that the change was found for.
+    change
+        The change.
+    """
+    if change.change == "option.timestep":
+        return {"interventions": [], "variation": {"finer": int(change.how[1])}}
+    operations = [{"engine": ENGINE, **each} for each in _operations(module, m, change)]
+    return {"interventions": operations, "variation": {}}
+
+
+def name_of(module: Any, m: Any, kind: str, which: Any) -> str:
+    """Return the name of an element; one without is called by what it belongs to."""
+    if kind == "contact":
+        return " x ".join(name_of(module, m, "geom", geom) for geom in which)
+    name: str = module.mj_id2name(m, getattr(module.mjtObj, f"mjOBJ_{kind.upper()}"), which)
+    if name or (kind == "body" and not which):
+        return name or "world"
+    owner = {"geom": "geom_bodyid", "joint": "jnt_bodyid", "site": "site_bodyid"}.get(kind)
+    if owner is None:
+        return f"{kind}{which}"
+    return f"{kind}{which} of {name_of(module, m, 'body', int(getattr(m, owner)[which]))}"
+
+
+# -- which elements -------------------------------------------------------------------------------
+
+
+def _elements(m: Any, change: Change, seen: Seen) -> tuple[str, Sequence[Any]] | None:
+    """Return the kind and the numbers of the elements that a change may be of; None for a run."""
+    name, _, part = change.change.partition(".")
+    if name == "input":
+        return OF_INPUTS[part], _owners(m, part, sorted(seen.written[part]))
+    if part:
+        return None
+    if name == "pair":
+        return "contact", sorted(seen.pairs)
+    kind, size = ELEMENTS[name.partition("_")[0]]
+    ids: Sequence[int] = range(kind == "body", int(getattr(m, size)))
+    touched = {geom for pair in seen.pairs for geom in pair}
+    if name == "geom_collides" and change.op == "=0":
+        ids = sorted(touched)
+    elif name in OF_CONTACT:
+        solid = (m.geom_contype | m.geom_conaffinity) != 0
+        ids = [geom for geom in ids if touched and (solid[geom] or geom in touched)]
+    elif name == "geom_size":
+        ids = [geom for geom in ids if m.geom_type[geom] < MESH]
+    elif name == "jnt_axis":
+        ids = [joint for joint in ids if m.jnt_type[joint] > BALL]
+    elif name == "jnt_solref":
+        ids = [joint for joint in ids if m.jnt_limited[joint]]
+    return kind, ids
+
+
+def _owners(m: Any, part: str, flat: Sequence[int]) -> list[int]:
+    """Return the elements to which numbers of an input belong."""
+    if part in ("qfrc_applied", "qvel"):
+        flat = m.dof_jntid[flat].tolist()
+    elif part == "qpos":
+        flat = (np.searchsorted(m.jnt_qposadr, flat, side="right") - 1).tolist()
+    elif part == "xfrc_applied":
+        flat = [each // 6 for each in flat]
+    elif part == "mocap_pos":
+        flat = [int(np.flatnonzero(m.body_mocapid == each // 3)[0]) for each in flat]
+    return sorted({*flat})
+
+
+def _numbers(module: Any, m: Any, part: str, ids: Sequence[int]) -> list[int]:
+    """Return the places of the numbers of an input that belong to elements."""
+    if part in ("qfrc_applied", "qvel"):
+        return [int(dof) for dof in rows_of(module, m, "dof", "joint", ids)]
+    if part == "qpos":
+        ends = [*m.jnt_qposadr.tolist(), m.nq]
+        return [at for joint in ids for at in range(ends[joint], ends[joint + 1])]
+    width = {"xfrc_applied": 6, "mocap_pos": 3}.get(part, 1)
+    rows = m.body_mocapid[[*ids]].tolist() if part == "mocap_pos" else ids
+    return [row * width + at for row in rows for at in range(width)]
+
+
+# -- operations -----------------------------------------------------------------------------------
+
+
+def _does(module: Any, m: Any, d: Any, change: Change) -> bool:
+    """Return whether a change changes anything."""
+    operations = [*_operations(module, m, change)]
+    for each in operations:
+        if each["do"] == "start":
+            if np.any(getattr(d, each["part"]) != each["how"][1]):
+                return True
+        elif each["do"] not in ("write", "collide"):
+            return bool(each.get("ids", True))
+        for name, where, become in writes_of(module, m, each):
+            if name in SAME_FRAME.values():
+                continue
+            held = field_of(m, name)
+            before = held if np.isscalar(held) else np.array(held[where])
+            if not np.array_equal(become(before), before):
+                return True
+    return not operations and change.change == "option.timestep"
+
+
+def _operations(module: Any, m: Any, change: Change) -> Iterator[Operation]:
+    """Yield the operations of a change, for models whose elements have the same numbers."""
+    name, _, part = change.change.partition(".")
+    ids, how = [*change.ids], change.how
+    each: Operation = {"do": "write", "how": how, "sizes": sizes(m)}
+    if name == "option":
+        if part != "timestep":
+            yield {**each, "field": f"opt.{part}"}
+    elif name == "flag":
+        for field, flags, flag in (
+            ("opt.disableflags", module.mjtDisableBit, f"mjDSBL_{part}"),
+            ("opt.enableflags", module.mjtEnableBit, f"mjENBL_{part}"),
+        ):
+            if hasattr(flags, flag):
+                yield {**each, "field": field, "how": ("^", flag)}
+    elif name == "start":
+        if how[0] == "+":
+            free = m.jnt_bodyid[m.jnt_type == FREE].tolist()
+            yield {**each, "do": "lift", "ids": free, "by_m": [0.0, 0.0, how[1]]}
+        else:
+            given = m.qpos0.tolist() if change.op == "=default" else how[1]
+            yield {**each, "do": "start", "part": part, "how": ("=", given)}
+    elif name == "input":
+        numbers = _numbers(module, m, part, ids)
+        do = "leave" if change.op == "undone" else "input"
+        yield {**each, "do": do, "part": part, "ids": numbers}
+    elif name == "pair":
+        yield {**each, "do": "part", "pairs": [((one,), (other,)) for one, other in ids]}
+    elif name == "geom_collides":
+        yield {**each, "do": "collide", "ids": ids, "bits": int(how[1])}
+    elif name == "eq_active":
+        yield {**each, "do": "input", "part": name, "ids": ids}
+    else:
+        kind, _ = ELEMENTS[name.partition("_")[0]]
+        for field, becomes, its in _written(module, m, change):
+            plain = field.partition("[")[0]
+            derived = {"derived": True} if plain in DERIVED else {}
+            if has_field(m, plain) and its:
+                yield {**each, "field": field, "how": becomes, "of": kind, "ids": its, **derived}
+
+
+def _written(module: Any, m: Any, change: Change) -> Iterator[Written]:
+    """Yield the fields of elements, and what they become."""
+    name, ids, how = change.change, [*change.ids], change.how
+    if name == "body_mass":
+        yield from ((field, how, ids) for field in (name, "body_inertia"))
+    elif name in ("actuator_kp", "actuator_kv", "actuator_kp_kv"):
+        yield from _servo(m, name, ids, how)
+    elif name == "actuator_off":
+        yield from ((f"actuator_{field}prm", how, ids) for field in ("gain", "bias"))
+    elif name == "actuator_gear" and how[0] == "=":
+        gear = m.actuator_gear[ids]
+        largest = np.abs(gear).max(axis=1, keepdims=True)
+        yield name, ("=", (how[1] * gear / np.where(largest, largest, 1.0)).tolist()), ids
+    elif change.op.endswith("M0"):
+        dofs = rows_of(module, m, "dof", "joint", ids)
+        factor = float(change.op[1:-2] or 1)
+        yield name, ("+", (factor * m.dof_M0[dofs]).tolist()), ids
+    elif change.op == "stiff":
+        stiff = (2 * float(m.opt.timestep), 1.0) if name.endswith("solref") else STIFF_SOLIMP
+        yield name, ("=", stiff), ids
+    else:
+        yield name, how, ids
+    if name in SAME_FRAME:
+        yield SAME_FRAME[name], ("=", 0), ids
+
+
+def _servo(m: Any, name: str, ids: Sequence[int], how: Any) -> Iterator[Written]:
+    """Yield the gains of servos: of a position servo kp is a gain and a bias, kv a bias.
+
+    Of a servo of velocity, kv is the gain, too.
+    """
+    _, springs, dampers = (m.actuator_biasprm[:, :3] != 0).T
+    springs, dampers = ((m.actuator_biastype == AFFINE) & each for each in (springs, dampers))
+    wanted = {"actuator_kp": springs, "actuator_kv": dampers}.get(name, springs & dampers)
+    its = [n for n in ids if wanted[n]]
+    if name != "actuator_kv":
+        yield "actuator_gainprm[0]", how, its
+        yield "actuator_biasprm[1]", how, its
+    if name != "actuator_kp":
+        yield "actuator_biasprm[2]", how, its
+    if name == "actuator_kv":
+        yield "actuator_gainprm[0]", how, [n for n in its if not springs[n]]

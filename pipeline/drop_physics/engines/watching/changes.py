@@ -1,0 +1,59 @@
+"""A single change of a run: what the causal search tries, whatever the engine.
+
+The rows of the table say which there are; an engine's `watch/changes` returns those that would
+change something in a run, and what each does otherwise there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change of some elements in one way."""
+
+    change: str
+    """What is changed: a field of the compiled model, `option.timestep`, `flag.CONTACT`, `pair`,
+    `input.ctrl`; or `function.argument`, `function` if a call is left out or added."""
+    op: str
+    """The operator as a row has it: `=0`, `*10`, `=default`, `left out` …"""
+    how: tuple[str, Any]
+    """The operator and what it takes, as `operators` has it, or the engine's `changes`."""
+    ids: tuple[Any, ...] = ()
+    """The elements, as the engine numbers them; none for the whole run."""
+    of: tuple[str, ...] = ()
+    """Their names."""
+    breaks: bool = False
+    """Whether it takes a part of the scene or of the command away."""
+    site: tuple[str, int] | None = None
+    """File and line of the call; None for all, or if it is no call."""
+
+    def of_some(self, places: Sequence[int]) -> Change:
+        """Return the same change of some of its elements, by their places."""
+        ids, of = (tuple(held[place] for place in places) for held in (self.ids, self.of))
+        return replace(self, ids=ids, of=of)
+
+    def by(self, factor: float) -> Change:
+        """Return the same change by another factor.
+
+        Raises
+        ------
+        ValueError
+            If its operator is no factor.
+        """
+        if self.how[0] != "*":
+            raise ValueError(f"only a factor has others, got {self.op}")
+        return replace(self, op=f"*{factor:g}", how=("*", factor))
+
+
+def how_of(op: str, default: Any = 0.0) -> tuple[str, Any]:
+    """Return the operator and the operand of a row's text: `=0`, `*10`, `=default`, `held`."""
+    if op == "=default":
+        return "=", default
+    try:
+        return op[0], float(op[1:])
+    except ValueError:
+        return op, None
