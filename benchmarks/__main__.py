@@ -23,7 +23,6 @@ SCRIPTS = (
     "gif",
     "golden",
     "egl",
-    "sweep",
     "watching",
     "mujoco",
     "tree",

@@ -6,7 +6,6 @@ import gc
 
 import oracle
 import pybullet as p
-from drop_physics.stages.sweep_shard import release_world
 
 MOST = 64
 """More clients than any test has."""
@@ -15,7 +14,6 @@ MOST = 64
 def release_clients() -> None:
     """Disconnect what earlier tests of this process left, for one that needs client 0."""
     oracle.scratch.cache_clear()
-    release_world()
     if any(map(p.isConnected, range(MOST))):
         gc.collect()  # worlds that only wait to be finalized
     for client in filter(p.isConnected, range(MOST)):

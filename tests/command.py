@@ -26,7 +26,6 @@ from unittest.mock import patch
 import typer.main
 from drop_physics import loading
 from drop_physics.console.running import main
-from drop_physics.sweeping.engines import dismiss
 from forked import fork_scripts
 
 ROOT = Path(__file__).parents[1]
@@ -84,7 +83,6 @@ def run_here(
         stack.enter_context(patch.object(sys, "argv", ["drop", *map(str, arguments)]))
         stack.enter_context(contextlib.chdir(folder))
         stack.enter_context(patch.object(loading, "load_less"))
-        stack.callback(dismiss)  # workers that got ready, and end with the process
         try:
             main()
         except SystemExit as ended:

@@ -17,19 +17,16 @@ import numpy as np
 import pybullet as p
 import pybullet_data
 import pytest
-from drawn import is_within
 from drop_physics import colours
 from drop_physics.errors import ScenarioError
-from drop_physics.figures import animation, convergence_plot, engines_plot, style
+from drop_physics.figures import animation, style
 from drop_physics.figures.animation import check_animation
-from drop_physics.figures.engines_plot import EngineFall
 from drop_physics.figures.gif import delay_cs, write_gif
 from drop_physics.figures.panel_plot import build_figure, render
 from drop_physics.figures.plot import Curve, Panel, Plot
 from drop_physics.figures.theme import LIGHT
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
-from matplotlib.figure import Figure
 from PIL import Image
 
 Pixels = np.ndarray
@@ -400,106 +397,3 @@ def test_what_matters_in_the_viewer_is_seen_in_both_of_its_themes(colour: str, p
 )
 def test_numbers_are_signed_and_never_a_false_zero(value: float, decimals: int, shown: str) -> None:
     assert style.signed(value, decimals) == shown
-
-
-# -- convergence ----------------------------------------------------------------------------------
-
-STEPS_S = np.array([1 / 240, 1 / 480, 1 / 960])
-ERRORS_M = {
-    "total": np.array([-1.8e-3, 1.2e-3, 2.8e-3]),
-    "timestep": -1.4715 * STEPS_S,
-    "damping": np.full(3, 4.3e-3),
-    "interaction": np.array([7e-7, 5e-7, 3e-7]),
-    "rounding": np.array([3e-16, 5e-16, 4e-16]),
-}
-
-
-def study(count: int = 1) -> Figure:
-    shown = [convergence_plot.Refinement(f"{n}", STEPS_S, ERRORS_M, 1 / 341) for n in range(count)]
-    return convergence_plot.build_figure(shown, title="t", theme=LIGHT)
-
-
-def test_errors_are_drawn_in_millimetres_over_the_timestep_in_seconds() -> None:
-    """Their absolute values; finer timesteps are to the right."""
-    (axes,) = study().axes
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("timestep [s]", "|error| [mm]")
-    for name in ("total", "timestep", "damping", "interaction"):
-        times, errors = line(axes, name)
-        assert np.array_equal(times, STEPS_S)
-        assert errors == pytest.approx(1e3 * np.abs(ERRORS_M[name]))
-    left, right = axes.get_xlim()
-    assert left > STEPS_S[0] > STEPS_S[-1] > right
-    axes.figure.draw_without_rendering()
-    assert [label.get_text() for label in axes.get_xticklabels()] == ["1/240", "1/480", "1/960"]
-    assert "rounding at most 5×10⁻¹³ mm" in texts(axes)
-
-
-def test_each_error_has_its_colour_and_its_name_where_it_ends() -> None:
-    (axes,) = study().axes
-    inks = {"total": LIGHT.text} | colours.TERMS
-    drawn = {str(curve.get_label()): curve.get_color() for curve in axes.lines}
-    names = {label.get_text(): label for label in axes.texts if label.get_text() in inks}
-    low, high = np.log10(axes.get_ylim())
-    for name in ("total", "timestep", "damping", "interaction"):
-        assert (drawn[name], names[name].get_color()) == (inks[name], inks[name])
-        end = (np.log10(1e3 * abs(ERRORS_M[name][-1])) - low) / (high - low)
-        # Names that would overlap, those of damping and total, are moved up.
-        assert end - 1e-9 <= names[name].xy[1] < end + 0.06
-    boxes = sorted((label.get_window_extent() for label in names.values()), key=lambda box: box.y0)
-    assert all(below.y1 < above.y0 for below, above in itertools.pairwise(boxes))
-
-
-@pytest.mark.parametrize("floor_m", [0.025, None])
-def test_engines_are_named_beside_their_last_height(floor_m: float | None) -> None:
-    """Where they land if there is a floor: there they differ."""
-    times_s, last_m = np.arange(241) / 240, (0.01, 0.02)
-    falls = [
-        EngineFall(
-            f"{low_m} m", "#0072b2", times_s, np.maximum(1 - 4.9 * times_s**2, low_m), floor_m
-        )
-        for low_m in last_m
-    ]
-    figure = engines_plot.build_figure(falls, LIGHT)
-    assert is_within(figure)
-    assert len(figure.axes) == (1 if floor_m is None else 2)
-    low, high = figure.axes[-1].get_ylim()
-    scale, zero = (1, 0.0) if floor_m is None else (1e3, floor_m)
-    for name, low_m in zip(figure.axes[-1].texts, last_m, strict=True):
-        assert name.xy[1] == pytest.approx((scale * (low_m - zero) - low) / (high - low), abs=0.1)
-
-
-def test_the_total_dips_where_timestep_and_damping_cancel() -> None:
-    """4.3 mm = 1.4715 m/s × dt at 1/342 s; the mark is at the study's timestep, here 1/341 s."""
-    (axes,) = study().axes
-    (times, total) = next(curve.get_data() for curve in axes.lines if len(curve.get_xdata()) > 100)
-    assert times[np.argmin(total)] == pytest.approx(4.3e-3 / 1.4715, rel=2e-3)
-    assert total == pytest.approx(1e3 * np.abs(4.3e-3 - 1.4715 * np.asarray(times)))
-    (mark,) = (curve for curve in axes.lines if list(curve.get_ydata()) == [0, 1])
-    assert list(mark.get_xdata()) == [1 / 341] * 2
-    (label,) = (label for label in axes.texts if "cancel" in label.get_text())
-    assert label.get_text().endswith("cancel at 1/341 s")
-    assert label.xy[0] == 1 / 341
-    axes.get_figure().draw_without_rendering()
-    assert label.get_bbox_patch() is not None  # it hides what is below: not the total
-    dip = axes.transData.transform(np.column_stack([times, total]))
-    hidden = label.get_bbox_patch().get_window_extent()
-    half = 3 / 2 * 150 / 72  # of the total's width [px]
-    assert not any(hidden.contains(x + half, y) for x, y in dip)
-
-
-@pytest.mark.parametrize(
-    ("count", "words"),
-    [(4, "first order"), (5, "; 1 more panel not shown"), (7, "; 3 more panels")],
-)
-def test_panels_for_which_there_is_no_room_are_counted(count: int, words: str) -> None:
-    figure = study(count)
-    assert is_within(figure)
-    assert len(figure.axes) == 4
-    assert words in figure.texts[1].get_text()
-    assert ("not shown" in figure.texts[1].get_text()) == (count > 4)
-
-
-def test_one_timestep_is_not_a_convergence_study() -> None:
-    with pytest.raises(ScenarioError, match="needs two or more, got 1"):
-        convergence_plot.check_plot(Path("errors.png"), timesteps=1, engines=False)
-    convergence_plot.check_plot(Path("errors.svg"), timesteps=2, engines=False)

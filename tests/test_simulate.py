@@ -21,7 +21,7 @@ from drop_physics.engines.pybullet.world import World
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.recording.frames import frames
 from drop_physics.recording.reader import read
-from drop_physics.stages.sweep_shard import RunShard
+from drop_physics.stages.sweep_drop import RunDrop
 from drop_physics.sweeping.plan import plan_of
 from drop_physics.trace.events import Samples
 from drop_physics.trace.states import BODY, FLOOR
@@ -388,7 +388,7 @@ def test_in_a_sweep_such_a_state_is_a_run_that_failed(
 ) -> None:
     """Before the moment that is taken apart, step 72, and after it, where nobody reads samples."""
     lose_numbers(monkeypatch, "getBasePositionAndOrientation", 0, math.nan, step=step)
-    row = RunShard(plan_of({}), tmp_path, 0.3, recorded, None).row(0)
+    row = RunDrop(plan_of({}), tmp_path, "", 0.3, recorded, None)(0)
     assert "becomes non-finite" in str(row["error"])
     assert (row["simulated_m"], row["end_m"]) == (None, None)
 

@@ -16,7 +16,7 @@ import subprocess
 import termios
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,8 +31,6 @@ from drop_physics.compare.difference import Difference, Largest, Setting
 from drop_physics.console import output, progress
 from drop_physics.console.help import SCRIPT
 from drop_physics.console.progress import rate
-from drop_physics.drop.convergence import StudiedRun, study_of
-from drop_physics.drop.statistics import Summary
 from drop_physics.explain.joints import JointRow
 from drop_physics.fields import counted, decimals, engineering
 from drop_physics.figures.composition import caption
@@ -42,7 +40,6 @@ from drop_physics.recording.viewer import Viewer
 from drop_physics.report.blocks import Column, DataTable, Fact, Facts, File
 from drop_physics.report.bodies import joint_table
 from drop_physics.report.check import DIFFERS
-from drop_physics.report.sweep import readable_step
 from drop_physics.report.terminal import block_lines, show
 from drop_physics.report.words import millimetres
 from drop_physics.stages.check import Check, FrameComparison
@@ -50,10 +47,9 @@ from drop_physics.stages.render import Rendering
 from drop_physics.stages.run import Run
 from drop_physics.stages.simulate import Simulation
 from drop_physics.stages.sweep import Sweep
-from drop_physics.stages.sweep_groups import Group
 from drop_physics.stages.view import View
-from drop_physics.sweeping.folder import TERMS
 from drop_physics.sweeping.plan import plan_of
+from drop_physics.sweeping.rows import TERMS
 from rich.text import Text
 
 COMMAND: Any = typer.main.get_command(app)
@@ -246,11 +242,11 @@ def test_colours_are_for_terminals_that_want_them(
 @pytest.mark.parametrize(
     ("options", "titles"),
     [
-        ("--timestep 1/240,1/480 --no-record", ("4 runs", "linear damping default")),
+        ("--timestep 1/240,1/480 --no-record", ("4 runs",)),
         (CHANCE, ("10 runs", "linear damping 0")),
     ],
 )
-def test_titles_are_bold(terminal: Terminal, options: str, titles: tuple[str, str]) -> None:
+def test_titles_are_bold(terminal: Terminal, options: str, titles: tuple[str, ...]) -> None:
     raw = terminal(*f"sweep --out s --linear-damping default,0 {options}".split()).raw
     assert all(f"\x1b[1m{title}\x1b[0m" in raw for title in titles)
 
@@ -505,255 +501,89 @@ def test_printed_check_without_frames_says_why(capsys: pytest.CaptureFixture[str
     assert "first step 12: a picture" in lines_of(capsys)
 
 
-FACTORS = (1.0, 0.5, 0.25, 0.125, 0.0625)
-RUNS = tuple(  # as those of a fall that damping moves by +4.31 mm and a step of 1/240 s by −6.13
-    StudiedRun(
-        factor / 240,
-        0.55855 + 0.00431 - 0.00613 * factor,
-        0.00431 - 0.00613 * factor,
-        -0.00613 * factor,
-        0.00431,
-        0.0,
-        0.0,
-    )
-    for factor in FACTORS
-)
+def swept(*, runs: int = 4, failed: int = 1, computed: int = 3, **plan: Any) -> Sweep:
+    """Return a sweep of so many timesteps, of which the last ones failed."""
+    rows = []
+    for number in range(runs):
+        timestep_m = -0.00613 / (number + 1)
+        rows.append(
+            {
+                "run": number,
+                "timestep_s": 1 / (240 * (number + 1)),
+                "time_s": 0.3,
+                "error_m": timestep_m + 0.00431,
+                "timestep_m": timestep_m,
+                "damping_m": 0.00431,
+                "interaction_m": 7e-7,
+                "rounding_m": -2.8e-16,
+                "error": None,
+            }
+        )
+    for row in rows[runs - failed :]:
+        row |= {"error": "the engine fell over", "time_s": None} | dict.fromkeys(TERMS)
+    steps = ",".join(f"1/{240 * (number + 1)}" for number in range(runs))
+    planned = plan_of(**{"given": {"timestep_s": steps}} | plan)
+    return Sweep(planned, 0.3, computed, rows, Path("s/results.parquet"))
 
 
-def swept(tmp_path: Path, **change: Any) -> Sweep:
-    """Return a sweep of four timesteps, of which the third run failed."""
-    rows = [
-        {
-            "run": number,
-            "timestep_s": run.timestep_s,
-            "linear_damping": None,
-            "error_m": run.error_m,
-            "timestep_m": run.timestep_m,
-            "damping_m": run.damping_m,
-            "interaction_m": 7e-7,
-            "rounding_m": -2.8e-16,
-            "error": None,
-        }
-        for number, run in enumerate(RUNS[:4])
-    ]
-    rows[2] |= {"error": "the engine fell over"} | dict.fromkeys(TERMS)
-    path = tmp_path / "results.parquet"
-    pl.DataFrame(rows).write_parquet(path)
-    plain: dict[str, Any] = {
-        "plan": plan_of({"timestep_s": "1/240,1/480,1/960,1/1920"}),
-        "at_s": 0.3,
-        "runs": 4,
-        "failed": 1,
-        "computed": 3,
-        "results": path,
-        "plot": None,
-        "studies": [],
-        "statistics": [],
-        "engine_runs": [],
-        "narrow_enough": None,
-    }
-    return Sweep(**plain | change)
-
-
-def test_printed_sweep_has_a_row_for_each_run(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_printed_sweep_has_a_row_for_each_run(capsys: pytest.CaptureFixture[str]) -> None:
     """Its errors in mm, under the names of the terms; of a run that failed there are none."""
-    show(swept(tmp_path), as_json=False)
+    show(swept(), as_json=False)
     said = lines_of(capsys)
     assert said[0] == "4 runs, errors at 0.3 s in mm, simulated minus free fall"
     assert said[2:7] == [
         "timestep total timestep damping interaction rounding",
         "1/240 -1.8200 -6.1300 +4.3100 +0.0007 -2.8e-13",
         "1/480 +1.2450 -3.0650 +4.3100 +0.0007 -2.8e-13",
+        "1/720 +2.2667 -2.0433 +4.3100 +0.0007 -2.8e-13",
         "1/960 – – – – –",
-        "1/1920 +3.5437 -0.7662 +4.3100 +0.0007 -2.8e-13",
     ]
-    assert "1 of 4 runs failed, see the column error; run 2:" in said
+    assert "1 of 4 runs failed, see the column error; run 3:" in said
     assert "the engine fell over" in said
     assert "4 rows, 1 of them from an earlier run" in " ".join(said)
-    show(swept(tmp_path, failed=0, computed=4), as_json=False)
+    show(swept(failed=0, computed=4), as_json=False)
     without = " ".join(lines_of(capsys))
     assert "failed" not in without
     assert "before" not in without
-    show(swept(tmp_path, failed=0, runs=1, computed=1), as_json=False)
+    show(swept(failed=0, runs=1, computed=1), as_json=False)
     one = lines_of(capsys)
     assert one[0].startswith("1 run, errors")
     assert one[-1].endswith("1 row")
 
 
 def test_printed_sweep_of_many_runs_says_how_many_it_does_not_show(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    many = swept(tmp_path, runs=40, computed=40, failed=0)
-    rows = pl.concat([many.table()] * 10)
-    rows.write_parquet(many.results)
-    show(many, as_json=False)
+    show(swept(runs=40, computed=40, failed=0), as_json=False)
     said = lines_of(capsys)
     assert sum(line.startswith("1/") for line in said) == 30
     assert any(line.startswith("… and 10 more in") for line in said)
 
 
-def test_printed_study_tells_orders_limit_and_what_the_theory_knows(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    """The last three orders, ln|e1/e2| / ln 2 of 1.245, 2.7775, 3.54 and 3.93 mm; else of order 1.
-
-    The limit is damped fall, 0.55855 + 0.00431 m; the finest run is 0.00613/16 m below it.
-    """
-    study = study_of(RUNS)
-    group = Group({}, "", study, left_out_s=(1 / 64,))
-    show(swept(tmp_path, studies=[group]), as_json=False)
-    said = lines_of(capsys)
-    told = said[said.index("by timestep") :]
-    assert told[1:4] == [
-        "order of accuracy 1/480 → 1/960 1/960 → 1/1920 1/1920 → 1/3840",
-        "against free fall -1.16 -0.35 -0.15 *",
-        "against damped fall 1.000 1.000 1.000",
-    ]
-    text = " ".join(told)
-    for sentence in (
-        "tends to +4.31 mm, not to 0",
-        "left out 1/64 s, which has no sample at that time",
-        "Richardson 0.562860 m at order 1.0000; damped fall at 0.562860 m",
-        # 1.25 times the true one, which is (0.00613 / 16) / 0.562476875
-        "convergence index 0.0851% of the height at 1/3840 s; true error 0.0681%",
-        "errors cancel at about 1/341 s: timestep",
-        "refining hurts the total tends to +4.31 mm",
+def test_one_of_a_thing_is_no_plural(capsys: pytest.CaptureFixture[str], drop: Drop) -> None:
+    for runs, failed, said in (
+        (1, 0, "over the 1 sample in the air, in theory too"),
+        (3, 2, "over the 1 of 3 samples in the air, in theory too"),
+        (1, 1, "the sample failed"),
+        (3, 3, "all 3 samples failed"),
     ):
-        assert sentence in text
-    off = replace(study, extrapolated_m=0.25)
-    show(swept(tmp_path, studies=[replace(group, study=off)]), as_json=False)
-    assert "Richardson 0.250000 m at" in " ".join(lines_of(capsys))
-    show(swept(tmp_path, studies=[group]), as_json=True)
-    (convergence,) = json.loads(capsys.readouterr().out)["convergence"]
-    assert convergence["study"]["refining_hurts"] is True
-
-
-def test_printed_study_without_damping_explains_no_limit(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    undamped = [replace(run, error_m=run.timestep_m, damping_m=0.0) for run in RUNS[:2]]
-    group = Group({"height_m": 1.0}, "height 1", study_of(undamped))
-    show(swept(tmp_path, studies=[group]), as_json=False)
-    said = lines_of(capsys)
-    told = said[said.index("height 1") :]
-    assert told[2:5] == [
-        "against free fall 1.000",
-        "against damped fall 1.000",
-        "Richardson needs three timesteps whose heights converge",
-    ]
-    for word in ("*", "cancel", "hurts", "left out", "index"):
-        assert word not in " ".join(told)
-    show(swept(tmp_path, studies=[group]), as_json=True)
-    (convergence,) = json.loads(capsys.readouterr().out)["convergence"]
-    assert (convergence["height_m"], convergence["study"]["refining_hurts"]) == (1.0, False)
-
-
-def test_printed_study_with_damping_that_does_not_show_is_one_without(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    """It cancels at a timestep that nobody can take, and leaves an error that nobody can see."""
-    damped = [replace(run, error_m=run.timestep_m + 1e-13, damping_m=1e-13) for run in RUNS]
-    study = study_of(damped)
-    assert study.cancelling_timestep_s == pytest.approx(1e-13 / 0.00613 / 240)
-    show(swept(tmp_path, studies=[Group({}, "", study)]), as_json=False)
-    told = " ".join(lines_of(capsys))
-    assert "against free fall 1.000 1.000 1.000 against" in told
-    for word in ("*", "meaningless", "cancel", "hurts"):
-        assert word not in told
-    # A thousandth of the last error is a limit, and too small for two digits.
-    small = [replace(run, error_m=run.timestep_m + 4e-7, damping_m=4e-7) for run in RUNS]
-    show(swept(tmp_path, studies=[Group({}, "", study_of(small))]), as_json=False)
-    told = " ".join(lines_of(capsys))
-    assert "tends to +4.0e-04 mm, not to 0" in told
-    # Where nothing but rounding is left, it is not the damping that makes it grow.
-    noise = [
-        replace(run, error_m=(-2.0) ** n * 1e-15, timestep_m=0.0, damping_m=0.0)
-        for n, run in enumerate(RUNS)
-    ]
-    assert study_of(noise).refining_hurts
-    show(swept(tmp_path, studies=[Group({}, "", study_of(noise))]), as_json=False)
-    assert "hurts" not in " ".join(lines_of(capsys))
-
-
-def test_one_of_a_thing_is_no_plural(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, drop: Drop
-) -> None:
-    total = Summary("error_m", 1, -1.5e-3, None, {}, None)
-    for group, said in (
-        (
-            Group({}, "", statistics=(total,), samples=1),
-            "over the 1 sample in the air, in theory too;",
-        ),
-        (
-            Group({}, "", statistics=(total,), samples=3),
-            "over the 1 of 3 samples in the air, in theory too;",
-        ),
-        (Group({}, "", statistics=(total,), samples=1, in_the_air=False), "over 1 sample; none"),
-        (Group({}, "", samples=1, in_the_air=False), "the sample failed"),
-        (Group({}, "", samples=3, in_the_air=False), "all 3 samples failed"),
-    ):
-        show(swept(tmp_path, statistics=[group]), as_json=False)
+        sampled = {"samples": runs, "vary": ["mass=uniform:1:2"], "given": {}}
+        show(swept(runs=runs, failed=failed, **sampled), as_json=False)
         assert said in " ".join(lines_of(capsys))
     done = drop("simulate", "--duration", "1/240", "--capture-every", "5", "--out", "r.rrd")
     assert " 2 samples, 1 frame, " in done.stdout
 
 
-def test_printed_statistics_are_in_millimetres_beside_half_the_interval(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    quantiles = {"5%": -3e-3, "50%": -1e-3, "95%": 2e-3}
-    total = Summary("error_m", 12, -1.5e-3, 4e-4, quantiles, (-1.7e-3, -1.3e-3))
-    damping = Summary("damping_m", 12, 4e-3, None, quantiles, None)
-    group = Group(
-        {"height_m": 1.0}, "height 1", statistics=(total, damping), samples=12, in_the_air=True
-    )
-    show(swept(tmp_path, statistics=[group], narrow_enough=False), as_json=False)
-    said = lines_of(capsys)
-    told = said[said.index("height 1") :]
-    assert told[1:5] == [
-        "mean ± 95 % spread 5% 50% 95%",
-        "total -1.5000 0.2000 0.4000 -3.0000 -1.0000 +2.0000",
-        "damping +4.0000 – – -3.0000 -1.0000 +2.0000",
-        "over the 12 samples in the air, in theory too; ± 95 % is that of the mean",
-    ]
-    assert "wider than asked for" in " ".join(told)
-    more = replace(group, samples=20)
-    show(swept(tmp_path, statistics=[more]), as_json=False)
-    assert "over the 12 of 20 samples in the air, in theory too;" in " ".join(lines_of(capsys))
-    show(swept(tmp_path, statistics=[group], narrow_enough=True), as_json=False)
-    assert "narrow" not in " ".join(lines_of(capsys))
-
-
-def test_printed_json_of_a_sweep_is_what_it_found(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    total = Summary("error_m", 1, -1.5e-3, None, {"5%": 1.0, "50%": 2.0, "95%": 3.0}, None)
-    group = Group({"height_m": 2.0}, "height 2", statistics=(total,))
-    made = swept(tmp_path, statistics=[group], narrow_enough=True, plot=Path("errors.svg"))
+def test_printed_json_of_a_sweep_is_what_it_found(capsys: pytest.CaptureFixture[str]) -> None:
+    made = swept()
     show(made, as_json=True)
-    told = json.loads(capsys.readouterr().out)
-    assert told == {
+    assert json.loads(capsys.readouterr().out) == {
         "runs": 4,
         "failed": 1,
         "at_s": 0.3,
-        "plot": "errors.svg",
-        "narrow_enough": True,
-        "engines": [],
         "results": str(made.results),
-        "convergence": [],
-        "table": made.table().to_dicts(),
-        "statistics": [{"height_m": 2.0, "summaries": [asdict(total)]}],
+        "table": made.rows,
     }
-
-
-@pytest.mark.parametrize(
-    ("timestep_s", "said"),
-    [(1 / 341.3, "about 1/341 s"), (0.5, "about 1/2 s"), (0.7312, "0.7312 s"), (3.0, "3 s")],
-)
-def test_printed_timesteps_that_no_one_chose_are_rounded(timestep_s: float, said: str) -> None:
-    assert readable_step(timestep_s) == said
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,6 @@ from drop_physics.analysis import results as script
 from drop_physics.compare.calls import OtherCall
 from drop_physics.compare.comparison import Comparison
 from drop_physics.compare.difference import Difference, Largest, Setting
-from drop_physics.drop.convergence import Study
 from drop_physics.drop.results import (
     Airborne,
     Conservation,
@@ -34,7 +33,6 @@ from drop_physics.drop.results import (
     Rest,
     Terms,
 )
-from drop_physics.drop.statistics import Summary
 from drop_physics.engine_report import EngineReport
 from drop_physics.experiments import robustness, run_distance
 from drop_physics.experiments.shares import Shares
@@ -52,9 +50,8 @@ from drop_physics.stages.info import Info
 from drop_physics.stages.record import ReplayedSteps
 from drop_physics.stages.render import Rendering
 from drop_physics.stages.simulate import Simulation
-from drop_physics.stages.sweep_engines import EngineRun
-from drop_physics.sweeping.folder import SCHEMA as SWEEP_COLUMNS
-from drop_physics.sweeping.folder import TERMS
+from drop_physics.sweeping.rows import SCHEMA as SWEEP_COLUMNS
+from drop_physics.sweeping.rows import TERMS
 from drop_physics.trace.calls import Call
 
 from generators.recording import TABLE_SAYS
@@ -378,13 +375,6 @@ CHECK = CHECK._replace(
         "same": CHECK.descriptions["same"],
     },
 )
-SHARED = "A value of the scenario that these runs share and others do not."
-STUDY = Object(
-    {"study": _object(Study, refining_hurts=bool)}, {"study": "The convergence study."}, more=SHARED
-)
-STATISTICS = Object(
-    {"summaries": list[Summary]}, {"summaries": "One for each quantity."}, more=SHARED
-)
 SWEEP = Object(
     {
         "runs": int,
@@ -392,23 +382,13 @@ SWEEP = Object(
         "results": Path,
         "table": [ROW],
         "at_s": float,
-        "plot": Path | None,
-        "convergence": [STUDY],
-        "statistics": [STATISTICS],
-        "engines": list[EngineRun],
-        "narrow_enough": bool | None,
     },
     {
         "runs": "Number of runs.",
         "failed": "Number of failed runs.",
         "results": "The Parquet file with the table.",
         "at_s": "The time whose error is broken down.",
-        "plot": "The plot; null if none was requested.",
         "table": "A row for each run.",
-        "convergence": "One for each set of runs that differ in the timestep only.",
-        "statistics": "One for each scenario that is sampled.",
-        "engines": "One for each run, if engines are compared or the body spins.",
-        "narrow_enough": "Whether `--until-ci` was reached.",
     },
     frozenset({"runs", "failed", "results", "table"}),
 )

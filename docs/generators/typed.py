@@ -18,7 +18,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from drop_physics.cli import app
-from drop_physics.sweeping.engines import dismiss
 from typer.testing import CliRunner
 
 ROOT = Path(__file__).parents[2]
@@ -101,7 +100,6 @@ def run_command(command: str, folder: Path) -> tuple[int, str]:
         return _in_bash(command, folder)
     with contextlib.chdir(folder):
         done = CliRunner(env={"COLUMNS": "80", "FORCE_COLOR": None}).invoke(app, words[1:])
-        dismiss()  # these workers were started in this folder, which will be removed
     if done.exception is None or isinstance(done.exception, SystemExit):
         return done.exit_code, done.output
     return 1, f"{done.output}drop: {done.exception}"

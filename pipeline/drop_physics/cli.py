@@ -309,7 +309,7 @@ def check(
 
 @app.command(
     rich_help_panel=BOX,
-    short_help="Run many scenarios, and show how the error behaves.",
+    short_help="Run many scenarios, or a script with many interventions.",
     epilog="Example: drop sweep --timestep 1/240,1/480,1/960 --out sweep",
     context_settings={"allow_interspersed_args": False},
 )
@@ -323,19 +323,16 @@ def sweep(
     samples: given.Samples = None,
     seed: Annotated[int, takes("S", "Random seed.", parser=an_integer)] = 0,
     vary: given.Draws = None,
-    until_ci: given.UntilCi = None,
     jobs: given.SweepJobs = None,
     ray: given.Ray = None,
     no_record: Annotated[bool, flag("Keep the numbers, but no recordings.", "--no-record")] = False,
-    plot: given.SweepPlot = None,
-    dark: given.Dark = False,
     force: given.Force = False,
     again: given.Again = False,
     json: given.Json = False,
     lists: dict[str, str | bool | None],
     camera: Camera | None,
 ) -> None:
-    """Run many scenarios, and show how the error behaves.
+    """Run many scenarios, or a script with many interventions: a row for each run.
 
     Every scenario option takes a list A,B,C; vectors are separated by semicolons: "0,0,0;0,0,1".
     The sweep is the product of the lists, in the order of the options below, the last one changing
@@ -346,10 +343,7 @@ def sweep(
         others = {
             "samples": samples,
             "vary": vary,
-            "until-ci": until_ci,
             "no-record": no_record,
-            "plot": plot,
-            "dark": dark,
             "camera": camera,
             **{
                 Scenario.options()[name].name[2:]: None if each is True else each
@@ -361,10 +355,6 @@ def sweep(
         _sweep_script(
             program, tries, refused, lists["duration_s"], out, seed, jobs, ray, force, again, json
         )
-    if ray is None and jobs != 1 and (jobs or samples):
-        from drop_physics.sweeping.engines import get_ready
-
-        get_ready(jobs)
     from drop_physics.option_types import times
     from drop_physics.stages.sweep import sweep
     from drop_physics.sweeping.plan import plan_of
@@ -379,9 +369,6 @@ def sweep(
             camera=camera,
             jobs=jobs,
             ray=ray,
-            until_ci_m=until_ci,
-            plot=plot,
-            dark=dark,
             force=force,
             progress=report,
         )

@@ -168,20 +168,10 @@ Draws = Annotated[
         "integers and choice.",
     ),
 ]
-UntilCi = Annotated[
-    float | None,
-    takes(
-        "METRES",
-        "Stop when the 95 % confidence interval of the mean error is this narrow, "
-        "after 30 samples or more.",
-        parser=a_number,
-    ),
-]
 SweepJobs = Annotated[
     int | None,
     takes("N", "Worker processes; by default one per core where that pays off.", parser=an_integer),
 ]
-SweepPlot = Annotated[Path | None, takes("FILE", "Plot errors over the timestep, as .png or .svg.")]
 Recording = Annotated[
     Path | None,
     takes(

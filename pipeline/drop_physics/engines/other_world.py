@@ -13,7 +13,7 @@ import numpy as np
 
 from drop_physics.arrays import Float64
 from drop_physics.engine_report import EngineReport
-from drop_physics.engines.finite import drop_samples, non_finite
+from drop_physics.engines.finite import drop_samples
 from drop_physics.engines.pybullet.world import World
 from drop_physics.engines.rigid_body import RigidBody
 from drop_physics.errors import DropError, ScenarioError
@@ -124,11 +124,6 @@ class OtherWorld:
                     quantity=quantity,
                 )
 
-    def skip(self, steps: int) -> None:
-        """Take steps without reading samples."""
-        for _ in range(steps if self.scenario.stepped else 0):
-            self._step()
-
     def _step(self) -> None:
         """Take a step; MuJoCo raises where PyBullet continues with nan."""
         self._steps += 1
@@ -141,19 +136,6 @@ class OtherWorld:
                 step=self._steps,
                 engine=ENGINES[self.scenario.engine],
             ) from None
-
-    def height_m(self) -> float:
-        """Return the height of the centre at the end of the fall [m].
-
-        Raises
-        ------
-        DropError
-            If it is not finite.
-        """
-        state = self._session.state()
-        if not all(map(math.isfinite, state)):
-            raise non_finite(self.scenario.steps)
-        return state[2]
 
     def samples(self, batch: int) -> Iterator[Samples]:
         """Fall: yield the state before each step and after the last, and the contact points.

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drop_physics.arrays import Float64
-from drop_physics.drop.convergence import SAFETY_FACTOR, richardson, solution_order
+from drop_physics.experiments.refinement import SAFETY_FACTOR, richardson, solution_order
 from drop_physics.experiments.run_distance import APART, Apart, Track
 
 LOST = 1e-3

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drop_physics.drop.convergence import richardson, solution_order
+from drop_physics.experiments.refinement import richardson, solution_order
 from drop_physics.experiments.robustness import LEAST_ORDER, MOST_ORDER
 from drop_physics.experiments.run_distance import Apart, Track
 

@@ -11,7 +11,8 @@ from drop_physics.report.blocks import Column, DataTable, Facts, File, Report, S
 from drop_physics.stages.trust_findings import readable
 
 if TYPE_CHECKING:
-    from drop_physics.stages.sweep_script import Row, ScriptSweep
+    from drop_physics.stages.sweep_script import ScriptSweep
+    from drop_physics.sweeping.rows import Row
 
 MOST_ROWS = 30
 """Most runs that are shown."""

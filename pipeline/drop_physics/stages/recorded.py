@@ -29,6 +29,7 @@ from drop_physics.recording.about import about_drop
 from drop_physics.recording.falling import Falling, Photography, Progress
 from drop_physics.recording.recorder import Recorder
 from drop_physics.recording.writer import Chunk
+from drop_physics.scenario import Scenario
 from drop_physics.trace.events import (
     Appearance,
     At,
@@ -101,6 +102,17 @@ def recorded(
         lambda _: about_drop(scenario, camera, engine),
         falling,
     )
+
+
+def world_of(scenario: Scenario) -> World | OtherWorld:
+    """Return the world that a scenario is dropped in, at its release; use it in `with`.
+
+    Raises
+    ------
+    ScenarioError
+        If the engine is not installed, or the body cannot be found, loaded or dropped by it.
+    """
+    return World(scenario) if scenario.engine == "bullet" else OtherWorld(scenario)
 
 
 def case_of(world: World | OtherWorld, samples: Iterable[Samples]) -> Case:

@@ -135,6 +135,7 @@ def run_all(
     jobs: int,
     progress: Progress,
     ray: tuple[Callable[[int], T], str] | None = None,
+    entered: Callable[[int, T], object] = lambda *_: None,
 ) -> dict[int, T]:
     """Run work by number, in this order, and return what came of it by number.
 
@@ -156,6 +157,8 @@ def run_all(
         Called while they run.
     ray
         The same work, picklable, and the address of a cluster that is to do it instead.
+    entered
+        Called with each result, as it arrives.
     """
     from drop_physics.recording.writer import strict
 
@@ -164,10 +167,12 @@ def run_all(
         if ray is None
         else engines.on_ray(ray[0], numbers, address=ray[1])
     )
-    done: dict[int, T] = {}
+    done, failed = dict[int, T](), 0
     progress(0, 0, len(numbers))
     with strict(), contextlib.closing(runs) as finished:
         for number, result in finished:
             done[number] = result
-            progress(len(done), sum(map(has_failed, done.values())), len(numbers))
+            entered(number, result)
+            failed += has_failed(result)
+            progress(len(done), failed, len(numbers))
     return done

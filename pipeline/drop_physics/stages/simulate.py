@@ -11,7 +11,6 @@ from pathlib import Path
 
 from drop_physics.engines.pybullet.camera_frames import Photographer
 from drop_physics.engines.pybullet.found import find_body
-from drop_physics.engines.worlds import Worlds
 from drop_physics.errors import check_suffix
 from drop_physics.files.outputs import check_apart, check_room, check_target
 from drop_physics.messages import Message
@@ -21,7 +20,7 @@ from drop_physics.recording.falling import Progress
 from drop_physics.recording.layout import layout, look_of_drop
 from drop_physics.recording.live import shown
 from drop_physics.scenario import BYTES_PER_SAMPLE, STANDARD_CAMERA, Camera, Scenario
-from drop_physics.stages.recorded import BATCH, recorded
+from drop_physics.stages.recorded import BATCH, recorded, world_of
 from drop_physics.workers import Worker
 
 LIVE_EVERY_S = 1 / 30
@@ -108,7 +107,8 @@ def simulate(
             photographer = stack.enter_context(
                 Photographer(scenario, camera, frames=frames, note=note, assistant=assistant)
             )
-        world = stack.enter_context(Worlds()).world_of(scenario)
+        world = world_of(scenario)
+        stack.enter_context(world)
         for sentence in world.notes():
             note(sentence)
         chunks = writer.named(recorded(world, photographer, batch, progress), path.stem)

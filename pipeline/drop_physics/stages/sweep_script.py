@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from drop_physics.stages.proposals import Candidate
 from drop_physics.stages.runs import Progress
 from drop_physics.stages.trust import candidates_of
 from drop_physics.stages.trust_runs import BASE, RunFolder, RunKept, identity_of, made_of, run_kept
+from drop_physics.sweeping.rows import Row, write_rows
 from drop_physics.trace.cures import Cure
 
 if TYPE_CHECKING:
@@ -35,8 +36,6 @@ MOST_RUNS = 10_000
 """Most runs: each is a process, and a recording."""
 GIVEN = re.compile(r"([^=/*]+)(?:[=/*](.*))?")
 """Matches the name and the value of an intervention, as it was typed."""
-
-Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -177,7 +176,7 @@ def sweep_script(
             for n, (one, row) in enumerate(zip(all_of, found, strict=True))
         ]
         results = Path(out) / "results.parquet"
-        _write(results, rows)
+        write_rows(results, rows)
     swept = ScriptSweep(target, base.path, names, rows, results)
     if swept.failed == runs and (base.ended or {}).get("ended") != "failed":
         raise DropError(
@@ -212,16 +211,3 @@ def _ends(track: Track) -> list[tuple[str, float]]:
     if track.unit != "m":
         return []
     return [(f"{track.body} {axis}_m", float(track.theirs[n])) for n, axis in enumerate("xyz")]
-
-
-def _write(path: Path, rows: Sequence[Row]) -> None:
-    import polars as pl
-
-    from drop_physics.files.table import written_by_polars
-
-    columns = dict.fromkeys(name for row in rows for name in row)
-    table = pl.DataFrame(
-        {name: pl.Series([row.get(name) for row in rows], strict=False) for name in columns}
-    )
-    with written_by_polars(path, force=True) as file:
-        table.write_parquet(file)

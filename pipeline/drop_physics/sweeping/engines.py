@@ -1,8 +1,7 @@
-"""Engines that run the shards: threads, a pool of processes, or Ray. The work is the same.
+"""Engines that make runs beside each other: threads, worker processes, or Ray.
 
-Each engine takes a function of a shard's number, requests shards only as workers become free, and
-yields results as they arrive, in any order. If a worker dies nothing is lost: its shard is run
-again, and each result is yielded once.
+Each takes a function of a run's number, requests runs only as it has room, and yields results as
+they arrive, in any order. If a worker dies nothing is lost: its run is made again.
 """
 
 from __future__ import annotations
@@ -13,22 +12,24 @@ import os
 import socket
 import tempfile
 import threading
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any, TypeVar
 
 from drop_physics.errors import DropError
-from drop_physics.workers import Worker, WorkerDiedError, cores
+from drop_physics.workers import Worker, WorkerDiedError
 
 T = TypeVar("T")
+Answering = tuple[Callable[[int], T], Callable[[], None], int]
+"""Makes a run, stops all that are under way, and how many may be at once."""
 
 QUEUED = 2
-"""Shards per processor of a cluster that are submitted: one at work, one waiting."""
+"""Runs per processor of a cluster that are submitted: one at work, one waiting."""
 HEARTBEAT_S = 0.2
 """Waiting is interrupted this often, because a signal to another thread does not interrupt it."""
 MOST_DEATHS = 10
-"""A shard on which this many workers have died is considered the cause."""
+"""A run on which this many workers have died is considered the cause."""
 
 HOME = Path(__file__).parents[2]
 """The folder of this package, which is on the module path wherever this runs."""
@@ -41,27 +42,27 @@ HTTP2_HELLO = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + b"\0\0\0" + HTTP2_SETTINGS +
 
 
 def in_threads(
-    work: Callable[[int], T], shards: Iterable[int], *, jobs: int, stop: Callable[[], None]
+    work: Callable[[int], T], runs: Iterable[int], *, jobs: int, stop: Callable[[], None]
 ) -> Generator[tuple[int, T]]:
-    """Run shards in threads of this process, which wait for processes of their own.
+    """Make runs in threads of this process, which wait for processes of their own.
 
     Parameters
     ----------
     work
-        Function of a shard's number.
-    shards
+        Function of a run's number.
+    runs
         Their numbers.
     jobs
         How many threads.
     stop
         Called when nobody wants the results that are left, to end what is at work.
     """
-    todo, under_way = iter(shards), dict[Future[T], int]()
+    todo, under_way = iter(runs), dict[Future[T], int]()
     with ThreadPoolExecutor(jobs) as threads:
         try:
             while True:
-                while len(under_way) < jobs and (shard := next(todo, None)) is not None:
-                    under_way[threads.submit(work, shard)] = shard
+                while len(under_way) < jobs and (run := next(todo, None)) is not None:
+                    under_way[threads.submit(work, run)] = run
                 if not under_way:
                     return
                 for future in wait(under_way, HEARTBEAT_S, FIRST_COMPLETED).done:
@@ -71,50 +72,45 @@ def in_threads(
                 stop()
 
 
-# -- processes ------------------------------------------------------------------------------------
-
-
-def in_processes(
-    work: Callable[[int], T], shards: Iterable[int], *, jobs: int
-) -> Generator[tuple[int, T]]:
-    """Run shards in processes of this machine.
+@contextlib.contextmanager
+def in_workers(work: Callable[[int], T], *, jobs: int) -> Iterator[Answering[T]]:
+    """Yield work that is done by processes of this machine, and what stops them.
 
     Parameters
     ----------
     work
-        Function of a shard's number; picklable, and so are its results.
-    shards
-        Their numbers.
+        Function of a run's number; picklable, and so are its results.
     jobs
         How many processes.
 
     Raises
     ------
     DropError
-        If workers cannot be started, or die repeatedly on one shard.
+        If workers cannot be started, or die repeatedly on one run.
     """
     stopped = threading.Event()
 
-    def run(shard: int) -> T:
+    def answer(run: int) -> T:
         """Return what a worker answers, another where one dies."""
         for _ in range(MOST_DEATHS):
             worker = free.pop()
             try:
-                answer = _answer(worker, work, shard)
+                worker.ask(f"{__name__}:_call", work, run)
+                answered: T = worker.answer()
             except WorkerDiedError:
                 if not stopped.is_set():
-                    free.append(workers.enter_context(_started()))
+                    free.append(workers.enter_context(Worker()))
                 if stopped.is_set():  # perhaps since then
                     raise
                 worker.close()
             else:
                 free.append(worker)
-                return answer
+                return answered
         raise DropError(
-            "workers died {deaths} times on shard {shard}; is there enough memory? "
+            "workers died {deaths} times on run {run}; is there enough memory? "
             "Try fewer --jobs, or --jobs 1 to see what happens",
             deaths=MOST_DEATHS,
-            shard=shard,
+            run=run,
         )
 
     def stop() -> None:
@@ -123,55 +119,27 @@ def in_processes(
 
     # A thread for each worker waits for its answer; it ends when the worker has ended.
     with contextlib.ExitStack() as workers:
-        free = [
-            workers.enter_context(_waiting.pop() if _waiting else _started()) for _ in range(jobs)
-        ]
-        yield from in_threads(run, shards, jobs=jobs, stop=stop)
-
-
-def _answer(worker: Worker, work: Callable[[int], T], shard: int) -> T:
-    worker.ask(f"{__name__}:_call", work, shard)
-    answer: T = worker.answer()
-    return answer
-
-
-_waiting: list[Worker] = []
-"""Workers that were started in advance."""
-
-
-def get_ready(jobs: int | None) -> None:
-    """Start the workers' imports while this process is still busy with its own."""
-    most = cores()
-    _waiting.extend(_started() for _ in range(min(jobs or most, most)))
-
-
-def dismiss() -> None:
-    """End the workers that were started in advance and not needed."""
-    while _waiting:
-        _waiting.pop().close()
-
-
-def _started() -> Worker:
-    worker = Worker()
-    worker.load("drop_physics.stages.sweep_shard")
-    return worker
+        free = [workers.enter_context(Worker()) for _ in range(jobs)]
+        yield answer, stop, jobs
 
 
 # -- Ray ------------------------------------------------------------------------------------------
 
 
 def on_ray(
-    work: Callable[[int], T], shards: Iterable[int], *, address: str
+    work: Callable[[int], T], runs: Iterable[int], *, address: str
 ) -> Generator[tuple[int, T]]:
-    """Run shards on a Ray cluster, whose nodes must share a file system.
+    """Make runs on a Ray cluster, whose nodes must share a file system.
 
     Ray reruns a task whose worker or node died. If this process is already connected to a cluster,
     that one is used, and the connection is kept.
 
     Parameters
     ----------
-    work, shards
-        As for `in_processes`.
+    work
+        As for `in_workers`.
+    runs
+        Their numbers.
     address
         Of the cluster; `auto` for the one that this machine belongs to, or `local` for a new one.
 
@@ -190,13 +158,13 @@ def on_ray(
         _connect(address)
     under_way: dict[Any, int] = {}
     try:
-        run: Any = ray.remote(max_retries=MOST_DEATHS)(_call_in)
-        todo, shared_work, here = iter(shards), ray.put(work), Path.cwd()
+        call: Any = ray.remote(max_retries=MOST_DEATHS)(_call_in)
+        todo, shared_work, here = iter(runs), ray.put(work), Path.cwd()
         cluster: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]
         most = QUEUED * max(1, int(cluster.get("CPU", 1)))
         while True:
-            while len(under_way) < most and (shard := next(todo, None)) is not None:
-                under_way[run.remote(here, shared_work, shard)] = shard
+            while len(under_way) < most and (run := next(todo, None)) is not None:
+                under_way[call.remote(here, shared_work, run)] = run
             if not under_way:
                 return
             for task in ray.wait(list(under_way), timeout=HEARTBEAT_S)[0]:
@@ -238,11 +206,11 @@ def _connect(address: str) -> None:
         ) from None
 
 
-def _call_in(folder: Path, work: Callable[[int], T], shard: int) -> T:
+def _call_in(folder: Path, work: Callable[[int], T], run: int) -> T:
     with contextlib.suppress(OSError):  # a node without it has no bodies there
         os.chdir(folder)
-    return _call(work, shard)
+    return _call(work, run)
 
 
-def _call(work: Callable[[int], T], shard: int) -> T:
-    return work(shard)
+def _call(work: Callable[[int], T], run: int) -> T:
+    return work(run)

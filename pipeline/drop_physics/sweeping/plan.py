@@ -18,7 +18,8 @@ from drop_physics.messages import Message, shell_command
 from drop_physics.scenario import Engine, Scenario
 from drop_physics.sweeping.sampling import RandomField, drawn, variations_of
 
-MOST_RUNS = 1_000_000_000_000
+MOST_RUNS = 100_000
+"""Most runs: each has a row in memory."""
 
 
 @dataclass(frozen=True)
@@ -58,23 +59,6 @@ class Plan:
     def engines(self) -> list[Engine]:
         """Return every engine that a run may have."""
         return sorted(set(dict(self.lists).get("engine", ())) or {Scenario().engine})
-
-    @property
-    def shard_runs(self) -> int:
-        """The number of runs in one shard: few enough to finish soon, without too many files.
-
-        It depends only on the plan, so that a sweep can be resumed with other workers.
-        """
-        return max(math.ceil(self.runs / 64) if self.runs <= 64_000 else 1000, self.runs // 10_000)
-
-    @property
-    def shards(self) -> int:
-        """The number of shards; the last may be shorter."""
-        return math.ceil(self.runs / self.shard_runs)
-
-    def runs_of(self, shard: int) -> range:
-        """Return the numbers of a shard's runs."""
-        return range(shard * self.shard_runs, min((shard + 1) * self.shard_runs, self.runs))
 
     def sample_of(self, run: int) -> int | None:
         """Return the number of a run's sample, or None where nothing is sampled."""
