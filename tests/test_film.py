@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 import scenes
 from conftest import Drop, some
-from drop_physics.engines.pybullet.checkerboard import SUN, checkerboard
+from drop_physics.engines.pybullet.checkerboard import checkerboard
 from drop_physics.engines.pybullet.engine import p
-from drop_physics.engines.pybullet.visible_world import view_matrix, world_from_camera
+from drop_physics.engines.pybullet.visible_world import view_matrix
 from drop_physics.errors import OutputError, RecordingError, ScenarioError
 from drop_physics.figures.playback import Animation
 from drop_physics.figures.theme import DARK, LIGHT
@@ -485,7 +485,7 @@ def test_a_plane_is_a_checkerboard_from_any_side_of_it() -> None:
     place = (0.1, 0.2, -0.3), p.getQuaternionFromEuler((0.3, -0.2, 0.7))
     tiles = np.array([[200] * 3, [100] * 3, [255] * 3], np.uint8)
     client = p.connect(p.DIRECT)
-    colours, nearness = checkerboard(camera, client, place, 0.25, tiles)
+    colours, nearness = checkerboard(camera, place, 0.25, tiles)
     view = np.reshape(view_matrix(camera), (4, 4)).T
     lens = np.reshape(p.computeProjectionMatrixFOV(60, 4 / 3, 0.1, 10), (4, 4)).T
     to_world, axes = (
@@ -513,28 +513,5 @@ def test_a_plane_is_a_checkerboard_from_any_side_of_it() -> None:
                 ).all()
     assert certain > 60
     below = replace(camera, pitch_deg=60.0)
-    assert not checkerboard(below, client, place, 0.25, tiles)[1].any()
+    assert not checkerboard(below, place, 0.25, tiles)[1].any()
     p.disconnect(client)
-
-
-def test_a_box_casts_its_shadow_on_the_floor_below_it() -> None:
-    """From each point of the floor, whether a ray to the sun meets the box."""
-    camera = replace(STANDARD_CAMERA, size_px=(320, 240), target_m=(0.0, 0.0, 0.3), distance_m=1.5)
-    floor, half_m = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), np.array([0.2, 0.1, 0.05])
-    tiles, client = np.array([[200] * 3, [200] * 3, [255] * 3], np.uint8), p.connect(p.DIRECT)
-    lit, nearness = checkerboard(camera, client, floor, 0.25, tiles)
-    look = p.createVisualShape(p.GEOM_BOX, halfExtents=half_m.tolist())
-    p.createMultiBody(0, -1, look, [0, 0, 0.4])
-    shaded, _ = checkerboard(camera, client, floor, 0.25, tiles)
-    p.disconnect(client)
-    rows, columns = np.nonzero(nearness > 0.3)
-    rays = np.stack([columns - 159.5, 119.5 - rows, np.full(len(rows), -camera.focal_length_px)])
-    rays /= camera.focal_length_px
-    eye = world_from_camera(camera)
-    points_m = eye[:3, 3] + (eye[:3, :3] @ rays / nearness[rows, columns]).T
-    # Where the ray enters and leaves the box along each axis.
-    ends = [(side * half_m + (0, 0, 0.4) - points_m) / SUN for side in (-1, 1)]
-    meets = np.minimum(*ends).max(axis=1) < np.maximum(*ends).min(axis=1)
-    darker = (shaded < lit).all(axis=2)[rows, columns]
-    assert meets.sum() > 200
-    assert (darker != meets).sum() < 0.1 * meets.sum()  # pixels at its edge

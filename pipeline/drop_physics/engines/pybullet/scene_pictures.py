@@ -77,9 +77,7 @@ def drawn(
                         place = _after(pose, offset) or NOWHERE
                         p.resetBasePositionAndOrientation(body, *place, physicsClientId=client)
                 there = (_after(placed[number], offset) for number, offset in planes)
-                floors = [
-                    checkerboard(camera, client, place, side_m, rgb) for place in there if place
-                ]
+                floors = [checkerboard(camera, place, side_m, rgb) for place in there if place]
                 yield _picture(camera, client, floors, rgb[2])
     finally:
         p.disconnect(client)
