@@ -40,7 +40,7 @@ _MENU = {
     "Guides": [
         "docs/install", "docs/walkthrough", "docs/record", "docs/why", "docs/mujoco",
         "docs/from_pybullet", "docs/prove",
-        "docs/drop", "docs/engines", "docs/viewing", "docs/scale", "docs/ci", "docs/catalog",
+        "docs/drop", "docs/engines", "docs/viewing", "docs/scale", "docs/ci",
         "docs/pipeline",
     ],
     "日本語": ["はじめに <README.ja>", "docs/walkthrough.ja", "docs/drop.ja"],

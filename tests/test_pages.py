@@ -33,9 +33,6 @@ pytestmark = pytest.mark.long
 README, DROP = ROOT / "README.md", DOCS / "drop.md"
 AGAIN = "a page is stale; make it again with: python docs/regenerate.py"
 PAGES = pages.pages()
-MARKS = {
-    "catalog.md": [pytest.mark.needs("datafusion")],
-}
 TRANSLATED = [page for page in PAGES if pages.translations(page)]
 
 
@@ -50,10 +47,7 @@ def prose_of(page: Path) -> str:
 
 @pytest.mark.parametrize(
     "page",
-    [
-        pytest.param(page, id=page.relative_to(ROOT).as_posix(), marks=MARKS.get(page.name, []))
-        for page in PAGES
-    ],
+    [pytest.param(page, id=page.relative_to(ROOT).as_posix()) for page in PAGES],
 )
 def test_what_a_page_says_to_type_works_prints_what_it_shows_and_draws_its_pictures(
     page: Path,
@@ -163,7 +157,7 @@ def typed() -> str:
 
 
 def test_every_page_is_looked_at_and_every_block_is_fenced() -> None:
-    assert {"README.md", "ci.md", "catalog.md", "walkthrough.md"} <= {page.name for page in PAGES}
+    assert {"README.md", "ci.md", "walkthrough.md"} <= {page.name for page in PAGES}
     for page in PAGES:
         assert re.findall(r"\n\n    \S.*", prose_of(page)) == [], page.name
 
@@ -188,7 +182,7 @@ def test_every_extra_that_a_page_names_exists() -> None:
         for extra in ",".join(found).split(",")
         if extra
     }
-    assert named == {"catalog", "ray", "docs", "test", "dev", "notebook", "mp4", "mujoco"}
+    assert named == {"ray", "docs", "test", "dev", "notebook", "mp4", "mujoco"}
     assert named <= set(extras)
 
 

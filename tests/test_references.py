@@ -196,14 +196,9 @@ def test_every_entry_of_the_recordings_reference_is_described() -> None:
     assert [row for row in rows if row.endswith("|  |")] == []
 
 
-@pytest.mark.parametrize(
-    "library", ["polars", pytest.param("datafusion", marks=pytest.mark.needs("datafusion"))]
-)
-def test_a_recording_is_read_as_its_reference_says(
-    library: str, tmp_path: Path, standard: Run
-) -> None:
+def test_a_recording_is_read_as_its_reference_says(tmp_path: Path, standard: Run) -> None:
     page = blocks((SCHEMAS.parent / "recording.md").read_text(encoding="utf-8"))
-    (code,) = (one.text for one in page if one.kind == "python" and library in one.text)
+    (code,) = (one.text for one in page if one.kind == "python")
     (shown,) = (one.text for one in page if one.kind == "text")
     (tmp_path / "recordings").mkdir()
     shutil.copy(standard.simulation.recording, tmp_path / "recordings/run.rrd")

@@ -248,20 +248,6 @@ rows = touching.select(
 lowest = rows.sort("height_m").row(0, named=True)
 print("step {sim_step}: height {height_m:.4f} m, distance {distance_m:.4f} m".format(**lowest))
 """
-_DATAFRAME = """from datafusion import col, functions
-from rerun.chunk import RrdReader
-
-store = RrdReader("recordings/run.rrd").stream().collect()
-samples = store.reader(index="sim_step", contents=["/state", "/contacts"])
-touching = samples.filter(col("/contacts:distance_m").is_not_null())
-rows = touching.select(
-    col("sim_step"),
-    col("/state:position_m")[2].alias("height_m"),
-    functions.array_min(col("/contacts:distance_m")).alias("distance_m"),
-)
-lowest = rows.sort("height_m").limit(1).to_pylist()[0]
-print("step {sim_step}: height {height_m:.4f} m, distance {distance_m:.4f} m".format(**lowest))
-"""
 _READING = """## Reading it
 
 How deep does the box sink into the floor? With polars, a table per entity:
@@ -269,18 +255,11 @@ How deep does the box sink into the floor? With polars, a table per entity:
 ```python
 {polars}```
 
-With Rerun's own dataframe API, which joins the entities and needs the extra `catalog`;
-[many recordings](catalog.md) are queried the same way:
-
-```python
-{dataframe}```
-
-Both print
-
 ```text
 {printed}```
 
-Neither verifies the digests; `drop analyze` does, and its `--table` writes the table above.
+This does not verify the digests; `drop analyze` does, and its `--table` writes the table above.
+Many recordings at once are queried by Rerun's own [catalog](https://rerun.io/docs).
 """
 
 
@@ -325,7 +304,7 @@ def made() -> dict[str, str]:
         "## The table of `drop analyze --table`\n\nOne row per sample. Error terms are null where "
         "the law of free flight does not hold.\n",
         _table(table),
-        _READING.format(polars=_POLARS, dataframe=_DATAFRAME, printed=printed),
+        _READING.format(polars=_POLARS, printed=printed),
     ]
     return {"recording.md": "\n".join(parts)}
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from PIL import Image
 
 from drop_physics.errors import DropError, check_suffix
-from drop_physics.figures.interactive import Interactive, colour_of, interactive
+from drop_physics.figures import panel_plot
 from drop_physics.files.outputs import check_apart, check_target
 from drop_physics.files.whole import written_whole
 from drop_physics.messages import Message, harmless, translated
@@ -25,13 +25,9 @@ from drop_physics.report.html import CURVES, html_of
 from drop_physics.stages.render import film_of as drawn_film
 
 if TYPE_CHECKING:
-    from drop_physics.figures.plot import Panel
     from drop_physics.printable import Printable
 
-POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
-    "img-src data:; font-src data:"
-)
+POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 STYLE = """
 :root { color-scheme: light dark; --text: #1f2328; --faint: #5f6670; --page: #ffffff;
   --line: #d0d7de; --mark: #fff1c2; --advice: #1a7f37; --broken: #cf222e }
@@ -49,11 +45,6 @@ table { border-collapse: collapse; font-size: .9rem; font-variant-numeric: tabul
 th, td { padding: .15rem .8rem .15rem 0; text-align: left; vertical-align: top }
 th { color: var(--faint); font-weight: normal } th, td:not(:last-child) { white-space: nowrap }
 .total td { font-weight: bold } .failed td { color: var(--broken) }
-.legend span { margin-right: 1.2rem; font-size: .85rem; white-space: nowrap }
-.legend i { display: inline-block; width: 1.6rem; margin-right: .4rem; vertical-align: middle;
-  border-top: 2px solid }
-.legend .dashed { border-top-style: dashed } .legend .broad { border-top-width: 4px }
-.legend .wide { border-top-width: 6px }
 .facts th { color: var(--text); font-weight: bold }
 .findings li { margin: 1rem 0 } .findings .broken b { color: var(--broken) }
 pre { border: 1px solid var(--line); border-radius: 6px; padding: .5rem; overflow-x: auto;
@@ -62,17 +53,15 @@ mark { background: var(--mark); color: inherit }
 img { max-width: 100% } .strip { display: none }
 @media print {
   :root { font-size: 12px } body { margin: 0; padding: 0; max-width: none }
-  .panel, li, table, img, pre { break-inside: avoid } h3, h2 { break-after: avoid }
+  li, table, img, pre { break-inside: avoid } h3, h2 { break-after: avoid }
   pre { white-space: pre-wrap; overflow: visible } .wide { overflow: visible }
   .film { display: none } .strip { display: block; width: 100% }
 }
 """
-MOST_PANELS = 8
 MOMENTS = 4
 """Number of pictures of a film that are printed."""
 LANGUAGE = Message("en")
 """Language of a page, as HTML names it."""
-NOTHING = Interactive("", [], "")
 
 
 def check_page(page: Path, *, inputs: Sequence[Path], force: bool) -> None:
@@ -104,16 +93,11 @@ def write_page(
 
     Raises
     ------
-    DropError
-        If Bokeh, which draws the curves, is not installed.
     OutputError
         If the file cannot be written.
     """
     report: Report = result.report(**how)
-    panels = [*_panels(report)][:MOST_PANELS]
-    drawn = interactive(panels) if panels else NOTHING
-    divs = zip(panels, drawn.divs, strict=True)
-    shown = "\n".join([*(_panel(panel, div) for panel, div in divs), *_film(film_of)])
+    shown = "\n".join([*_curves(report), *_film(film_of)])
     title = report.title or getattr(report.verdict, "text", "drop")
     text = f"""<!doctype html>
 <html lang="{translated(LANGUAGE)}">
@@ -123,11 +107,9 @@ def write_page(
 <meta name="viewport" content="width=device-width">
 <title>{_said(title)}</title>
 <style>{STYLE}</style>
-{drawn.head}
 </head>
 <body>
 {"".join(html_of(report)).replace(CURVES, shown, 1)}
-{drawn.script}
 </body>
 </html>
 """
@@ -135,15 +117,16 @@ def write_page(
         file.write(text.encode("utf-8", "replace"))
 
 
-def _panel(panel: Panel, div: str) -> str:
-    mark = f"{panel.mark}  " if panel.mark else ""
-    names = "".join(
-        f'<span><i class="{curve.look}" style="color: {colour_of(curve)}"></i>'
-        f"{_said(curve.name)}</span>"
-        for curve in {curve.name: curve for curve in panel.curves}.values()
-    )
-    title = f"<h3>{mark}{_said(panel.title)} [{panel.unit}]</h3>"
-    return f'<div class="panel">{title}<p class="legend">{names}</p>{div}</div>'
+def _curves(report: Report) -> Iterator[str]:
+    """Yield the plots of a report, for a light or dark page."""
+    for section in report.sections:
+        for block in section.blocks:
+            if isinstance(block, Graphs) and (plot := block.plot()).panels:
+                light, dark = (
+                    _data(panel_plot.render(plot, "svg", dark=dark), "svg+xml")
+                    for dark in (False, True)
+                )
+                yield _picture("curves", light, dark)
 
 
 def _film(recording: Path | None) -> Iterator[str]:
@@ -151,15 +134,19 @@ def _film(recording: Path | None) -> Iterator[str]:
     if recording is not None:
         with contextlib.suppress(DropError):
             light, dark = (drawn_film(recording, dark=dark) for dark in (False, True))
-            yield (
-                '<picture class="film"><source media="(prefers-color-scheme: dark)" '
-                f'srcset="{_data(dark)}"><img alt="" src="{_data(light)}"></picture>'
-                f'<img class="strip" alt="" src="{_data(_strip(light))}">'
-            )
+            yield _picture("film", _data(light, "gif"), _data(dark, "gif"))
+            yield f'<img class="strip" alt="" src="{_data(_strip(light), "gif")}">'
 
 
-def _data(gif: bytes) -> str:
-    return f"data:image/gif;base64,{base64.b64encode(gif).decode()}"
+def _picture(name: str, light: str, dark: str) -> str:
+    return (
+        f'<picture class="{name}"><source media="(prefers-color-scheme: dark)" '
+        f'srcset="{dark}"><img alt="" src="{light}"></picture>'
+    )
+
+
+def _data(picture: bytes, kind: str) -> str:
+    return f"data:image/{kind};base64,{base64.b64encode(picture).decode()}"
 
 
 def _strip(film: bytes) -> bytes:
@@ -173,13 +160,6 @@ def _strip(film: bytes) -> bytes:
         stream = io.BytesIO()
         strip.save(stream, "gif")
     return stream.getvalue()
-
-
-def _panels(report: Report) -> Iterator[Panel]:
-    for section in report.sections:
-        for block in section.blocks:
-            if isinstance(block, Graphs):
-                yield from block.plot().panels
 
 
 def _said(text: str) -> str:
