@@ -96,18 +96,18 @@ def force_stays(inputs: Inputs) -> Iterator[Said]:
         if act is Act.SET_ACTIVE or body is None or not body.moving:
             continue
         message = Message(
-            "{body} is pushed by {push} in {acts}, from step {step:,} on: {field} was written "
-            "{writes}, and stays until it is written again",
+            "{body} is pushed by {push} in {acts}, from step {step:,} on: {field} keeps what is "
+            "written there until something else is",
             body=joint or body.label,
             push=effort(push or float(np.linalg.norm(force.most)), unit),
             field=f"{force.call.function}[{place}]",
             acts=so_many(acts),
             step=first,
-            writes=Message("once") if force.writes == 1 else Message("{n} times", n=force.writes),
         )
         yield Said(
             call=force.call,
             subject=body,
+            proposed=True,  # a force that is written in each step may be the same in all
             joint=joint,
             steps=Span(first, first + acts - 1, acts),
             message=message,
