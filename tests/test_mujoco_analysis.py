@@ -250,6 +250,27 @@ def test_a_push_and_friction_are_seen(tmp_path: Path) -> None:
     assert held.seen.frictions == {(1, -1, 0, -1): 0.5}
 
 
+def test_what_the_end_of_a_tendon_takes_no_pose_needs(tmp_path: Path) -> None:
+    """The elbow turns about an upright axis: what its servo gives, the tendon takes."""
+    model = """<mujoco><worldbody><body name="arm"><joint name="elbow" axis="0 0 1" damping="2"/>
+    <geom type="capsule" size="0.03" fromto="0 0 0 0.4 0 0"/></body></worldbody>
+    <tendon><fixed name="cable" range="0 0.36" limited="true"><joint joint="elbow" coef="1"/>
+    </fixed></tendon><actuator><position joint="elbow" kp="40" kv="2"/></actuator></mujoco>"""
+    found = told(
+        tmp_path,
+        f"import mujoco\nm = mujoco.MjModel.from_xml_string('''{model}''')\n"
+        "d = mujoco.MjData(m)\nd.ctrl[0] = 1\nmujoco.mj_step(m, d, 1500)\n",
+    )
+    arm = found.body("arm")
+    assert arm.energy is not None
+    assert "tendon limit cable" in arm.energy.by_cause_j
+    (elbow,) = arm.joints
+    assert elbow.off is not None
+    assert elbow.off < -0.5
+    assert elbow.needs is None
+    assert found.analysis.findings == []
+
+
 ARM = """
 import mujoco
 m = mujoco.MjModel.from_xml_string('''<mujoco><option integrator="implicitfast"/><worldbody>

@@ -28,6 +28,11 @@ OF_REPLAYS = (
 """Further causes, in engines that report what acted in a step."""
 
 
+TENDON_LIMIT = "tendon limit "
+"""Beginning of the name of what holds a tendon at the end of its range; the name without `limit` is
+that of its spring and damper."""
+
+
 def family(cause: str) -> str:
     """Return the group of a cause: `motors` of an actuator, `tendon` of a tendon, else itself."""
     kind, _, name = cause.partition(" ")

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from drop_physics.arrays import Flags, Float64, Int64
+from drop_physics.explain.causes import TENDON_LIMIT
 from drop_physics.explain.joined import GEAR, POINT
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.steps import Steps
@@ -28,7 +29,9 @@ Place = tuple[int, int]
 """Number of a body, and its link."""
 
 PASSIVE = "spring", "gravity compensation", "tendon "
-"""Beginnings of the names of causes that depend on the pose alone."""
+"""Beginnings of the names of causes that depend on the pose alone, but for those of `HOLDS`."""
+HOLDS = "constraints", TENDON_LIMIT
+"""Beginnings of the names of causes that give what others ask of them."""
 ACTS = 1e-9
 """A force below this share of the largest counts as none."""
 
@@ -157,9 +160,9 @@ def holding(
     constraints = stops = passive = np.zeros(tree.size)
     timestep_s = float(steps.reported.timestep_s[row])
     if steps.covered and steps.closes[row] and timestep_s > 0:
-        applied, constraints, stops = (
-            steps.terms[name][row] / timestep_s for name in ("applied", "constraints", "stops")
-        )
+        applied, stops = (steps.terms[name][row] / timestep_s for name in ("applied", "stops"))
+        held = {name: term[row] for name, term in steps.terms.items() if name.startswith(HOLDS)}
+        constraints = np.sum([*held.values()], axis=0) / timestep_s
         passive = _passive(steps, row) / timestep_s
         acting = acting + applied + constraints + passive
         known &= resting | (applied == 0)
@@ -187,7 +190,11 @@ def holding(
 
 def _passive(steps: Steps, row: int) -> Float64:
     """Return the impulses of causes that depend on the pose alone, such as springs."""
-    found = [term[row] for name, term in steps.terms.items() if name.startswith(PASSIVE)]
+    found = [
+        term[row]
+        for name, term in steps.terms.items()
+        if name.startswith(PASSIVE) and not name.startswith(HOLDS)
+    ]
     return np.sum(found, axis=0) if found else np.zeros(steps.law.tree.size)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.bodies import Record
 from drop_physics.explain.body_history import BodyHistory
+from drop_physics.explain.causes import TENDON_LIMIT
 from drop_physics.explain.changes import Transitions, changes_of
 from drop_physics.explain.driving import actuator_commands
 from drop_physics.explain.recording import Explanation
@@ -43,7 +44,7 @@ from drop_physics.trace.events import REPLAYS, Body, ImpulseCause, Impulses
 from drop_physics.trace.history import Piece, Seen
 
 ACTUATOR = "actuator"
-NAMED = (ACTUATOR, "tendon")
+NAMED = (ACTUATOR, "tendon", TENDON_LIMIT.strip())
 """The kinds of causes of which a body has several, told apart by name."""
 ALWAYS = (PULLED, MOVED, "damping", "applied", "contacts", "constraints", "stops")
 """Causes that every step has a term for, even where they do not act."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drop_physics.arrays import Flags, Float64
+from drop_physics.explain.causes import TENDON_LIMIT
 from drop_physics.explain.joints import REST_STEPS
 from drop_physics.explain.targets import SETTLED, SETTLED_STEPS
 from drop_physics.messages import Message
@@ -314,7 +315,8 @@ def _cause(joints: JointColumns, row: int, k: int, *, rests: bool) -> ServoGap |
     # What touches it may hold it as well, but the ground that it stands on; else it may still be on
     # its way.
     others = forces.get("joint damping", 0.0), sum(forces.values())
-    blocked = abs(forces["constraints"] + forces["contacts"] * found.fixed) > least
+    tendons = sum(force for name, force in forces.items() if name.startswith(TENDON_LIMIT))
+    blocked = abs(forces["constraints"] + forces["contacts"] * found.fixed + tendons) > least
     blocked |= max(map(abs, others)) > (HOLDS if rests else SPRING_SHARE) * abs(found.own)
     if -found.rubs * np.sign(found.own) > HOLDS * abs(found.own) and not blocked:
         return replace(found, reason="friction-loss")

@@ -32,14 +32,15 @@ from drop_physics.rules.thresholds import (
     TAKES_DRIVE,
 )
 
-HELD = "contacts", "constraints", "stops", "spring", "tendon", "joint force range"
-"""Where one of these acts on a joint, it is not the joint itself that decides."""
+HELD = "contacts", "constraints", "stops", "spring", "tendon ", "joint force range"
+"""Beginnings of causes: where one acts on a joint, it is not the joint itself that decides."""
 TAKERS = "damped", "rubbed", "swung"
 """The names under which it is summed what takes the drive: damping, dry friction, armature."""
 
 
 def _alone(joints: JointColumns, *others: str) -> Flags:
-    return np.asarray(~np.any([joints.term(name) != 0 for name in (*HELD, *others)], axis=0))
+    held = [each for each in joints.steps.terms if each.startswith(HELD) or each in others]
+    return np.asarray(~np.any([joints.term(name) != 0 for name in held], axis=0))
 
 
 @joint_rule("joint-damping", "model", engines=MUJOCOS)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.cause_names import cause_in_words
+from drop_physics.explain.causes import TENDON_LIMIT
 from drop_physics.fields import alternatives
 from drop_physics.messages import Message
 from drop_physics.physics.dynamics import mass_matrix
@@ -69,7 +70,10 @@ def turned_around(joints: JointColumns) -> Match:
         if not len(rows):
             continue
         named[rows, k] = turner = _turner(joints, rows, first + k)
-        drives = [name.partition(" ")[0] in DRIVES for name in turner.tolist()]
+        drives = [
+            name.partition(" ")[0] in DRIVES and not name.startswith(TENDON_LIMIT)
+            for name in turner.tolist()
+        ]
         broken[rows, k] = ends = np.maximum.reduceat(breaks, rows)
         # What comes before a turn begins with the turn before it, or where the sum breaks.
         marks = np.unique(np.concatenate([[0], rows, np.flatnonzero(breaks) + 1]))

@@ -45,7 +45,6 @@ KINDS = {
     "push": "contacts",
     "friction": "contacts",
     "tendon friction": "friction loss",
-    "tendon limit": "constraints",
 }
 """Names of MuJoCo's causes in a recording, where they differ."""
 UNKNOWN, NOT_REPLAYED = map(REPLAYS.index, ("unknown", "not replayed"))
