@@ -95,7 +95,7 @@ def position_row(
         time=words.time(subject, int(steps[at])),
     )
     jumps = np.abs(np.diff(target[known])) > ROUND
-    if jumps.mean() > 0.5 and len(series) > 10:
+    if len(jumps) > 10 and jumps.mean() > 0.5:
         told = told + Message(", while its target moves")
     if at == last:
         told = told + Message(", at the end")
