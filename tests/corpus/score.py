@@ -9,9 +9,10 @@
 
     cause    one of these codes must be among the first two findings; its message and advice hold
              all `words` (patterns) and `numbers` (value, tolerance), it is about `joint`.
+             A pattern is sought in "MESSAGE ADVICE [LEVEL]"; what is proposed begins "to try: ".
              A script whose cause is empty is right as it is, and is to be left in peace.
     true     codes that may be said beside it
-    false    codes, or "code: pattern" of message and advice, that must not be said
+    false    codes, or "code: pattern" of the same text, that must not be said
     fix      whether the script shows the cure: `python NAME.py fix`
 
 A finding's `reason` counts like its code. A code that the truth does not mention is unjudged; among
@@ -129,7 +130,8 @@ def _called(finding: Finding) -> set[str]:
 
 
 def _text(finding: Finding) -> str:
-    return f"{finding['message']} {finding['advice'] or ''}"
+    advice = f"{'to try: ' * finding['proposed']}{finding['advice'] or ''}"
+    return f"{finding['message']} {advice} [{finding['level']}]"
 
 
 def lacking(truth: Truth, finding: Finding) -> list[str]:

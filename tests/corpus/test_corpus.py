@@ -16,7 +16,7 @@ WEAK = Truth(
     "It sinks.",
     "At its limit of 10 N.",
     cause=["weak-constraint"],
-    words=["maxForce"],
+    words=["maxForce", r"\[asked\]$"],
     numbers=[(10, 0.01), (19.6, 0.03)],
     joint="hinge",
     true=["slides"],
@@ -26,7 +26,8 @@ RIGHT = Truth("Is all well?", "nothing is wrong", cause=[], false=["slides"])
 
 
 def said(code: str, message: str = "", **more: Any) -> dict[str, Any]:
-    return {"code": code, "message": message, "advice": None, "effect": None, "joint": None} | more
+    finding = {"code": code, "message": message, "advice": None, "level": "asked"}
+    return finding | {"proposed": False, "effect": None, "joint": None} | more
 
 
 FULL = said("weak-constraint", "its maxForce of 10 N", effect={"value": 19.9}, joint="hinge")
@@ -64,6 +65,7 @@ def test_each_script_has_a_truth_and_a_score(corpus: Path) -> None:
         [said("slides"), said("slides"), FULL],  # a reader looks at two
         [FULL | {"code": "weak"}],
         [FULL | {"message": "at most 10 N"}],
+        [FULL | {"level": "note"}],
         [FULL | {"message": "its maxForce of 11 N"}],
         [FULL | {"effect": {"value": 25.0}}],
         [FULL | {"effect": None}],

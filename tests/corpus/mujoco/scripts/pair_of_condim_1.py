@@ -1,0 +1,19 @@
+import mujoco
+
+m = mujoco.MjModel.from_xml_string("""
+<mujoco>
+<worldbody>
+<geom name="ramp" type="box" size="2 .5 .05" euler="0 15 0" friction="1"/>
+<body name="slick" euler="0 15 0" pos="0 0 0.156">
+<freejoint/>
+<geom name="slick" type="box" size="0.1 0.1 0.1" mass="1" friction="1"/>
+</body>
+</worldbody>
+<contact>
+<pair geom1="slick" geom2="ramp" condim="1"/>
+</contact>
+</mujoco>
+""")
+d = mujoco.MjData(m)
+for k in range(300):
+    mujoco.mj_step(m, d)

@@ -1,0 +1,18 @@
+import pybullet as p, pybullet_data
+
+p.connect(p.DIRECT)
+p.setAdditionalSearchPath(pybullet_data.getDataPath())
+
+
+def steps(number):
+    for _ in range(number):
+        p.stepSimulation()
+
+
+p.setGravity(0, 0, -9.81)
+k = p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)
+p.resetJointState(k, 1, 0.5)
+steps(60)
+for j in range(7):
+    p.setJointMotorControl2(k, j, p.POSITION_CONTROL, 0.4, force=300)
+steps(60)

@@ -1,0 +1,31 @@
+import pybullet as p, pybullet_data
+
+p.connect(p.DIRECT)
+p.setAdditionalSearchPath(pybullet_data.getDataPath())
+
+
+def steps(number):
+    for _ in range(number):
+        p.stepSimulation()
+
+
+shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.05] * 3)
+r = p.createMultiBody(
+    0,
+    -1,
+    -1,
+    linkMasses=[1],
+    linkCollisionShapeIndices=[shape],
+    linkVisualShapeIndices=[-1],
+    linkPositions=[[0, 0, 0]],
+    linkOrientations=[[0, 0, 0, 1]],
+    linkInertialFramePositions=[[0, 0, 0]],
+    linkInertialFrameOrientations=[[0, 0, 0, 1]],
+    linkParentIndices=[0],
+    linkJointTypes=[p.JOINT_REVOLUTE],
+    linkJointAxis=[[1, 0, 0]],
+)
+p.changeDynamics(r, 0, jointLowerLimit=0, jointUpperLimit=0)
+for i in range(60):
+    p.setJointMotorControl2(r, 0, p.POSITION_CONTROL, 1)
+    steps(1)
