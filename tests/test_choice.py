@@ -179,7 +179,12 @@ def test_findings_are_annotations_at_their_lines(drop: Drop, arms: Callable[...,
     log = json.loads(drop("analyze", "--output-format", "sarif").stdout)
     jsonschema.validate(log, SARIF)
     (run,) = log["runs"]
-    rules = [each["id"] for each in run["tool"]["driver"]["rules"]]
+    described = run["tool"]["driver"]["rules"]
+    rules = [each["id"] for each in described]
+    for each in described:  # as `drop explain` does
+        meaning = drop("explain", each["id"]).stdout
+        assert each["shortDescription"]["text"] in " ".join(meaning.split())
+        assert each["defaultConfiguration"]["level"] in ("error", "warning", "note")
     for result, finding in zip(run["results"], found, strict=True):
         assert rules[result["ruleIndex"]] == result["ruleId"] == finding["code"]
         place = result["locations"][0]["physicalLocation"]

@@ -352,8 +352,8 @@ def test_what_stands_after_it_is_the_scripts(drop: Drop, tmp_path: Path) -> None
     done = drop("says.py", *own)
     assert done.stdout.splitlines()[0] == str(own)
     assert done.stderr.splitlines()[0] == (
-        "drop: what comes after says.py goes to the script, --json too; drop's options come before "
-        "the script, in: drop record"
+        "drop: what comes after says.py goes to the script, --json too; put drop's options before "
+        "the script"
     )
 
 

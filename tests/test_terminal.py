@@ -384,6 +384,8 @@ def test_printed_check_of_the_same_physics(capsys: pytest.CaptureFixture[str]) -
         "positions identical",
         "frames 41 compared, identical",
         "version numpy 2.4, golden 2.3",
+        "",
+        "next drop analyze run.rrd",
     ]
     assert show(check, as_json=True) == 0
     assert json.loads(capsys.readouterr().out) == {
@@ -424,6 +426,9 @@ def test_printed_check_of_other_samples_says_where_and_by_how_much(
         "positions up to 3.21e-07 m apart (step 70, box); allowed: 2e-06 m",
         "engines they part",
         "frames 30 compared, 2 differ; 11 taken when the bodies are elsewhere",
+        "",
+        "next drop view run.rrd --against golden.rrd",
+        "drop check run.rrd --against golden.rrd --update",
     ]
     assert show(check, as_json=True) == DIFFERS
     told = json.loads(capsys.readouterr().out)
@@ -451,7 +456,7 @@ def test_printed_check_of_other_samples_says_where_and_by_how_much(
         },
     ]
     assert show(replace(check, updated=True), as_json=False) == 0
-    assert lines_of(capsys)[-1] == "golden golden.rrd is now run.rrd"
+    assert lines_of(capsys)[-3] == "golden golden.rrd is now run.rrd"
 
 
 @pytest.mark.parametrize(
@@ -483,7 +488,7 @@ def test_printed_check_names_settings_by_their_options(capsys: pytest.CaptureFix
     settings = [Difference(None, None, None, *each) for each in values]
     comparison = replace(SAME, differences=settings, largest_difference_m=None)
     assert show(Check(RUN, GOLDEN, 0.0, comparison, None), as_json=False) == DIFFERS
-    assert lines_of(capsys)[1:] == [
+    assert lines_of(capsys)[1:-3] == [
         "setting --timestep 1/480, golden 1/240",
         "setting --no-floor given, golden not given",
         "setting --no-gravity not given, golden given",
@@ -495,7 +500,7 @@ def test_printed_check_names_settings_by_their_options(capsys: pytest.CaptureFix
 def test_printed_check_without_frames_says_why(capsys: pytest.CaptureFixture[str]) -> None:
     check = Check(RUN, GOLDEN, 0.0, SAME, FrameComparison(0, 0, None, "run.rrd has no frames"))
     show(check, as_json=False)
-    assert lines_of(capsys)[-1] == "frames none compared: run.rrd has no frames"
+    assert lines_of(capsys)[-3] == "frames none compared: run.rrd has no frames"
     other_picture = replace(check, frames=FrameComparison(41, 1, 12, None))
     assert show(other_picture, as_json=False) == DIFFERS
     assert "first step 12: a picture" in lines_of(capsys)
@@ -619,7 +624,8 @@ def test_printed_rendering_says_how_it_plays(
 ) -> None:
     made = Rendering(Path("fall.webp"), frames, fps, Path("fall.png"), speed)
     show(made, as_json=False, recording=Path("fall.rrd"))
-    assert lines_of(capsys) == [f"webp fall.webp {facts}", "plot fall.png"]
+    said = lines_of(capsys)
+    assert said == [f"webp fall.webp {facts}", "plot fall.png", "", "next drop view fall.rrd"]
     show(made, as_json=True, recording=Path("fall.rrd.part"))
     out, err = capsys.readouterr()
     assert json.loads(out) == {
@@ -634,7 +640,12 @@ def test_printed_rendering_says_how_it_plays(
 def test_printed_simulation_says_what_was_recorded(capsys: pytest.CaptureFixture[str]) -> None:
     made = Simulation(RUN, "an id", samples=12_001, frames=41, bytes=345_678, wall_s=1.26)
     show(made, as_json=False)
-    assert lines_of(capsys) == ["recording run.rrd 12,001 samples, 41 frames, 346 kB, 1.3 s"]
+    assert lines_of(capsys) == [
+        "recording run.rrd 12,001 samples, 41 frames, 346 kB, 1.3 s",
+        "",
+        "next drop analyze run.rrd",
+        "drop view run.rrd",
+    ]
     show(made, as_json=True)
     assert json.loads(capsys.readouterr().out) == {
         "recording": "run.rrd",

@@ -14,9 +14,10 @@ _HEAD = """# Commands
 Results go to standard output, everything else to standard error. Exit codes: 0 done, 1 failed,
 2 wrong usage, 3 a check did not pass, 130 stopped by Ctrl-C (143 by SIGTERM). A sweep fails
 if one of its runs does; `record` finishes its recording on Ctrl-C and exits with 0;
-`drop SCRIPT.py` exits as `record` does, else as `analyze`. Folders of outputs are made where they
-are missing. With `--json` standard output is exactly one JSON object, described in
-[json.md](json.md). Lines are as wide as the terminal, from 50 to 100 columns. With
+`drop SCRIPT.py` takes the options of `record` and `analyze` before the script, and exits as
+`record` does, else as `analyze`. Folders of outputs are made where they are missing. With `--json`
+standard output is exactly one JSON object, described in [json.md](json.md); of a command that fails
+it is `{"error": "…"}`. Lines are as wide as the terminal, from 50 to 100 columns. With
 `LANG=ja_JP.UTF-8` or `DROP_LANG=ja` results, notes and errors are in Japanese, and so are plots
 where a Japanese font is installed; help and JSON stay English.
 """

@@ -1,14 +1,19 @@
-"""A drop, from its scenario to its pictures.
+"""Why did my simulation do that? Record PyBullet and MuJoCo, and read what went wrong.
 
-`simulate` drops a `Scenario` in PyBullet and writes everything that happens into one Rerun
-recording, from which alone all else is computed: `analyze` breaks its error down, `render` makes a
-gif and a plot. `run` does the three in a row, `sweep` does many drops. `check` compares a recording
-with a golden one, and `info` describes one.
+    from drop_physics import analyze, record
 
-`record` records what a block of Python does with PyBullet, `record_script` what a script does;
-`trust` runs a script again with variations, and tells what of its result stands.
+    with record("run.rrd"):
+        ...  # whatever steps a simulation
+    analyze("run.rrd")
 
-    from drop_physics import Scenario, simulate, analyze, render
+`record` records what a block of Python does with PyBullet or MuJoCo, `record_script` what a script
+does; `analyze` explains every step as a sum of named impulses, and says what went wrong, the worst
+first, with the call that changes it. `why` runs a script again with one thing changed at a time,
+`trust` with variations that should not matter. `check` compares a recording with a golden one,
+`render` draws it, `export` writes it for other tools, and `info` describes it.
+
+`simulate` drops a box, a `Scenario`, in one of both engines; `run` also analyzes and renders it,
+`sweep` does many drops.
 
 A result prints as the terminal shows it; in a notebook it comes with its plot.
 
@@ -48,6 +53,8 @@ if TYPE_CHECKING:
     from drop_physics.stages.sweep import sweep as sweep
     from drop_physics.stages.trust import Trust as Trust
     from drop_physics.stages.trust import trust as trust
+    from drop_physics.stages.why import Why as Why
+    from drop_physics.stages.why import why as why
     from drop_physics.sweeping.plan import Plan as Plan
     from drop_physics.sweeping.plan import plan_of as plan_of
 
@@ -80,6 +87,8 @@ _HOMES = {
     "Sweep": "drop_physics.stages.sweep",
     "trust": "drop_physics.stages.trust",
     "Trust": "drop_physics.stages.trust",
+    "why": "drop_physics.stages.why",
+    "Why": "drop_physics.stages.why",
     "Plan": "drop_physics.sweeping.plan",
     "plan_of": "drop_physics.sweeping.plan",
 }

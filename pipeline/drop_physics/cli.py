@@ -6,6 +6,7 @@ Each command imports what it needs when it runs, so that `drop --help` is quick.
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,9 +19,10 @@ from drop_physics.console import output
 from drop_physics.console.help import BOX, OWN, RECORDINGS, SCRIPT, App, HelpedCommands
 from drop_physics.console.progress import progress, sweep_progress
 from drop_physics.console.running import main as main
+from drop_physics.errors import DropError, ScenarioError
 from drop_physics.fields import all_of
 from drop_physics.messages import Message
-from drop_physics.options import an_integer, takes_scenario, takes_scenario_lists
+from drop_physics.options import an_integer, takes_options_of, takes_scenario, takes_scenario_lists
 from drop_physics.scenario import Camera, Scenario
 
 if TYPE_CHECKING:
@@ -103,7 +105,6 @@ def simulate(
     camera: Camera | None,
 ) -> None:
     """Drop the body and record everything that happens."""
-    from drop_physics.errors import ScenarioError
     from drop_physics.stages.simulate import simulate
 
     if spawn and connect is not None:
@@ -153,32 +154,77 @@ def analyze(
     and bodies, and with --at the steps at these times, each as a sum of named impulses. Of a drop:
     where each millimetre between simulation and theory comes from.
     """
+    recording = _recording(run)
+    analyzed = _analyzer(
+        recording,
+        at=at,
+        out=out,
+        table=table,
+        body=body,
+        select=select,
+        ignore=ignore,
+        fail_on=fail_on,
+        force=force,
+        verbose=verbose,
+        html=html,
+        output_format="json" if json else output_format,
+    )
+    analysis, code = analyzed(recording, run)
+    if json or output_format == "json":
+        output.print_json(analysis.as_json())
+    raise typer.Exit(code)
+
+
+def _analyzer(
+    read: Path,
+    *,
+    at: list[str] | None,
+    select: str | None,
+    ignore: str | None,
+    fail_on: str | None,
+    table: Path | None,
+    force: bool,
+    verbose: bool,
+    html: Path | None,
+    output_format: str,
+    **how: Any,  # noqa: ANN401 - handed on
+) -> Callable[[Path, Path | None], tuple[Any, int]]:
+    """Return what analyzes a recording of a script and prints what is found, unless as JSON.
+
+    That all can be done is checked before any work; `read` is the file that is read.
+    """
     from drop_physics.option_types import times
 
-    at_s, recording = times(at or []), _recording(run)
-    choice = _choice(select, ignore, fail_on)
-    from drop_physics.stages.analyze import analyze
+    at_s, choice = times(at or []), _choice(select, ignore, fail_on)
+    from drop_physics.files.outputs import check_table
 
-    write_page = _page(html, recording, force=force)
-    with progress() as report:
-        analysis = analyze(
-            recording,
-            at_s=at_s,
-            body=body,
-            out=out,
-            table=table,
-            choice=choice,
-            script=run,
-            force=force,
-            progress=report,
-        )
-    write_page(analysis, film_of=recording, verbose=verbose)
-    as_json, text = json or output_format == "json", None
-    if output_format in ("github", "sarif"):
-        from drop_physics.report.annotations import FORMATS
+    if table is not None:
+        check_table(table, force=force)
+    write_page = _page(html, read, force=force)
 
-        text = FORMATS[output_format](analysis)
-    raise typer.Exit(_show(analysis, as_json=as_json, text=text, verbose=verbose, choice=choice))
+    def analyzed(recording: Path, script: Path | None) -> tuple[Any, int]:
+        from drop_physics.stages.analyze import analyze
+
+        with progress() as report:
+            analysis = analyze(
+                recording,
+                at_s=at_s,
+                table=table,
+                choice=choice,
+                script=script,
+                force=force,
+                progress=report,
+                **how,
+            )
+        write_page(analysis, film_of=recording, verbose=verbose)
+        text = "" if output_format == "json" else None
+        if output_format in ("github", "sarif"):
+            from drop_physics.report.annotations import FORMATS
+
+            text = FORMATS[output_format](analysis)
+        return analysis, _show(analysis, text=text, verbose=verbose, choice=choice)
+
+    return analyzed
 
 
 @app.command(
@@ -388,7 +434,6 @@ def _sweep_script(
     again: bool,
     json: bool,
 ) -> None:
-    from drop_physics.errors import ScenarioError
 
     if not program or not tries or refused:
         raise ScenarioError(
@@ -421,35 +466,6 @@ def _sweep_script(
 
 
 @app.command(
-    SCRIPT,
-    rich_help_panel=OWN,
-    short_help="Record it with its arguments, then analyze the recording.",
-    add_help_option=False,
-    context_settings={"allow_interspersed_args": False},
-)
-def script(context: typer.Context, program: given.Program) -> None:
-    """Record a script as `record` does, and analyze the recording."""
-    from drop_physics.stages.program import digest_of_script
-
-    target, *arguments = program
-    digest_of_script(target, is_module=False)
-    choice = _choice()
-    _note_ours(context, program, "record", "analyze")
-    recorded = _recorded(target, arguments)
-    from drop_physics.stages.analyze import analyze
-
-    code = _show(recorded, stream=sys.stderr, analyzed=True)
-
-    for each in (recorded, recorded.beside):
-        if each is None:
-            continue
-        with progress() as report:
-            analysis = analyze(each.recording, choice=choice, script=Path(target), progress=report)
-        code = code or _show(analysis, choice=choice)
-    raise typer.Exit(code)
-
-
-@app.command(
     rich_help_panel=OWN,
     short_help="Record a PyBullet or MuJoCo script, unchanged.",
     epilog="Example: drop record --duration 10 my_script.py --its-own option",
@@ -479,19 +495,14 @@ def record(
     come before the script; everything after it goes to the script. Standard output is left to the
     script.
     """
-    from drop_physics.stages.program import digest_of_script
-
-    target, *arguments = program
-    digest_of_script(target, is_module=module)  # before what takes a second to load
-    _note_ours(context, program)
     recorded = _recorded(
-        target,
-        arguments,
+        context,
+        program,
         to_stderr=json,
-        is_module=module,
+        module=module,
         out=out,
         steps=steps,
-        duration_s=duration,
+        duration=duration,
         seed=seed,
         twice=twice,
         again=again,
@@ -499,48 +510,117 @@ def record(
         keep_sleeping=keep_sleeping,
         force=force,
         keep=keep,
-        explain=not no_explain,
+        no_explain=no_explain,
+        json=json,
     )
+    if recorded.never_began:
+        from drop_physics.stages.record import forget
 
+        forget(recorded)
+        raise DropError(
+            "{failure}; it came to no simulation, so nothing is recorded",
+            failure=recorded.error if json else recorded.failure,
+        )
     raise typer.Exit(_show(recorded, as_json=json, stream=sys.stderr))
 
 
-def _note_ours(context: typer.Context, program: list[str], *verbs: str) -> None:
-    """Say which of a script's arguments are options of ours, too: perhaps they were meant so.
+@app.command(
+    SCRIPT,
+    rich_help_panel=OWN,
+    short_help="Record and analyze it; options of both come before it.",
+    add_help_option=False,
+    context_settings={"allow_interspersed_args": False},
+)
+@takes_options_of(analyze, record)
+def script(
+    context: typer.Context,
+    program: given.Program,
+    *,
+    of_record: Mapping[str, Any],
+    of_analyze: Mapping[str, Any],
+) -> None:
+    """Record a script as `record` does, and analyze the recording.
 
-    `verbs` are those that take them, where none was typed.
+    Options of both verbs come before the script; `--out` names the recording.
     """
+    verbs = context.find_root().command.commands  # type: ignore[attr-defined]
+    if program[0] in verbs:
+        raise ScenarioError("options of {verb} come after it: drop {verb} …", verb=program[0])
+    from drop_physics.stages.program import digest_of_script
+
+    digest_of_script(program[0], is_module=of_record["module"])  # before what takes long to load
+    as_json = of_analyze["json"] or of_analyze["output_format"] == "json"
+    how = {name: value for name, value in of_analyze.items() if name not in ("out", "json")}
+    if as_json:
+        how["output_format"] = "json"
+    script = Path(program[0])
+    analyzed = _analyzer(script, **how)
+    in_text = how["output_format"] == "text"
+    recorded = _recorded(context, program, to_stderr=not in_text, **of_record)
+    codes = [1 if recorded.never_began else _show(recorded, stream=sys.stderr, analyzed=True)]
+    printed = []
+    for each in filter(None, (recorded, recorded.beside)):
+        analysis, code = analyzed(each.recording, None if of_record["module"] else script)
+        codes.append(code)
+        printed.append(analysis.as_json())
+    if as_json:
+        first, *others = printed
+        output.print_json(first | ({"beside": others[0]} if others else {}))
+    if recorded.never_began:
+        from drop_physics.stages.record import forget
+
+        forget(recorded)
+    raise typer.Exit(next(filter(None, codes), 0))
+
+
+def _note_ours(context: typer.Context, program: list[str]) -> None:
+    """Say which of a script's arguments are options of ours, too: perhaps they were meant so."""
     target, *arguments = program
-    commands = context.find_root().command.commands  # type: ignore[attr-defined]
-    taken = [commands[verb].params for verb in verbs or (context.info_name,)]
-    ours = {name for params in taken for each in params for name in each.opts}
+    ours = {name for each in context.command.params for name in each.opts}
     names = dict.fromkeys(argument.partition("=")[0] for argument in arguments)
     both = [name for name in names if name.startswith("-") and name in ours]
     if both:
-        values = {"names": all_of(both), "target": target}
-        words = Message(
-            "what comes after {target} goes to the script, {names} too; put drop's options before "
-            "the script",
-            **values,
-        )
-        if verbs:
-            words = Message(
-                "what comes after {target} goes to the script, {names} too; drop's options come "
-                "before the script, in: {command}",
-                command=f"drop {verbs[0]}",
-                **values,
+        output.note(
+            Message(
+                "what comes after {target} goes to the script, {names} too; put drop's options "
+                "before the script",
+                names=all_of(both),
+                target=target,
             )
-        output.note(words)
+        )
+
+
+def _again(
+    program: list[str],
+    module: bool,
+    **options: Any,  # noqa: ANN401 - handed on
+) -> Callable[[str], str]:
+    """Return the command that does the same with another verb; 0 is a seed that verbs set."""
+    from drop_physics.stages.program import command_of
+
+    target, *arguments = program
+    script: str | Path = f"-m {target}" if module else Path(target)
+    options["seed"] = options["seed"] or None
+    return lambda verb: command_of(verb, script, arguments, **options)
 
 
 def _recorded(
-    target: str,
-    arguments: list[str],
+    context: typer.Context,
+    program: list[str],
     *,
-    to_stderr: bool = False,
+    to_stderr: bool,
+    module: bool,
+    duration: float | None,
+    no_explain: bool,
+    json: bool,  # noqa: ARG001 - an option of the command, which prints
     **how: Any,  # noqa: ANN401 - handed on
 ) -> Recorded:
     """Record a script, whose standard output goes to ours, or to standard error."""
+    from drop_physics.stages.program import digest_of_script
+
+    target, *arguments = program
+    digest_of_script(target, is_module=module)  # before what takes a second to load
+    _note_ours(context, program)
     from drop_physics.console.progress import script_progress
     from drop_physics.stages.record import record_script
 
@@ -549,6 +629,9 @@ def _recorded(
         return record_script(
             target,
             arguments,
+            is_module=module,
+            duration_s=duration,
+            explain=not no_explain,
             stdout=output.descriptor(sys.stderr if to_stderr else sys.stdout),
             note=note,
             progress=progress,
@@ -621,7 +704,8 @@ def trust(
         )
     write_page(result)
     outputs = [each for each in (table, plot, html) if each is not None]
-    raise typer.Exit(_show(result, as_json=json, within=lengths, outputs=outputs))
+    repeat = _again(program, module, steps=steps, duration=duration, seed=seed, python=python)
+    raise typer.Exit(_show(result, as_json=json, within=lengths, outputs=outputs, again=repeat))
 
 
 @app.command(
@@ -653,7 +737,7 @@ def why(
     force: given.Force = False,
     json: given.Json = False,
 ) -> None:
-    """Record a PyBullet script, then run it again with one thing changed at a time.
+    """Record a script, then run it again with one thing changed at a time.
 
     It tries what the findings propose: a motor's force, damping, friction, gains. A change that
     removes a symptom, and moves the outcome by more than chance does, undoes its cause.
@@ -702,7 +786,8 @@ def why(
 
         with progress() as drawing:
             write_film(result, film, force=force, progress=drawing)
-    raise typer.Exit(_show(result, as_json=json, every=every))
+    repeat = _again(program, module, steps=steps, duration=duration, seed=seed, python=python)
+    raise typer.Exit(_show(result, as_json=json, every=every, again=repeat))
 
 
 @app.command(

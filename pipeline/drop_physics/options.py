@@ -68,6 +68,34 @@ def takes_scenario_lists(command: Callable[..., None]) -> Callable[..., None]:
     return _grafted(command, options, inputs, instead_of=("lists", "camera"))
 
 
+def takes_options_of(*verbs: Callable[..., None]) -> Callable[..., Callable[..., None]]:
+    """Give a command the options of other verbs; of equal names those of the last verb.
+
+    The command is called with the values for a verb as `of_VERB`, by parameter name.
+    """
+    of_verb = {
+        verb.__name__: [
+            own
+            for own in inspect.signature(verb, eval_str=True).parameters.values()
+            if own.kind is inspect.Parameter.KEYWORD_ONLY
+        ]
+        for verb in verbs
+    }
+    options = {own.name: own for owns in of_verb.values() for own in owns}
+
+    def inputs(given: Given) -> Given:
+        return {
+            f"of_{verb}": {own.name: given[own.name] for own in owns}
+            for verb, owns in of_verb.items()
+        }
+
+    def taking(command: Callable[..., None]) -> Callable[..., None]:
+        instead = tuple(f"of_{verb}" for verb in of_verb)
+        return _grafted(command, [*options.values()], inputs, instead_of=instead)
+
+    return taking
+
+
 def _grafted(
     command: Callable[..., None],
     options: list[inspect.Parameter],

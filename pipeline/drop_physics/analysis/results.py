@@ -256,6 +256,8 @@ class Analysis(Printable, reported_by=REPORT):
     """The layer that shows the analysis."""
     partial: bool = False
     """Whether the recording was never finished, so that only its beginning was analyzed."""
+    notes: list[str] = field(default_factory=list)
+    """What the recording lacks, in a sentence each: steps of other processes, for example."""
     lacks: str | None = None
     """What the recording does not hold, as it is of an earlier schema; None if nothing."""
 

@@ -7,7 +7,7 @@ not recorded, such as how soft bodies move, is not compared: nothing with such a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from drop_physics.compare.calls import CallComparison, OtherCall, call_before
@@ -45,7 +45,8 @@ class Comparison:
     """Settings of a drop, or inputs of a script that differed before any sample did: bodies, the
     engine's settings, masses …"""
     first: Difference | None
-    """The first difference at a step: of an input, else of a sample; None if there is none."""
+    """The first difference at a step: of an input, else of a sample; None if there is none, or
+    nothing was compared. A setting of the engine counts if samples differ, too."""
     call_before: Call | None
     """The last call before the first difference."""
     other_call: OtherCall | None
@@ -61,7 +62,7 @@ class Comparison:
     not_compared: list[str]
     """Bodies whose motion is not recorded, or not that of all links: soft bodies, and links that
     PyBullet does not report. If nothing else differs, the two are then neither the same nor
-    different."""
+    different. Also bodies that only one of the two has, or that have other joints there."""
     script: list[Setting]
     """Differences of the script: its name, the digest of its text, its arguments, the seed. Not a
     difference in physics."""
@@ -71,11 +72,14 @@ class Comparison:
     """Calls that drew unseeded random numbers in either."""
     real_time: bool
     """Whether either asked for real-time simulation, which follows a clock."""
+    unpaired: Sequence[str] = ()
+    """Bodies that only one of the two has, or that have other joints there."""
 
     @property
     def same(self) -> bool:
-        """Whether it is the same physics."""
-        return self.first is None and not self.differences and not self.not_compared
+        """Whether it is the same physics: of nothing that could be compared nothing is the same."""
+        alike = self.first is None and not self.differences and not self.not_compared
+        return alike and self.largest_difference_m is not None
 
 
 def compare(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Comparison:
@@ -108,9 +112,17 @@ def compare(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Comparison:
         samples.end()
     parted = samples.parted
     inputs = [each for each in inputs if parted is None or each.when < parted]
-    first = earliest(*inputs, samples.first)
+    effective = [each for each in inputs if parted is not None or not _is_setting(each)]
+    first = earliest(samples.first, *(effective if samples.shared else []))
     largest = [each for _, each in sorted(samples.largest.items())]
     metres = [each.difference for each in largest if each.quantity == "position"]
+    numbers = {*run.seen.bodies, *pairs.bodies} - pairs.common.keys()
+    alone = [
+        run.seen.bodies[number].label if number in run.seen.bodies else pairs.label(number)
+        for number in sorted(numbers)
+    ]
+    unpaired = [*alone, *samples.unlike.values()]
+    not_seen = [*_not_seen(run.seen), *_not_seen(golden.seen)]
     return Comparison(
         of_drop=run.drop is not None,
         differences=[*settings, *(_told(each, run.seen) for each in inputs)],
@@ -120,12 +132,18 @@ def compare(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Comparison:
         largest=largest,
         largest_difference_m=max(metres, default=0.0) if samples.shared else None,
         part_at=None if parted is None else parted.step,
-        not_compared=list(dict.fromkeys([*_not_seen(run.seen), *_not_seen(golden.seen)])),
+        not_compared=list(dict.fromkeys([*not_seen, *unpaired])),
         script=[*script_settings(run, golden)],
         versions=[*versions],
         unseeded=[*dict.fromkeys((*run.seen.unseeded, *golden.seen.unseeded))],
         real_time=run.seen.real_time or golden.seen.real_time,
+        unpaired=unpaired,
     )
+
+
+def _is_setting(dated: Dated) -> bool:
+    """Return whether an input is one of the engine's settings."""
+    return dated.difference.column.startswith("engine.")
 
 
 def _pieces(run: Seen, golden: Seen) -> Iterator[tuple[Piece, Piece]]:

@@ -32,6 +32,11 @@ DID = ("unseeded", "real_time")
 """Facts of that prefix that are not versions but say what the script did."""
 OF_SCRIPT = ("script", "script_sha256", "arguments", "seed")
 
+OF_VERSION = ("engine", "dynamics")
+"""What is compared as far as both engines report it."""
+SET = "set_"
+"""Settings that a call gave begin with this."""
+
 Column = tuple[int | None, str]
 """Link and name."""
 Values = dict[Column, Value]
@@ -49,6 +54,8 @@ def input_differences(run: Seen, golden: Seen, pairs: Pairing) -> Iterator[Dated
     clients = {client: client for client in pairs.clients.values()}
     mine = _inputs(run, numbers, clients, pairs.common.keys())
     theirs = _inputs(golden, pairs.numbers, pairs.clients, pairs.common.keys())
+    for kind in OF_VERSION:
+        _keep_shared(kind, mine, theirs)
     ends = {client: min(both) - 1 for client, both in lengths(run, golden, pairs).items()}
     for key in {**mine, **theirs}:
         now, then = mine.get(key, {}), theirs.get(key, {})
@@ -57,6 +64,37 @@ def input_differences(run: Seen, golden: Seen, pairs: Pairing) -> Iterator[Dated
         if number >= 0:
             label = run.bodies[number].label if number in run.bodies else pairs.label(number)
         yield from _first(key, label, now, then, ends.get(client, math.inf))
+
+
+def _keep_shared(
+    kind: str,
+    mine: Mapping[Key, Mapping[int, tuple[int, Values]]],
+    theirs: Mapping[Key, Mapping[int, tuple[int, Values]]],
+) -> None:
+    """Leave out what only one of the two engines, or of two versions of one, reports at all."""
+    sides = (
+        [
+            values
+            for (name, *_), changes in inputs.items()
+            if name == kind
+            for _, values in changes.values()
+        ]
+        for inputs in (mine, theirs)
+    )
+    here, there = ([*each] for each in sides)
+    known = [{_reported(name) for values in each for _, name in values} for each in (here, there)]
+    if not all(known):
+        return
+    for values in (*here, *there):
+        for column in [*values]:
+            name = _reported(column[1])
+            if name is not None and not all(name in each for each in known):
+                del values[column]
+
+
+def _reported(name: str) -> str | None:
+    """Return the name of a value that the engine reports; None of one that a call has set."""
+    return None if name.startswith(SET) else name.partition(".")[0]
 
 
 def _first(

@@ -58,6 +58,8 @@ class SampleComparison:
         """Moment of the first state that is not the same to the bit."""
         self.shared = False
         """Whether both have a sample of the same body and step."""
+        self.unlike: dict[int, str] = {}
+        """Labels of bodies that both have, but with other joints: these are not compared."""
         self.largest: dict[tuple[int, str], Largest] = {}
         """The largest difference of each body and quantity."""
         self._run, self._golden = run, golden
@@ -124,11 +126,12 @@ class SampleComparison:
         body, other = self._pairs.common[number], self._pairs.bodies[number]
         columns = _columns(body, mine)
         if columns != _columns(other, theirs):
+            self.unlike[number] = body.label
             mine, theirs = (BodySamples(each.steps, each.base, None) for each in (mine, theirs))
             columns = _columns(body, mine)
             if columns != _columns(other, theirs):
                 return earliest(*dated)
-        self.shared |= len(steps) > 0
+        self.shared |= len(steps) > 0 and number not in self.unlike
         x, y = mine.numbers, theirs.numbers
         differing: Flags = np.logical_or.reduce(off(x, y), axis=1)
         if differing.any():

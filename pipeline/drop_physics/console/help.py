@@ -20,14 +20,19 @@ from typer._coercion import RuntimeParam
 from typer.core import TyperCommand, TyperGroup
 from typer.models import CommandFunctionType
 
+from drop_physics.console import output
 from drop_physics.errors import ScenarioError
-from drop_physics.messages import joined
+from drop_physics.messages import joined, shell_command
 
 SCRIPT = "SCRIPT.py"
 """The command of a line that begins with a script."""
 GROUPS = OWN, BOX, RECORDINGS = "Your own script", "The falling box", "Recordings"
 """Groups of commands, in the order in which help lists them."""
 SHELLS = ("bash", "zsh", "fish")
+FOREIGN = (".rrd", ".ipynb")
+"""Files that are no scripts; the command of a script says what to type."""
+OURS = ("--version", "--help", "-h")
+"""Options of the command line itself."""
 RECORDED = (SCRIPT, "record", "analyze")
 """Commands that a line which begins with a script may run."""
 
@@ -48,7 +53,7 @@ class App(typer.Typer):
     def __call__(self, *args: Any, **how: Any) -> Any:  # noqa: ANN401 - handed on
         """Run what was typed, without making the other commands."""
         first = "".join(sys.argv[1:2])
-        wanted = RECORDED if first.endswith(".py") else (first,)
+        wanted = RECORDED if _is_of_script(first) else (first,)
         few = copy.copy(self)
         few.registered_commands = [
             each
@@ -101,6 +106,12 @@ class TakesPlainly(Command):
 class HelpedCommand(TakesPlainly, TyperCommand):
     """A command whose help lists arguments, its own options, then each `rich_help_panel`."""
 
+    def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - Typer's
+        """Run it; its errors are JSON, too, if its result would be."""
+        asked = ctx.params.get("json") or ctx.params.get("output_format") == "json"
+        output.errors_as_json = bool(asked)
+        return super().invoke(ctx)
+
     def format_options(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
         """Write a section for each group of options."""
         sections: dict[str, list[tuple[str, str]]] = {}
@@ -121,7 +132,7 @@ class HelpedCommands(TakesPlainly, TyperGroup):
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401, ARG002
         """Write a section for each group, which a command names as its `rich_help_panel`."""
         sections: dict[str, list[tuple[str, str]]] = {title: [] for title in GROUPS}
-        for name, command in self.commands.items():
+        for name, command in sorted(self.commands.items(), key=lambda each: each[0] != SCRIPT):
             title = getattr(command, "rich_help_panel")  # noqa: B009 - of Typer's commands only
             sections[title].append((name, command.get_short_help_str(formatter.width)))
         for title, records in sections.items():
@@ -130,8 +141,17 @@ class HelpedCommands(TakesPlainly, TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401
         """Return the command, and its arguments: of a script the whole line."""
-        if args[0].endswith(".py"):
-            return args[0], self.commands[SCRIPT], args
+        if _is_of_script(args[0]):
+            return SCRIPT, self.commands[SCRIPT], args
+        if args[0] not in self.commands and Path(args[0]).is_file():
+            if Path(args[0]).suffix in FOREIGN:
+                return SCRIPT, self.commands[SCRIPT], args
+            raise ScenarioError(
+                "no such command {path!r}; a script whose name does not end in .py is recorded "
+                "with: {command}",
+                path=args[0],
+                command=shell_command("drop", "record", Path(args[0])),
+            )
         return super().resolve_command(ctx, args)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401
@@ -145,7 +165,15 @@ class HelpedCommands(TakesPlainly, TyperGroup):
                     shell=args[1],
                 )
             _COMPLETION[args[0]](ctx, None, args[1])
+        if args and _is_of_script(args[0]):
+            args = ["--", *args]  # whatever they are, they are the script's or its verb's
         return super().parse_args(ctx, args)
+
+
+def _is_of_script(word: str) -> bool:
+    """Return whether a line that begins with this word is of a script: its name, or an option."""
+    is_option = word.startswith("-") and word not in (*OURS, *_COMPLETION)
+    return is_option or word.endswith(".py")
 
 
 _COMPLETION: dict[str, Callable[..., Any]] = {

@@ -12,6 +12,8 @@ from drop_physics.messages import columns_of as columns_of
 from drop_physics.messages import harmless, translated
 from drop_physics.messages import wrapped as wrapped
 
+errors_as_json = False
+"""Whether an error is printed as JSON, too; set when a verb begins."""
 WIDTH = 80
 """Width of a line in a pipe, unless a name in it is longer."""
 NARROWEST, WIDEST = 50, 100

@@ -14,6 +14,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from drop_physics import loading, workers
+from drop_physics.console import output
 from drop_physics.console.output import width
 from drop_physics.errors import NO_MEMORY, DropError, Stopped, signals
 from drop_physics.messages import Message, joined
@@ -85,6 +86,7 @@ def run(load: Callable[[], typer.Typer], received: Sequence[int] = ()) -> int:
     received
         The signals that came, filled by their handler before it raises.
     """
+    output.errors_as_json = False
     try:
         command = load()
         how = {"terminal_width": width()} if sys.stdout.isatty() else {}
@@ -102,10 +104,15 @@ def run(load: Callable[[], typer.Typer], received: Sequence[int] = ()) -> int:
         # A signal that arrives inside a library may come out as that library's own error.
         sentence, code = _stopped(received[0]) if received else _verdict(error)
         line = joined("; ", [sentence, *getattr(error, "__notes__", [])])
+        import typer
+
         from drop_physics.console.output import error as say
 
         with contextlib.suppress(OSError):
             say(line)
+            usage = isinstance(error, typer.TyperException)
+            if output.errors_as_json or (usage and "--json" in sys.argv):
+                output.print_json({"error": str(line)})
     return code if isinstance(code, int) else 0
 
 
@@ -178,8 +185,10 @@ def _verdict(error: BaseException) -> tuple[str, int]:
     if isinstance(error, typer.TyperException):
         context = getattr(error, "ctx", None)
         # An option that lacks its value comes without.
-        verb = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
-        command = f"drop {verb}".strip() if context is None else context.command_path
+        verb = next((word for word in sys.argv[1:] if not word.startswith("-")), "record")
+        command = f"drop {verb}" if context is None else context.command_path
+        if command == "drop SCRIPT.py":  # has no help of its own
+            command = "drop record"
         sentence: str | None = _unreadable(error)
         if sentence is None:
             sentence = _of_typer(error.format_message().rstrip("."))
@@ -201,6 +210,17 @@ _TYPERS: dict[str, Callable[..., Message]] = {
     ),
     r"Option (.+) requires an argument": lambda what: Message("{what} needs a value", what=what),
     r"Option (.+) does not take a value": lambda what: Message("{what} takes no value", what=what),
+    r"Invalid value for '(.+?)': Value error, (.+)": lambda option, why: Message(
+        "{option} cannot be read: {why}", option=option, why=why
+    ),
+    r"Invalid value for '(.+?)': Value error, '?(.*?)'? is not one of (.+)": (
+        lambda option, value, choices: Message(
+            "{option} must be one of {choices}, got {value!r}",
+            option=option,
+            choices=choices,
+            value=value,
+        )
+    ),
     r"Got unexpected extra argument\(?s?\)? \((.+)\)": lambda what: Message(
         "unexpected argument: {what}", what=what
     ),

@@ -291,7 +291,8 @@ def deep_penetration(fall: Fall) -> Iterator[Said]:
     if not case.is_soft:
         # It cannot get deeper than it moves in a step; a tenth more, for gravity in that step.
         times = math.ceil(1.1 * per_step_m / (DEEP_PENETRATION * tall_m))
-        call = f"--timestep {fraction(case.timestep_s / times)}"
+        per_s = math.ceil(times / case.timestep_s - 1e-6)  # 1/1200 reads better than its digits
+        call = f"--timestep {fraction(1 / per_s)}"
         cure = Cure("timestep", value=float(times), call=call)
         advice = Message("use a timestep {times} times shorter: {call}", times=times, call=call)
     seen = Message(

@@ -53,6 +53,8 @@ class Decoder:
         self.faults: list[str] = []
         self.cut_off = False
         """Whether the script closed the pipe or wrote into it: the end is missing."""
+        self.waits = False
+        """Whether the script asks its user, and waits."""
         self.unseeded: list[str] = []
         self.outside: list[tuple[str, str]] = []
         """What the script did outside its simulation, as `watching.outside` calls it, a name
@@ -80,6 +82,12 @@ class Decoder:
     def time_s(self) -> float:
         """The simulated time of the simulation that is furthest [s]."""
         return self.bullet.time_s or self.mujoco.time_s
+
+    @property
+    def engines(self) -> list[str]:
+        """The engines that the script has imported."""
+        known = {PYBULLET: "pybullet_api" in self.python, MUJOCO: bool(self.mujoco.version)}
+        return [name for name, is_there in known.items() if is_there]
 
     def close(self) -> None:
         """Free the kept frames."""
@@ -117,12 +125,11 @@ class Decoder:
 
     def feed(self, data: bytes) -> Iterator[Event]:
         """Yield the events in the next part of the stream."""
-        bullet = self.bullet.take
         for kind, payload in self._frames.feed(data):
             if kind == pipe.MUJOCO and self.engine == MUJOCO:  # as most are, or one of these
                 yield from self.mujoco.take(payload)
             elif kind in (pipe.SAMPLE, pipe.CALL) and self.engine == PYBULLET:
-                yield from bullet(kind, payload)
+                yield from self.bullet.take(kind, payload)
             else:
                 yield from self._on_frame(kind, payload)
 
@@ -207,8 +214,29 @@ class Decoder:
     def _on_main(self, sha256: str, **_: object) -> None:
         self.main_sha256 = sha256
 
-    def _on_pybullet(self, version: int, **_: object) -> None:
-        self.python["pybullet_api"] = version
+    def _on_pybullet(self, version: int, release: str) -> None:
+        self.python |= {"pybullet_api": version, "pybullet": release or None}
+
+    def _on_waits(self, *, begins: bool) -> None:
+        self.waits = begins
+
+    def _on_again(self) -> None:
+        """Forget a program that has made no step, and is replaced by one that is watched."""
+        if self._kept is not None:
+            self._kept.close()
+        self.mujoco.close()
+        self.python, self.main_sha256, self._kept = {}, None, None
+        self.timing, self.unseeded = "", []
+        self.bullet = BulletDecoder(self._finer, self.faults)
+        self.mujoco = MujocoDecoder()
+
+    def _on_replaced(self, program: str) -> None:
+        self.faults.append(
+            Message(
+                "the script becomes another program, {program}: what that steps is not recorded",
+                program=program,
+            )
+        )
 
     def _on_timing(self, file: str, line: int) -> None:
         self.timing = located(file, line)

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from drop_physics.engines.channel import WATCHING, shared_block, wide_pipe
-from drop_physics.engines.decoder import Decoder
+from drop_physics.engines.decoder import MUJOCO, Decoder
 from drop_physics.engines.other_processes import OtherProcesses
 from drop_physics.engines.reached import Reached, reached_of, state_of
 from drop_physics.engines.watching import pipe
@@ -194,7 +194,7 @@ class Listener(ABC):
         if self._others is not None:
             self._others.look()
 
-    def _steps_elsewhere(self) -> bool:
+    def steps_elsewhere(self) -> bool:
         """Return whether other processes of the script have an engine, too."""
         loaded = self._others is not None and self._others.found
         return loaded or any(self.decoder.counters[pipe.APART :])
@@ -214,13 +214,14 @@ class Listener(ABC):
     def ending(self) -> Ending:
         """Return its ending, after its events."""
         decoder = self.decoder
+        mujoco = decoder.mujoco.steps or decoder.engines == [MUJOCO]
         made_with = {
             **decoder.python,
             "unseeded": decoder.unseeded or None,
             "real_time": decoder.bullet.real_time,
-            "mujoco": decoder.mujoco.version if decoder.mujoco.steps else None,
+            "mujoco": decoder.mujoco.version if mujoco else None,
         }
-        notes = [*decoder.faults, *([ELSEWHERE] if self._steps_elsewhere() else [])]
+        notes = [*decoder.faults, *([ELSEWHERE] if self.steps_elsewhere() else [])]
         ending = Ending(main_sha256=decoder.main_sha256, notes=notes, made_with=made_with)
         ended = decoder.ended or {}
         if decoder.stopped:
@@ -528,7 +529,7 @@ class Script(Listener):
         """Report its progress; kill a script that should have stopped."""
         super()._tick()
         now = time.monotonic()
-        if now - self._told_at > TICK_S:
+        if now - self._told_at > TICK_S and not self.decoder.waits:
             self._told_at = now
             self._tell(self.decoder.time_s, self.decoder.steps)
         if self.decoder.stopped and not self._stopped_at:

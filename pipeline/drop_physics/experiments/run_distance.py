@@ -132,8 +132,8 @@ class Apart:
 
     @property
     def same(self) -> bool:
-        """Whether every position is the same to the bit."""
-        return all(each.same for each in self.tracks)
+        """Whether every position is the same to the bit; where none is compared, none is."""
+        return bool(self.tracks) and all(each.same for each in self.tracks)
 
     @property
     def furthest(self) -> tuple[Float64, Float64]:

@@ -16,7 +16,7 @@ from drop_physics.recording.contents import chunks_of
 from drop_physics.recording.damage import damaged, wrong_count
 from drop_physics.recording.drawing import FARTHEST_M, part_path
 from drop_physics.recording.rrd import Chunk
-from drop_physics.trace.events import Body, Model
+from drop_physics.trace.events import Body, Model, Shape
 from drop_physics.trace.history import Seen
 from drop_physics.trace.poses import placed
 
@@ -138,11 +138,29 @@ def _radius_m(body: Body, link: int) -> float:
     """Return the radius of a ball around a link [m]."""
     if any(shape.kind == "plane" and shape.link == link for shape in body.shapes):
         return np.inf
+    shapes = [shape for shape in body.shapes if shape.link == link]
     box = np.array(body.bounds_m[6 * (link + 1) : 6 * (link + 2)])
-    if len(box):
-        return float(np.linalg.norm(box[3:] - box[:3])) / 2
-    sizes = [shape.size_m for shape in body.shapes if shape.link == link and shape.kind != "mesh"]
-    return max((float(np.linalg.norm(size_m)) / 2 for size_m in sizes), default=0.0)
+    half_m = float(np.linalg.norm(box[3:] - box[:3])) / 2 if len(box) else 0.0
+    # Around the centre of mass, which a head on a torso, or a mesh, may be far from.
+    return max(
+        (float(np.linalg.norm(each.position_m)) + _size_m(each, half_m) for each in shapes),
+        default=half_m,
+    )
+
+
+def _size_m(shape: Shape, half_m: float) -> float:
+    """Return the radius of a ball around a shape's centre [m], at most that of its link's box."""
+    match shape.kind:
+        case "mesh":
+            return half_m
+        case "sphere":
+            size_m = shape.size_m[0]
+        case "cylinder" | "capsule":
+            length_m, radius_m = shape.size_m[:2]
+            size_m = length_m / 2 + radius_m
+        case _:
+            size_m = float(np.linalg.norm(shape.size_m)) / 2
+    return min(size_m, half_m) if half_m else size_m
 
 
 def _models(body: Body, link: int, meshes: Mapping[str, bytes]) -> tuple[Model, ...]:

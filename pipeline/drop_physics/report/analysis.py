@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -9,20 +10,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drop_physics.fields import counted
-from drop_physics.messages import Message
+from drop_physics.messages import Message, shell_command
 from drop_physics.report.blocks import (
     Column,
     DataTable,
+    Fact,
+    Facts,
     FindingList,
     Graphs,
     Report,
     Section,
     numbers,
 )
-from drop_physics.report.bodies import report_of_bodies
+from drop_physics.report.bodies import looked_at, report_of_bodies
 from drop_physics.report.drop import report_of_drop
 from drop_physics.report.words import MISSING, unfinished
 from drop_physics.rules.choice import EVERY, Choice
+from drop_physics.stages.info import repeated
 from drop_physics.stages.panels import plot_of
 
 if TYPE_CHECKING:
@@ -51,7 +55,8 @@ def report_of(
         report = report_of_bodies(analysis, verbose=verbose)
     curves = Section([Graphs(partial(plot_of, analysis))], apart=False)
     first, *others = report.sections
-    report = replace(report, sections=[first, curves, *others])
+    sections = [first, curves, *others, *_not_said(analysis)]
+    report = replace(report, sections=sections, next=[*_next(analysis)])
     notes: list[str] = []
     if analysis.partial:
         notes.append(unfinished(analysis.recording, _samples(analysis)))
@@ -69,6 +74,28 @@ def report_of(
     return replace(report, notes=notes, remarks=[remark], code=TOO_GRAVE)
 
 
+def _not_said(analysis: Analysis) -> Iterator[Section]:
+    """Yield what the recording lacks, so that nothing is said of it."""
+    if analysis.notes:
+        titles = [Message("not said"), *[""] * (len(analysis.notes) - 1)]
+        rows = map(Fact, titles, analysis.notes)
+        yield Section([Facts([*rows])])
+
+
+def _next(analysis: Analysis) -> Iterator[str]:
+    """Yield commands that say more: trials of the script, if it is found, and the viewer."""
+    if analysis.recording is None or not analysis.samples:
+        return
+    origin = analysis.origin
+    if origin is not None and analysis.samples > 1:
+        name = str(origin["script"])
+        script = analysis.sources.get(name)
+        proof = repeated("why", origin, script)
+        if proof is not None and (script is not None or name.startswith("-m ")):
+            yield proof
+    yield shell_command("drop", "view", analysis.recording)
+
+
 def _of_drop(analysis: Analysis) -> DropAnalysis:
     from drop_physics.drop.results import DropAnalysis
 
@@ -84,7 +111,8 @@ def _samples(analysis: Analysis) -> int:
 
 def report_of_end(analysis: Analysis) -> Report:
     """Yield the findings, and where bodies and joints end, to the micrometre and microradian."""
-    found = FindingList(analysis.findings, len(analysis.findings))
+    most = len(analysis.findings)
+    found = FindingList(analysis.findings, most, analysis.left_out, looked_at=looked_at(analysis))
     if analysis.kind == "drop":
         last_m = _digits(analysis.table["simulated_m"][-1])
         end = DataTable([Column("at the end", ["centre"]), numbers("z [m]", [last_m])])

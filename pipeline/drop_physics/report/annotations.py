@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from drop_physics.rules.answer import Finding, Level
+from drop_physics.rules.reference import reference_of
 
 if TYPE_CHECKING:
     from drop_physics.analysis.results import Analysis
@@ -78,7 +79,7 @@ def sarif_of(analysis: Analysis) -> str:
     driver = {
         "name": "drop",
         "version": metadata.version("drop-physics"),
-        "rules": [{"id": code} for code in codes],
+        "rules": [*map(_rule, codes)],
     }
     run = {
         "tool": {"driver": driver},
@@ -87,6 +88,20 @@ def sarif_of(analysis: Analysis) -> str:
     }
     log = {"$schema": SCHEMA, "version": "2.1.0", "runs": [run]}
     return json.dumps(log, indent=2, ensure_ascii=False) + "\n"
+
+
+def _rule(code: str) -> dict[str, Any]:
+    """Return what a code means, as a service shows it beside a finding."""
+    told = reference_of(code)
+    cures = [*told.advises, *(f"to try: {each}" for each in told.proposes)]
+    rule: dict[str, Any] = {"id": code, "shortDescription": {"text": str(told.meaning)}}
+    if told.measured:
+        rule["fullDescription"] = {"text": " ".join(map(str, told.measured))}
+    if cures:
+        rule["help"] = {"text": "\n".join(cures)}
+    if told.level is not None:
+        rule["defaultConfiguration"] = {"level": SEVERITY[told.level][1]}
+    return rule
 
 
 def _results(

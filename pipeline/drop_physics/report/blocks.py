@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from drop_physics.figures.plot import Plot
+    from drop_physics.messages import Message
     from drop_physics.rules.answer import Finding
 
 Style = Literal["", "bold", "dim", "red", "yellow"]
@@ -126,6 +127,30 @@ class FindingList:
     """The files that they cite, if they are found."""
     first: int = 1
     """Number of the first finding."""
+    looked_at: Message | None = None
+    """What was looked at, for a reader who sees no finding: silence is no verdict."""
+
+
+def lines_of(finding: Finding, sources: Mapping[str, Path], around: int = 0) -> dict[int, str]:
+    """Return the line of a script that a finding cites, and those around it, by number."""
+    name, _, line = (finding.site or "").rpartition(":")
+    if name not in sources or not line.isdecimal():
+        return {}
+    try:
+        lines = sources[name].read_text(encoding="utf-8", errors="replace").split("\n")
+    except OSError:
+        return {}
+    first = max(1, int(line) - around)
+    return dict(enumerate(lines[first - 1 : int(line) + around], first))
+
+
+@dataclass(frozen=True)
+class Failure:
+    """The error that a script ended with, and its line."""
+
+    finding: Finding
+    sources: Mapping[str, Path]
+    """The files that it cites, if they are found."""
 
 
 @dataclass(frozen=True)
@@ -153,6 +178,8 @@ class Report:
 
     title: str = ""
     """Its subject, when it stands among other reports: a command."""
+    error: Failure | None = None
+    """The error that a script ended with: it precedes all else."""
     verdict: Words | Fact | None = None
     """The first words."""
     sections: Sequence[Section] = ()
@@ -160,5 +187,7 @@ class Report:
     """Remarks on the result as a whole, for example that it is incomplete."""
     remarks: Sequence[str] = ()
     """The reason why it is not a success, shown at the end."""
+    next: Sequence[str] = ()
+    """Commands to type next, shown at the end."""
     code: int = 0
     """The exit code of the command."""

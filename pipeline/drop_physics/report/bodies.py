@@ -16,6 +16,7 @@ from drop_physics.report.blocks import (
     DataTable,
     Fact,
     Facts,
+    Failure,
     FindingList,
     Report,
     Section,
@@ -35,6 +36,8 @@ MOST_FINDINGS = 6
 """Findings that are listed without --verbose; all are in the JSON."""
 MOST_BODIES, MOST_ROBOTS, MOST_JOINTS = 12, 4, 8
 """Most rows of each kind without --verbose; all are in the JSON."""
+FAILED = "script-failed"
+"""Code of the error that a script ended with."""
 NO_MOTOR = "off", "unknown", "default"
 NAME = 8
 """Least width of names in columns."""
@@ -48,10 +51,18 @@ def report_of_bodies(analysis: Analysis, *, verbose: bool = False) -> Report:
         body for body in analysis.bodies if body.segments["still"] < sum(body.segments.values())
     ]
     alone = len(analysis.bodies) < len(analysis.by_body)
-    little = [] if verbose else minor(analysis.findings)
-    shown = [each for each in analysis.findings if each not in little]
+    failed = [each for each in analysis.findings if each.code == FAILED]
+    findings = [each for each in analysis.findings if each not in failed]
+    little = [] if verbose else minor(findings)
+    shown = [each for each in findings if each not in little]
     most = len(shown) if verbose else min(len(shown), MOST_FINDINGS)
-    found = FindingList([*shown, *little], most, analysis.left_out, analysis.sources)
+    found = FindingList(
+        [*shown, *little],
+        most,
+        analysis.left_out,
+        analysis.sources,
+        looked_at=None if failed or analysis.samples < 2 else looked_at(analysis),
+    )
     sections = [Section([found], apart=False)]
     rows = len(analysis.account) if verbose else account.FEW if shown else account.MANY
     sections += account.account_of(analysis.account, rows)
@@ -69,7 +80,22 @@ def report_of_bodies(analysis: Analysis, *, verbose: bool = False) -> Report:
         if any(body.flights or body.contacts for body in moving):
             more = Message("flights, contacts and all else: --verbose, --body NAME, --at T, --json")
             sections.append(Section([Words(more, "dim")]))
-    return Report(verdict=_headline(analysis, verbose=verbose), sections=sections)
+    return Report(
+        error=Failure(failed[0], analysis.sources) if failed else None,
+        verdict=_headline(analysis, verbose=verbose),
+        sections=sections,
+    )
+
+
+def looked_at(analysis: Analysis) -> Message:
+    """Return what was looked at where nothing was found."""
+    joints = sum(len(body.joints) for body in analysis.bodies)
+    return Message(
+        "no finding in {bodies}, {joints}, {steps}; what no rule asks is not looked at",
+        bodies=counted(len(analysis.bodies), "body", "bodies"),
+        joints=counted(joints, "joint"),
+        steps=counted(max(0, analysis.samples - 1), "step"),
+    )
 
 
 # -- the verdict ----------------------------------------------------------------------------------
@@ -98,7 +124,8 @@ def _explained(analysis: Analysis, *, verbose: bool) -> Message:
     if not explained.of and any(body.soft for body in analysis.bodies):
         return Message("no motion to explain")
     if not explained.of:
-        return Message("nothing moved by itself")
+        moved = analysis.samples > 1
+        return Message("nothing moved by itself") if moved else Message("nothing was stepped")
     if explained.samples == explained.of and not explained.remainder:
         return Message("all explained to the bit")
     if explained.samples == explained.of and verbose:
@@ -187,7 +214,13 @@ def joint_table(label: str, rows: Sequence[JointRow]) -> DataTable:
             *(Column("", notes, fits=True) for notes in (at_stop, at_limit)),
         ],
         title=label,
+        left_out=_narrow,
     )
+
+
+def _narrow(heads: str) -> Words:
+    """Return what there is no room for."""
+    return Words(Message("left out, for want of room: {heads}", heads=heads), "dim")
 
 
 def _place(joint: JointRow) -> tuple[int, int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +30,11 @@ GOLDEN, IDENTICAL, NOTHING = Message("golden"), Message("identical"), Message("n
 GIVEN = {True: Message("given"), False: Message("not given")}
 MOST = 6
 """Most inputs that are listed; all are in the JSON."""
+UNSEEN = Message(
+    "{bodies}: the motion of soft bodies, and of links that PyBullet does not show, is not "
+    "recorded, so it was not compared"
+)
+UNPAIRED = Message("{bodies}: in one of the two only, or with other joints there, so not compared")
 SET = "engine.set_"
 COLUMN = 12
 """Width of a title in columns."""
@@ -123,8 +128,20 @@ def report_of(check: Check) -> Report:
         title="drop check",
         verdict=verdict,
         sections=[Section([Facts(others, COLUMN)], apart=False)],
+        next=_next(check),
         code=code,
     )
+
+
+def _next(check: Check) -> list[str]:
+    """Return the commands to type next: where they differ, both are shown, or one is replaced."""
+    compared = ("check", check.recording, "--against", check.golden)
+    if check.updated:
+        return [shell_command("drop", *compared)]
+    if check.same:
+        return [shell_command("drop", "analyze", check.recording)]
+    shown = shell_command("drop", "view", check.recording, "--against", check.golden)
+    return [shown, shell_command("drop", *compared, "--update")]
 
 
 def summary_of(check: Check) -> str:
@@ -132,9 +149,8 @@ def summary_of(check: Check) -> str:
     report = markdown_of(check.report(), level=4)
     if check.same or check.updated:
         return f"{report}\n"
-    update = shell_command("drop", "check", check.recording, "--against", check.golden, "--update")
     words = localized("If the change is intended: {command}", command="`{}`")
-    return f"{report}\n{words.format(update)}\n\n"
+    return f"{report}\n{words.format(_next(check)[-1])}\n\n"
 
 
 def _facts(check: Check) -> Iterator[Fact]:
@@ -142,10 +158,10 @@ def _facts(check: Check) -> Iterator[Fact]:
     compared = check.comparison
     if compared is not None:
         # Nobody knows where something is left out.
-        undecided = check.first is None and bool(check.not_compared)
+        undecided = check.first is None and not compared.differences
         same = Message("same") if check.same else Message("differs")
         yield Fact(
-            Message("undecided") if undecided else same,
+            Message("undecided") if undecided and not check.same else same,
             Message(
                 "{recording} and {golden}", recording=str(check.recording), golden=str(check.golden)
             ),
@@ -165,8 +181,8 @@ def _facts(check: Check) -> Iterator[Fact]:
 
 
 def _compared(check: Check, compared: Comparison) -> Iterator[Fact]:
-    if check.not_compared:
-        yield Fact(Message("left out"), _left_out(check.not_compared))
+    if left_out := _left_out(compared):
+        yield Fact(Message("left out"), left_out)
     settings = [each for each in compared.differences if each.step is None]
     for setting in settings:
         if setting.column in Scenario.options():
@@ -192,7 +208,8 @@ def _compared(check: Check, compared: Comparison) -> Iterator[Fact]:
         and not (SET in each.column and each.column.replace(SET, "engine.") in told)
     ]
     for difference in more[:MOST]:
-        yield Fact(Message("also"), _difference(difference))
+        title = Message("input") if check.first is None else Message("also")
+        yield Fact(title, _difference(difference))
     if len(more) > MOST:
         yield Fact("", Message("and {more:,} more: see --json", more=len(more) - MOST))
     if check.engines is not None:
@@ -202,17 +219,22 @@ def _compared(check: Check, compared: Comparison) -> Iterator[Fact]:
     yield from _besides(compared)
 
 
-def _left_out(bodies: Sequence[str]) -> Message:
-    return Message(
-        "{bodies}: the motion of soft bodies, and of links that PyBullet does not show, is not "
-        "recorded, so it was not compared",
-        bodies=", ".join(bodies[:MOST]) + (" …" if len(bodies) > MOST else ""),
-    )
+def _left_out(compared: Comparison) -> Message | None:
+    """Return which bodies were not compared, and why; None if there are none."""
+    unseen = [each for each in compared.not_compared if each not in compared.unpaired]
+    words = [
+        Message(template, bodies=", ".join(bodies[:MOST]) + (" …" if len(bodies) > MOST else ""))
+        for template, bodies in ((UNSEEN, unseen), (UNPAIRED, compared.unpaired))
+        if bodies
+    ]
+    return joined("; ", words) if words else None
 
 
 def _distances(check: Check, compared: Comparison) -> Iterator[Fact]:
     """Yield the distances between positions, and between joints."""
     if compared.largest_difference_m is None:
+        if not compared.of_drop:  # of which a setting says why
+            yield Fact(Message("positions"), Message("nothing compared"))
         return
     farthest: dict[str, Largest] = {}
     for each in sorted(compared.largest, key=lambda each: -each.difference):
@@ -308,7 +330,11 @@ def first_words(check: Check) -> Message:
     """Return the first difference in a few words."""
     first = check.first
     if first is None:
-        return _left_out(check.not_compared)
+        compared = check.comparison
+        assert compared is not None
+        if compared.differences:
+            return _difference(compared.differences[0])
+        return _left_out(compared) or Message("nothing compared")
     if first.step is None or first.difference is None:
         return _difference(first)
     return Message(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drop_physics.messages import Message
+from drop_physics.messages import Message, shell_command
 from drop_physics.report.blocks import Fact, Facts, Report, Section
 
 if TYPE_CHECKING:
@@ -20,9 +20,11 @@ def report_of(manual: CodeManual) -> Report:
     """Report the meanings of codes."""
     if len(manual.codes) > 1:
         rows = [Fact(each.code, each.meaning) for each in manual.codes]
-        return Report(sections=[Section([Facts(rows, CODE_COLUMN)])])
+        first = shell_command("drop", "explain", manual.codes[0].code)
+        return Report(sections=[Section([Facts(rows, CODE_COLUMN)])], next=[first])
     (one,) = manual.codes
-    return Report(sections=[Section([Facts(_rows(one), COLUMN)])])
+    others = shell_command("drop", "explain", "--list")
+    return Report(sections=[Section([Facts(_rows(one), COLUMN)])], next=[others])
 
 
 def _rows(one: CodeReference) -> list[Fact]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drop_physics.fields import counted
-from drop_physics.messages import Message
+from drop_physics.messages import Message, shell_command
 from drop_physics.report.blocks import Facts, File, Report, Section
 
 if TYPE_CHECKING:
@@ -21,4 +21,5 @@ def report_of(export: Export) -> Report:
     for path, count in export.files.items():
         held = counted(count, "message") if path.endswith(".mcap") else counted(count, "row")
         files.append(File(Message("written"), path, held))
-    return Report(sections=[Section([Facts(files, COLUMN)])])
+    view = shell_command("drop", "view", export.recording)
+    return Report(sections=[Section([Facts(files, COLUMN)])], next=[view])

@@ -30,10 +30,10 @@ def failure(
             )
         )
     checked = check(path, golden, tolerance_m=tolerance_m)
-    if checked.same:
-        return ""
     if summary:
         append_summary(checked, Path(summary))
+    if checked.same:
+        return ""
     first = translated(
         Message("golden {name}: {difference}", name=name, difference=first_words(checked))
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from functools import singledispatch
 from html import escape
@@ -19,8 +18,9 @@ from drop_physics.report.blocks import (
     Graphs,
     Report,
     Words,
+    lines_of,
 )
-from drop_physics.report.words import trials_of
+from drop_physics.report.words import besides, trials_of
 from drop_physics.rules.answer import Finding
 
 CURVES = "<!-- curves -->"
@@ -32,6 +32,8 @@ AROUND = 2
 def html_of(report: Report, heading: str = "h1") -> Iterator[str]:
     """Yield a report's verdict, as a heading, and its sections, in the reader's language."""
     verdict = report.verdict
+    if report.error is not None:
+        yield from _listed([report.error.finding], 1, report.error.sources)
     if isinstance(verdict, Fact):
         yield f"<{heading}>{_said(report.title)}: {_said(verdict.title)}</{heading}>"
         yield f"<p>{_said(verdict.words)}</p>"
@@ -100,6 +102,8 @@ def _cell(tag: str, text: str, *, right: bool) -> str:
 
 @block_html.register
 def _(found: FindingList) -> Iterator[str]:
+    if (words := besides(found)) is not None:
+        yield f"<p>{_said(words)}</p>"
     yield from _listed(found.findings[: found.most], found.first, found.sources)
     hidden = found.findings[found.most :]
     if hidden:
@@ -128,15 +132,12 @@ def _site(finding: Finding) -> str:
 
 def _source(finding: Finding, sources: Mapping[str, Path]) -> Iterator[str]:
     """Yield the line that a finding cites, with those around it."""
-    name, _, line = (finding.site or "").rpartition(":")
-    if name not in sources or not line.isdecimal():
-        return
-    with contextlib.suppress(OSError):
-        lines = sources[name].read_text(encoding="utf-8", errors="replace").split("\n")
-        first = max(1, int(line) - AROUND)
+    lines = lines_of(finding, sources, AROUND)
+    if lines:
+        cited = int(str(finding.site).rpartition(":")[2])
         yield "<pre>"
-        for number, text in enumerate(lines[first - 1 : int(line) + AROUND], first):
-            tag = "mark" if number == int(line) else "span"
+        for number, text in lines.items():
+            tag = "mark" if number == cited else "span"
             yield f"<{tag}>{number:>5}  {escape(harmless(text.expandtabs()))}</{tag}>\n"
         yield "</pre>"
 

@@ -82,4 +82,7 @@ def report_of(info: Info) -> Report:
         Message("none yet: {analyze}", analyze=analyze) if info.layer is None else str(info.layer)
     )
     rows.append(Fact(Message("analysis"), layer, "dim", is_command=info.layer is None))
-    return Report(sections=[Section([Facts(rows, COLUMN)])])
+    view = shell_command("drop", "view", info.recording)
+    return Report(
+        sections=[Section([Facts(rows, COLUMN)])], next=[] if info.layer is None else [view]
+    )

@@ -17,7 +17,8 @@ from drop_physics.report.blocks import (
     Report,
     Words,
 )
-from drop_physics.report.words import trials_of
+from drop_physics.report.words import besides, trials_of
+from drop_physics.rules.answer import Finding
 
 Say = Callable[[str], str]
 """Gives a text in the language of the page: `translated`, or `str` for English."""
@@ -34,6 +35,8 @@ def markdown_of(report: Report, *, level: int = 2, say: Say = translated) -> str
 
 def _verdict(report: Report, level: int, say: Say) -> Iterator[str]:
     verdict = report.verdict
+    if report.error is not None:
+        yield from _finding(report.error.finding, say)
     if isinstance(verdict, Fact):
         yield f"{'#' * level} {report.title}: {say(verdict.title)}"
         yield from ("", say(verdict.words), "")
@@ -91,16 +94,20 @@ def _row(cells: Sequence[str], say: Say) -> str:
 @block_markdown.register
 def _(found: FindingList, say: Say) -> Iterator[str]:
     yield from ("## Findings", "")
-    if not found.findings:
-        yield from ("None: nothing in this recording needs a second look.", "")
+    if (words := besides(found)) is not None:
+        yield from (_escaped(say(words)), "")
     for finding in found.findings:
-        about = f" ({finding.body})" if finding.body else ""
-        site = f" at `{finding.site}`" if finding.site else ""
-        # Two spaces end a line.
-        advised = finding.advised
-        end = "  " if advised else ""
-        yield f"- **{finding.code}**{about}{site}: {say(finding.message)}{end}"
-        if advised:
-            yield f"  *{say(advised)}*"
-        yield from (f"  {say(each)}" for each in trials_of(finding))
-        yield ""
+        yield from _finding(finding, say)
+
+
+def _finding(finding: Finding, say: Say) -> Iterator[str]:
+    about = f" ({finding.body})" if finding.body else ""
+    site = f" at `{finding.site}`" if finding.site else ""
+    # Two spaces end a line.
+    advised = finding.advised
+    end = "  " if advised else ""
+    yield f"- **{finding.code}**{about}{site}: {say(finding.message)}{end}"
+    if advised:
+        yield f"  *{say(advised)}*"
+    yield from (f"  {say(each)}" for each in trials_of(finding))
+    yield ""

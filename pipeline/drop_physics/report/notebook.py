@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import base64
 import importlib
+import re
 import uuid
 from collections.abc import Iterator
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.text import Text
 
-from drop_physics.errors import DropError
+from drop_physics.errors import DropError, in_parameters
 from drop_physics.messages import harmless
 from drop_physics.report import html
 from drop_physics.report.blocks import Facts, File, Graphs, Report
 from drop_physics.report.terminal import lines_of
+from drop_physics.report.words import NEXT
 
 if TYPE_CHECKING:
     from drop_physics.printable import Printable
@@ -36,16 +39,43 @@ HEADING = "h4"
 """Style of a result's first line."""
 
 
+MORE = re.compile(r": (?:see )?--(?:verbose|json)\b[^\n<]*")
+"""Where the command line shows more; in Python that is in a result's JSON."""
+
+
 def text_of(result: Printable) -> str:
-    """Return what the terminal prints of a result, without colours."""
-    lines = (Text.from_markup(harmless(line), emoji=False) for line in lines_of(result.report()))
-    return "\n".join(line.plain.rstrip() for line in lines)
+    """Return what the terminal prints of a result, without colours, for a reader of Python."""
+    lines = lines_of(_without_commands(result.report()))
+    plain = (Text.from_markup(harmless(line), emoji=False).plain.rstrip() for line in lines)
+    return in_python("\n".join(plain))
+
+
+def in_python(text: str) -> str:
+    """Return a text that names options of the command line with Python's own names."""
+    return in_parameters(MORE.sub(": as_json()", text))
+
+
+def _without_commands(report: Report) -> Report:
+    """Return a report without the command to type next."""
+    sections = [
+        replace(
+            section,
+            blocks=[
+                replace(block, rows=[row for row in block.rows if row.title != NEXT])
+                if isinstance(block, Facts)
+                else block
+                for block in section.blocks
+            ],
+        )
+        for section in report.sections
+    ]
+    return replace(report, sections=sections)
 
 
 def html_of(result: Printable) -> str:
     """Return a result's report as HTML, followed by its tables and pictures."""
-    report: Report = result.report()
-    told = "\n".join(html.html_of(report, HEADING)).replace(html.CURVES, "")
+    report = _without_commands(result.report())
+    told = in_python("\n".join(html.html_of(report, HEADING)).replace(html.CURVES, ""))
     styled = f'<div style="font-family: monospace">\n{told}\n</div>'
     return "\n".join([styled, *_tables(result), *_pictures(report)])
 

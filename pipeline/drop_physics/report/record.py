@@ -9,7 +9,7 @@ from drop_physics.explain.jsonable import jsonable
 from drop_physics.fields import counted
 from drop_physics.messages import Message, shell_command
 from drop_physics.report.blocks import Fact, Facts, File, Report, Section
-from drop_physics.report.words import SCRIPT
+from drop_physics.report.words import NEXT, SCRIPT
 from drop_physics.trace.events import ENDED
 
 if TYPE_CHECKING:
@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 def json_of(recorded: Recorded) -> dict[str, Any]:
     """Return the object that `--json` prints."""
-    left_out = {"failure", "twice", "reached"} | (set() if recorded.twice else {"first_difference"})
+    left_out = {"failure", "twice", "reached", "never_began", "is_elsewhere"} | (
+        set() if recorded.twice else {"first_difference"}
+    )
     left_out |= {name for name in ("replay", "beside") if getattr(recorded, name) is None}
     values = vars(recorded) | {"error": recorded.error or None}
     if recorded.beside is not None:
@@ -37,14 +39,16 @@ def report_of(recorded: Recorded, *, analyzed: bool = False) -> Report:
         rows += _written(recorded.beside)
     if not analyzed and (failed or recorded.samples):
         command = shell_command("drop", "analyze", recorded.recording)
-        rows.append(Fact(Message("next"), command, "dim", is_command=True))
+        rows.append(Fact(NEXT, command, "dim", is_command=True))
     fails = Message(
         "{failure}; what it did until then is in {recording}",
         failure=recorded.failure,
         recording=str(recorded.recording),
     )
+    # What it stepped is not in the recording: no success, though the script had one.
+    code = int(failed or (recorded.is_elsewhere and not recorded.samples))
     notes = [fails] if failed and not analyzed else []
-    return Report(sections=[Section([Facts(rows)])], notes=notes, code=int(failed))
+    return Report(sections=[Section([Facts(rows)])], notes=notes, code=code)
 
 
 def _written(recorded: Recorded) -> Iterator[Fact | File]:

@@ -32,14 +32,14 @@ def report_of(made: Simulation | Rendering | Run, *, recording: Path | None = No
             )
         )
     if isinstance(made, Rendering):
-        return Report(sections=[_made(*_rendering(made))], notes=notes)
+        seen = [] if recording is None else [shell_command("drop", "view", recording)]
+        return Report(sections=[_made(*_rendering(made))], notes=notes, next=seen)
     if not isinstance(made, Run):
-        return Report(sections=[_made(_simulation(made))])
+        verbs = [shell_command("drop", verb, made.recording) for verb in ("analyze", "view")]
+        return Report(sections=[_made(_simulation(made))], notes=notes, next=verbs)
     story: Report = made.analysis.report()
-    command = shell_command("drop", "view", made.simulation.recording)
-    files = [_simulation(made.simulation), *_rendering(made.rendering)]
-    files.append(File(Message("see it move"), command))
-    return replace(story, sections=[*story.sections, _made(*files)], notes=(), code=0)
+    files = _made(_simulation(made.simulation), *_rendering(made.rendering))
+    return replace(story, sections=[*story.sections, files], notes=(), code=0)
 
 
 def _made(*files: File) -> Section:

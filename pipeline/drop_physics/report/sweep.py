@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drop_physics.fields import counted
-from drop_physics.messages import Message
+from drop_physics.messages import Message, shell_command
 from drop_physics.report.blocks import (
     Block,
     Column,
@@ -73,8 +73,17 @@ def report_of(sweep: Sweep) -> Report:
         verdict=Words(words, key=runs),
         sections=sections,
         remarks=[remark] if sweep.failed else (),
+        next=[*_next(sweep)],
         code=1 if sweep.failed else 0,
     )
+
+
+def _next(sweep: Sweep) -> Iterator[str]:
+    """Yield the command that explains the first run that has a recording."""
+    recordings = (row.get("recording") for row in sweep.rows)
+    first = next(filter(None, recordings), None)
+    if first is not None:
+        yield shell_command("drop", "analyze", sweep.results.parent / first)
 
 
 def json_of(sweep: Sweep) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from drop_physics.explain.jsonable import jsonable
 from drop_physics.fields import counted
-from drop_physics.messages import Message
+from drop_physics.messages import Message, shell_command
 from drop_physics.report.blocks import Column, DataTable, Facts, File, Report, Section, Words
 from drop_physics.stages.trust_findings import readable
 
@@ -48,7 +48,8 @@ def report_of(sweep: ScriptSweep) -> Report:
         more = counted(len(sweep.rows) - len(rows), "run")
         sections.append(Section([Words(Message("and {more} more: --json", more=more), "dim")]))
     sections.append(Section([Facts([File(Message("results"), sweep.results)], 12)]))
-    return Report(verdict=Words(head, key=sweep.script), sections=sections)
+    own = shell_command("drop", "analyze", sweep.recording)
+    return Report(verdict=Words(head, key=sweep.script), sections=sections, next=[own])
 
 
 def _value(value: object) -> str:
@@ -61,5 +62,7 @@ def _moved(row: Row) -> str:
         return Message("fails")
     if row["same"]:
         return Message("the same")
-    ends = [readable(row[f"end_{unit}"], unit) for unit in ("m", "rad") if row[f"end_{unit}"]]
-    return ", ".join(ends) or "0"
+    off = {unit: row[f"end_{unit}"] for unit in ("m", "rad") if row[f"end_{unit}"] is not None}
+    if not off:
+        return Message("nothing compared")
+    return ", ".join(readable(value, unit) for unit, value in off.items() if value) or "0"

@@ -26,24 +26,28 @@ from drop_physics.console.output import (
 from drop_physics.fields import counted
 from drop_physics.messages import Message, joined, translated
 from drop_physics.printable import Printable
+from drop_physics.report import blocks
 from drop_physics.report.blocks import (
     Column,
     DataTable,
     Fact,
     Facts,
+    Failure,
     File,
     FindingList,
     Graphs,
     Report,
     Words,
 )
-from drop_physics.report.words import trials_of
+from drop_physics.report.words import NEXT, besides, trials_of
 
 if TYPE_CHECKING:
     from drop_physics.rules.answer import Finding
 
 VERDICT = 12
 """Width of a verdict's title."""
+ERROR = 7
+"""Width of the title of an error."""
 NUMBER = 3
 """Width of a finding's number."""
 GAP = 3
@@ -72,7 +76,7 @@ def show(
     elif text is not None:
         print_plain(text)
     else:
-        print_lines(*lines_of(report), stream=stream)
+        print_lines(*lines_of(report), *_next(report.next), stream=stream)
     for each in report.remarks:
         (error if report.code == 1 else note)(each)
     return report.code
@@ -82,13 +86,26 @@ def lines_of(report: Report) -> list[str]:
     """Return a report in lines."""
     first = report.verdict
     verdict = Facts([first], VERDICT) if isinstance(first, Fact) else first
-    lines = [] if verdict is None else [*block_lines(verdict)]
+    lines = [] if report.error is None else [*_failure(report.error), ""]
+    lines += [] if verdict is None else block_lines(verdict)
     for section in report.sections:
-        if lines and section.apart:
+        shown = [line for block in section.blocks for line in block_lines(block)]
+        if lines and shown and section.apart:
             lines.append("")
-        for block in section.blocks:
-            lines += block_lines(block)
+        lines += shown
     return lines
+
+
+def _next(commands: Sequence[str]) -> Iterator[str]:
+    """Yield the commands to type next, each as a shell reads it."""
+    if commands:
+        titles = [NEXT, *[""] * (len(commands) - 1)]
+        rows = [
+            Fact(title, command, "dim", is_command=True)
+            for title, command in zip(titles, commands, strict=True)
+        ]
+        yield ""
+        yield from block_lines(Facts(rows))
 
 
 def _styled(text: str, style: str) -> str:
@@ -198,8 +215,9 @@ def _(table: DataTable) -> Iterator[str]:
             table.margin + _styled(line, "red" if failed else "")
             for line in _row(columns, widths, number, margin=len(table.margin), total=total)
         )
-    if left_out and table.left_out is not None:
-        yield from block_lines(table.left_out(joined(", ", left_out)))
+    named = [head for head in left_out if head]
+    if named and table.left_out is not None:
+        yield from block_lines(table.left_out(joined(", ", named)))
 
 
 def _and(columns: Sequence[Column], widths: Sequence[int]) -> Iterator[tuple[Column, int]]:
@@ -241,7 +259,10 @@ def _row(
 
 
 def _cut(text: str, most: int) -> str:
-    return f"{cut(text, most - 1).rstrip()}…" if most and columns_of(text) > most else text
+    if not most or columns_of(text) <= most:
+        return text
+    end = text[-(most // 2) :]  # names differ at their ends
+    return f"{cut(text, most - 1 - columns_of(end)).rstrip()}…{end}"
 
 
 def _width(column: Column) -> int:
@@ -293,12 +314,19 @@ def _(found: FindingList) -> Iterator[str]:
     if hidden > 0:
         more = Message("{findings}: --verbose", findings=counted(hidden, "more finding"))
         yield f"[dim]{' ' * NUMBER}{escape(translated(more))}[/]"
-    if found.left_out:
-        words = Message(
-            "{findings} left out: --select all", findings=counted(found.left_out, "finding")
-        )
+    if (words := besides(found)) is not None:
         yield ""
         yield f"[dim]{escape(translated(words))}[/]"
+
+
+def _failure(failure: Failure) -> Iterator[str]:
+    """Yield the error that a script ended with, and the line that raised it."""
+    finding = failure.finding
+    yield from _fact(Fact(Message("error"), finding.told, "red"), ERROR)
+    text = "".join(blocks.lines_of(finding, failure.sources).values()).strip()
+    if finding.site is not None:
+        cited = f"{finding.site}: {text}" if text else finding.site
+        yield f"{' ' * ERROR}[cyan]{escape(cited)}[/]"
 
 
 def _finding(number: int, finding: Finding) -> Iterator[str]:

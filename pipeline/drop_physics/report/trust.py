@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from drop_physics.stages.trust import Trust
     from drop_physics.stages.trust_runs import Varied
 
+    Again = Callable[[str], str]
+
 Part = Callable[[str, str | None, str], str]
 """Returns the name of a position, from its body, joint and unit."""
 COLUMN = 12
@@ -105,7 +107,11 @@ def json_of(trust: Trust) -> dict[str, Any]:
 
 
 def report_of(
-    trust: Trust, *, within: Mapping[str, float] | None = None, outputs: Sequence[Path] = ()
+    trust: Trust,
+    *,
+    within: Mapping[str, float] | None = None,
+    outputs: Sequence[Path] = (),
+    again: Again | None = None,
 ) -> Report:
     """Report what holds; the code is 3 if a variation ends farther away than `within`."""
     part = _namer(trust)
@@ -130,13 +136,18 @@ def report_of(
     files += [File(Message("written"), each) for each in outputs]
     sections.append(Section([Facts(files, COLUMN)]))
     code = 0 if trust.ends_within(within or {}) else APART
-    return Report(verdict=Words(_verdict(trust)), sections=sections, code=code)
+    next_ = [] if again is None else [again("why")]
+    return Report(verdict=Words(_verdict(trust)), sections=sections, next=next_, code=code)
 
 
 def _verdict(trust: Trust) -> Message:
     depends = [each.name for each in trust.variations if each.apart.first is not None]
     stands = [each.name for each in trust.variations if each.apart.first is None]
     script, steps = trust.script, counted(trust.made.steps, "step")
+    if not any(each.apart.tracks for each in trust.variations):
+        return Message(
+            "{script}, {steps}: nothing compared, as nothing moves", script=script, steps=steps
+        )
     if not depends:
         return Message(
             "{script}, {steps}: stands; no variation ever differs by 1 µm or 1 µrad",

@@ -43,7 +43,15 @@ def report_of(view: View) -> Report:
         )
         for layer in view.stale
     ]
-    return Report(sections=[Section([Facts(rows, COLUMN)])], notes=notes)
+    return Report(sections=[Section([Facts(rows, COLUMN)])], notes=notes, next=[_next(view)])
+
+
+def _next(view: View) -> str:
+    """Return the command that says in words what is shown."""
+    (recording, *_), golden = view.recordings, view.golden
+    if golden is None:
+        return shell_command("drop", "analyze", recording)
+    return shell_command("drop", "check", recording, "--against", golden)
 
 
 def _difference(view: View) -> Message:
@@ -52,8 +60,10 @@ def _difference(view: View) -> Message:
         return Message("the same physics")
     if step is not None:
         return Message("differs from step {step} on", step=step)
-    if not view.not_compared:
+    if view.settings_differ:
         return Message("differs in its settings")
+    if not view.not_compared:
+        return Message("nothing compared")
     return Message(
         "no difference, but {bodies} could not be compared", bodies=", ".join(view.not_compared)
     )

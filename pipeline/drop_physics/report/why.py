@@ -6,7 +6,7 @@ X by so much.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -17,7 +17,7 @@ from drop_physics.experiments.run_distance import APART
 from drop_physics.experiments.verdicts import CAUSES, VERDICTS
 from drop_physics.explain.jsonable import jsonable
 from drop_physics.fields import counted
-from drop_physics.messages import Message, joined, translated
+from drop_physics.messages import Message, joined, shell_command, translated
 from drop_physics.report.blocks import (
     Block,
     Column,
@@ -37,8 +37,10 @@ if TYPE_CHECKING:
     from drop_physics.rules.answer import Finding
     from drop_physics.stages.why import Proved, Tried, Why
 
+    Again = Callable[[str], str]
+
 MARGIN = "   "
-LONGEST = 36
+LONGEST = 52
 """Most characters of a call, if there is no room for more."""
 LISTED = 4
 """Most lines of what an outcome hangs on, without `--all`."""
@@ -114,7 +116,7 @@ def _json_of_trial(tried: Tried) -> dict[str, Any]:
 # -- as a report ----------------------------------------------------------------------------------
 
 
-def report_of(why: Why, *, every: bool = False) -> Report:
+def report_of(why: Why, *, every: bool = False, again: Again | None = None) -> Report:
     """Report what was tried, cures first; `every`: everything that the outcome hangs on."""
     head = Message(
         "{script} {ended}: {steps}; {trials}",
@@ -131,8 +133,24 @@ def report_of(why: Why, *, every: bool = False) -> Report:
     curves = Section([Graphs(partial(plot_of_recording, why.recording))], apart=False)
     last = [*_shares(why), *_hangs(why, every=every), *_idle(why)]
     return Report(
-        verdict=Words(head, key=why.script, indent="  "), sections=[*proved, curves, *last]
+        verdict=Words(head, key=why.script, indent="  "),
+        sections=[*proved, curves, *last],
+        next=[_look(order, why.recording), *([] if again is None else [again("trust")])],
     )
+
+
+def _look(proved: Sequence[Proved], recording: Path) -> str:
+    """Return the command that shows the script's own run, beside a trial that cures it."""
+    cures = (
+        tried.recording
+        for each in proved
+        for tried in each.tried
+        if tried.verdict == "cured" and tried.recording is not None
+    )
+    cure = next(cures, None)
+    if cure is None:
+        return shell_command("drop", "view", recording)
+    return shell_command("drop", "view", cure, "--against", recording)
 
 
 def _proved(number: int, proved: Proved, sources: Mapping[str, Path]) -> Iterator[Block]:
@@ -147,7 +165,7 @@ def _proved(number: int, proved: Proved, sources: Mapping[str, Path]) -> Iterato
     yield DataTable(
         [
             Column("", [*map(_word, tried)]),
-            Column("", [each.intervention.short for each in tried], shrinks_to=LONGEST),
+            Column("", [each.intervention.short for each in tried]),
             Column("", [_shows(each, proved.finding) for each in tried], wraps=True),
         ],
         has_heads=False,

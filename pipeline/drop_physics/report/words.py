@@ -9,9 +9,12 @@ from drop_physics.fields import counted, decimals
 from drop_physics.messages import Message, joined
 
 if TYPE_CHECKING:
+    from drop_physics.report.blocks import FindingList
     from drop_physics.rules.answer import Finding
 
 CONTACTS, EXPLAINED = Message("Contacts"), Message("Explained")
+NEXT = Message("next")
+"""The title of what to type next."""
 NONE, PLOT = Message("none"), Message("plot")
 MISSING = "–"
 """Replaces a number that does not exist."""
@@ -66,6 +69,15 @@ def millimetres(value_m: float | None) -> str:
     value = value_m * 1e3 + 0.0  # no minus before a zero
     small = 0 < abs(value) < 5e-5
     return f"{value:+.1e}" if small else decimals(value, 4, "+")
+
+
+def besides(found: FindingList) -> Message | None:
+    """Return what is said beside findings: how many are left out, or what none was found in."""
+    if found.left_out:
+        return Message(
+            "{findings} left out: --select all", findings=counted(found.left_out, "finding")
+        )
+    return None if found.findings or found.looked_at is None else found.looked_at
 
 
 TRIED = {

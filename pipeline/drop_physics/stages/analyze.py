@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +25,7 @@ from drop_physics.recording.contents import is_script
 from drop_physics.recording.layer import Line, ShownBody, write_layer
 from drop_physics.recording.layer import Shown as LayerShown
 from drop_physics.recording.layer_file import is_layer, layer_of
-from drop_physics.recording.reader import Recording, read
+from drop_physics.recording.reader import Recording, listed, read
 from drop_physics.recording.writer import Times
 from drop_physics.rules.answer import Finding
 from drop_physics.rules.choice import EVERY, Choice
@@ -91,7 +92,8 @@ def analyze(
         If a file cannot be written, or would replace what the same command reads or writes.
     """
     path = Path(recording)
-    layer, tables = outputs_of(path, out, table, force=force)
+    read_only = out is None and not os.access(path.parent, os.W_OK | os.X_OK)
+    layer, tables = outputs_of(path, out, table, force=force, read_only=read_only)
     if not is_script(path) and body is not None:
         raise ScenarioError(
             "--body is for recordings of scripts, and a drop has only one body; omit it"
@@ -110,16 +112,17 @@ def analyze(
     analysis = replace(analysis, findings=[*map(trials.with_verdict, analysis.findings)])
     progress(ANALYZING, 2, _PARTS)
     _give_memory_back()
-    write_layer(
-        layer,
-        read_back,
-        samples=analysis.table if analysis.kind == "drop" else None,
-        events=events(analysis),
-        findings=analysis.markdown(),
-        look=_shown(analysis, read_back.seen),
-        force=force,
-        ours=out is None,
-    )
+    if layer is not None:
+        write_layer(
+            layer,
+            read_back,
+            samples=analysis.table if analysis.kind == "drop" else None,
+            events=events(analysis),
+            findings=analysis.markdown(),
+            look=_shown(analysis, read_back.seen),
+            force=force,
+            ours=out is None,
+        )
     for file in tables:
         from drop_physics.files.table import write_table  # with Polars, which few need
 
@@ -128,12 +131,19 @@ def analyze(
     if body is not None:
         analysis = analysis.of_body(body_named(read_back.seen.bodies.values(), body).number)
     sites = [finding.site.rpartition(":")[0] for finding in analysis.findings if finding.site]
+    notes = [*listed((read_back.ended or {}).get("notes"))]
+    if layer is None:
+        folder = str(path.parent)
+        notes.append(
+            Message("{folder} cannot be written to: no layer for the viewer", folder=folder)
+        )
     return replace(
         analysis,
         recording=path,
         sources=sources.files([str(read_back.origin_and_end.get("script")), *sites]),
         layer=layer,
         partial=read_back.partial,
+        notes=notes,
         lacks=read_back.lacks,
     )
 
@@ -220,9 +230,16 @@ def _shown(analysis: Analysis, seen: Seen) -> LayerShown:
 
 
 def outputs_of(
-    recording: Path, out: Path | str | None, table: Path | str | None, *, force: bool
-) -> tuple[Path, list[Path]]:
+    recording: Path,
+    out: Path | str | None,
+    table: Path | str | None,
+    *,
+    force: bool,
+    read_only: bool = False,
+) -> tuple[Path | None, list[Path]]:
     """Return the layer and the tables to write, after checking that they can be written.
+
+    There is no layer if the recording's folder is read-only.
 
     Raises
     ------
@@ -234,13 +251,14 @@ def outputs_of(
     layer = layer_of(recording) if out is None else Path(out)
     tables = [] if table is None else [Path(table)]
     check_apart([layer, *tables], inputs=[recording])
-    check_target(layer, force=force or out is None)
+    if not read_only:
+        check_target(layer, force=force or out is None)
     check_suffix("--out", layer, (".rrd",))
     if out is None and not force and layer.is_file() and not is_layer(layer):
         raise refused(layer)
     for file in tables:
         check_table(file, force=force)
-    return layer, tables
+    return None if read_only else layer, tables
 
 
 def _check_times(at_s: Sequence[float], seen: Seen) -> None:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Sequence
 
 from drop_physics.engines.cures import FACTORS, PARAMETERS, ROWS
 from drop_physics.engines.pybullet.interventions import RESIDUAL, TIMESTEPS
 from drop_physics.errors import ScenarioError
-from drop_physics.fields import alternatives
+from drop_physics.fields import all_of, alternatives
 from drop_physics.option_types import number
 from drop_physics.trace.cures import Cure
 
 SIGNS = {"timestep": "/", "iterations": "*"}
+MOST_NEAR = 3
+"""Most names that are suggested for one that there is not."""
 MOST_TIMES = 1000
 """The largest factor after a sign."""
 UNNAMED = ("without", "parameter")
@@ -40,12 +43,13 @@ def cures_of(texts: Sequence[str], option: str, *, whole: bool) -> list[Cure]:
 
 
 def _named(text: str, option: str, *, whole: bool) -> list[Cure]:
+    names = sorted({*ROWS, *PARAMETERS}.difference(UNNAMED, SIGNS))
+    near = difflib.get_close_matches(text.partition("=")[0], names, MOST_NEAR, 0.0)
     refused = ScenarioError(
-        "{option} takes timestep/K, iterations*K, residual=0, or NAME=V,… of a parameter of "
-        "p.setPhysicsEngineParameter or of MuJoCo's model.opt, or of {names}, some of which need "
-        "no value; got {text!r}",
+        "{option} takes an intervention such as friction=0.5, damping, timestep/4 or iterations*4, "
+        "or a parameter of the engine such as contactERP=0.1, got {text!r}; near it are {near}",
         option=option,
-        names=alternatives(sorted({*ROWS}.difference(UNNAMED, SIGNS))),
+        near=all_of(near),
         text=text,
     )
     if text in ("residual 0", "residual=0"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -50,6 +50,8 @@ ROOM = 1.06
 LEAVES, FOLLOWED = 4.5, 3.0
 """A camera that would have to be LEAVES times farther away to see the whole way moves along
 instead, FOLLOWED times farther away than it needs to be."""
+BETWEEN = 1.1
+"""Distance of simulations that are drawn side by side, as a multiple of their size."""
 SHARES, INNER = np.linspace(0, 1, 101), 0.9
 """Shares of the way that a camera may move along; within INNER of the picture, bodies are still
 seen to move."""
@@ -158,6 +160,7 @@ def poses_film(
     every_s = taken.capture_every * held.scenario.timestep_s if taken else 1 / DRAWN_PER_S
     played, shown_s = _played(animation, most_fps, _end_s(held.seen, parts), every_s, most)
     poses = _poses(parts, shown_s)
+    poses = _side_by_side(parts, poses, _places(held.seen, parts, poses))
     size_px = (taken or STANDARD_CAMERA).size_px
     cameras = [
         replace(camera, size_px=size_px) for camera in _cameras(held.seen, parts, poses, view, body)
@@ -205,6 +208,8 @@ def beside_film(
     ends_s = (_end_s(each.seen, parts) for each, parts in zip((held, other), both, strict=True))
     played, shown_s = _played(animation, most_fps, max(ends_s), 1 / DRAWN_PER_S, most)
     poses = [_poses(parts, shown_s) for parts in both]
+    places = _places(held.seen, both[0], poses[0])
+    poses = [_side_by_side(*each, places) for each in zip(both, poses, strict=True)]
     together = [*both[0], *both[1]]
     numbers = np.array([part.number for part in together])
     targets_m, distance_m = _framed(together, numbers, np.concatenate(poses, axis=1))
@@ -234,6 +239,37 @@ def _parts(held: Recording) -> list[Part]:
 def _poses(parts: Sequence[Part], times_s: Float64) -> Float64:
     """Return the poses of all parts, shape (times, parts, 7)."""
     return np.stack([part.at(times_s) for part in parts], axis=1)
+
+
+def _places(seen: Seen, parts: Sequence[Part], poses: Float64) -> dict[int, Float64]:
+    """Return how far to move each body that is drawn, by number, shape (3,).
+
+    Each simulation has a world of its own: several are drawn side by side, in rows.
+    """
+    clients = sorted({seen.bodies[part.number].client for part in parts})
+    radii_m = np.array([part.radius_m for part in parts])
+    near = radii_m < FAR_M
+    if len(clients) < 2 or not near.any():
+        return {}
+    places_m, around_m = poses[:, near, :3], radii_m[near, None]
+    size_m = np.nanmax(places_m + around_m, axis=(0, 1)) - np.nanmin(
+        places_m - around_m, axis=(0, 1)
+    )
+    apart_m, columns = BETWEEN * float(np.hypot(*size_m[:2])), math.ceil(math.sqrt(len(clients)))
+    away = np.cross((0.0, 0.0, 1.0), AXES[0])
+    offsets = {
+        client: apart_m * (number % columns * AXES[0] + number // columns * away)
+        for number, client in enumerate(clients)
+    }
+    return {number: offsets[seen.bodies[number].client] for number in {p.number for p in parts}}
+
+
+def _side_by_side(parts: Sequence[Part], poses: Float64, places: Mapping[int, Float64]) -> Float64:
+    """Return poses with the bodies of each simulation at its place."""
+    moved = poses.copy()
+    for at, part in enumerate(parts):
+        moved[:, at, :3] += places.get(part.number, 0.0)
+    return moved
 
 
 def _drawn(

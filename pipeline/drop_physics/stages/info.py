@@ -20,12 +20,17 @@ from drop_physics.recording.inputs import Drop
 from drop_physics.recording.layer_file import is_layer, layer_of
 from drop_physics.recording.reader import Recording, listed, read, recording_id
 from drop_physics.scenario import Scenario
+from drop_physics.stages.found import Origin
+from drop_physics.stages.program import command_of
 from drop_physics.sweeping.plan import replay_command
 from drop_physics.trace.events import ENDED, Body, Dynamics
+from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 from drop_physics.trace.history import Seen
 from drop_physics.trace.readings import Reading
 from drop_physics.trace.states import BODY_LABEL, FLOOR_LABEL, by_body
 
+OPTIONS = ("steps", "duration_s", "seed", "python")
+"""Properties of a recorded script that are options of the verb that ran it."""
 REPLACED = "\ufffd"
 """Recorded for each byte that is not UTF-8; see `drop_physics.stages.program.encodable`."""
 
@@ -131,21 +136,12 @@ def _of_drop(drop: Drop) -> tuple[str, str | None, str]:
 def _of_script(held: Recording) -> tuple[str, str | None, str]:
     """Return which script was run and how it ended, the command that repeats it, and its engine."""
     origin, ended = held.origin, held.ended
-    script, arguments = str(origin["script"]), [*map(str, listed(origin.get("arguments")))]
-    limits = {name: origin.get(name) for name in ("steps", "duration_s", "seed")}
-    options = [
-        word
-        for name, value in limits.items()
-        if value is not None
-        for word in (f"--{name.removesuffix('_s')}", _digits(value))
-    ]
-    program = [*_program(script), *arguments]
-    what = script if script == schema.BLOCK else shell_command(*program)
-    command = None
-    if script != schema.BLOCK and not any(REPLACED in word for word in program):
-        options_end = ["--"] if program[0].startswith("-") and program[0] != "-m" else []
-        command = shell_command("drop", "record", *options, *options_end, *program)
-    engine: str = held.seen.engine
+    script = str(origin["script"])
+    program = [*script.split(" ", 1)] if script.startswith("-m ") else [script]
+    words = [*program, *map(str, listed(origin.get("arguments")))]
+    what = script if script == schema.BLOCK else shell_command(*words)
+    command = repeated("record", origin)
+    engine: str = _engine(held)
     if ended is not None and "made_with_version" in ended:  # not where its first bytes were lost
         engine = Message(
             "{engine} in Python {version}", engine=engine, version=ended["made_with_version"]
@@ -154,15 +150,30 @@ def _of_script(held: Recording) -> tuple[str, str | None, str]:
     return Message("{script}, {ended}", script=what, ended=how), command, engine
 
 
-def _digits(value: float) -> str:
-    """Return a number so that the same is read back; 2, not 2.0."""
-    short = f"{value:.9g}"
-    return short if isinstance(value, float) and float(short) == value else str(value)
+def _engine(held: Recording) -> str:
+    """Return the name and version of the engine that a script used, perhaps without a step."""
+    ended = held.ended or {}
+    mujoco, bullet = (ended.get(f"made_with_{name}") for name in ("mujoco", "pybullet"))
+    if mujoco and not held.seen.settings:
+        return f"MuJoCo {mujoco}"
+    if held.seen.engine != PYBULLET:
+        return held.seen.engine
+    if not held.partial and "made_with_pybullet_api" not in ended:
+        return Message("none that was imported")
+    return f"{PYBULLET} {bullet or ''}".rstrip()
 
 
-def _program(script: str) -> list[str]:
-    """Return the words that name a script, or a module as `-m MODULE`."""
-    return script.split(" ", 1) if script.startswith("-m ") else [script]
+def repeated(verb: str, origin: Origin, script: Path | None = None) -> str | None:
+    """Return the command that runs a recorded script with a verb, as it was run.
+
+    None for a block of Python, and where a name or an argument is not UTF-8. The script is named by
+    its path, if that is known.
+    """
+    name, arguments = str(origin["script"]), [*map(str, listed(origin.get("arguments")))]
+    if name == schema.BLOCK or any(REPLACED in word for word in (name, *arguments)):
+        return None
+    options = {name.removesuffix("_s"): origin.get(name) for name in OPTIONS}
+    return command_of(verb, name if script is None else script, arguments, **options)
 
 
 def _duration_s(seen: Seen) -> float:

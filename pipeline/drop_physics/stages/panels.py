@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from drop_physics.analysis.results import Analysis
+from drop_physics.fields import counted
 from drop_physics.figures.plot import Panel, Plot
 from drop_physics.messages import Message
 from drop_physics.stages.panel_kinds import (
@@ -42,7 +43,12 @@ def plot_of(analysis: Analysis | FallAnalysis) -> Plot:
 def _verdict(analysis: Analysis) -> Iterator[str]:
     explained, script = analysis.explained, str((analysis.origin or {}).get("script") or "")
     if not analysis.findings:
-        yield Message("{script}: nothing needs a second look", script=script)
+        yield Message(
+            "{script}: no finding in {bodies}, {steps}",
+            script=script,
+            bodies=counted(len(analysis.bodies), "body", "bodies"),
+            steps=counted(max(0, analysis.samples - 1), "step"),
+        )
     for finding in analysis.findings[:1]:
         first, _, rest = finding.said.partition(": ")
         if first == finding.body:

@@ -12,10 +12,12 @@ from pathlib import Path
 
 from drop_physics.errors import ScenarioError
 from drop_physics.fields import outside, shown
-from drop_physics.messages import Message
+from drop_physics.messages import Message, shell_command
 
 STOPPED = ("steps", "duration", "disk", "interrupted")
 """Endings of a script that would have gone on."""
+RERUN = b"RRF"
+"""The first bytes of a recording."""
 LARGEST_INT = 2**63 - 1
 """The largest whole number in a recording."""
 SEEDED_CLOCK_S = 1e9
@@ -74,13 +76,61 @@ def digest_of_script(target: str, *, is_module: bool) -> str | None:
     try:
         if Path(target).is_fifo():  # what is read here would be missing in the script
             raise OSError(errno.EINVAL, "a pipe can be read only once")
-        return hashlib.sha256(Path(target).read_bytes()).hexdigest()
+        text = Path(target).read_bytes()
     except (OSError, ValueError) as error:  # ValueError: the name has a null character
         raise ScenarioError(
             "the script must be a Python file, got {path!r}: {reason}; a module is run with -m",
             path=target,
             reason=getattr(error, "strerror", None) or str(error),
         ) from None
+    if text.startswith(RERUN):
+        raise ScenarioError(
+            "{path} is a recording; what happened in it says: {command}",
+            path=target,
+            command=shell_command("drop", "analyze", Path(target)),
+        )
+    if Path(target).suffix == ".ipynb":
+        raise ScenarioError(
+            "{path} is a notebook; record its cells in it, with: from drop_physics import record, "
+            "and: {block}",
+            path=target,
+            block=f'with record("{Path(target).stem}.rrd"): …',
+        )
+    return hashlib.sha256(text).hexdigest()
+
+
+def command_of(
+    verb: str, target: str | Path, arguments: Sequence[str] = (), **options: float | str | None
+) -> str:
+    """Return the command that runs a script with a verb.
+
+    Parameters
+    ----------
+    verb
+        Of `drop`.
+    target
+        The script's path; of a module `-m NAME`.
+    arguments
+        The script's own.
+    options
+        Of the verb, by name with underscores; None where one is not given.
+    """
+    given = (
+        word
+        for name, value in options.items()
+        if value is not None
+        for word in (f"--{name}", value if isinstance(value, str) else _digits(value))
+    )
+    is_module = isinstance(target, str) and target.startswith("-m ")
+    program = target.split(" ", 1) if isinstance(target, str) and is_module else [target]
+    ends = ["--"] if not is_module and str(target).startswith("-") else []
+    return shell_command("drop", verb, *given, *ends, *program, *arguments)
+
+
+def _digits(value: float) -> str:
+    """Return a number so that the same is read back; 2, not 2.0."""
+    short = f"{value:.9g}"
+    return short if isinstance(value, float) and float(short) == value else str(value)
 
 
 def texts_of(arguments: Sequence[str]) -> list[str]:

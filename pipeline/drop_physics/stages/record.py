@@ -33,6 +33,7 @@ from drop_physics.messages import Message
 from drop_physics.printable import Printable
 from drop_physics.recording import schema
 from drop_physics.recording.about import about_script
+from drop_physics.recording.layer_file import layer_of
 from drop_physics.stages.again import Again, again_of
 from drop_physics.stages.found import name_of, path_digest
 from drop_physics.stages.missing_file import missing_file
@@ -103,6 +104,16 @@ class Recorded(Printable, reported_by="drop_physics.report.record"):
     """The recording of the other engine, if the script steps two."""
     reached: Reached = Reached()
     """What the script reached beside its simulation, if that was observed."""
+    never_began: bool = False
+    """Whether the script failed before it imported an engine."""
+    is_elsewhere: bool = False
+    """Whether other processes of the script use the engine, whose steps are not recorded."""
+
+
+def forget(recorded: Recorded) -> None:
+    """Delete a recording that holds nothing, and its layer."""
+    for path in (recorded.recording, layer_of(recorded.recording)):
+        path.unlink(missing_ok=True)
 
 
 def record_script(
@@ -257,6 +268,8 @@ def record_script(
         beside=None if beside is None else beside.recorded,
         twice=compared,
         first_difference=differs,
+        never_began=ended.how == "failed" and not process.decoder.engines,
+        is_elsewhere=process.steps_elsewhere() or bool(process.decoder.mujoco.lost),
         reached=process.reached(),
     )
 
@@ -330,6 +343,7 @@ def _origin(program: Program, digest: str | None) -> dict[str, Any]:
         "seed": program.seed,
         "steps": program.steps,
         "duration_s": program.duration_s,
+        "python": None if program.python == sys.executable else program.python,
         "drop_version": metadata.version("drop-physics"),
     }
 

@@ -1,4 +1,4 @@
-"""Record what a block of Python does with PyBullet, in notebooks and tests.
+"""Record what a block of Python does with PyBullet or MuJoCo, in notebooks and tests.
 
     with record("run.rrd"):
         ...
@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import _socket  # `socket` may be forbidden in tests, as by pytest-socket
 import os
+import warnings
 from array import array
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -22,7 +23,9 @@ from drop_physics.engines.channel import shared_block, wide_pipe
 from drop_physics.engines.watching import ending, start
 from drop_physics.engines.watching.host import ScriptWatch, Stop
 from drop_physics.errors import OutputError, check_suffix
+from drop_physics.fields import counted
 from drop_physics.files.outputs import check_target
+from drop_physics.messages import Message
 from drop_physics.stages.program import checked_limits
 from drop_physics.workers import Worker, WorkerDiedError
 
@@ -30,8 +33,14 @@ if TYPE_CHECKING:
     from drop_physics.stages.record import Recorded
 
 
+NO_STEP = (
+    "nothing was simulated in this block: it made no step, or with functions that were imported by "
+    "name before (from pybullet import stepSimulation), which are not seen"
+)
+
+
 class Block:
-    """A block that is being recorded."""
+    """A block that is being recorded; once it has ended, it prints as its recording does."""
 
     watch: ScriptWatch
     written: dict[str, Any] | None = None
@@ -48,6 +57,15 @@ class Block:
     def steps(self) -> int:
         """Number of steps so far."""
         return self.watch.steps_made
+
+    def __repr__(self) -> str:
+        recorded = self.recorded
+        so_far = Message("being recorded, {steps} so far", steps=counted(self.steps, "step"))
+        return so_far if recorded is None else str(recorded)
+
+    def _repr_html_(self) -> str | None:
+        recorded = self.recorded
+        return None if recorded is None else recorded._repr_html_()
 
 
 class BlockWriter(Worker):
@@ -84,7 +102,7 @@ def record(
     force: bool = False,
     writer: BlockWriter | None = None,
 ) -> Iterator[Block]:
-    """Record what a `with` block does with PyBullet, as `drop record` does for a script.
+    """Record what a `with` block does with PyBullet or MuJoCo, as `drop record` does for a script.
 
     Parameters
     ----------
@@ -116,6 +134,7 @@ def record(
     check_target(path, force=force)
     check_suffix("out", path, (".rrd",))
     steps, duration_s, seed = checked_limits(steps, duration_s, seed)
+    alone = writer is None
     with ExitStack() as open_until_written:
         memory = open_until_written.enter_context(shared_block())
         if writer is None:
@@ -146,6 +165,8 @@ def record(
                 watch.remove()
                 watch.pipe.close()
                 block.written = _answer(writer, path)
+        if not block.steps and alone:
+            warnings.warn(NO_STEP, stacklevel=3)  # of the `with` statement
 
 
 def _answer(writer: BlockWriter, path: Path) -> dict[str, Any]:

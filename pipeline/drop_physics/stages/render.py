@@ -13,6 +13,7 @@ from drop_physics.analysis.results import Analysis
 from drop_physics.drop.analysis import fall_of
 from drop_physics.drop.case import Case
 from drop_physics.drop.results import FallAnalysis
+from drop_physics.engines.cures import call_of
 from drop_physics.errors import RecordingError, ScenarioError, check_suffix
 from drop_physics.explain.rows import MOST_ROWS
 from drop_physics.figures.animation import MAX_FPS, check_animation, write_animation
@@ -224,6 +225,7 @@ def _of_script(
     analysis = Story(
         held.seen,
         held.origin_and_end,
+        call_of=call_of(held.seen.engine),
         reports=lambda finding: given.reports(finding, sources.ignored_at(finding.site)),
     ).analysis()
     return analysis, plot_of(analysis)

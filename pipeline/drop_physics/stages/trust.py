@@ -85,7 +85,9 @@ class Trust(Printable, reported_by="drop_physics.report.trust"):
         if any(each.made.ended == "failed" != self.made.ended for each in self.variations):
             return False
         ends = [end for each in self.variations for end in each.apart.end]
-        return all(end.value <= lengths[end.unit] for end in ends if end.unit in lengths)
+        return bool(ends or not lengths) and all(
+            end.value <= lengths[end.unit] for end in ends if end.unit in lengths
+        )
 
 
 def trust(

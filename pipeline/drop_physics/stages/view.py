@@ -44,6 +44,8 @@ class View(Printable, reported_by="drop_physics.report.view"):
     """Whether the two are the same physics; None without a golden recording."""
     first_difference: int | None = None
     """The first step at which a number or a picture differs; None if none does."""
+    settings_differ: bool = False
+    """Whether inputs of the two differ."""
     not_compared: tuple[str, ...] = ()
     """Bodies whose motion is not recorded; if there are any, the two do not count as the same."""
 
@@ -116,6 +118,7 @@ def _with_golden(path: Path, golden: Path, folder: Path, *, web: bool) -> View:
         same=checked.same,
         first_difference=None if checked.first is None else checked.first.step,
         not_compared=tuple(checked.not_compared),
+        settings_differ=checked.comparison is not None and bool(checked.comparison.differences),
     )
 
 

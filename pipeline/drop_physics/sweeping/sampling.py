@@ -221,7 +221,7 @@ def _target(name: str) -> tuple[str, int | None]:
         parts = enumerate(option.kind.components)
         targets |= {f"{short}_{part}": (field, axis) for axis, part in parts}
     if name not in targets:
-        near = get_close_matches(name, targets, n=1) or targets
+        near = get_close_matches(name, targets, n=3, cutoff=0.0)
         raise ScenarioError(
             "it must name a scenario option, such as {names}", names=", ".join(near)
         )

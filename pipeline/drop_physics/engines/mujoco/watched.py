@@ -57,6 +57,8 @@ from drop_physics.trace.events import (
 from drop_physics.trace.frames import ModelPart
 from drop_physics.trace.states import CONTACT, Joints
 
+OLDEST = "3.3"
+"""The oldest version of MuJoCo whose scripts are recorded."""
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
@@ -179,6 +181,12 @@ class _Rows:
     values: list[Float64] = field(default_factory=list)
 
 
+def _is_older(version: str) -> bool:
+    """Return whether a version of MuJoCo is older than the oldest that can be read."""
+    numbers, oldest = (tuple(map(int, re.findall(r"\d+", each)[:2])) for each in (version, OLDEST))
+    return numbers < oldest
+
+
 class MujocoDecoder:
     """Interprets payloads of a stream as events, in order; `close` it.
 
@@ -209,6 +217,11 @@ class MujocoDecoder:
         """Samples; steps that were replayed to the bit, and of these, those whose sum closes."""
         self.remainder = 0.0
         """The largest share of a step's largest term that its sum leaves."""
+
+    @property
+    def lost(self) -> int:
+        """Number of simulations that could not be read."""
+        return 0 if self._received is None else len(self._received.faults)
 
     def close(self) -> None:
         """Close the files, and remove the folder."""
@@ -308,6 +321,15 @@ class MujocoDecoder:
         if received.warnings:
             shown: list[str] = list(received.warnings[:MOST_NOTES])
             yield Message("MuJoCo warned: {warnings}", warnings=all_of(shown))
+        if received.faults and _is_older(received.version):
+            yield Message(
+                "{engine} {version} is too old to be read; with {oldest} or later it is: "
+                "pip install 'mujoco>={oldest}'",
+                engine="MuJoCo",
+                version=received.version,
+                oldest=OLDEST,
+            )
+            return
         for fault in received.faults[:MOST_NOTES]:
             yield Message("a simulation could not be read: {error}", error=fault)
 

@@ -73,10 +73,11 @@ class Pipe:
     """The sending end. Not for two threads at once: the sender holds `Watch.lock`.
 
     What is sent at every call is packed into `memory` at `end`, and then counted as in `sent`;
-    `make_room` comes first where `end` is beyond `limit`.
+    `make_room` comes first where `end` is beyond `limit`. With `again` another program of the same
+    process has sent into both before.
     """
 
-    def __init__(self, pipe: int, block: int) -> None:
+    def __init__(self, pipe: int, block: int, *, again: bool = False) -> None:
         self._pipe = pipe
         self._inode = os.fstat(pipe).st_ino
         self.inode_of_block = os.fstat(block).st_ino
@@ -85,7 +86,7 @@ class Pipe:
         self.counts: Any = memoryview(self.memory)[: BLOCK.size].cast("Q")
         os.set_inheritable(pipe, False)
         os.close(block)
-        self._before = 0
+        self._before = self.counts[0] if again else 0
         self.end, self.limit = BLOCK.size, BLOCK.size + FLUSH_BYTES
         self._flushed_at = _now()
         self.open = True
@@ -93,8 +94,15 @@ class Pipe:
         """Whether the recorder is."""
         self._closed = False
         """Whether the script has closed it: then the block takes what still fits."""
-        self.write(MAGIC)
+        if again:
+            self.memory[BLOCK_BYTES:] = bytes(SHARED_BYTES - BLOCK_BYTES)
+        else:
+            self.write(MAGIC)
         self.flush()
+
+    def hand_on(self) -> None:
+        """Leave the pipe to the program that replaces this one."""
+        os.set_inheritable(self._pipe, True)
 
     def note(self, what: str, **values: Any) -> None:
         """Send a JSON object."""

@@ -10,8 +10,9 @@ import runpy
 import sys
 from types import ModuleType
 
-from . import ending, limits, start
+from . import asking, ending, limits, start
 from .private import private_of
+from .programs import Programs
 
 _ALWAYS = {
     "abc", "codecs", "encodings", "genericpath", "io", "ntpath", "os", "posixpath", "site", "stat",
@@ -34,6 +35,7 @@ def main(options: str, *command: str) -> None:
         The script, or a module's name, and its own arguments.
     """
     arguments = json.loads(options)
+    again = {**arguments, "block": os.dup(arguments["block"])}
     is_module, listens = arguments.pop("is_module"), arguments.pop("listens")
     scratch, limited = arguments.pop("scratch"), arguments.pop("limits")
     private = private_of(arguments.pop("private"))
@@ -44,6 +46,8 @@ def main(options: str, *command: str) -> None:
     start.enter(scratch)
     sys.argv = [*command]
     watch = start.watch(**arguments, private=private)
+    Programs(watch, again).install()
+    asking.install(watch)
     if listens:
         watch.listen_outside()
     run = _run_module if is_module else _run_file

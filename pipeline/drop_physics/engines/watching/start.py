@@ -32,6 +32,7 @@ def watch(
     interventions: Sequence[dict[str, Any]] = (),
     trials: Sequence[dict[str, Any]] = (),
     private: Private | None = None,
+    again: bool = False,
 ) -> ScriptWatch:
     """Watch all engines, each as soon as it is imported.
 
@@ -57,9 +58,11 @@ def watch(
         Runs that part from this one, as `forks` takes them.
     private
         The view of the file system that this process has entered; None for the machine's own.
+    again
+        Whether this program has replaced another one that was watched.
     """
     started = ScriptWatch(
-        Pipe(pipe, block),
+        Pipe(pipe, block, again=again),
         Clock(real=keep_sleeping, begins_s=begins_s),
         steps=steps,
         duration_s=duration_s,

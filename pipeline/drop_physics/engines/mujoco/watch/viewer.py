@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
+
+from ...watching.hidden import hiding
 
 if TYPE_CHECKING:
     from .hooks import MujocoWatch
@@ -15,6 +20,8 @@ SHOWN = (
     *("set_texts", "clear_texts", "set_figures", "clear_figures", "set_images", "clear_images"),
 )
 """Methods of a viewer that have no effect on the run."""
+STEPS_IN_A_WINDOW = ("launch", "launch_repl", "launch_from_path")
+DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 MOST_GEOMS = 10_000
 """Geometries that a script may draw, as many as a window takes."""
 
@@ -82,4 +89,23 @@ def install_viewer(watch: MujocoWatch, module: ModuleType) -> None:
         return QuietViewer(watch, model, data)
 
     setattr(module, "launch_passive", launch_passive)  # noqa: B010
+    _refuse_without_display(watch, module)
     watch.host.on_removal(lambda: setattr(module, "launch_passive", original))
+
+
+def _refuse_without_display(watch: MujocoWatch, module: ModuleType) -> None:
+    """Have functions that step in a window say so where there is none; MuJoCo ends the process."""
+    for name in STEPS_IN_A_WINDOW:
+        original = getattr(module, name, None)
+        if original is not None:
+            setattr(module, name, hiding(partial(_launched, name, original)))
+            watch.host.on_removal(partial(setattr, module, name, original))
+
+
+def _launched(name: str, original: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+    if sys.platform == "linux" and not any(map(os.environ.get, DISPLAYS)):
+        raise RuntimeError(
+            f"mujoco.viewer.{name} steps in a window, and there is no display; to record a run "
+            "without one, step in the script: mujoco.mj_step(model, data) in a loop"
+        )
+    return original(*args, **kwargs)

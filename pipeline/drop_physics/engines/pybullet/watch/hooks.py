@@ -7,6 +7,7 @@ have to be open (`quiet`), and where time would have to pass (`clock`).
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Sequence
 from types import BuiltinFunctionType, ModuleType, SimpleNamespace
 from typing import Any
@@ -29,6 +30,19 @@ from .worlds import ALL, WatchedWorld
 
 MOST_CLIENTS = 64
 TYPE = "builtin_function_or_method"
+
+
+RELEASE = re.compile(r"pybullet-([\w.+!]+)\.(?:dist|egg)-info")
+"""Where an installed package says its version: PyBullet itself knows only that of its API."""
+
+
+def release_of(file: str | None) -> str:
+    """Return the version of the package that a module's file belongs to; empty if none says."""
+    try:
+        names = os.listdir(os.path.dirname(file or ""))
+    except OSError:
+        return ""
+    return next((found[1] for found in map(RELEASE.fullmatch, names) if found), "")
 
 
 class Hook:
@@ -175,7 +189,8 @@ class BulletWatch(EngineWatch):
             setattr(module, name, hook)
             if name == ROLES["steps"]:
                 self.host.steppers.append((module, name, hook))
-        self.pipe.note("pybullet", version=module.getAPIVersion(), file=module.__file__)
+        version, release = module.getAPIVersion(), release_of(module.__file__)
+        self.pipe.note("pybullet", version=version, release=release)
         for client in range(MOST_CLIENTS):  # connected before we came
             if client not in self.worlds and self.p.isConnected(client):
                 self.begin(client, "before")

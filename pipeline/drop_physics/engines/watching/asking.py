@@ -1,0 +1,39 @@
+"""A script that asks its user: while it waits, the line that shows its progress is gone."""
+
+from __future__ import annotations
+
+import builtins
+import sys
+from typing import Any
+
+from .hidden import hiding
+from .host import ScriptWatch
+
+CLEAR = "\x1b[K"
+"""Clears a terminal's line from the cursor on, which the progress leaves at its start."""
+
+
+def install(watch: ScriptWatch) -> None:
+    """Tell when the script begins to wait for a line, and when it goes on."""
+    original = builtins.input
+
+    def ask(*prompt: Any) -> str:
+        _tell(watch, begins=True)
+        try:
+            return original(*prompt)
+        finally:
+            _tell(watch, begins=False)
+
+    builtins.input = hiding(ask)
+    watch.on_removal(lambda: setattr(builtins, "input", original))
+
+
+def _tell(watch: ScriptWatch, *, begins: bool) -> None:
+    if not watch.on:
+        return
+    with watch.lock:
+        watch.pipe.note("waits", begins=begins)
+        watch.pipe.flush()
+    if begins and sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty():
+        sys.stderr.write(CLEAR)
+        sys.stderr.flush()
