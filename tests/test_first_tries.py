@@ -7,9 +7,14 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
+import drop_physics
+import numpy as np
 import pytest
 from conftest import Drop
 from drop_physics import analyze, record_script
@@ -17,11 +22,15 @@ from drop_physics.compare.comparison import compare
 from drop_physics.engines.decoder import Decoder
 from drop_physics.engines.watching import pipe
 from drop_physics.experiments.run_distance import apart
+from drop_physics.recording import scene
 from drop_physics.recording.reader import read
+from drop_physics.recording.scene import parts_of
 from drop_physics.report.info import report_of
+from drop_physics.stages import film
 from drop_physics.stages.check import check
 from drop_physics.stages.info import info
 from drop_physics.stages.render import render
+from drop_physics.trace.events import Shape
 from test_check import script_side
 
 FALLS = """import pybullet as p
@@ -380,3 +389,86 @@ def test_info_of_a_recording_with_a_layer_says_how_to_see_it(tmp_path: Path) -> 
     told = info(tmp_path / "ball.rrd")
     assert report_of(told).next == [f"drop view {tmp_path / 'ball.rrd'}"]
     assert f"--python {os.path.realpath(sys.executable)}" in str(told.command)
+
+
+def test_a_narrow_terminal_says_which_columns_it_leaves_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "arm.urdf").write_text(ARM)
+    script = tmp_path / "arm.py"
+    turns = IN_BULLET.replace("VELOCITY_CONTROL, force=0", "POSITION_CONTROL, 1, force=5")
+    script.write_text(turns.replace("arm.urdf", str(tmp_path / "arm.urdf")))
+    record_script(str(script), out=tmp_path / "arm.rrd")
+    analysis = analyze(tmp_path / "arm.rrd")
+    for columns, said in ((100, False), (55, True)):
+        monkeypatch.setattr("drop_physics.report.terminal.width", lambda wide=columns: wide)
+        assert ("left out, for want of room: " in str(analysis)) == said
+        assert all(len(line) <= columns for line in str(analysis).splitlines())
+
+
+def test_what_prints_in_python_names_no_option_of_the_command_line(tmp_path: Path) -> None:
+    script = written(tmp_path, "ball.py", "import random; random.random()\n", steps=240)
+    recorded = record_script(str(script), out=tmp_path / "ball.rrd")
+    analysis = analyze(tmp_path / "ball.rrd")
+    for result in (recorded, analysis, check(tmp_path / "ball.rrd", tmp_path / "ball.rrd")):
+        assert "--" not in str(result).replace("---", "")
+        assert "drop analyze" not in str(result)
+    assert "as_json()" in str(analysis)
+
+
+def test_a_block_prints_as_its_recording_and_warns_where_it_is_empty(tmp_path: Path) -> None:
+    code = f"""
+import pybullet as p, warnings
+from drop_physics import record
+warnings.simplefilter("error")
+with record({str(tmp_path / "a.rrd")!r}) as block:
+    exec({FALLS.format(steps=24)!r})
+    assert repr(block) == "being recorded, 24 steps so far", repr(block)
+assert str(block) == str(block.recorded), str(block)
+assert "25 samples" in block._repr_html_()
+try:
+    with record({str(tmp_path / "b.rrd")!r}):
+        pass
+except UserWarning as warned:
+    print(warned)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "nothing was simulated in this block" in done.stdout
+
+
+def test_the_package_says_what_it_is_for() -> None:
+    said = str(drop_physics.__doc__)
+    assert said.index("MuJoCo") < said.index("box")
+    assert drop_physics.why.__name__ == "why"
+
+
+SEVERAL = """import pybullet as p
+for _ in range(3):
+    client = p.connect(p.DIRECT)
+    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.1, physicsClientId=client)
+    p.createMultiBody(1, shape, physicsClientId=client)
+    p.setGravity(0, 0, -9.81, physicsClientId=client)
+    for _ in range(24):
+        p.stepSimulation(physicsClientId=client)
+"""
+
+
+def test_a_film_shows_simulations_side_by_side(tmp_path: Path) -> None:
+    script = tmp_path / "several.py"
+    script.write_text(SEVERAL)
+    record_script(str(script), out=tmp_path / "several.rrd")
+    held = read(tmp_path / "several.rrd")
+    parts = parts_of(held.path, held.seen)
+    poses = film._poses(parts, np.array([0.0, 0.05]))
+    moved = film._side_by_side(parts, poses, film._places(held.seen, parts, poses))
+    apart_m = np.linalg.norm(moved[:, :, None, :3] - moved[:, None, :, :3], axis=-1)
+    assert (apart_m[:, ~np.eye(3, dtype=bool)] > 0.2).all()  # no ball is within another
+    assert np.array_equal(moved[1] - moved[0], poses[1] - poses[0])
+
+
+def test_what_is_far_from_a_links_centre_is_in_the_ball_around_it() -> None:
+    """A head on a torso: its far side is 0.4 m from the torso's centre."""
+    torso = Shape(-1, "sphere", (0.1,), "", (0.0, 0.0, -0.1), (0, 0, 0, 1), (1, 1, 1, 1))
+    head = replace(torso, size_m=(0.1,), position_m=(0.0, 0.0, 0.3))
+    body = SimpleNamespace(shapes=(torso, head), bounds_m=(-0.1, -0.1, -0.2, 0.1, 0.1, 0.4))
+    assert scene._radius_m(body, -1) == pytest.approx(0.4)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drop_physics.explain.cause_names import cause_in_words
@@ -173,7 +174,7 @@ def _joints(
         shown = sorted(rows if verbose else rows[:MOST_JOINTS], key=_place)
         if not shown:
             continue
-        blocks: list[Block] = [joint_table(body.label, shown)]
+        blocks: list[Block] = [replace(joint_table(body.label, shown), left_out=_narrow)]
         if len(rows) > len(shown):
             joints = counted(len(rows) - len(shown), "more joint")
             blocks.append(Words(Message("{joints}: --verbose", joints=joints), "dim"))
@@ -214,7 +215,6 @@ def joint_table(label: str, rows: Sequence[JointRow]) -> DataTable:
             *(Column("", notes, fits=True) for notes in (at_stop, at_limit)),
         ],
         title=label,
-        left_out=_narrow,
     )
 
 
