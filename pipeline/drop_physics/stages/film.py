@@ -368,10 +368,15 @@ def _framed(parts: Sequence[Part], numbers: Int64, poses: Float64) -> tuple[Floa
 
 
 def _distance_m(places_m: Float64, around_m: Float64) -> float:
-    """Return from how far the standard camera sees places, in its axes, with radii around."""
+    """Return from how far the standard camera sees balls around places, in its axes.
+
+    A ball is in the picture if its centre is a radius or more from the planes that bound what the
+    camera sees: for a slope s of such a plane, and a depth z, |x| + r √(1 + s²) ≤ s (distance − z).
+    """
     half = math.tan(math.radians(STANDARD_CAMERA.vertical_fov_deg) / 2)
     width, height = STANDARD_CAMERA.size_px
-    spread_m = (np.abs(places_m[..., :2]) + around_m) / [half * width / height, half]
+    slopes = np.array([half * width / height, half])
+    spread_m = (np.abs(places_m[..., :2]) + around_m * np.hypot(1, slopes)) / slopes
     return ROOM * float(np.nanmax(spread_m + places_m[..., 2:], initial=LEAST_M))
 
 
