@@ -17,11 +17,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import matplotlib
-import numpy as np
 from matplotlib import font_manager
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.text import Annotation, Text
+from matplotlib.lines import Line2D
+from matplotlib.text import Text
 
 from drop_physics.figures.gif import MADE_BY_DROP
 from drop_physics.figures.theme import DARK, LIGHT, Theme
@@ -40,10 +40,8 @@ MOST_TITLE, MOST_LINES = 2, 5
 """Most lines of a title, and below it."""
 TITLE_IN, LINE_IN = 0.29, 0.19
 """Height of such a line [inch]."""
-NAME, MOST_NAME = "name", 42
-"""The label of a curve's name, and the most characters of it that are shown."""
-APART = 1.15
-"""Least distance of the names of two curves, as a multiple of their height."""
+MOST_NAME = 42
+"""Most characters of a curve's name that are shown."""
 DASHED = (0, (4, 3))
 Build = Callable[[Theme], Figure]
 
@@ -167,12 +165,12 @@ def head(figure: Figure, share: float) -> None:
 def name_curves(
     axes: Axes, curves: Iterable[tuple[str, float, str]], *, columns: int, size: float
 ) -> None:
-    """Write names right of a panel: each beside its curve's last value, and in its colour.
+    """Write the legend of a panel right of it, in the colours of its curves, the highest first.
 
     Parameters
     ----------
     axes
-        The panel; its limits are set.
+        The panel.
     curves
         Name, last value and colour of each.
     columns
@@ -180,22 +178,19 @@ def name_curves(
     size
         Of the letters [points].
     """
-    to_share = axes.transData + axes.transAxes.inverted()
-    for name, value, colour in curves:
-        end = float(to_share.transform((axes.get_xlim()[1], value))[1])
-        axes.annotate(
-            lines_of([name], columns, MOST_NAME // columns),
-            (1, min(max(end, 0.0), 1.0)),
-            xycoords="axes fraction",
-            xytext=(6, 0),
-            textcoords="offset points",
-            va="center",
-            size=size,
-            color=colour,
-            annotation_clip=False,
-            linespacing=0.95,
-            label=NAME,
-        )
+    named = sorted(curves, key=lambda each: -each[1])
+    axes.legend(
+        [Line2D([], [], color=colour) for _, _, colour in named],
+        [lines_of([name], columns, MOST_NAME // columns) for name, _, _ in named],
+        labelcolor=[colour for _, _, colour in named],
+        loc="upper left",
+        bbox_to_anchor=(1, 1),
+        borderaxespad=0,
+        frameon=False,
+        fontsize=size,
+        handlelength=0,
+        labelspacing=0.2,
+    )
 
 
 SMALLEST_FONT_PX = 2.0
@@ -206,9 +201,6 @@ def laid_out(figure: Figure) -> Figure:
     """Return a figure whose parts have their places, every text within it."""
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
-    for axes in figure.axes:
-        names = [text for text in axes.texts if isinstance(text, Annotation)]
-        _spread([each for each in names if each.get_label() == NAME], axes.bbox.height)
     end = figure.bbox.x1 - 4
     for text in figure.findobj(Text):
         while (box := text.get_window_extent()).x0 < end < box.x1:
@@ -217,19 +209,6 @@ def laid_out(figure: Figure) -> Figure:
                 break  # no reader could tell, and fonts have no smaller size
             text.set_fontsize(smaller)
     return figure
-
-
-def _spread(names: list[Annotation], height_px: float) -> None:
-    """Move names of curves apart; if they need more room than there is, make them smaller."""
-    names.sort(key=lambda each: float(each.xy[1]))
-    rows = np.array([APART * each.get_window_extent().height / height_px for each in names])
-    smaller = max(rows.sum(), 1.0)
-    rows /= smaller
-    packed = np.cumsum(rows) - rows / 2
-    moved = np.maximum.accumulate([each.xy[1] for each in names] - packed)
-    for each, place in zip(names, packed + moved.clip(0, 1 - rows.sum()), strict=True):
-        each.xy = 1.0, place
-        each.set_fontsize(float(each.get_fontsize()) / smaller)
 
 
 def rendered(build: Build, format: str, *, dark: bool) -> bytes:  # noqa: A002
