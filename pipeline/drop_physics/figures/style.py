@@ -42,6 +42,8 @@ TITLE_IN, LINE_IN = 0.29, 0.19
 """Height of such a line [inch]."""
 MOST_NAME = 42
 """Most characters of a curve's name that are shown."""
+LEGEND = 0.6
+"""Share of its panel's part of a figure that a legend may be high."""
 DASHED = (0, (4, 3))
 Build = Callable[[Theme], Figure]
 
@@ -179,15 +181,20 @@ def name_curves(
         Of the letters [points].
     """
     named = sorted(curves, key=lambda each: -each[1])
+    labels = [lines_of([name], columns, MOST_NAME // columns) for name, _, _ in named]
+    lines = sum(name.count("\n") + 1.5 for name in labels)
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    room = LEGEND * 72 * figure.get_figheight() / len(figure.axes)
     axes.legend(
         [Line2D([], [], color=colour) for _, _, colour in named],
-        [lines_of([name], columns, MOST_NAME // columns) for name, _, _ in named],
+        labels,
         labelcolor=[colour for _, _, colour in named],
         loc="upper left",
         bbox_to_anchor=(1, 1),
         borderaxespad=0,
         frameon=False,
-        fontsize=size,
+        fontsize=min(size, room / max(lines, 1)),
         handlelength=0,
         labelspacing=0.2,
     )

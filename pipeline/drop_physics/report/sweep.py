@@ -143,11 +143,13 @@ def _spread(sweep: Sweep, rows: Sequence[Row]) -> Iterator[Block]:
         return
     columns = [name for name in COLUMNS if told[0][name] is not None]
     errors_m = np.array([[row[name] for name in columns] for row in told])
-    spread_m = errors_m.std(axis=0, ddof=1) if len(told) > 1 else [None] * len(columns)
+    apart_m = errors_m - errors_m[0]  # of equal ones exactly 0
+    mean_m = errors_m[0] + apart_m.mean(axis=0)
+    spread_m = apart_m.std(axis=0, ddof=1) if len(told) > 1 else [None] * len(columns)
     yield DataTable(
         [
             Column("", [TERMS[COLUMNS[name]] for name in columns]),
-            numbers(Message("mean"), [*map(millimetres, errors_m.mean(axis=0).tolist())]),
+            numbers(Message("mean"), [*map(millimetres, mean_m.tolist())]),
             numbers(Message("spread"), [millimetres(m).removeprefix("+") for m in spread_m]),
             *(
                 numbers(head, [*map(millimetres, np.quantile(errors_m, share, axis=0).tolist())])
