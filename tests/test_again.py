@@ -133,28 +133,31 @@ WAYS: dict[str, tuple[str, str, str]] = {
         "os.chmod(there, os.stat(there).st_mode ^ 0o100)",
     ),
 }
+CONSUMES = ("renamed", "removed", "a folder removed", "a folder moved")
+"""Those after which a bare second run fails, too: what it needs is gone."""
 QUICK = ("a file opened before", "a state log", "a database at the end", "a folder", "elsewhere")
 """Those that are tried without `-m long`."""
 
 
-def by_why(script: str) -> None:
+def by_why(script: str) -> set[str]:
     found = why.why(script, tries=["damping", "timestep/2"], out="../out", stdout=2)
-    assert found.noise is not None
+    return {"finished"} if found.noise is not None else set()
 
 
-def by_trust(script: str) -> None:
+def by_trust(script: str) -> set[str]:
     found = trust(script, vary=["nudge", "timestep/2"], out="../out", stdout=2)
-    assert {each.made.ended for each in found.variations} == {"finished"}
+    return {each.made.ended for each in found.variations}
 
 
-def by_sweep(script: str) -> None:
+def by_sweep(script: str) -> set[str]:
     found = sweep_script(script, tries=["friction=0.2,0.4"], out="../out", stdout=2)
-    assert {row["ended"] for row in found.rows} == {"finished"}
+    return {row["ended"] for row in found.rows}
 
 
-def by_record(script: str) -> None:
+def by_record(script: str) -> set[str]:
     recorded = record_script(script, out="../out.rrd", twice=True, stdout=2)
     assert recorded.twice
+    return {"finished"} if recorded.first_difference is None else {"other"}
 
 
 VERBS = (by_why, by_trust, by_sweep, by_record)
@@ -164,7 +167,7 @@ EACH = [each for each in itertools.product(VERBS, WAYS) if each not in FEW]
 
 @pytest.mark.parametrize(("verb", "way"), some([*FEW, *EACH], len(FEW)))
 def test_files_are_as_after_one_run(
-    verb: Callable[[str], None], way: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    verb: Callable[[str], set[str]], way: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before, during, after = WAYS[way]
     text = SCRIPT.format(before=before, during=during, after=after)
@@ -190,7 +193,7 @@ def test_files_are_as_after_one_run(
 
     for module in (why, trust_runs, record):
         monkeypatch.setattr(module, "again_of", noted)
-    verb("script.py")
+    assert verb("script.py") == {"finished"} or way in CONSUMES
     assert contents_of(tmp_path / "ours") == contents_of(tmp_path / "bare")
     assert [times_of(tmp_path / "ours")] == first_ended
 

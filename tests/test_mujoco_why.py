@@ -198,12 +198,13 @@ def test_what_a_reset_clears_is_given_again() -> None:
 def test_a_run_that_becomes_a_trial_differs_from_its_first_call_on() -> None:
     run, parted = RunChanged(), [True]
 
-    def part(_: object) -> None:
+    def stop(*, steps: bool) -> None:
+        assert steps
         if parted.pop():
             run.changes.become([], {"finer": 2})
             parted.append(False)
 
-    run.host.forks = SimpleNamespace(part=part)
+    run.host.forks = SimpleNamespace(stop=stop)
     run.steps(1)
     assert run.inside == [0.001] * 2
 

@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
-from command import wait_for
 from conftest import Drop
 from drop_physics import analyze
-from drop_physics.errors import DropError, OutputError, ScenarioError
+from drop_physics.errors import OutputError, ScenarioError
 from drop_physics.experiments import run_distance as comparing
 from drop_physics.recording.reader import read
 from drop_physics.stages.asked import cures_of
-from drop_physics.stages.parting import parting
 from drop_physics.stages.trust import Trust, lengths_of, trust
-from drop_physics.stages.trust_runs import RunVariation
 from drop_physics.trace.tables import table_of
 
 HEAD = """
@@ -307,40 +303,6 @@ steps(40)
     limits = [joint.force_limit for each in (own, finer) for joint in each.bodies[0].joints]
     assert limits == pytest.approx([30.0] * 14)
     assert [each.code for each in finer.findings].count("timestep-after-motor") == 0
-
-
-def test_what_is_stopped_before_it_parts_says_how_to_go_on_and_is_made_then(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The second run, from which variations part, is stopped before it comes to the engine."""
-    waits = tmp_path / "waits"
-    script = f"import os\nwhile os.path.exists({str(waits)!r}):\n    pass\n"
-    script += HEAD + "b = p.loadURDF('cube.urdf', [0, 0, 9])\nsteps(9)\n"
-    (tmp_path / "script.py").write_text(script)
-
-    def run() -> Trust:
-        vary = ["gravity=9", "gravity=8"]
-        return trust(str(tmp_path / "script.py"), out=tmp_path / "out", jobs=1, vary=vary)
-
-    def stopped(work: RunVariation, numbers: Sequence[int], **_: object) -> None:
-        waits.touch()
-        with parting(work, numbers) as runs:
-            wait_for(lambda: bool(work.runs.under_way), "the second run did not begin")
-            runs.stop()
-            name = work.name_of(numbers[0])
-            with pytest.raises(DropError, match=f"^{name} was interrupted; run the same command"):
-                runs(numbers[0])
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patched:
-        patched.setattr("drop_physics.stages.trust_runs.run_changed", stopped)
-        with pytest.raises(KeyboardInterrupt):
-            run()
-    waits.unlink()
-    steps = 9
-    for name, end in ends(run()).items():  # semi-implicit: a dt² n (n + 1) / 2
-        less = 10 - float(name.partition("=")[2])
-        assert end["m"] == pytest.approx(less / 240**2 * steps * (steps + 1) / 2, rel=1e-2)
 
 
 @pytest.mark.long

@@ -12,9 +12,7 @@ import json
 import os
 import re
 import sys
-import time
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,12 +23,14 @@ import polars as pl
 import pybullet as p
 import pybullet_data
 import pytest
+from command import HANGS_S
 from conftest import Drop
 from drop_physics import Scenario, analyze, simulate
 from drop_physics.engines.cures import ROWS, TABLES
+from drop_physics.engines.fork_server import ForkServer
 from drop_physics.engines.pybullet.interventions import INTERVENTIONS
 from drop_physics.engines.pybullet.watch.intervene import Interventions
-from drop_physics.engines.script import Program, Script
+from drop_physics.engines.script import Program
 from drop_physics.engines.watching.sites import shown_file
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.experiments.run_distance import Apart, Track
@@ -41,13 +41,10 @@ from drop_physics.recording.reader import read
 from drop_physics.report.annotations import github_of, sarif_of
 from drop_physics.report.html import CURVES, html_of
 from drop_physics.rules.answer import Effect, Finding
-from drop_physics.stages import parting
-from drop_physics.stages.changed_runs import RunChanged
-from drop_physics.stages.parting import MOST, Parting
 from drop_physics.stages.record import record_script
+from drop_physics.stages.reruns import Reruns
 from drop_physics.stages.view import view
 from drop_physics.stages.why import Proved, Why, why
-from drop_physics.stages.why_trials import RunTrial, TrialRun
 from drop_physics.trace.acts import Act
 from drop_physics.trace.cures import Cure, Scope
 from drop_physics.trace.events import Appearance, Body, Calls, FileRequests, Joint, Mimic, Site
@@ -312,8 +309,7 @@ steps(1200)
 
 def test_a_body_is_the_same_though_its_file_has_another_name_in_each_run(tmp_path: Path) -> None:
     """A pendulum of a temporary file swings less, since PyBullet damps it by 0.04."""
-    # What a script writes keeps its trials from parting from one run, which has loaded the file.
-    result = proved(tmp_path, PENDULUM.format(folder=str(tmp_path)), again=True)
+    result = proved(tmp_path, PENDULUM.format(folder=str(tmp_path)))
     (tried,) = found(result, "default-damping").tried
     assert tried.verdict == "cured"
     assert tried.moved is not None
@@ -410,40 +406,11 @@ def test_trials_that_part_from_one_run_are_runs_of_their_own_to_the_bit(
         return {n: read(path).ended["state_sha256"] for n, path in paths.items() if path}  # type: ignore[index]
 
     with monkeypatch.context() as patched:
-        patched.setattr(RunChanged, "__call__", None)
+        patched.setattr(Reruns, "_from_start", None)
         parted = digests()
-    monkeypatch.setattr("drop_physics.stages.parting.FORKS", False)
+    monkeypatch.setattr("drop_physics.stages.reruns.FORKS", False)
     assert parted == digests()
     assert len(set(parted.values())) == len(tries)
-
-
-def test_a_script_that_outlasts_its_trials_is_not_run_again_for_each(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Its second run goes on until all trials are read; then it is the first, to the bit."""
-    monkeypatch.chdir(tmp_path)
-    is_same, begin = Parting.is_same, parting.parting
-    go, goes = os.open(os.devnull, os.O_RDONLY), 700  # a descriptor that is open where it may go on
-
-    @contextlib.contextmanager
-    def begun(work: RunTrial, numbers: Sequence[int]) -> Iterator[Parting[TrialRun]]:
-        os.close(goes)
-        with begin(work, numbers) as runs:
-            yield runs
-
-    def asked(runs: Parting[TrialRun]) -> bool:
-        os.dup2(go, goes)
-        return is_same(runs)
-
-    os.dup2(go, goes)
-    monkeypatch.setattr(parting, "parting", begun)
-    monkeypatch.setattr(Parting, "is_same", asked)
-    monkeypatch.setattr(RunChanged, "__call__", None)
-    there = f"/proc/{os.getpid()}/fd/{goes}"
-    waits = f"while os.getpid() == me and not os.path.exists('{there}'):\n    pass\nsteps(9)\n"
-    Path("script.py").write_text("import os\nme = os.getpid()\n" + HEAD + HELD + waits)
-    result = why("script.py", tries=["constraint-force=40"], stdout=2)
-    assert found(result, "weak-constraint").verdict == "cured"
 
 
 def test_what_is_asked_with_try_is_tried_and_nothing_else(tmp_path: Path) -> None:
@@ -779,31 +746,18 @@ def test_each_intervention_changes_a_call_of_a_script_or_is_another_engines(
         )
     assert none == MUJOCO_ONLY
     unseeded = {key: each for key, each in trials.items() if key != "seed"}
-    keys, fired = [*unseeded], set()
-    for at in range(0, len(keys), MOST):
-        fired |= parted(tmp_path, {key: trials[key] for key in keys[at : at + MOST]})
-    assert fired == {*unseeded}
+    assert parted(tmp_path, unseeded) == {*unseeded}
 
 
 def parted(folder: Path, trials: dict[str, Program]) -> set[str]:
     """Return the trials that change something, of all that part from a run of `script.py`."""
     found = set()
-    run = Program("script.py", (), sys.executable, trials=[*trials.values()])
-    with (
-        contextlib.chdir(folder),
-        Path(os.devnull).open("wb") as null,
-        Script(run, stdout=null.fileno()) as process,
-        ThreadPoolExecutor(1) as reader,
-    ):
-        own = reader.submit(lambda: [*process.events()])
-        for number, (key, trial) in enumerate(trials.items()):
-            over = False
-            while (part := process.part(number, trial)) is None and not over:
-                over = bool(process.decoder.ended or own.done())
-                time.sleep(0.005)
-            if part is None:
-                continue
-            with part:
+    run = Program("script.py", (), sys.executable)
+    with contextlib.chdir(folder), Path(os.devnull).open("wb") as null, ForkServer(run) as server:
+        assert not server.shared(HANGS_S)
+        for key, trial in trials.items():
+            with server.fork(trial, null.fileno()) as part:
+                assert part.begin()
                 assert [*part.events()]
             assert part.ending().how == "finished", (key, part.ending().error)
             if part.decoder.intervened or trial.variation:

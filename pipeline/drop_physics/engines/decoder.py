@@ -63,8 +63,15 @@ class Decoder:
         """Processor time of the script [s]."""
         self.intervened: set[int] = set()
         """Numbers of the interventions that have changed something."""
+        self.serving: str | None = None
+        """What forbids to fork the run, empty if nothing does, once it stands where trials part."""
         self.forked: dict[int, tuple[int, int]] = {}
-        """Process of each trial that branched off, and the bytes of the stream before it."""
+        """Process of each trial that was asked for, 0 if it was not forked, and the bytes of the
+        stream before it."""
+        self.statuses: dict[int, int] = {}
+        """Exit status of each trial that has ended, as `os.wait` returns it."""
+        self.answer: tuple[Any, str] | None = None
+        """What was evaluated in the run, or why it could not be."""
         self.timing = ""
         """File and line that first read a time after a step."""
         self.bullet, self.mujoco = BulletDecoder(finer, self.faults), MujocoDecoder()
@@ -267,6 +274,16 @@ class Decoder:
 
     def _on_forked(self, trial: int, process: int, after: int) -> None:
         self.forked[trial] = process, after
+
+    def _on_serving(self, shared: str) -> None:
+        self.serving = shared
+
+    def _on_ended(self, trial: int, status: int, processor_s: float) -> None:
+        del processor_s
+        self.statuses[trial] = status
+
+    def _on_answer(self, value: Any, error: str) -> None:  # noqa: ANN401
+        self.answer = value, error
 
     def _on_stop(self, why: str) -> None:
         self.stopped = why

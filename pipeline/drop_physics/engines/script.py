@@ -49,8 +49,8 @@ _EXIT_CODE = re.compile(r"sys\.exit\((-?\d+|True)\)")
 """Endings that Python does not report; an exception leaves a traceback, a text that text."""
 
 
-TRIES = ("steps", "variation", "interventions")
-"""Fields of a program that may differ between its trials."""
+TRIES = ("steps", "variation", "interventions", "streams", "evaluator", "limits")
+"""Fields of a program that may differ between trials that part from one run."""
 TOLD = (
     "is_module",
     "duration_s",
@@ -61,7 +61,6 @@ TOLD = (
     "listens",
     "scratch",
     "private",
-    "limits",
 )
 """Further fields that its process receives."""
 
@@ -109,8 +108,10 @@ class Program:
     for the machine's own."""
     limits: Mapping[str, Any] | None = None
     """What `watching.limits.keep` takes; None if it is not limited, as in its first run."""
-    trials: Sequence[Program] = ()
-    """Programs that differ only in their changes and steps: they branch off from this run."""
+    streams: bool = True
+    """Whether it sends what happens; else only how it ends, and what is evaluated."""
+    evaluator: Mapping[str, Any] | None = None
+    """What is evaluated in its process: `file` and `name` of a class, and its `arguments`."""
 
 
 def _seeded(seed: int | None) -> dict[str, str]:
@@ -266,7 +267,7 @@ class OtherEngine(Listener):
         return True
 
 
-def _end_group(leader: int) -> None:
+def end_group(leader: int) -> None:
     """End a group of processes of ours, by the number of its leader."""
     with contextlib.suppress(ProcessLookupError):
         os.killpg(leader, signal.SIGKILL)
@@ -302,64 +303,6 @@ class BlockListener(Listener):
         return self._closed or self.decoder.ended is not None or os.getppid() != self._process
 
 
-class PartedTrial(Listener):
-    """Reads a trial that has parted from a run, whose `Script` is open as long.
-
-    Parameters
-    ----------
-    reading, block
-        As of any listener.
-    before
-        What the run had sent before.
-    process
-        The number of the trial's process.
-    finer
-        Steps of the engine for each of the script's.
-    """
-
-    def __init__(self, reading: int, block: int, before: bytes, process: int, finer: int) -> None:
-        super().__init__(reading, block)
-        self.decoder = Decoder(finer)
-        self._before, self._process, self._why = before, process, ""
-        self.tell: Callable[[], None] = lambda: None
-        """Called now and then while the trial runs."""
-
-    def __enter__(self) -> PartedTrial:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if not self._closed:
-            self._end()
-        self.decoder.close()
-
-    def stop(self, why: str) -> None:
-        """Stop the trial."""
-        if not self._why:
-            self._why = why
-            self._end()
-
-    def events(self) -> Iterator[Event]:
-        """Yield the events from the run's beginning, until the process has ended."""
-        yield from self.decoder.feed(self._before)
-        yield from super().events()
-
-    def ending(self) -> Ending:
-        """Return its ending, after its events."""
-        ending = super().ending()
-        if self._why:
-            ending.how, ending.error = self._why, ""
-        return ending
-
-    def _is_over(self) -> bool:
-        return self._closed
-
-    def _tick(self) -> None:
-        self.tell()
-
-    def _end(self) -> None:
-        _end_group(self._process)
-
-
 class Script(Listener):
     """A running script; use it in a `with` statement.
 
@@ -369,8 +312,11 @@ class Script(Listener):
         What to run.
     stdout, stderr
         File descriptors of its streams; None for ours.
-    tell
+    progress
         Called with the simulated time [s] and the number of steps, every `TICK_S`.
+    asks
+        A socket's descriptor through which trials are asked for that part from it, and after how
+        many steps it stops for them, as `watching.forks` has it; None where none do.
 
     Raises
     ------
@@ -384,17 +330,15 @@ class Script(Listener):
         *,
         stdout: int,
         stderr: int | None = None,
-        tell: Callable[[float, int], None] = lambda *_: None,
+        progress: Callable[[float, int], None] = lambda *_: None,
+        asks: tuple[int, int] | None = None,
     ) -> None:
         self._before = state_of(Path.cwd()) if program.listens else None
         self._is_limited = program.limits is not None
         self._block = shared_block()
         reading, writing = wide_pipe()
         super().__init__(reading, self._block.fileno())
-        self.trials = [*program.trials]
-        self._parts = [(*wide_pipe(), shared_block()) for _ in program.trials]
-        self._taken: set[int] = set()
-        self.kept = bytearray() if program.trials else None
+        self.kept = None if asks is None else bytearray()
         self.decoder = Decoder((program.variation or {}).get("finer", 1))
         self.target = program.target
         self.explains_with = program.python if program.explain else None
@@ -402,19 +346,14 @@ class Script(Listener):
         self._interrupts = 0
         self._why = "interrupted"
         self._stopped_at = self._told_at = 0.0
-        self._tell = tell
+        self._progress = progress
+        self.tell: Callable[[], None] = lambda: None
+        """Called now and then while it runs."""
         options = {
             "pipe": writing,
             "block": self._block.fileno(),
             **{name: getattr(program, name) for name in (*TRIES, *TOLD)},
-            "trials": [
-                {
-                    "pipe": end,
-                    "block": block.fileno(),
-                    **{name: getattr(trial, name) for name in TRIES},
-                }
-                for trial, (_, end, block) in zip(program.trials, self._parts, strict=True)
-            ],
+            "asks": None if asks is None else {"asks": asks[0], "at": asks[1]},
         }
         command = [program.python, str(WATCHING), MODULE, json.dumps(options), program.target]
         try:
@@ -424,10 +363,7 @@ class Script(Listener):
                 stdout=stdout,
                 stderr=stderr,
                 process_group=0 if self._is_limited else None,
-                pass_fds=(
-                    *(writing, self._block.fileno()),
-                    *(number for _, end, block in self._parts for number in (end, block.fileno())),
-                ),
+                pass_fds=(writing, self._block.fileno(), *([] if asks is None else asks[:1])),
                 env={
                     "MALLOC_PERTURB_": program.perturb,
                     **users_environment(),
@@ -443,33 +379,13 @@ class Script(Listener):
                 reason=getattr(error, "strerror", None) or str(error),
             ) from None
         finally:
-            for end in (writing, *(end for _, end, _ in self._parts)):
-                os.close(end)
+            os.close(writing)
         self._others = OtherProcesses(self._process.pid)
 
     def reached(self) -> Reached:
         """Return what it reached beside its simulation, after its end, if that was observed."""
         after = None if self._before is None else state_of(Path.cwd())
         return reached_of(self.decoder.outside, self._before, after, self.decoder.processor_s)
-
-    def part(self, number: int, trial: Program) -> PartedTrial | None:
-        """Return the next trial that has branched off from this run; None if there is none yet."""
-        if number not in self.decoder.forked or self.kept is None:
-            return None
-        self._taken.add(number)
-        process, after = self.decoder.forked[number]
-        reading, _, block = self._parts[number]
-        before = bytes(memoryview(self.kept)[:after])
-        finer = (trial.variation or {}).get("finer", 1)
-        part = PartedTrial(reading, block.fileno(), before, process, finer)
-        part.explains_with = trial.python if trial.explain else None
-        return part
-
-    def end_parts(self) -> None:
-        """Stop the trials that nobody has taken, for which this run would wait."""
-        for number, (process, _) in [*self.decoder.forked.items()]:
-            if number not in self._taken:
-                _end_group(process)
 
     def __enter__(self) -> Script:
         return self
@@ -479,15 +395,12 @@ class Script(Listener):
             self._process.kill()
         self._process.wait()
         if self._is_limited:  # what it has started, too
-            _end_group(self._process.pid)
+            end_group(self._process.pid)
         self._close()
 
     def _close(self) -> None:
         os.close(self._reading)
         self._block.close()
-        for reading, _, block in self._parts:
-            os.close(reading)
-            block.close()
         self.decoder.close()
 
     def interrupt(self) -> None:
@@ -497,6 +410,10 @@ class Script(Listener):
             self._interrupted_at = time.monotonic()
         else:
             self._process.kill()
+
+    def kill(self) -> None:
+        """End it at once."""
+        self._process.kill()
 
     def stop(self, why: str) -> None:
         """Stop it as Ctrl-C does."""
@@ -528,10 +445,11 @@ class Script(Listener):
     def _tick(self) -> None:
         """Report its progress; kill a script that should have stopped."""
         super()._tick()
+        self.tell()
         now = time.monotonic()
         if now - self._told_at > TICK_S and not self.decoder.waits:
             self._told_at = now
-            self._tell(self.decoder.time_s, self.decoder.steps)
+            self._progress(self.decoder.time_s, self.decoder.steps)
         if self.decoder.stopped and not self._stopped_at:
             self._stopped_at = now
         if self._stopped_at and now - self._stopped_at > under_load(STOPS_WITHIN_S):

@@ -89,7 +89,7 @@ class Again:
         finer
             The most steps of the engine per step of the script, of it and of what parts from it.
         """
-        limited = replace(program, limits=self._limits(finer))
+        limited = replace(program, limits=self.limits(finer))
         if self.folders:
             with scratch_folder() as scratch:
                 private = {
@@ -109,7 +109,8 @@ class Again:
         """Return how long a run may take [s], as the machine is loaded now."""
         return under_load(max(LEAST_S, LONGEST * self.took_s) * finer)
 
-    def _limits(self, finer: int) -> dict[str, Any]:
+    def limits(self, finer: int = 1) -> dict[str, Any]:
+        """Return the limits of a run, as `watching.limits` keeps them."""
         most_s = max(LEAST_S, LONGEST * self.processor_s) * finer
         return {
             "processor_s": None if most_s == float("inf") else most_s,

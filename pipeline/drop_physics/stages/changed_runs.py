@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
-import os
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from drop_physics.engines.script import PartedTrial, Program, Script
+from drop_physics.engines.fork_server import Fork
+from drop_physics.engines.script import Program, Script
 from drop_physics.stages.again import Again
 from drop_physics.stages.proposals import Candidate
-from drop_physics.stages.runs import Ended, RunsUnderWay
+from drop_physics.stages.reruns import Reruns
+from drop_physics.stages.runs import Ended, Progress, RunsUnderWay, run_all
 from drop_physics.trace.cures import ChangedRun
 
 if TYPE_CHECKING:
     from drop_physics.recording.reader import Recording
 
 T = TypeVar("T")
-
-SECOND = "own"
-"""Name of a second, unchanged run of the script, from which others branch off."""
 
 
 def plain(name: str) -> str:
@@ -48,6 +45,8 @@ class RunChanged(ABC, Generic[T]):
     drawn: bool = False
     """Whether to record what only the viewer needs, too."""
     runs: RunsUnderWay = field(default_factory=RunsUnderWay)
+    reruns: Reruns | None = None
+    """What runs may be forks of; None if each is a run from the start."""
 
     def run_of(self, number: int) -> ChangedRun | None:
         """Return the changes of a run; None if the engine does not support them."""
@@ -73,24 +72,21 @@ class RunChanged(ABC, Generic[T]):
         """Run a candidate, record it, and compare it with the script's own run."""
         if self.run_of(number) is None or self.is_late(number):
             return self.not_made(number)
-        until, finer = self._until(number), self.finer(number)
-        with ExitStack() as stack:
-            program = stack.enter_context(self.again.ready(self.program_of(number), finer=finer))
-            null = stack.enter_context(Path(os.devnull).open("wb")).fileno()
-
-            def tell(_: float, __: int) -> None:
-                if time.time() > until:
-                    process.stop("interrupted")
-
-            process = stack.enter_context(Script(program, stdout=null, stderr=null, tell=tell))
-            ended = self.recorded(process, number)
+        ended, died = self._run(self.reruns or Reruns(self.program, self.again), number)
+        if died:  # perhaps because it was a fork
+            ended, _ = self._run(Reruns(self.program, self.again), number)
         return self.made(number, ended)
 
-    def of_part(self, number: int, part: PartedTrial) -> T:
-        """Record a candidate that branched off from another run, and compare it."""
-        until = self._until(number)
-        part.tell = lambda: part.stop("interrupted") if time.time() > until else None
-        return self.made(number, self.recorded(part, number))
+    def _run(self, reruns: Reruns, number: int) -> tuple[Ended, bool]:
+        """Run a candidate and record it; also return whether it was a fork and has died."""
+        with reruns.begun(self.program_of(number), until=self.ends_by) as process:
+            ended = self.recorded(process, number)
+            return ended, isinstance(process, Fork) and process.has_died
+
+    @property
+    def ends_by(self) -> float | None:
+        """When each run is stopped at the latest, by the time of day [s]; None for never."""
+        return None
 
     def is_late(self, number: int) -> bool:
         """Return whether there is no time left to begin a candidate."""
@@ -113,10 +109,9 @@ class RunChanged(ABC, Generic[T]):
             self.program, variation=variation or None, interventions=run.operations, seed=seed
         )
 
-    def path_of(self, number: int | None) -> Path:
-        """Return the path of a run's recording; None stands for the second, unchanged run."""
-        name = SECOND if number is None else self.name_of(number)
-        return self.folder / f"{plain(name)}.rrd"
+    def path_of(self, number: int) -> Path:
+        """Return the path of a run's recording."""
+        return self.folder / f"{plain(self.name_of(number))}.rrd"
 
     def id_of(self, name: str) -> str:
         """Return the id of a run's recording."""
@@ -129,9 +124,9 @@ class RunChanged(ABC, Generic[T]):
 
         return self.base or read(self.recording)
 
-    def recorded(self, process: Script | PartedTrial, number: int | None) -> Ended:
-        """Record a run that has begun; None stands for the unchanged one."""
-        name = SECOND if number is None else self.name_of(number)
+    def recorded(self, process: Script | Fork, number: int) -> Ended:
+        """Record a run that has begun."""
+        name = self.name_of(number)
         return self.runs.recorded(
             process,
             self.path_of(number),
@@ -145,5 +140,34 @@ class RunChanged(ABC, Generic[T]):
         run = self.run_of(number)
         return 1 if run is None else run.finer
 
-    def _until(self, number: int) -> float:
-        return time.time() + self.again.patience_s(self.finer(number))
+
+def run_changed(
+    work: RunChanged[T],
+    numbers: Sequence[int],
+    *,
+    jobs: int,
+    ray: str | None,
+    progress: Progress,
+) -> dict[int, T]:
+    """Run candidates in this order, and return the result of each by its number.
+
+    Parameters
+    ----------
+    work, numbers
+        What runs a candidate, and which.
+    jobs, ray
+        How many run at once on this machine; or a Ray cluster's address.
+    progress
+        Called while they run.
+    """
+    reruns = Reruns(work.program, work.again)
+    with contextlib.nullcontext() if ray is not None else reruns:
+        return run_all(
+            replace(work, reruns=reruns),
+            numbers,
+            stop=work.stop,
+            has_failed=work.has_failed,
+            jobs=1 if work.again.alone else jobs,
+            progress=progress,
+            ray=None if ray is None else (replace(work, base=None), ray),
+        )

@@ -217,7 +217,7 @@ def record_script(
         endless = steps is None and duration_s is None
         tell = progress or (_named_later(note) if endless else _silent)
         with (
-            running.Script(program, stdout=stdout, tell=tell) as process,
+            running.Script(program, stdout=stdout, progress=tell) as process,
             _interrupts(process.interrupt),
         ):
             from drop_physics.recording.recorder import Recorder
@@ -525,7 +525,7 @@ def _again(
         )
         with (
             rerun.ready(again) as ready,
-            running.Script(ready, stdout=null, stderr=null, tell=tell) as process,
+            running.Script(ready, stdout=null, stderr=null, progress=tell) as process,
             _interrupts(process.interrupt),
         ):
             take_in(process)

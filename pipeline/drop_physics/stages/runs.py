@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from drop_physics.engines import script as running
+from drop_physics.engines.fork_server import Fork
 from drop_physics.engines.reached import Reached
 from drop_physics.messages import Message
 from drop_physics.sweeping import engines
@@ -52,7 +53,7 @@ class Ended:
 class RunsUnderWay:
     """The runs of this process; picklable while there is none."""
 
-    under_way: set[running.Script | running.PartedTrial] = field(default_factory=set, compare=False)
+    under_way: set[running.Script | Fork] = field(default_factory=set, compare=False)
 
     def record(
         self,
@@ -93,7 +94,7 @@ class RunsUnderWay:
 
     def recorded(
         self,
-        process: running.Script | running.PartedTrial,
+        process: running.Script | Fork,
         path: Path,
         *,
         origin: Mapping[str, Any],

@@ -26,8 +26,7 @@ from drop_physics.files.outputs import make_folder
 from drop_physics.files.whole import lock, opened, written_whole
 from drop_physics.messages import Message
 from drop_physics.stages.again import Again, again_of
-from drop_physics.stages.changed_runs import RunChanged, plain
-from drop_physics.stages.parting import parts_first, run_changed
+from drop_physics.stages.changed_runs import RunChanged, plain, run_changed
 from drop_physics.stages.program import STOPPED, digest_of_script
 from drop_physics.stages.runs import Ended, Progress, RunsUnderWay, only_of
 from drop_physics.workers import cores
@@ -146,9 +145,6 @@ def made_of(name: str, recording: Recording, *, finer: int = 1) -> Made:
 def run_kept(work: RunKept[T], *, jobs: int | None, ray: str | None, progress: Progress) -> list[T]:
     """Run all candidates, those with the most steps first, and return them in order."""
     numbers = range(len(work.candidates))
-    # What parts later has to be held against the script's own run before it counts.
-    parts = work.again.parts and all(parts_first(work.run_of(number)) for number in numbers)
-    work = replace(work, again=replace(work.again, parts=parts))
     order = sorted(numbers, key=lambda number: -work.finer(number))
     try:
         done = run_changed(work, order, jobs=jobs or cores(), ray=ray, progress=progress)

@@ -24,8 +24,8 @@ from drop_physics.printable import Printable
 from drop_physics.recording.layer_file import VERDICTS, forget_trials, trials_of
 from drop_physics.stages.again import LONGEST, again_of
 from drop_physics.stages.asked import cures_of as cures_asked
+from drop_physics.stages.changed_runs import run_changed
 from drop_physics.stages.found import is_of, origin_of
-from drop_physics.stages.parting import run_changed
 from drop_physics.stages.program import SEEDED_CLOCK_S, STOPPED
 from drop_physics.stages.proposals import Candidate, Proposals
 from drop_physics.stages.record import record_script

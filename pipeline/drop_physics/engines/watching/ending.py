@@ -51,6 +51,7 @@ def end(watch: ScriptWatch, how: str, error: str = "", site: tuple[str, int] = N
     """Send the recorder what is left, and that the script is over: nothing follows."""
     watch.finish()
     watch.lock.remove()
+    watch.tell_answer()
     _note_end(watch, how, error, site)
 
 
@@ -61,6 +62,7 @@ def _tell(watch: ScriptWatch, how: str, error: str = "", site: tuple[str, int] =
     """
     with watch.lock:
         watch.settle()
+        watch.tell_answer()
         _note_end(watch, how, error, site)
 
 

@@ -1,25 +1,38 @@
-"""Trials that part from a run: a fork of its process just before the first call that differs.
+"""Trials that part from a run: it stops before a call of its engine, and is forked for each.
 
-Engine, generators, clock and inputs are the same memory in both, so nothing has to be repeated. The
-child sends into a pipe of its own, from there on; what came before, the recorder has. It shares no
-file with the run: what it writes is in a layer of its own (`private`), its descriptors are its own
-(`descriptors`), and its standard output goes nowhere.
+Interpreter, imports, generators, clock and inputs are the same memory in all of them, so nothing
+has to be repeated. The recorder asks for a trial through a socket, with a pipe and a block of
+memory for what it sends; what the run sent before, the recorder has. A trial shares no file with
+the run: what it writes is in a layer of its own (`private`), and its descriptors are its own
+(`descriptors`).
 """
 
 from __future__ import annotations
 
+import _socket
 import atexit
 import contextlib
 import gc
+import json
 import os
 import random
-from collections.abc import Callable, Iterator, Sequence
+import select
+import struct
+from array import array
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from . import descriptors, limits
 
 if TYPE_CHECKING:
     from .host import ScriptWatch
+
+FIRST_USE = -1
+"""Where a run stops before it first uses its engine, instead of after some steps."""
+LENGTH = struct.Struct("<I")
+"""What precedes a request: the length of its JSON. Two descriptors go with it, or three."""
+LOOKS_EVERY_S = 0.02
+"""How often it is looked whether a trial has ended."""
 
 
 class Forks:
@@ -29,97 +42,131 @@ class Forks:
     ----------
     watch
         What watches the run.
-    trials
-        Of each the file descriptors of its `pipe` and its `block`, and its `steps`, `variation`
-        and `interventions`, as of a run of its own.
+    asks
+        The descriptor of the socket through which trials are asked for.
+    at
+        After how many steps the run stops for them, or `FIRST_USE`.
     """
 
-    def __init__(self, watch: ScriptWatch, trials: Sequence[dict[str, Any]]) -> None:
-        self._watch, self.trials = watch, trials
-        self.pending = [*enumerate(trials)]
-        """Those that have not parted, by number."""
-        self._children: list[int] = []
+    def __init__(self, watch: ScriptWatch, asks: int, at: int) -> None:
+        self._watch, self._socket, self._at = watch, _socket.socket(fileno=asks), at
+        os.set_inheritable(asks, False)
+        self._children: dict[int, int] = {}
+        """Numbers of trials by those of their processes."""
         self._is_trial = False
 
-    def part(self, differs: Callable[[dict[str, Any]], bool]) -> bool:
-        """Let trials part before a call in which they differ; return whether this is one now."""
-        return any(self._forked(*each) for each in [*self.pending] if differs(each[1]))
+    def stop(self, *, steps: bool) -> bool:
+        """Stop before a call of an engine, if this is the one; return whether this is a trial then.
+
+        Parameters
+        ----------
+        steps
+            Whether the call makes a step.
+        """
+        later = self._at != FIRST_USE and not (steps and self._watch.steps_made >= self._at)
+        if self._is_trial or later:
+            return False
+        self._tell("serving", shared=self._shared())
+        while True:
+            request, *files = self._next()
+            if "at" in request:
+                self._at = request["at"]
+                return False
+            if self._forked(request, *files):
+                return True
 
     def end(self) -> None:
-        """Wait for the trials to end, each read by the recorder; end a trial at once.
-
-        What else Python would do then is to free memory, which copies it in a child.
-        """
-        while self._children:
-            os.waitpid(self._children.pop(), 0)
+        """End a trial at once: what else Python would do is to free memory, which copies it."""
         if self._is_trial:
             atexit._run_exitfuncs()
             os._exit(0)
 
-    def _forked(self, number: int, trial: dict[str, Any]) -> bool:
+    def _next(self) -> list[Any]:
+        """Return the next request, and the descriptors that came with it; end if nobody asks."""
+        while not select.select([self._socket], [], [], LOOKS_EVERY_S if self._children else None)[
+            0
+        ]:
+            self._reap()
+        head, sent, _, _ = self._socket.recvmsg(LENGTH.size, _socket.CMSG_SPACE(3 * 4))
+        if not head:
+            os._exit(0)
+        text = b""
+        while len(text) < LENGTH.unpack(head)[0]:
+            text += self._socket.recv(LENGTH.unpack(head)[0] - len(text))
+        files = array("i")
+        for _, _, data in sent:
+            files.frombytes(data)
+        return [json.loads(text), *files]
+
+    def _reap(self) -> None:
+        """Tell of the trials that have ended how they did."""
+        for process in [*self._children]:
+            ended, status, used = os.wait4(process, os.WNOHANG)
+            if ended:
+                number = self._children.pop(process)
+                took_s = used.ru_utime + used.ru_stime
+                self._tell("ended", trial=number, status=status, processor_s=took_s)
+
+    def _tell(self, what: str, **values: Any) -> None:
+        with self._watch.lock:
+            self._watch.pipe.note(what, **values)
+            self._watch.pipe.flush()
+
+    def _forked(self, trial: dict[str, Any], pipe: int, block: int, printed: int) -> bool:
         """Part from the run; return whether this is the trial."""
-        watch = self._watch
-        if descriptors.shared(self._ours(), watch.pipe.inode_of_block):
-            self.pending.clear()  # each is a run from the start, then
-        if (number, trial) not in self.pending:
-            return False
-        gc.unfreeze()
-        descriptors.flush()
-        with watch.lock:
-            watch.pipe.flush()
-        drawn = random.getstate()  # which Python seeds anew after a fork
-        watch.is_parting = True
-        gc.freeze()  # collecting would copy what is shared
-        waits, ready = os.pipe()
-        child = -1
-        with contextlib.suppress(OSError):  # too many processes
-            child = os.fork()
-        if not child:
+        watch, files = self._watch, (pipe, block, printed)
+        begun, child = b"", -1
+        if not self._shared(*files) and all(each.can_become(trial) for each in watch.engines):
+            gc.unfreeze()
+            descriptors.flush()
+            with watch.lock:
+                watch.pipe.flush()
+            drawn = random.getstate()  # which Python seeds anew after a fork
+            watch.is_parting = True
+            gc.freeze()  # collecting would copy what is shared
+            waits, ready = os.pipe()
+            with contextlib.suppress(OSError):  # too many processes
+                child = os.fork()
+            if not child:
+                os.close(waits)
+                with _ending_where_it_fails():
+                    self._begin(trial, files, ready)
+                random.setstate(drawn)
+                watch.become(trial, pipe, block)
+                return True
+            watch.is_parting = False
+            os.close(ready)
+            begun = os.read(waits, 1)
             os.close(waits)
-            with _ending_where_it_fails():
-                self._begin(number, ready)
-            random.setstate(drawn)
-            watch.become(trial)
-            return True
-        watch.is_parting = False
-        os.close(ready)
-        begun = child > 0 and os.read(waits, 1)
-        os.close(waits)
-        if not begun:
-            self.pending.clear()
-            return False
-        self._children.append(child)
-        self.pending.remove((number, trial))
-        os.close(trial["pipe"])
-        os.close(trial["block"])
-        with watch.lock:
-            watch.pipe.note("forked", trial=number, process=child, after=watch.pipe.sent_bytes)
-            watch.pipe.flush()
+        for each in files:
+            os.close(each)
+        number = trial["number"]
+        if begun:
+            self._children[child] = number
+            self._tell("forked", trial=number, process=child, after=watch.pipe.sent_bytes)
+        else:
+            self._tell("forked", trial=number, process=0, after=0)
         return False
 
-    def _begin(self, number: int, ready: int) -> None:
+    def _begin(self, trial: dict[str, Any], files: tuple[int, int, int], ready: int) -> None:
         """Share nothing with the run that this process was forked from, which waits until then."""
         limits.lead_a_group()
-        for other, each in self.pending:
-            if other != number:
-                os.close(each["pipe"])
-                os.close(each["block"])
-        trial = self.trials[number]
-        self.pending, self._children, self._is_trial = [], [], True
+        if trial["limits"] is not None:
+            limits.keep(trial["limits"])
+        self._socket.close()
+        self._children, self._is_trial = {}, True
         private = self._watch.private
         if private is not None:
-            private.part(str(number))
-        printed = os.open(os.devnull, os.O_WRONLY)
-        ours = {*self._ours(), trial["pipe"], trial["block"], ready, printed}
-        descriptors.replace(ours, private, printed)
-        os.close(printed)
+            private.part(str(trial["number"]))
+        descriptors.replace({self._watch.pipe.descriptor, *files, ready}, private, files[2])
+        os.close(files[2])
         os.write(ready, b"1")
         os.close(ready)
 
-    def _ours(self) -> set[int]:
-        """Return the descriptors that the script has not opened."""
-        of_trials = (each[name] for _, each in self.pending for name in ("pipe", "block"))
-        return {self._watch.pipe.descriptor, *of_trials}
+    def _shared(self, *files: int) -> str:
+        """Return what a trial would share with the run, which has got files for it."""
+        ours = {self._watch.pipe.descriptor, self._socket.fileno(), *files}
+        return descriptors.shared(ours, self._watch.pipe.inode_of_block)
 
 
 @contextlib.contextmanager

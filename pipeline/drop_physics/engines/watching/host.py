@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from os import getpid
 from threading import current_thread, get_ident
@@ -17,13 +17,14 @@ from typing import Any
 from weakref import ref
 
 from .clock import Clock
+from .evaluating import evaluator_of
 from .forks import Forks
 from .hidden import hide
 from .imports import Then, on_extension, on_import
 from .outside import Outside
 from .pipe import APART, Pipe
 from .private import Private
-from .sites import Sites
+from .sites import Sites, caller
 from .turns import Turn
 
 IDLE_S = 60.0
@@ -69,6 +70,11 @@ class EngineWatch(ABC):
     def become(self, trial: dict[str, Any]) -> None:
         """Go on as a trial, in a process that has just been forked."""
 
+    def can_become(self, trial: dict[str, Any]) -> bool:
+        """Return whether a trial differs only in what is still to come."""
+        del trial
+        return True
+
     def catch_up(self) -> None:  # noqa: B027
         """Make the steps that simulations in real time owe; the caller holds the turn."""
 
@@ -95,8 +101,12 @@ class ScriptWatch:
         Whether only those of the engine that steps first count.
     duration_s
         After how much time on its clock [s] to stop it, or None.
-    trials
-        Runs that part from this one, as `forks` takes them.
+    asks
+        How trials are asked for that part from this run: the arguments of `Forks`.
+    streams
+        Whether what happens is sent; else only how the script ends, and what is evaluated.
+    evaluator
+        What is evaluated in the run, as `evaluating.evaluator_of` takes it.
     is_plain
         Whether nothing differs from the script's own run.
     private
@@ -111,7 +121,9 @@ class ScriptWatch:
         steps: int | None,
         duration_s: float | None,
         of_first: bool = False,
-        trials: Sequence[dict[str, Any]] = (),
+        asks: Mapping[str, int] | None = None,
+        streams: bool = True,
+        evaluator: Mapping[str, Any] | None = None,
         is_plain: bool = True,
         private: Private | None = None,
     ) -> None:
@@ -121,7 +133,10 @@ class ScriptWatch:
         self.engines: list[EngineWatch] = []
         self.is_parting = False
         """Whether a trial forks: its child is watched, too."""
-        self.forks: Forks | None = Forks(self, trials) if trials else None
+        self.forks: Forks | None = None if asks is None else Forks(self, **asks)
+        self.evaluator = evaluator_of(evaluator)
+        if not streams:
+            pipe.mute()
         self.stopped: str | None = None
         self.steps_made = self._beside = 0
         self._first: EngineWatch | None = None
@@ -145,10 +160,22 @@ class ScriptWatch:
             # What is registered is kept as long as the process lives.
             os.register_at_fork(after_in_child=partial(_leave, ref(self)))
 
-    def become(self, trial: dict[str, Any]) -> None:
-        """Go on as a trial, as `forks` takes it, in a process that has just been forked."""
+    def become(self, trial: dict[str, Any], pipe: int, block: int) -> None:
+        """Go on as a trial, in a process that has just been forked.
+
+        Parameters
+        ----------
+        trial
+            Its `steps`, `variation`, `interventions`, `streams` and `evaluator`, as of a run of its
+            own.
+        pipe, block
+            File descriptors of its pipe and of the memory shared with its reader.
+        """
         self._process, self.is_parting = getpid(), False
-        self.pipe.become(trial["pipe"], trial["block"])
+        self.pipe.become(pipe, block)
+        if not trial["streams"]:
+            self.pipe.mute()
+        self.evaluator = evaluator_of(trial["evaluator"])
         self._limit_steps, self._intervened = trial["steps"], set()
         for engine in self.engines:
             engine.become(trial)
@@ -253,12 +280,33 @@ class ScriptWatch:
         self.clock.step(time_s)
         if self.steps_made == 1:
             self._look_outside()
+        if self.evaluator is not None:
+            self._evaluate(engine)
         if self.steps_made - self._beside == self._limit_steps:
             self.stop("steps")
         if self._limit_s is not None:
             self._check_time()
         if not self.steps_made % TOLD_EVERY:
             self.pipe.tick()
+
+    def _evaluate(self, engine: EngineWatch) -> None:
+        assert self.evaluator is not None
+        try:
+            self.evaluator.step(engine, caller())
+        except Exception as error:  # noqa: BLE001 - it must not reach the script
+            self.evaluator = None
+            self.tell("answer", value=None, error=f"{type(error).__name__}: {error}")
+
+    def tell_answer(self) -> None:
+        """Tell what was evaluated in the run, which is over."""
+        if self.evaluator is None:
+            return
+        try:
+            value, error = self.evaluator.answer(), ""
+        except Exception as raised:  # noqa: BLE001 - the script's own names may be anything
+            value, error = None, f"{type(raised).__name__}: {raised}"
+        self.evaluator = None
+        self.tell("answer", value=value, error=error)
 
     def _time_has_passed(self) -> None:
         if not self.on:

@@ -92,6 +92,8 @@ class Pipe:
         self.open = True
         self.gone = False
         """Whether the recorder is."""
+        self._muted = False
+        """Whether only notes are sent."""
         self._closed = False
         """Whether the script has closed it: then the block takes what still fits."""
         if again:
@@ -106,7 +108,16 @@ class Pipe:
 
     def note(self, what: str, **values: Any) -> None:
         """Send a JSON object."""
-        self.send(NOTE, encoded({"what": what, **values}))
+        payload = encoded({"what": what, **values})
+        if self._muted:
+            self._hand_over(frame(NOTE, payload))
+        else:
+            self.send(NOTE, payload)
+
+    def mute(self) -> None:
+        """Send notes only from now on: what else is put into the block goes nowhere."""
+        self.flush()
+        self._muted, self.counts = True, [0, 0]
 
     def send(self, kind: bytes, payload: bytes) -> None:
         """Send a frame."""
@@ -121,7 +132,7 @@ class Pipe:
         if at + size <= BLOCK_BYTES:
             self.memory[at : at + size] = data
             self.sent(at + size)
-        elif self.open:
+        elif self.open and not self._muted:
             self._hand_over(data)
             if self._closed:
                 self.make_room(size)
@@ -148,7 +159,7 @@ class Pipe:
 
     def flush(self) -> None:
         """Send what is in the block."""
-        if not self.open:
+        if not self.open or self._muted:
             self.end = BLOCK.size
         elif self.end > BLOCK.size and not self._closed:
             self._hand_over(self.memory[BLOCK.size : self.end])

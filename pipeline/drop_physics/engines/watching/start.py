@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from typing import Any
 
@@ -30,7 +30,9 @@ def watch(
     begins_s: float | None = None,
     variation: dict[str, Any] | None = None,
     interventions: Sequence[dict[str, Any]] = (),
-    trials: Sequence[dict[str, Any]] = (),
+    asks: Mapping[str, int] | None = None,
+    streams: bool = True,
+    evaluator: Mapping[str, Any] | None = None,
     private: Private | None = None,
     again: bool = False,
 ) -> ScriptWatch:
@@ -54,8 +56,9 @@ def watch(
         What varies in the run, as each engine takes it; None for the script's own run.
     interventions
         What its calls do otherwise, likewise.
-    trials
-        Runs that part from this one, as `forks` takes them.
+    asks, streams, evaluator
+        How trials are asked for that part from this run, whether it sends what happens, and what is
+        evaluated in it, as `ScriptWatch` takes them.
     private
         The view of the file system that this process has entered; None for the machine's own.
     again
@@ -67,8 +70,10 @@ def watch(
         steps=steps,
         duration_s=duration_s,
         of_first=of_first,
-        trials=trials,
-        is_plain=not (variation or interventions or trials),
+        asks=asks,
+        streams=streams,
+        evaluator=evaluator,
+        is_plain=not (variation or interventions or asks),
         private=private,
     )
     version = ".".join(map(str, sys.version_info[:3]))

@@ -105,6 +105,10 @@ class MujocoWatch(EngineWatch):
         """Go on as a trial, in a process that has just been forked."""
         self._changes.become(trial["interventions"], trial["variation"] or {})
 
+    def can_become(self, trial: dict[str, Any]) -> bool:
+        """Return whether a trial differs only after models are loaded."""
+        return not any(each.get("at_load") for each in trial["interventions"])
+
     def install(self, module: ModuleType) -> None:
         """Replace functions of mujoco, in place."""
         again = self.mujoco is not None

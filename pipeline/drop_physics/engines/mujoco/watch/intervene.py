@@ -134,6 +134,7 @@ class ModelChanges:
 
     def _other(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
         def changed(*args: Any, **kwargs: Any) -> Any:
+            self._stop(steps=False)
             found = self._of(args, kwargs)
             if found is None:
                 return call(*args, **kwargs)
@@ -162,6 +163,7 @@ class ModelChanges:
     def _stepping(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
         # The hooks of steps count the calls between them and the script.
         def changed(*args: Any, **kwargs: Any) -> Any:
+            self._stop(steps=True)
             found = self._of(args, kwargs)
             if found is None:
                 return call(*args, **kwargs)
@@ -192,6 +194,11 @@ class ModelChanges:
 
         return self._watch.host.standing(call, changed)
 
+    def _stop(self, *, steps: bool) -> None:
+        """Stop here, if trials part from this run before the call."""
+        if self._watch.host.forks is not None:
+            self._watch.host.forks.stop(steps=steps)
+
     def _pose(self, m: Any, data: ChangedData) -> None:
         """Make data current before a function that takes them as they are."""
         for number, _ in self.of("pose"):
@@ -208,12 +215,7 @@ class ModelChanges:
         return [file, line]
 
     def _of(self, args: Any, kwargs: Any) -> tuple[Any, ChangedModel, ChangedData] | None:
-        """Return the MjModel and what changes it and the state of a call; None if it has none.
-
-        Trials part from this run before its first call.
-        """
-        if self._watch.host.forks is not None:
-            self._watch.host.forks.part(_not_at_load)
+        """Return the MjModel and what changes it and the state of a call; None if it has none."""
         module, given = self._watch.mujoco, (*args, *kwargs.values())
         m = next((each for each in given if isinstance(each, module.MjModel)), None)
         d = next((each for each in given if isinstance(each, module.MjData)), None)
@@ -563,11 +565,6 @@ class ChangedData:
                 self._held[part] = getattr(d, part).copy()
             if self._holds:
                 self._last = d.qpos.copy(), d.ctrl.copy()
-
-
-def _not_at_load(trial: Mapping[str, Any]) -> bool:
-    """Return whether a trial parts from its run before the first call of a loaded model."""
-    return not any(each.get("at_load") for each in trial["interventions"])
 
 
 # -- what is written into a model -----------------------------------------------------------------

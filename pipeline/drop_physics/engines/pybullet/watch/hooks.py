@@ -21,7 +21,6 @@ from .calls import CallWatch
 from .functions import ROLES
 from .handlers import handler
 from .intervene import Interventions, Operation
-from .parting import PartingCalls
 from .quiet import Window
 from .readings import Readings
 from .solver import ASKED_EVERY
@@ -132,7 +131,6 @@ class BulletWatch(EngineWatch):
     ) -> None:
         super().__init__(host)
         self._differ(variation, interventions)
-        self._parting = PartingCalls(host, self.calls_of) if host.forks is not None else None
         self._calls: dict[str, Callable[..., Any]] = {}
         """The replacement of each function of PyBullet, by name, of this run without its trials."""
         self.calls, self.readings = CallWatch(host), Readings(self)
@@ -182,8 +180,8 @@ class BulletWatch(EngineWatch):
         self._stand_before(originals)
         for name, original in originals.items():
             call = self._calls[name]
-            if self._parting is not None:
-                call = self._parting.of(name, call)
+            if self.host.forks is not None and name in (ROLES["connects"], ROLES["steps"]):
+                call = self._stopping(name, call)
             kind = type(TYPE, (Hook,), {**LOOKS, "__call__": staticmethod(call)})
             hook = kind(original, self)
             setattr(module, name, hook)
@@ -203,15 +201,20 @@ class BulletWatch(EngineWatch):
             calls[name] = handler(self, name, varied or original)
         self._calls |= {name: self._interventions.of(name, calls, self.p) for name in originals}
 
-    def calls_of(self, name: str) -> Callable[..., Any]:
-        """Return what stands for a function."""
-        return self._calls[name]
+    def _stopping(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        """Return what stands before a function in a run from which trials part there."""
+
+        def stop(*args: Any, **kwargs: Any) -> Any:
+            forks = self.host.forks
+            if forks is not None and forks.stop(steps=name == ROLES["steps"]):
+                return self._calls[name](*args, **kwargs)
+            return call(*args, **kwargs)
+
+        return hiding(stop)
 
     def become(self, trial: dict[str, Any]) -> None:
         """Go on as a trial, in a process that has just been forked."""
         self._differ(varied_by(trial["variation"]), trial["interventions"])
-        if self._parting is not None:
-            self._interventions.next_body.update(self._parting.next_body)
         for module, originals in self._modules:
             self._stand_before(originals)
             for name in originals:

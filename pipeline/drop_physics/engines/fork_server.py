@@ -1,0 +1,201 @@
+"""Trials as forks of one run of a script, which stands where they begin to differ."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+from drop_physics.engines.channel import shared_block, wide_pipe
+from drop_physics.engines.decoder import Decoder
+from drop_physics.engines.script import TRIES, Listener, Program, Script, end_group
+from drop_physics.engines.watching.forks import FIRST_USE, LENGTH
+from drop_physics.errors import DropError
+from drop_physics.trace.events import Ending, Event
+
+WAIT_S = 0.002
+"""Pause between looks for what the run has told [s]."""
+TELLS_WITHIN_S = 1.0
+"""Time within which the run tells how a trial has ended whose pipe is closed [s]."""
+TOO_LONG = signal.SIGXCPU
+"""The signal that ends a trial which has used up its processor time."""
+
+
+class Fork(Listener):
+    """Reads a trial that is a fork of a run; use it in a `with` statement.
+
+    Parameters
+    ----------
+    server
+        What stands at the run, and is open as long.
+    number, trial
+        Its number and its program.
+    printed
+        The descriptor of what it prints into; it is not closed.
+    """
+
+    def __init__(self, server: ForkServer, number: int, trial: Program, printed: int) -> None:
+        self._server, self._number, self._trial = server, number, trial
+        self._block = shared_block()
+        reading, self._writing = wide_pipe()
+        super().__init__(reading, self._block.fileno())
+        self.decoder = Decoder((trial.variation or {}).get("finer", 1))
+        self.explains_with = trial.python if trial.explain else None
+        self._printed, self._process, self._why, self._before = printed, 0, "", b""
+        self.tell: Callable[[], None] = lambda: None
+        """Called now and then while the trial runs."""
+
+    def __enter__(self) -> Fork:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._process:
+            end_group(self._process)
+        os.close(self._reading)
+        self._block.close()
+        self.decoder.close()
+
+    def begin(self) -> bool:
+        """Begin; return whether it has, which it cannot where it would share something."""
+        files = [self._writing, self._block.fileno(), self._printed]
+        fields = {name: getattr(self._trial, name) for name in TRIES}
+        try:
+            self._server.ask({"number": self._number, **fields}, files)
+        finally:
+            os.close(self._writing)
+        self._process, self._before = self._server.forked(self._number)
+        return self._process > 0
+
+    def stop(self, why: str) -> None:
+        """Stop the trial."""
+        if not self._why:
+            self._why = why
+            end_group(self._process)
+
+    def events(self) -> Iterator[Event]:
+        """Yield the events from the run's beginning, until the process has ended."""
+        yield from self.decoder.feed(self._before)
+        yield from super().events()
+
+    def ending(self) -> Ending:
+        """Return its ending, after its events."""
+        ending = super().ending()
+        if self._why or self._used_up():
+            ending.how, ending.error = self._why or "interrupted", ""
+        return ending
+
+    @property
+    def has_died(self) -> bool:
+        """Whether it ended without telling how, and nobody stopped it."""
+        return not (self.decoder.ended or self.decoder.stopped or self._why)
+
+    def _used_up(self) -> bool:
+        """Return whether it has been ended as its processor time was used up."""
+        until = time.monotonic() + TELLS_WITHIN_S
+        while self.has_died and self._number not in self._server.statuses:
+            if time.monotonic() > until:
+                break
+            time.sleep(WAIT_S)
+        status = self._server.statuses.get(self._number, 0)
+        return os.WIFSIGNALED(status) and os.WTERMSIG(status) == TOO_LONG
+
+    def _is_over(self) -> bool:
+        return self._closed
+
+    def _tick(self) -> None:
+        self.tell()
+
+
+class ForkServer:
+    """A run of a script that stands before a call of its engine; use it in a `with` statement.
+
+    Parameters
+    ----------
+    program
+        The script, as it is run again.
+    at
+        After how many steps it stops, or `FIRST_USE`.
+    """
+
+    def __init__(self, program: Program, *, at: int = FIRST_USE) -> None:
+        self._asking, theirs = socket.socketpair()
+        self._lock, self._asked = threading.Lock(), 0
+        alone = replace(program, explain=False, listens=False)
+        with theirs, open(os.devnull, "wb") as null:  # noqa: PTH123 - no path of a user's
+            self._script = Script(
+                alone, stdout=null.fileno(), stderr=null.fileno(), asks=(theirs.fileno(), at)
+            )
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def __enter__(self) -> ForkServer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._asking.close()
+        self._script.kill()
+        self._reader.join()
+        self._script.__exit__()
+
+    def shared(self, patience_s: float) -> str | None:
+        """Return what forbids to fork the run, empty if nothing does; None if it does not stand.
+
+        Parameters
+        ----------
+        patience_s
+            How long to wait for it [s].
+        """
+        until = time.monotonic() + patience_s
+        while self._script.decoder.serving is None and self._reader.is_alive():
+            if time.monotonic() > until:
+                break
+            time.sleep(WAIT_S)
+        return self._script.decoder.serving
+
+    def fork(self, trial: Program, printed: int) -> Fork:
+        """Return a trial that is to be forked from the run, and prints into a file."""
+        with self._lock:
+            self._asked += 1
+            return Fork(self, self._asked, trial, printed)
+
+    def ask(self, request: dict[str, Any], files: list[int]) -> None:
+        """Ask the run for something."""
+        text = json.dumps(request).encode()
+        with self._lock:
+            try:
+                socket.send_fds(self._asking, [LENGTH.pack(len(text))], files)
+                self._asking.sendall(text)
+            except OSError:  # it has ended
+                return
+
+    def go_on(self, steps: int) -> None:
+        """Let the run go on until it has made some steps; what is forked next parts there."""
+        self._script.decoder.serving = None
+        self.ask({"at": steps}, [])
+
+    def forked(self, number: int) -> tuple[int, bytes]:
+        """Return the process of a trial, 0 where there is none, and what the run sent before it."""
+        decoder = self._script.decoder
+        while number not in decoder.forked and self._reader.is_alive():
+            time.sleep(WAIT_S)
+        process, after = decoder.forked.get(number, (0, 0))
+        assert self._script.kept is not None
+        return process, bytes(self._script.kept[:after])
+
+    @property
+    def statuses(self) -> dict[int, int]:
+        """Exit statuses of trials that have ended, as far as the run has told."""
+        return self._script.decoder.statuses
+
+    def _read(self) -> None:
+        # Why it does not come to its engine, a run from the start says.
+        with contextlib.suppress(DropError):
+            for _ in self._script.events():
+                pass

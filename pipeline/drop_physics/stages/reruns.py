@@ -1,0 +1,115 @@
+"""Runs of a script again, with changes, beside each other: every verb that does so goes through it.
+
+Where a process can be forked without sharing anything, a run is a fork of one that stands before
+the script first uses its engine, or after some steps: imports, and what else comes before, are made
+once. Else it is a run from the start. Either way it is read while it runs: recorded, or taken in as
+events (`process.events()`), or heard only for what an evaluator in its process answers.
+
+    with Reruns(program, again) as reruns:
+        with reruns.begun(changed, until=until) as process:
+            ending = recorded(process)
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from drop_physics.engines.fork_server import Fork, ForkServer
+from drop_physics.engines.script import TRIES, Program, Script
+from drop_physics.engines.watching.forks import FIRST_USE
+from drop_physics.stages.again import Again
+
+FORKS = sys.platform.startswith("linux")
+"""Whether a process can be forked that shares nothing: only Linux shows what it has open."""
+
+
+class Reruns:
+    """Runs of a script again; use it in a `with` statement, in which runs may be forks.
+
+    Without it each is a run from the start. `begun` may be called by several threads at once.
+
+    Parameters
+    ----------
+    program
+        The script as it was run first, with the limits that hold for all runs.
+    again
+        How it is run again.
+    at
+        After how many steps runs part from one another, if they are forks; by default before the
+        first use of the engine.
+    """
+
+    def __init__(self, program: Program, again: Again, *, at: int = FIRST_USE) -> None:
+        self._program, self._again, self._at = program, again, at
+        self._server: ForkServer | None = None
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        if self._again.parts and FORKS:
+            ready = self._stack.enter_context(self._again.ready(self._program))
+            server = self._stack.enter_context(ForkServer(ready, at=self._at))
+            if server.shared(self._again.patience_s()) == "":
+                self._server = server
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._server = None
+        self._stack.__exit__(kind, error, trace)
+
+    @contextmanager
+    def begun(
+        self, changed: Program, *, until: float | None = None, printed: int | None = None
+    ) -> Iterator[Script | Fork]:
+        """Begin a run, and yield what reads it; whatever it has started ends with the block.
+
+        Parameters
+        ----------
+        changed
+            The script with what is changed in it.
+        until
+            By the time of day [s], when it is stopped at the latest; it is stopped as well where it
+            takes many times as long as the first run.
+        printed
+            The descriptor of what it prints into; None for nowhere.
+        """
+        finer = int((changed.variation or {}).get("finer", 1))
+        stops = min(until or float("inf"), time.time() + self._again.patience_s(finer))
+        with ExitStack() as stack:
+            if printed is None:
+                printed = stack.enter_context(Path(os.devnull).open("wb")).fileno()
+            process = self._forked(stack, changed, finer, printed) or self._from_start(
+                stack, changed, finer, printed
+            )
+
+            def look() -> None:
+                if time.time() > stops:
+                    process.stop("interrupted")
+
+            process.tell = look
+            yield process
+
+    def _forked(self, stack: ExitStack, changed: Program, finer: int, printed: int) -> Fork | None:
+        """Return a run that is a fork; None where it cannot be one."""
+        alike = {name: getattr(self._program, name) for name in (*TRIES, "explain")}
+        if self._server is None or replace(changed, **alike) != self._program:
+            return None
+        limited = replace(changed, limits=self._again.limits(finer))
+        fork = stack.enter_context(self._server.fork(limited, printed))
+        return fork if fork.begin() else None
+
+    def _from_start(self, stack: ExitStack, changed: Program, finer: int, printed: int) -> Script:
+        ready = stack.enter_context(self._again.ready(changed, finer=finer))
+        return stack.enter_context(Script(ready, stdout=printed, stderr=printed))
