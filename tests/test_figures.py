@@ -334,17 +334,6 @@ def test_the_usual_unit_is_kept_from_a_hundredth_to_9999_of_it(largest: float, u
     assert style.unit_for(largest, style.METRES, usual="m").name == unit
 
 
-@pytest.mark.parametrize(
-    ("timestep_s", "shown"),
-    [(1 / 240, "1/240 s"), (0.5, "1/2 s"), (1.0, "1 s"), (0.0041, "0.0041 s"), (0.3, "0.3 s")],
-)
-def test_a_timestep_is_a_fraction_only_where_it_is_that_fraction(
-    timestep_s: float, shown: str
-) -> None:
-    """1/0.0041 is 243.9: near 1/244, but another timestep."""
-    assert style.seconds(timestep_s) == shown
-
-
 def test_the_colours_are_those_that_readers_have_learnt() -> None:
     """As in texts, docs and pictures: Okabe and Ito's, and two greys."""
     assert colours.TERMS == {
@@ -380,20 +369,3 @@ def test_what_matters_in_the_viewer_is_seen_in_both_of_its_themes(colour: str, p
 
     dark, light = sorted((luminance(colour), luminance(page)))
     assert (light + 0.05) / (dark + 0.05) > 3
-
-
-@pytest.mark.parametrize(
-    ("value", "decimals", "shown"),
-    [
-        (0.0, 3, "0"),
-        (-6.13125, 3, "−6.131"),
-        (4.3102, 3, "+4.310"),
-        (-2.8e-13, 3, "−3×10⁻¹³"),
-        (6.8e-4, 3, "+0.001"),
-        (5e-4, 3, "+0.001"),
-        (4e-4, 3, "+4×10⁻⁴"),
-        (1234.5, 0, "+1234"),
-    ],
-)
-def test_numbers_are_signed_and_never_a_false_zero(value: float, decimals: int, shown: str) -> None:
-    assert style.signed(value, decimals) == shown

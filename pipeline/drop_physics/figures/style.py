@@ -259,25 +259,3 @@ def unit_for(largest: float, units: tuple[Unit, ...], *, usual: str) -> Unit:
     if largest == 0 or not math.isfinite(largest) or 0.01 <= largest * keep.per_si < 1e4:
         return keep
     return next((unit for unit in units if largest * unit.per_si >= 1), units[-1])
-
-
-_RAISED = str.maketrans("−0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-
-def signed(value: float, decimals: int) -> str:
-    """Return a number with its sign; in powers of ten where it would round to zero: −3×10⁻¹³."""
-    if value == 0:
-        return "0"
-    if abs(value) >= 0.5 * 10**-decimals:
-        return f"{value:+.{decimals}f}".replace("-", "−")
-    mantissa, exponent = f"{value:+.0e}".replace("-", "−").split("e")
-    power = exponent[0].replace("+", "") + exponent[1:].lstrip("0")
-    return f"{mantissa}×10{power.translate(_RAISED)}"
-
-
-def seconds(value_s: float) -> str:
-    """Return a timestep as people write it: 1/240 s where it is such a fraction."""
-    whole = round(1 / value_s) if value_s > 0 else 0
-    if whole > 1 and math.isclose(whole * value_s, 1, rel_tol=1e-9):
-        return f"1/{whole} s"
-    return f"{value_s:.6g} s"
