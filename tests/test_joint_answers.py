@@ -258,7 +258,8 @@ def test_targets_that_move_are_followed_behind(
     lag = (1 - kp) ** every / (1 - (1 - kp) ** every) * 0.5 * every / 240
     assert found.level == "note"
     assert found.effect is not None
-    assert found.effect.value == pytest.approx(lag, rel=0.02)
+    # On average: it falls behind by so much in its first few targets.
+    assert 0.95 * lag < found.effect.value < lag
     often = f"every {every} steps" if every > 1 else "with every step"
     assert f"they change {often}, and {left:.2g} of each change" in found.message
 
@@ -437,8 +438,8 @@ def test_an_arm_that_nobody_commands_beside_another_is_no_mistake(tmp_path: Path
     at = "p.loadURDF('kuka_iiwa/model.urdf', [0, {}, 0], [0, 0.7, 0, 0.7], useFixedBase=True)\n"
     scene = DOWN + "k = " + at.format(0) + "other = " + at.format(2)
     (alone,) = said("default-motor", scene + "steps(60)", tmp_path)
-    (beside,) = said("default-motor", scene + IDLE, tmp_path)
-    assert (alone.level, beside.level) == ("asked", "note")
+    assert (alone.level, alone.proposed) == ("asked", True)
+    assert not said("default-motor", scene + IDLE, tmp_path)
 
 
 QUIET = {
@@ -663,7 +664,7 @@ def test_a_robot_beyond_the_limits_of_its_file(scene: str, tmp_path: Path) -> No
         for j in range(7)
     }
     names["p"].disconnect()
-    assert found.level == "model"
+    assert found.level == "note"
     effort, velocity = limits[found.joint or ""]
     assert f"its file allows {effort:.3g} " in found.message or (
         f"its file allows {velocity:.3g} " in found.message
@@ -691,14 +692,6 @@ def test_the_greatest_rate_is_told_in_whichever_step_it_was(tmp_path: Path) -> N
     (found,) = said("beyond-urdf", scene, tmp_path)
     assert f"ja reaches {max(names['rates']):.3g} rad/s where" in found.message
     assert max(names["rates"]) == names["rates"][0]
-
-
-def test_the_force_of_substeps_is_not_that_of_a_call(tmp_path: Path) -> None:
-    substeps = "p.setPhysicsEngineParameter(numSubSteps=4)\n"
-    scene = substeps + ARM + "go(0.8, 20, 100, maxVelocity=5)\n"
-    (found,) = said("beyond-urdf", scene, tmp_path)
-    assert "reaches 400 N m where its file allows 300 N m" in found.message
-    assert (found.advice, found.cure) == (None, None)
 
 
 OBEYS = """

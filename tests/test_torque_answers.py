@@ -52,10 +52,9 @@ for i in range(240):
 reached = 1 / worst
 """
 DAMPED = {
-    "kuka's last joint": (KUKA, CONSTANT.format(joint=6, torque=0.1), "lbr_iiwa_joint_7"),
     "kuka's first joint": (KUKA, CONSTANT.format(joint=0, torque=3), "lbr_iiwa_joint_1"),
     "a chain's first": (CHAIN, CONSTANT.format(joint=0, torque=5), "joint0"),
-    "inverse dynamics": (KUKA, TRACKING, "lbr_iiwa_joint_7"),
+    "inverse dynamics": (KUKA, TRACKING, "lbr_iiwa_joint_3"),
 }
 
 

@@ -21,6 +21,8 @@ from drop_physics.trace.motors import POSITION, VELOCITY
 
 KEYS = ("target", "target_velocity", "kp", "kd", "mode", "pd")
 """Two targets are the same one if all of these are equal."""
+STRAIGHT = 0.2
+"""A joint trembles where it gets no farther than this share of its ways to and fro."""
 SETTLED_STEPS, SETTLED = 60, 1e-3
 """A joint that stays within SETTLED [rad] or [m] over SETTLED_STEPS is at rest, too, even if it
 bounces off its stop, or creeps."""
@@ -50,7 +52,8 @@ class HeldTargets:
     """The gap that the motor's law would leave; nan where that is not known."""
     kp: Float64
     rate: Float64
-    """Rate after the last step."""
+    """Mean rate in the last SETTLED_STEPS steps, or in fewer where the target stood for fewer; 0 of
+    what trembles in its place, and goes nowhere."""
     resting: Flags
     """Whether the joint came to rest while the target was in effect."""
     left: Flags
@@ -125,6 +128,16 @@ class Targets:
             settled[i] = len(path) == SETTLED_STEPS and np.ptp(path) < SETTLED
         return settled
 
+    def _mean_rates(self, stood: HeldTargets, driven: JointTelemetry) -> Float64:
+        """Return the mean rate of each joint in the last steps of its target."""
+        last = len(self._path) - len(driven.steps.steps) + stood.row
+        count = np.minimum(np.minimum(stood.steps - 1, SETTLED_STEPS), last)
+        path = self._path[:, stood.k]
+        way, all_ways = path[last] - path[last - count], np.cumsum(np.abs(np.diff(path, prepend=0)))
+        goes = np.abs(way) > STRAIGHT * (all_ways[last] - all_ways[last - count])
+        time_s = np.maximum(count * driven.steps.reported.timestep_s[stood.row], 1e-300)
+        return np.where(count > 0, np.where(goes, way / time_s, 0.0), stood.rate)
+
     def _of(
         self, driven: JointTelemetry, k: int, keys: Float64, put: Flags
     ) -> tuple[HeldTargets, HeldTargets | None]:
@@ -150,7 +163,11 @@ class Targets:
             placed = np.append(held.placed, placed)
         left = placed & (driven.asked.told[rows, k] < first - 1)
         found = _stood(driven, k, rows, first, start, counts, left)
-        found = replace(found, resting=self._settled(found, len(ends)))
+        found = replace(
+            found,
+            resting=self._settled(found, len(ends)),
+            rate=self._mean_rates(found, driven),
+        )
         if np.isfinite(found.target[-1]):
             self._open[k] = _OpenTarget(
                 keys[:, -1].copy(),

@@ -13,6 +13,7 @@ from drop_physics.physics.tree import BASE
 from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Cure, Effect, Scene, Span, so_many
 from drop_physics.rules.arguments import given, site_of
+from drop_physics.rules.ik_answers import IK_LISTS
 from drop_physics.rules.inputs import Inputs, Use
 from drop_physics.rules.joint import distance, place
 from drop_physics.rules.rule import Match, Said, Worst, input_rule, joint_rule
@@ -37,8 +38,6 @@ from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body
 from drop_physics.trace.motors import POSITION, VELOCITY
 from drop_physics.trace.requests import Request
-
-IK_LISTS = ("lowerLimits", "upperLimits", "jointRanges", "restPoses")
 
 
 @joint_rule("not-taken", "asked", reason="no-effect", least_count=COASTS_STEPS)
@@ -72,12 +71,6 @@ def without_force(joints: JointColumns) -> Match:
     return Match(where, off, {"target": target}, most={"high": target, "low": -target})
 
 
-@without_force.counts
-def _(runs: Runs, _: Scene) -> Float64:
-    # One that stands may be there to turn the motor off.
-    return np.where(runs.high + runs.low > AT_TARGET_RAD, runs.size, 0.0)
-
-
 @without_force.says
 def _(worst: Worst) -> Said:
     return Said(
@@ -100,7 +93,14 @@ def speed_without_force(joints: JointColumns) -> Match:
     asked = joints.target_velocity
     where = (joints.mode == VELOCITY) & (joints.force == 0) & (asked != 0)
     where &= joints.steps.reported.commanded == 0
-    return Match(where, np.abs(asked), {"asked": asked})
+    return Match(where, np.abs(asked), {"asked": asked}, most={"high": asked, "low": -asked})
+
+
+@without_force.counts
+@speed_without_force.counts
+def _(runs: Runs, _: Scene) -> Float64:
+    # One that stands may be there to turn the motor off.
+    return np.where(runs.high + runs.low > AT_TARGET_RAD, runs.size, 0.0)
 
 
 @speed_without_force.says
@@ -482,25 +482,32 @@ def command_overwritten(inputs: Inputs) -> Iterator[Said]:
     """A joint has one motor: of a position and a rate that it is told before a step, one counts."""
     for (number, joint, _), (first, last, steps) in inputs.overridden.items():
         body, made = inputs.scene.body(number), inputs.motions[number].samples
+        message = Message(
+            "{joint} is commanded twice before a step, by {first} and then by {last}, in "
+            "{steps}: it has one motor, and only the last command counts"
+        )
+        advice = Message(
+            "give one command: p.POSITION_CONTROL takes targetVelocity=… and maxVelocity=…, too"
+        )
+        if first is last:
+            message = Message(
+                "{joint} is commanded more than once before a step, by {last} with different "
+                "targets, in {steps}: it has one motor, and only the last command counts"
+            )
+            advice = Message("give each joint one target before a step")
         if len(steps) >= COASTS_STEPS and joint < len(body.joints):
             yield Said(
                 subject=body,
                 joint=body.joints[joint].name,
                 site=site_of(last),
                 steps=Span(min(steps) + 1, max(steps) + 1, len(steps)),
-                message=Message(
-                    "{joint} is commanded twice before a step, by {first} and then by {last}, in "
-                    "{steps}: it has one motor, and only the last command counts"
-                ),
+                message=message,
                 values={
                     "first": site_of(first),
                     "last": site_of(last),
                     "steps": so_many(len(steps)),
                 },
-                advice=Message(
-                    "give one command: p.POSITION_CONTROL takes targetVelocity=… and "
-                    "maxVelocity=…, too"
-                ),
+                advice=advice,
                 share=len(steps) / max(made, 1),
             )
 
@@ -520,7 +527,10 @@ def pose_set_each_step(inputs: Inputs) -> Iterator[Said]:
             continue
         # What stays in its place goes through nothing, nor what has the velocity of its way.
         stays = use.constant("posObj") and use.constant("ornObj")
-        if stays or any(each.body is body and each.steps & use.steps for each in carried):
+        if stays or any(
+            each.body and each.body.number == body.number and each.steps & use.steps
+            for each in carried
+        ):
             continue
         number = int(call.values.get("jointIndex", (BASE,))[0])
         deep = {

@@ -13,7 +13,15 @@ from drop_physics.rules.joint import effort
 from drop_physics.rules.rule import Match, Said, Worst, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
-from drop_physics.rules.thresholds import COASTS_STEPS, HOLDS, MOVES, NO_TERM, ROLLS, SAME_SIGN
+from drop_physics.rules.thresholds import (
+    COASTS_STEPS,
+    HOLDS,
+    LIMITED_OFTEN,
+    MOVES,
+    NO_TERM,
+    ROLLS,
+    SAME_SIGN,
+)
 
 CAUSES = {
     "gravity": Message("its weight"),
@@ -53,6 +61,8 @@ def default_motor(joints: JointColumns) -> Match | None:
         "net": acting,
         **{name: joints.term(name) * sign * each for name, each in asks.items()},
         "taken": np.minimum(-motor * sign, np.abs(acting)).clip(0),
+        "weak": joints.at_limit,
+        "time": steps.reported.timestep_s[:, None],
     }
     own = on & ~torqued & default & ~sent.any(axis=0)
     # In the step of the first torque it may still get a motor, as it does in turn with torques.
@@ -83,13 +93,20 @@ def _(runs: Runs, _: Scene) -> Float64:
     asks = np.max([getattr(runs, name) for name in CAUSES], axis=0)
     asked = (asks > HOLDS * runs.acting) & (np.abs(runs.net) > SAME_SIGN * runs.acting)
     holds &= runs.torque | (asked & ~runs.sent)
-    # Where torques are commanded, they are what the reader asks about.
+    # Where torques are commanded, they are what the reader asks about; nothing is held where one
+    # motor has to give way.
     torqued = np.isin(runs.keys[:, 0], runs.keys[holds & runs.torque, 0])
+    weak = ~runs.torque & (runs.weak > LIMITED_OFTEN * runs.count)
+    torqued |= np.isin(runs.keys[:, 0], runs.keys[weak, 0])
     return np.where(holds & (runs.torque | ~torqued), runs.taken, 0.0)
 
 
 @default_motor.says
-def _(worst: Worst) -> Said:
+def _(worst: Worst) -> Said | None:
+    term = max(CAUSES, key=lambda name: getattr(worst, name))
+    commanded = any(worst.scene.inputs.commanded.values())
+    if commanded and not worst.torque and term == "gravity":
+        return None  # who commands others may want it to hold its weight
     ball = worst.subject.joints[worst.link].kind == "spherical"
     motor = Message("the velocity motor that PyBullet gives every joint")
     if ball:
@@ -100,7 +117,7 @@ def _(worst: Worst) -> Said:
         )
     template = Message(
         "{joint} is held by {motor}: it takes {share:.0%} of what acts on it, mainly {term}, "
-        "with up to {most} of its {limit}"
+        "{given} of its {limit} on average"
     )
     if worst.torque:
         template = Message(
@@ -108,19 +125,20 @@ def _(worst: Worst) -> Said:
             "takes up to {most}, {share:.0%} of what acts on it"
         )
     share = min(worst.taken / worst.acting, 1.0)
-    commanded = any(worst.scene.inputs.commanded.values())
     return Said(
         level="note" if commanded and not worst.torque else None,
         message=template,
         values={
             "motor": motor,
             "most": effort(worst.most, worst.effort),
+            "given": effort(worst.taken / worst.time, worst.effort),
             "limit": effort(worst.limit, worst.effort),
             "share": share,
-            "term": CAUSES[max(CAUSES, key=lambda name: getattr(worst, name))],
+            "term": CAUSES[term],
         },
         advice=Message("turn it off: {call}"),
         cure=Cure("default-motor-off", worst.joint, form="ball" if ball else ""),
+        proposed=not worst.torque,
         effect=Effect(worst.most, worst.effort),
         share=share,
         site=worst.scene.site(worst.torque_site),

@@ -56,8 +56,9 @@ SHAKES = frozenset(("unstable", "motor-gain"))
 """Codes that explain why a joint is off its target, whatever its motor's limit is."""
 FAST = frozenset(("beyond-urdf",))
 """Codes that say that a joint goes faster than it may."""
-BESIDE_NOTHING = frozenset(("default-damping",))
-"""Codes that are true of nearly every run, and an answer only where there is no graver one."""
+BESIDE_NOTHING = frozenset(("beyond-urdf", "default-damping", "inertia-from-shape"))
+"""Codes that are true of nearly every run: as notes they are an answer only where no graver one
+is."""
 MISDIRECTED = frozenset(("ik-index", "joint-index"))
 """Reasons that say that a joint's targets were meant for another."""
 
@@ -68,8 +69,8 @@ def ranked(findings: Iterable[Finding]) -> list[Finding]:
     for each in _worst_misses(findings):
         groups.setdefault((each.code, each.reason, *_texts(each)), []).append(each)
     found = sorted((_one_of(group) for group in groups.values()), key=lambda each: each.rank)
-    if found and found[0].level != "note" and found[0].code not in BESIDE_NOTHING:
-        found = [each for each in found if each.code not in BESIDE_NOTHING]
+    if found and found[0].level != "note":
+        found = [e for e in found if e.level != "note" or e.code not in BESIDE_NOTHING]
     # What rings at the clamp is not clamped.
     rings = {each.body for each in found if each.code == "unstable"}
     found = [each for each in found if each.code != "velocity-clamped" or each.body not in rings]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from drop_physics.arrays import Flags, Float64
@@ -165,7 +163,7 @@ def _taken(bodies: BodyColumns, term: str, where: Flags) -> Match | None:
     )
 
 
-@body_rule("default-damping", "model", subject=1)
+@body_rule("default-damping", "note", subject=1, proposes=True)
 def default_damping(bodies: BodyColumns) -> Match | None:
     """Damping that no call set takes a share of the energy of what nothing touches."""
     if bodies.config.damping != (None, None):
@@ -182,9 +180,7 @@ def _(worst: Worst) -> Said:
         "{body} loses {taken:.3g} J while nothing touches it, of at most {largest:.3g} J of "
         "kinetic energy: PyBullet damps every body, by 0.04 unless a call sets it"
     )
-    said = _lost(worst, message, Cure("damping", worst.body, 0.0))
-    # What is fastest in the end falls on and on: nothing stops it, and that is the question.
-    return replace(said, level="note") if worst.ends == worst.size else said
+    return _lost(worst, message, Cure("damping", worst.body, 0.0))
 
 
 @body_rule("joint-damping", "model", subject=1)

@@ -52,7 +52,7 @@ def cause_of(
         return _too_weak(driven, held, stood, abs(here))
     holds = _held(scene, driven, held, row, k, away)
     if holds is None and math.isnan(held.needs[k]):  # others share its load
-        return Cause(_weak(driven, stood), MORE_FORCE, Cure("force"))
+        return Cause(_weak(driven, stood), MORE_FORCE, Cure("force"), proposed=True)
     return holds
 
 

@@ -10,6 +10,9 @@ from drop_physics.trace.calls import Call
 from drop_physics.trace.log import Log
 from drop_physics.trace.motors import POSITION
 
+IK_LISTS = ("lowerLimits", "upperLimits", "jointRanges", "restPoses")
+"""The lists that draw answers towards a pose, if each has a number for every joint that moves."""
+
 
 @dataclass(frozen=True)
 class SentAnswer:

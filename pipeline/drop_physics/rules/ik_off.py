@@ -14,8 +14,8 @@ from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.tree import States, Tree
 from drop_physics.rules.answer import Cure, Effect, Scene
-from drop_physics.rules.arguments import number, site_of
-from drop_physics.rules.ik_answers import SentAnswer
+from drop_physics.rules.arguments import given, number, site_of
+from drop_physics.rules.ik_answers import IK_LISTS, SentAnswer
 from drop_physics.rules.joint import aimed, distance
 from drop_physics.rules.rule import Match, Said, Worst, body_rule
 from drop_physics.rules.runs import Runs
@@ -28,7 +28,10 @@ def ik_off(bodies: BodyColumns) -> Match | None:
     """`calculateInverseKinematics` ends after 20 iterations, wherever it has got to."""
     keys, found = [], []
     for driven in bodies.driven:
-        sent = bodies.scene.inputs.ik.latest.get(driven.body.number, [])
+        inputs, joints = bodies.scene.inputs, driven.body.joints
+        # An answer has no number for a fixed joint: what is sent to one is another's.
+        shifted = any(not joints[each].widths[1] for each in inputs.commanded[driven.body.number])
+        sent = [] if shifted else inputs.ik.latest.get(driven.body.number, [])
         ends = [*(each.call.at.step for each in sent[1:]), int(driven.steps.steps[-1])]
         for each, end in zip(sent, ends, strict=False):
             if (off := _off(driven, each, end)) is not None:
@@ -49,7 +52,7 @@ def _off(driven: JointTelemetry, sent: SentAnswer, end: int) -> dict[str, object
         return None
     at = [tree.rates[link] for link in tree.branch(sent.link)]
     rates = [each.start - tree.first_rate for each in at if each.stop > each.start]
-    target = target_of(driven)[row]
+    target, widths = target_of(driven)[row], [each.widths[1] for each in driven.body.joints]
     rests = sent.times >= IK_AGAIN or driven.resting[row, rates].all()
     later = (driven.asked.began[row, rates] > sent.call.at.step).any()
     if not rates or not rests or later or np.isnan(target[rates]).any():
@@ -74,6 +77,9 @@ def _off(driven: JointTelemetry, sent: SentAnswer, end: int) -> dict[str, object
         "reach": reach_m,
         "away": float(np.linalg.norm(first_m - sent.point_m)),
         "asked_at": site_of(sent.call),
+        "lists": ", ".join(
+            name for name in IK_LISTS if len(given(sent.call, name)) == sum(map(bool, widths))
+        ),
     }
 
 
@@ -92,6 +98,12 @@ def _(worst: Worst) -> Said:
             "targets: that is out of reach, {away:.3g} m from the first joint of an arm that is "
             "{reach:.3g} m long"
         )
+    elif worst.lists:
+        message = Message(
+            "{joint}: the hand is {off} from the point ({point}) with its joints on their targets: "
+            "p.calculateInverseKinematics gave an answer that is that far off, with {lists}"
+        )
+        advice = Message("ask without these lists, which draw answers towards a pose")
     elif worst.times >= IK_AGAIN:
         message = Message(
             "{joint}: the hand is {off} from the point ({point}) with its joints on their targets, "
@@ -112,6 +124,7 @@ def _(worst: Worst) -> Said:
         values={"joint": worst.hand, "off": distance(worst.off, "m")},
         advice=advice,
         cure=cure,
+        proposed=bool(worst.lists),
         effect=Effect(worst.off, "m"),
         share=worst.off / max(float(size_m), worst.off),
         joint=worst.hand,

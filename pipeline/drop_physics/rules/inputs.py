@@ -24,7 +24,7 @@ from drop_physics.rules.arguments import number as number_of
 from drop_physics.rules.episodes import Episodes
 from drop_physics.rules.ik_answers import SentAnswers
 from drop_physics.rules.lasting import Lasting
-from drop_physics.rules.thresholds import DEEP_M
+from drop_physics.rules.thresholds import DEEP_M, EACH_STEP
 from drop_physics.trace.acts import FILTERS, PUSHES, Act
 from drop_physics.trace.calls import BODY_NAMES, Call
 from drop_physics.trace.events import At, Body, Dynamics, Site
@@ -282,7 +282,10 @@ class Inputs:
         return {use.body.number for use in self.of(*acts) if use.body is not None}
 
     def _override(self, calls: Log) -> None:
-        """Note the motors that are set for a position and for a rate before the same step."""
+        """Note the motors that are set for a position and for a rate before the same step.
+
+        Or by one line for different targets.
+        """
         told = [
             np.column_stack(
                 [
@@ -290,14 +293,17 @@ class Inputs:
                     *(each.bodies, each.joints, each.steps, each.calls),
                     *(each.given("controlMode")[:, 0], each.given("force")[:, 0]),
                     np.full(len(each.calls), each.site.number),
+                    *(each.given(name)[:, 0] for name in ("targetPosition", "targetVelocity")),
                 ]
             )
             for each in calls.commands()
         ]
-        rows = np.concatenate([*told, np.empty((0, 8))])
+        rows = np.concatenate([*told, np.empty((0, 10))])
         rows = rows[np.isin(rows[:, 5], (POSITION, VELOCITY))]
         rows = rows[np.lexsort(rows.T[4::-1])]
-        again = (np.diff(rows[:, :4], axis=0) == 0).all(axis=1) & (np.diff(rows[:, 5]) != 0)
+        changes = np.diff(rows, axis=0) != 0
+        again = changes[:, 5] | (changes[:, 8:].any(axis=1) & ~changes[:, 7])
+        again &= ~changes[:, :4].any(axis=1)
         again &= rows[:-1, 6] != 0  # that turns a motor off
         for one, two in zip(rows[:-1][again], rows[1:][again], strict=True):
             client, engine_id, joint, step, call = two[:5].astype(int).tolist()
@@ -322,8 +328,10 @@ class Inputs:
                     continue
                 moved = motion(kinematics(tree, steps.after), steps.after.velocity).velocities
                 for each, body, link in read:
-                    while_read = steps.steps >= each.first_step
-                    while_read &= (steps.steps <= each.last_step) | (not each.exact)
+                    while_read = np.isin(steps.steps, (each.first_step, each.last_step))
+                    if each.count >= EACH_STEP * (each.last_step - each.first_step + 1):
+                        while_read |= steps.steps >= each.first_step
+                        while_read &= (steps.steps <= each.last_step) | (not each.exact)
                     if body != number or link >= tree.links or not while_read.any():
                         continue
                     speed = np.linalg.norm(moved[link + 1], axis=0)

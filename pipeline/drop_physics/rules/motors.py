@@ -17,6 +17,7 @@ from drop_physics.rules.thresholds import (
     BEYOND,
     BEYOND_RANGE,
     COASTS_RAD_S,
+    COASTS_STEPS,
     CROSSINGS,
     DAMPS_ANY,
     DAMPS_STEADY,
@@ -84,7 +85,8 @@ def motor_gain(joints: JointColumns) -> Match:
     kp, kd, at_place = joints.kp, joints.kd, joints.position_motor
     before, after = joints.before - joints.target, joints.after - joints.target
     visible = np.maximum(np.abs(before), np.abs(after)) > joints.at_target
-    passed = at_place & rings_with(kp, kd) & visible & (before * after < 0)
+    # At its limit a motor overshoots with any gains.
+    passed = at_place & rings_with(kp, kd) & visible & (before * after < 0) & ~joints.at_limit
     # A velocityGain alone turns the rate around, wherever the joint is.
     rates = np.minimum(np.abs(joints.rate_before), np.abs(joints.rate))
     turned = (joints.rate_before * joints.rate < 0) & (rates > COASTS_RAD_S)
@@ -178,7 +180,7 @@ FORCE = np.array([[[False, True]]])
 """The plane of forces in a table with two."""
 
 
-@joint_rule("beyond-urdf", "model", proposes=True)
+@joint_rule("beyond-urdf", "note", least_count=COASTS_STEPS, proposes=True)
 def beyond_urdf(joints: JointColumns) -> Match:
     """`getJointInfo` reports the effort and velocity of a file, and no motor heeds them."""
     told = (joints.mode != DEFAULT) | (joints.pd == 1)
@@ -192,7 +194,7 @@ def beyond_urdf(joints: JointColumns) -> Match:
     beyond = told[:, :, None] & (limit > 0) & (most > (1 + BEYOND) * limit)
     # A motor for rates has no maxVelocity: its target is the limit.
     goal = np.where(joints.mode == VELOCITY, np.abs(joints.target_velocity), np.nan)
-    numbers = {"limit": limit, "force": FORCE, "goal": goal, "substeps": joints.steps.substeps}
+    numbers = {"limit": limit, "force": FORCE, "goal": goal}
     # It is beyond in the steps in which its motor brakes it, too.
     return Match(beyond, np.where(drives, 1 - limit / most, 0.0), numbers, most={"most": most})
 
@@ -212,14 +214,12 @@ def _(worst: Worst) -> Said:
         cure = None
         if worst.goal > worst.limit:
             advice = Message("give it a targetVelocity of {limit:g} or less")
-    elif worst.force and worst.substeps > 1:  # what a call gives acts in each of them
-        cure = None
     return Said(
         message=Message(
             "{joint} reaches {most} where its file allows {limit}, in {steps}: PyBullet's "
             "motors do not enforce that limit (joints beyond theirs: {count})",
             joint=worst.joint,
-            most=effort(worst.most, unit),
+            most=effort(worst.most, unit) if worst.most >= 10 else f"{worst.most:.3g} {unit}",
             limit=f"{worst.limit:g} {unit}",
             steps=worst.steps,
             count=worst.joints,
@@ -255,8 +255,14 @@ def joint_damping(joints: JointColumns) -> Match:
 @joint_damping.counts
 def _(runs: Runs, _: Scene) -> Float64:
     share = np.where(runs.driven > MOVES * runs.inertia, runs.taken / runs.driven, 0.0)
+    # Where it takes more than drives the joint, the rest of the robot moves that; and where it
+    # takes little of what drives the robot, that goes as it would without.
+    which = np.unique(runs.keys[:, 0], return_inverse=True)[1]
+    taken, driven = (np.bincount(which, each)[which] for each in (runs.taken, runs.driven))
     steady = np.abs(runs.net) > SAME_SIGN * runs.driven
-    return np.where(share > np.where(steady, DAMPS_STEADY, DAMPS_ANY), share, 0.0)
+    least = np.where(steady, DAMPS_STEADY, DAMPS_ANY)
+    holds = (share > least) & (share < 1 + DAMPS_STEADY) & (taken > DAMPS_STEADY * driven)
+    return np.where(holds, share, 0.0)
 
 
 @joint_damping.says

@@ -134,7 +134,7 @@ def _is_possible(moments: Sequence[float]) -> bool:
 # -- inertia-from-shape ---------------------------------------------------------------------------
 
 
-@body_rule("inertia-from-shape", "model", subject=1, proposes=True)
+@body_rule("inertia-from-shape", "note", subject=1, proposes=True)
 def inertia_from_shape(bodies: BodyColumns) -> Match | None:
     """PyBullet computes inertias from shapes; the file's would change how something turns."""
     found = {each.body.number: _other(bodies.scene, each) for each in bodies.batch.bodies}
@@ -146,10 +146,11 @@ def inertia_from_shape(bodies: BodyColumns) -> Match | None:
     changes = np.abs(bodies.after.velocity - bodies.before.velocity)
     missing, first = changes * np.abs(more), bodies.law.tree.first_rate
     largest = np.max([changes * used, *map(np.abs, bodies.terms.values())], axis=0)
-    # A motor that has force left leads its joint as fast with any inertia.
+    # A motor that has force left, or a constraint, leads its joint as fast with any inertia.
     limit = bodies.substeps * np.concatenate([each.asked.impulse for each in bodies.batch.bodies])
     motors = np.abs(bodies.terms["motors"][:, first:])
     missing[:, first:][(limit > 0) & (motors < AT_LIMIT * limit)] = 0
+    missing[bodies.terms["constraints"] != 0] = 0
     real = np.isfinite(missing) & np.isfinite(largest)
     return Match(
         more != 0,
@@ -184,8 +185,8 @@ def _(worst: Worst) -> Said:
     )
     if joint is not None:
         template = Message(
-            "with the file's <inertia>, {joint}{more} would move {ratio} times the inertia "
-            "that PyBullet uses: {cause}"
+            "the file's <inertia> gives {joint}{more} {ratio} times the inertia that PyBullet "
+            "uses: {cause}"
         )
     loaded = worst.scene.asked.loaded(body)
     return Said(
@@ -200,6 +201,7 @@ def _(worst: Worst) -> Said:
         advice=advice,
         cure=Cure("inertia-from-file", body.label) if changed is None else None,
         joint=joint,
+        level="model" if abs(np.log10(worst.ratio)) > 1 else None,
         effect=Effect(worst.ratio, "1"),
         share=min(worst.missing / worst.acting, 1.0),
         site=loaded if changed is None else site_of(changed),

@@ -131,29 +131,35 @@ def _lawful(targets: TargetColumns) -> Flags:
 @target_rule("off-target", "note")
 def follows_behind(targets: TargetColumns) -> Match | None:
     """Targets change before their joint is there: its gains leave a share of each change."""
-    return _followed(targets, _lawful(targets) & (targets.at_limit == 0))
+    asked = targets.driven.asked.target_velocity[targets.row, targets.k]
+    match = _followed(targets, _lawful(targets) & (targets.at_limit == 0) & (asked == 0))
+    # The first change may be a jump that no other is like.
+    sums = {"behind": match.size, "behinds": match.size > 0} if match else {}
+    return match and replace(match, sums={**match.sums, **sums})
 
 
 @follows_behind.says
 def _(worst: Worst) -> Said | None:
     if worst.moved < CROSSINGS:
         return None  # what jumps is not followed
+    behind = worst.behind / worst.behinds
     every = round(worst.count / worst.moved)
     often = Message("every {n} steps", n=every) if every > 1 else Message("with every step")
     return Said(
         message=Message(
-            "{joint} follows its targets {off} behind: they change {often}, and {left:.2g} of each "
-            "change remains"
+            "{joint} follows its targets {off} behind on average: they change {often}, and "
+            "{left:.2g} of each change remains"
         ),
         values={
-            "off": distance(worst.off, worst.unit),
+            "off": distance(behind, worst.unit),
             "often": often,
             "left": (1 - worst.kp) ** every,
         },
         advice=Message("{call} leaves nothing of it"),
         cure=Cure("gains", worst.joint, 1.0, given={"positionGain": 1.0}),
-        effect=Effect(worst.off, worst.unit),
-        share=worst.share,
+        proposed=True,
+        effect=Effect(behind, worst.unit),
+        share=worst.share * behind / worst.off,
     )
 
 
@@ -191,7 +197,7 @@ def _(worst: Worst) -> Said | None:
         return _missed(worst, cause)
     if worst.left > 1:  # whatever its force, its gain leaves a gap
         return _missed(worst, Cause(weak, Message("give each target more steps")))
-    return _missed(worst, Cause(weak, MORE_FORCE, Cure("force")))
+    return _missed(worst, Cause(weak, MORE_FORCE, Cure("force"), proposed=True))
 
 
 def _takes_more(worst: Worst, weak: Message) -> Cause | None:
@@ -232,12 +238,14 @@ def _(runs: Runs, _: Scene) -> Float64:
 
 
 @still_moves.says
-def _(worst: Worst) -> Said:
+def _(worst: Worst) -> Said | None:
     if worst.kp < SMALL_GAIN and abs(worst.lawful - 1) < LAWFUL_GAP:
         why = Message(
             "a positionGain of {kp:.4g} is the share of the gap that a step closes", kp=worst.kp
         )
         return _missed(worst, Cause(why))
+    if not worst.rate:
+        return None  # it trembles where it is
     rate = f"{abs(worst.rate):.2g} {worst.unit}/s"
     why = Message("it still moves at {rate}", rate=rate)
     if worst.away:
@@ -267,7 +275,7 @@ def _(worst: Worst) -> Said:
     advice = MORE_FORCE
     if not worst.away:
         advice = Message("give it more force, or each target more steps")
-    return _missed(worst, Cause(why, advice, Cure("force")))
+    return _missed(worst, Cause(why, advice, Cure("force"), proposed=True))
 
 
 # -- too-slow -------------------------------------------------------------------------------------

@@ -33,7 +33,8 @@ SOLVER = 50
 CARRIED = Message("a call moves one of them in each step, and it has no velocity")
 FEW = Message("the solver ends after {n} iterations in place of {usual}")
 SOFT = Message("contact there is as soft as {stiffness:.3g} N/m")
-NOT_SURE = {CARRIED.template, FEW.template}
+FAST = Message("they approach by {way:.3g} mm in one step")
+NOT_SURE = {CARRIED.template, FEW.template, FAST.template}
 """Causes that need not be the only ones."""
 
 
@@ -117,7 +118,7 @@ def _cause(worst: Worst, took: int) -> tuple[Message | None, Message | None, Cur
         posed = any(use.body in both for use in worst.scene.inputs.of(Act.SET_POSE))
         cure = Cure("support-velocity", bodies=(worst.body, worst.other))
         return why, None, cure if posed else None  # a joint's is `overwritten`
-    if grows and worst.constraints:
+    if grows and worst.constraints and not worst.motors:
         why = Message(
             "a constraint presses them together, and the solver ends before it can "
             "tell which of both has to give"
@@ -130,7 +131,7 @@ def _cause(worst: Worst, took: int) -> tuple[Message | None, Message | None, Cur
         why = Message(SOFT.template, stiffness=stiffness_n_m)
         return why, Message("raise p.changeDynamics(…, contactStiffness=…), or do without"), None
     if took < IMPACT_STEPS and not stiffness_n_m and worst.size <= 1.05 * worst.until_came:
-        why = Message("they approach by {way:.3g} mm in one step", way=worst.fastest * 1e3)
+        why = Message(FAST.template, way=worst.fastest * 1e3)
         return why, Message("use a shorter timestep: {call}"), Cure("timestep", value=4.0)
     if grows and worst.motors:
         why = Message(

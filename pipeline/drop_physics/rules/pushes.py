@@ -143,7 +143,11 @@ def force_off_centre(bodies: BodyColumns) -> Match | None:
 @force_off_centre.says
 def _(worst: Worst) -> Said | None:
     own = worst.noted.keys[0, 2]
-    pushes = (use.first for use in worst.scene.inputs.of(Act.PUSH) if use.body is worst.subject)
+    pushes = (
+        use.first
+        for use in worst.scene.inputs.of(Act.PUSH)
+        if use.body and use.body.number == worst.subject.number
+    )
     mistaken = (each for each in pushes if (WORLD_FRAME in each.values.get("flags", ())) != own)
     call = next(mistaken, None)
     given_m = None if call is None else call.values["posObj"]

@@ -11,11 +11,13 @@ from drop_physics.messages import Message
 from drop_physics.physics.laws.lookup import RIGID
 from drop_physics.physics.tree import RATES
 from drop_physics.rules.answer import Cure, Effect, Span
+from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import ANY, MUJOCO, MUJOCOS, engine_of
-from drop_physics.rules.inputs import Inputs
+from drop_physics.rules.inputs import BodyLife, Inputs
 from drop_physics.rules.rule import Said, input_rule
-from drop_physics.rules.thresholds import TIPS_RAD
+from drop_physics.rules.thresholds import STANDARD_M_S2, TIPS_RAD
 from drop_physics.trace.acts import PUSHES, SETS_TIMESTEP, Act
+from drop_physics.trace.events import Body
 
 WAITS = Act.COMMAND, Act.CONSTRAIN, *PUSHES
 """What only has an effect in a step."""
@@ -78,6 +80,7 @@ def no_gravity(inputs: Inputs) -> Iterator[Said]:
         (body, life)
         for (number, _), life in inputs.lives.items()
         if (body := scene.body(number)).base_moves and not life.falls
+        if _would_fall_m(inputs, body, life) > size_m(body)
     ]
     for body, life in sorted(free, key=lambda each: each[1].first):
         client = body.client
@@ -119,6 +122,12 @@ def no_gravity(inputs: Inputs) -> Iterator[Said]:
             advice=advice,
             cure=Cure("gravity", value=-9.81),
         )
+
+
+def _would_fall_m(inputs: Inputs, body: Body, life: BodyLife) -> float:
+    """Return how far a body would have fallen from rest in its life."""
+    times = inputs.scene.times[body.client]
+    return STANDARD_M_S2 * (times.of(life.last) - times.of(life.first - 1)) ** 2 / 2
 
 
 @input_rule("free-base", "model", proposes=True)

@@ -39,13 +39,22 @@ from drop_physics.rules.thresholds import (
     SLIPS_SHARE,
     SLIPS_STEPS,
     STAYS,
+    STEEP,
     TREMBLES_M_S,
+    USUAL_FRICTION,
 )
 
 Rows = NDArray[np.intp]
 
 
-@side_rule("slides", "asked", consecutive=True, argument="lateralFriction", least_count=SLIPS_STEPS)
+@side_rule(
+    "slides",
+    "asked",
+    consecutive=True,
+    argument="lateralFriction",
+    least_count=SLIPS_STEPS,
+    proposes=True,
+)
 def slides(pair: PairColumns) -> Match:
     """Gravity and the support's acceleration, no push, ask more of friction than it can give."""
     return _slips(pair, pair.slip_m_s > SLIPS_M_S)
@@ -63,7 +72,10 @@ def _(runs: Runs, scene: Scene) -> Float64:
 
 
 @slides.says
-def _(worst: Worst) -> Said:
+def _(worst: Worst) -> Said | None:
+    given = worst.scene.asked.of["lateralFriction"].values
+    if max(given.get(each.number, 1.0) for each in (worst.subject, worst.partner)) < USUAL_FRICTION:
+        return None  # calls made both slippery
     cure = None
     seconds, pressed = worst.until_time, worst.until_normal
     if worst.until_against <= worst.until_available:
@@ -72,7 +84,9 @@ def _(worst: Worst) -> Said:
             "gives at most {held:.3g} N m about it, and its weight beside it takes "
             "{turning:.3g} N m"
         )
-        advice = Message("grip it at its centre of mass, or with more force or friction")
+        advice: Message | None = Message(
+            "grip it at its centre of mass, or with more force or friction"
+        )
     else:
         if worst.until_available > 0:  # of nothing no factor makes something
             factor = max(2.0, 2 * worst.until_against / worst.until_available)
@@ -90,6 +104,8 @@ def _(worst: Worst) -> Said:
             advice = Message(
                 "give both bodies a lateralFriction, with a product well above {wanted:.3g}"
             )
+        if worst.until_against > STEEP * pressed:  # of what there is, nothing is so rough
+            advice = cure = None
     return Said(
         message=message,
         values={

@@ -288,6 +288,9 @@ by: mujoco: held_by_qpos."""
 STEEP = 2
 """Slope beyond which a body leans on another, or falls along it, and does not lie on it. Unit: 1.
 Needed by: mujoco: right_dominoes."""
+USUAL_FRICTION = 0.5
+"""PyBullet's coefficient of friction of what no call and no file gives one. Unit: 1. Needed by:
+slide_on_purpose."""
 TAKES_DRIVE = 0.8
 """Least share of what drives a joint that damping, dry friction or armature takes. Unit: share.
 Needed by: mujoco: door_damped, stiction_in_the_joint, sluggish_rotor."""

@@ -81,20 +81,16 @@ def _unpaired(scene: Scene, shapes: Shapes) -> Iterator[tuple[Pair, str, Call | 
             one, two = sorted(both)
             yield (one, two), "filter", call
     for one, call in inputs.groups.items():
-        for two in shapes if one in shapes else ():
-            calls = call, inputs.groups.get(two)
-            group, mask = zip(
-                *(
-                    USUAL[place[1] in bodies[place[0]].moving]
-                    if each is None
-                    else [int(number(each, f"collisionFilter{n}")) for n in ("Group", "Mask")]
-                    for place, each in zip((one, two), calls, strict=True)
-                ),
-                strict=True,
+        # Of two that are both given groups it is intended that these exclude each other.
+        for two in shapes.keys() - inputs.groups.keys() if one in shapes else ():
+            group, mask = (
+                (int(number(call, f"collisionFilter{name}")), usual)
+                for name, usual in zip(
+                    ("Group", "Mask"), USUAL[two[1] in bodies[two[0]].moving], strict=True
+                )
             )
             if one[0] != two[0] and not (group[0] & mask[1] or group[1] & mask[0]):
-                last = max(filter(None, calls), key=lambda each: each.at.call)
-                yield (one, two), "filter", last
+                yield (one, two), "filter", call
     posed = {use.body.number for use in inputs.of(Act.SET_POSE) if use.body}
     asked = {
         frozenset((subject.body, subject.other))

@@ -136,7 +136,7 @@ def _(worst: Worst) -> Said:
     )
 
 
-@body_rule("velocity-clamped", "asked", subject=1)
+@body_rule("velocity-clamped", "asked", subject=1, proposes=True)
 def velocity_clamped(bodies: BodyColumns) -> Match | None:
     """A rate reaches the limit where PyBullet clamps every rate, which takes some of it."""
     if not bodies.terms:
