@@ -71,6 +71,12 @@ def without_force(joints: JointColumns) -> Match:
     return Match(where, off, {"target": target}, most={"high": target, "low": -target})
 
 
+@without_force.counts
+def _(runs: Runs, _: Scene) -> Float64:
+    # One that stands may be there to turn the motor off.
+    return np.where(runs.high + runs.low > AT_TARGET_RAD, runs.size, 0.0)
+
+
 @without_force.says
 def _(worst: Worst) -> Said:
     return Said(
@@ -93,14 +99,16 @@ def speed_without_force(joints: JointColumns) -> Match:
     asked = joints.target_velocity
     where = (joints.mode == VELOCITY) & (joints.force == 0) & (asked != 0)
     where &= joints.steps.reported.commanded == 0
-    return Match(where, np.abs(asked), {"asked": asked}, most={"high": asked, "low": -asked})
+    told = {"told_last": joints.told}
+    return Match(
+        where, np.abs(asked), {"asked": asked}, most=told, firsts={"told_first": joints.told}
+    )
 
 
-@without_force.counts
 @speed_without_force.counts
 def _(runs: Runs, _: Scene) -> Float64:
-    # One that stands may be there to turn the motor off.
-    return np.where(runs.high + runs.low > AT_TARGET_RAD, runs.size, 0.0)
+    # One that is told once may be there to turn the motor off.
+    return np.where(runs.told_last > runs.told_first, runs.size, 0.0)
 
 
 @speed_without_force.says

@@ -13,6 +13,6 @@ other = p.connect(p.DIRECT)
 p.loadURDF("cube_small.urdf", [0, 0, 1], physicsClientId=other)
 p.setGravity(0, 0, -9.81)
 p.loadURDF("cube_small.urdf", [0, 0, 1])
-for _ in range(9):
+for _ in range(60):
     p.stepSimulation()
     p.stepSimulation(physicsClientId=other)
