@@ -154,10 +154,12 @@ def analyze(
     and bodies, and with --at the steps at these times, each as a sum of named impulses. Of a drop:
     where each millimetre between simulation and theory comes from.
     """
-    recording = _recording(run)
+    from drop_physics.option_types import times
+
+    at_s, recording = times(at or []), _recording(run)
     analyzed = _analyzer(
         recording,
-        at=at,
+        at_s=at_s,
         out=out,
         table=table,
         body=body,
@@ -178,7 +180,7 @@ def analyze(
 def _analyzer(
     read: Path,
     *,
-    at: list[str] | None,
+    at_s: list[float],
     select: str | None,
     ignore: str | None,
     fail_on: str | None,
@@ -193,9 +195,7 @@ def _analyzer(
 
     That all can be done is checked before any work; `read` is the file that is read.
     """
-    from drop_physics.option_types import times
-
-    at_s, choice = times(at or []), _choice(select, ignore, fail_on)
+    choice = _choice(select, ignore, fail_on)
     from drop_physics.files.outputs import check_table
 
     if table is not None:
@@ -554,7 +554,9 @@ def script(
     if as_json:
         how["output_format"] = "json"
     script = Path(program[0])
-    analyzed = _analyzer(script, **how)
+    from drop_physics.option_types import times
+
+    analyzed = _analyzer(script, at_s=times(how.pop("at") or []), **how)
     in_text = how["output_format"] == "text"
     recorded = _recorded(context, program, to_stderr=not in_text, **of_record)
     codes = [1 if recorded.never_began else _show(recorded, stream=sys.stderr, analyzed=True)]

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from drop_physics.analysis.flights import Flights
-from drop_physics.analysis.phases import BodyContacts, ContactRun
+from drop_physics.analysis.phases import BodyContacts, ContactRun, pushers, pushers_in
 from drop_physics.analysis.results import (
     BodyAnalysis,
     Energy,
@@ -75,7 +75,13 @@ class BodyStory:
         self._phases.add(touched)
         for steps in judged.intervals if self._sums_at else ():
             self._sums += [
-                _sum_of(steps, int(row), judged, self._times.of(int(steps.steps[row])))
+                _sum_of(
+                    steps,
+                    int(row),
+                    judged,
+                    self._times.of(int(steps.steps[row])),
+                    self._scene.seen.bodies,
+                )
                 for row in np.flatnonzero(np.isin(steps.steps, self._sums_at))
             ]
         sampled = np.flatnonzero(history.sampled)
@@ -161,7 +167,9 @@ class BodyStory:
         )
 
 
-def _sum_of(steps: Steps, row: int, judged: SampleStatus, time_s: float) -> StepSum:
+def _sum_of(
+    steps: Steps, row: int, judged: SampleStatus, time_s: float, bodies: Mapping[int, Body]
+) -> StepSum:
     at = int(np.searchsorted(judged.steps, steps.steps[row]))
     terms = {name: each[row].tolist() for name, each in steps.terms.items()}
     return StepSum(
@@ -170,6 +178,7 @@ def _sum_of(steps: Steps, row: int, judged: SampleStatus, time_s: float) -> Step
         segment=SEGMENTS[judged.segment[at]],
         terms=terms or None,
         remainder=steps.remainder[row].tolist() if terms else None,
+        contact_by=pushers(pushers_in(steps, row), bodies),
     )
 
 

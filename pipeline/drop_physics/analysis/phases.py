@@ -12,7 +12,7 @@ from drop_physics.analysis.results import BodyContact, Pusher
 from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.step_status import CONTACT, StepVerdicts
-from drop_physics.explain.steps import StepBatch
+from drop_physics.explain.steps import StepBatch, Steps
 from drop_physics.explain.times import StepTimes
 from drop_physics.explain.touching import Sides
 from drop_physics.physics.vectors import lengths, summed, triple
@@ -120,6 +120,16 @@ def _by_other(
     return found
 
 
+def pushers_in(steps: Steps, row: int) -> dict[tuple[int, int], tuple[Float64, float]]:
+    """Return impulse [N s] and energy [J] of each link of each other body in one step."""
+    contacts = steps.reported.contacts
+    points = np.flatnonzero(contacts.step == row)
+    impulses = contacts.force_n[points] * steps.reported.timestep_s[row]
+    at = np.zeros(len(points), np.int64)
+    by = _by_other(at, steps.sides.at(points), impulses, steps.point_energy_j[points])
+    return by.get(0, {})
+
+
 class BodyContacts:
     """The contacts of one body; grow piece by piece."""
 
@@ -146,10 +156,7 @@ class BodyContacts:
         run, self._open = self._open, None
         if run is None:
             return
-        by = [
-            Pusher(self._label(body), body, link, triple(impulse), energy_j)
-            for (body, link), (impulse, energy_j) in sorted(run.by.items())
-        ]
+        by = pushers(run.by, self._bodies)
         self._done.append(
             BodyContact(
                 run.first_step,
@@ -165,5 +172,18 @@ class BodyContacts:
             )
         )
 
-    def _label(self, number: int) -> str:
-        return self._bodies[number].label if number in self._bodies else str(number)
+
+def pushers(
+    by: Mapping[tuple[int, int], tuple[Float64, float]], bodies: Mapping[int, Body]
+) -> list[Pusher]:
+    """Return who pushed a body, in the order of their numbers."""
+    return [
+        Pusher(
+            bodies[body].label if body in bodies else str(body),
+            body,
+            link,
+            triple(impulse),
+            energy_j,
+        )
+        for (body, link), (impulse, energy_j) in sorted(by.items())
+    ]

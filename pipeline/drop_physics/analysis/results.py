@@ -161,6 +161,8 @@ class StepSum:
     """Impulse of each term per degree of freedom [N s, N m s]; None where the law has no sum."""
     remainder: list[float] | None
     """What the terms do not explain."""
+    contact_by: list[Pusher] = field(default_factory=list)
+    """The links that pushed it in this step: of its contact, what each gave."""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from drop_physics.report.blocks import (
     Section,
     Words,
 )
-from drop_physics.report.flights import contacts, falls, flights, momentum
+from drop_physics.report.flights import contact_by, contacts, falls, flights, momentum
 from drop_physics.report.words import MISSING, SEGMENTS, kinds_of_samples
 from drop_physics.rules.choice import minor
 from drop_physics.trace.events import ENDED
@@ -344,6 +344,8 @@ def sum_of(body: BodyAnalysis, each: StepSum) -> Section:
             for at, head in enumerate(heads[: len(each.remainder)])
         ]
         blocks.append(Facts(facts, min(28, max(map(columns_of, heads), default=0) + 2)))
+    if each.contact_by:
+        blocks.append(Words(contact_by(each.contact_by), indent="  "))
     return Section(blocks)
 
 

@@ -7,14 +7,17 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.fields import counted
-from drop_physics.messages import Message
+from drop_physics.messages import Message, joined
+from drop_physics.physics.vectors import triple
 from drop_physics.report.blocks import Block, Column, DataTable, Section, Words, numbers
 from drop_physics.report.words import CONTACTS, TERMS, millimetres
 
 if TYPE_CHECKING:
-    from drop_physics.analysis.results import BodyAnalysis, BodyFlight
+    from drop_physics.analysis.results import BodyAnalysis, BodyFlight, Pusher
     from drop_physics.arrays import Vector
     from drop_physics.explain.decomposition import VectorTerms
 
@@ -166,7 +169,28 @@ def momentum(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
             for axis, values in zip("xyz", zip(*rows.values(), strict=True), strict=True)
         ]
         title = Message("Momentum of {body} [kg m/s]", body=body.label)
-        yield _titled(title, Column("", [*rows]), *each_axis)
+        given: dict[tuple[int, int], list[Pusher]] = {}
+        for pusher in (each for contact in body.contacts for each in contact.by):
+            given.setdefault((pusher.id, pusher.link), []).append(pusher)
+        by = [
+            replace(each[0], impulse_n_s=triple(np.sum([one.impulse_n_s for one in each], axis=0)))
+            for _, each in sorted(given.items())
+        ]
+        more = [Words(contact_by(by), indent="  ")] if by else []
+        yield _titled(title, Column("", [*rows]), *each_axis, more=more)
+
+
+def contact_by(pushers: Sequence[Pusher]) -> Message:
+    """Return what each body gave in a contact."""
+    gave = [
+        Message(
+            "{body} {impulse}",
+            body=each.body if each.link < 0 else f"{each.body}:{each.link}",
+            impulse="(" + ", ".join(f"{part:+.3g}" for part in each.impulse_n_s) + ")",
+        )
+        for each in pushers
+    ]
+    return Message("contact by {gave} N s", gave=joined(", ", gave))
 
 
 def _titled(title: str, *columns: Column, more: Sequence[Words] = ()) -> Section:

@@ -44,10 +44,9 @@ MORE = re.compile(r": (?:see )?--(?:verbose|json)\b[^\n<]*")
 
 
 def text_of(result: Printable) -> str:
-    """Return what the terminal prints of a result, without colours, for a reader of Python."""
-    lines = lines_of(_without_commands(result.report()))
-    plain = (Text.from_markup(harmless(line), emoji=False).plain.rstrip() for line in lines)
-    return in_python("\n".join(plain))
+    """Return what the terminal prints of a result, without colours."""
+    lines = (Text.from_markup(harmless(line), emoji=False) for line in lines_of(result.report()))
+    return "\n".join(line.plain.rstrip() for line in lines)
 
 
 def in_python(text: str) -> str:

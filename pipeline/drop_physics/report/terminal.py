@@ -66,7 +66,8 @@ def show(
 ) -> int:
     """Print a result, and return the exit code of its report; `how` goes to its builder.
 
-    `text` is printed in place of the report, if another renderer has made it.
+    `text` is printed in place of the report, if another renderer has made it; nothing if it is
+    empty.
     """
     report: Report = result.report(**how)
     for each in report.notes:
@@ -74,7 +75,8 @@ def show(
     if as_json:
         print_json(result.as_json())
     elif text is not None:
-        print_plain(text)
+        if text:
+            print_plain(text)
     else:
         print_lines(*lines_of(report), *_next(report.next), stream=stream)
     for each in report.remarks:
