@@ -169,8 +169,8 @@ def test_a_number_is_what_every_program_takes_for_one(
     monkeypatch.chdir(tmp_path)
     for number in ("3_2", "1__0", "٣٢", "３２", "³²", "\u2003 32", "32\u00a0"):
         text = ONES.get(NUMERIC[command, option], "{}").format(number)
+        verb = [] if command == SCRIPT else [command]
         with pytest.raises((ScenarioError, typer.BadParameter)) as raised:
-            verb = [] if command == SCRIPT else [command]
             COMMAND([*verb, option, text, *GIVEN[command]], standalone_mode=False)
         message, code = running._verdict(raised.value)
         assert code == 2

@@ -546,17 +546,17 @@ def script(
     verbs = context.find_root().command.commands  # type: ignore[attr-defined]
     if program[0] in verbs:
         raise ScenarioError("options of {verb} come after it: drop {verb} …", verb=program[0])
+    from drop_physics.option_types import times
     from drop_physics.stages.program import digest_of_script
 
+    at_s = times(of_analyze["at"] or [])
     digest_of_script(program[0], is_module=of_record["module"])  # before what takes long to load
     as_json = of_analyze["json"] or of_analyze["output_format"] == "json"
-    how = {name: value for name, value in of_analyze.items() if name not in ("out", "json")}
+    how = {name: value for name, value in of_analyze.items() if name not in ("at", "out", "json")}
     if as_json:
         how["output_format"] = "json"
     script = Path(program[0])
-    from drop_physics.option_types import times
-
-    analyzed = _analyzer(script, at_s=times(how.pop("at") or []), **how)
+    analyzed = _analyzer(script, at_s=at_s, **how)
     in_text = how["output_format"] == "text"
     recorded = _recorded(context, program, to_stderr=not in_text, **of_record)
     codes = [1 if recorded.never_began else _show(recorded, stream=sys.stderr, analyzed=True)]

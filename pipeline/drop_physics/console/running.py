@@ -104,14 +104,11 @@ def run(load: Callable[[], typer.Typer], received: Sequence[int] = ()) -> int:
         # A signal that arrives inside a library may come out as that library's own error.
         sentence, code = _stopped(received[0]) if received else _verdict(error)
         line = joined("; ", [sentence, *getattr(error, "__notes__", [])])
-        import typer
-
         from drop_physics.console.output import error as say
 
         with contextlib.suppress(OSError):
             say(line)
-            usage = isinstance(error, typer.TyperException)
-            if output.errors_as_json or (usage and "--json" in sys.argv):
+            if output.errors_as_json or (code == 2 and "--json" in sys.argv):  # not yet parsed
                 output.print_json({"error": str(line)})
     return code if isinstance(code, int) else 0
 

@@ -12,7 +12,6 @@ import numpy as np
 from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.fields import counted
 from drop_physics.messages import Message, joined
-from drop_physics.physics.vectors import triple
 from drop_physics.report.blocks import Block, Column, DataTable, Section, Words, numbers
 from drop_physics.report.words import CONTACTS, TERMS, millimetres
 
@@ -172,10 +171,10 @@ def momentum(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
         given: dict[tuple[int, int], list[Pusher]] = {}
         for pusher in (each for contact in body.contacts for each in contact.by):
             given.setdefault((pusher.id, pusher.link), []).append(pusher)
-        by = [
-            replace(each[0], impulse_n_s=triple(np.sum([one.impulse_n_s for one in each], axis=0)))
-            for _, each in sorted(given.items())
-        ]
+        by = []
+        for _, each in sorted(given.items()):
+            x, y, z = np.sum([one.impulse_n_s for one in each], axis=0).tolist()
+            by.append(replace(each[0], impulse_n_s=(x, y, z)))
         more = [Words(contact_by(by), indent="  ")] if by else []
         yield _titled(title, Column("", [*rows]), *each_axis, more=more)
 
