@@ -34,9 +34,16 @@ def to(usual: object) -> Becomes:
     return lambda number: ("=", usual if number is None else number)
 
 
-def always(operator: str, value: object) -> Becomes:
-    """Return what does the same, whatever a cure's number is."""
-    return lambda _: (operator, value)
+@dataclass(frozen=True)
+class always:  # noqa: N801 - it reads as `to` does
+    """What does the same, whatever a cure's number is."""
+
+    operator: str
+    value: object
+
+    def __call__(self, _: float | None) -> How:
+        """Return the operator and its value."""
+        return self.operator, self.value
 
 
 def raised(number: float | None) -> How:
@@ -76,20 +83,19 @@ class Row:
     below: str = ""
     """The argument of a `Variation` that takes its value, unseen by the script."""
     tries: str = ""
-    """The operators that the causal search tries, as `watching.changes` has them."""
+    """The operators that the causal search tries, as `watching.single_changes` has them."""
     breaks: str = ""
     """Those of them that take a part of the scene or of the command away."""
     default: object = 0.0
     """The engine's default, for the operator `=default`."""
     change: str = ""
-    """What the search changes, if it is not the first that is set."""
+    """What the search changes, if that is not what the row sets first."""
 
     @property
-    def tried(self) -> dict[str, object]:
+    def tried(self) -> dict[str, Any]:
         """The row as the search in the script's interpreter takes it."""
-        first = next(iter(self.sets), self.name).partition("[")[0]
         return {
-            "change": self.change or first.replace("opt.", "option."),
+            "change": self.change,
             "tries": self.tries.split(),
             "breaks": self.breaks.split(),
             "default": self.default,
@@ -161,6 +167,8 @@ class Interventions:
     left_out
         Returns a run without the call of a function in a line of a file, or without one of its
         arguments; None if that cannot be.
+    sees
+        The operations of a run that is seen by the causal search.
     """
 
     def __init__(
@@ -169,11 +177,14 @@ class Interventions:
         parameters: dict[str, Sequence[str]],
         set_parameter: Callable[[str, float], ChangedRun],
         left_out: Callable[[str, str, int, str | None], ChangedRun | None],
+        sees: Sequence[Operation],
     ) -> None:
         every = (*rows, *OF_ANY)
         self.rows = {row.name: row for row in every if row.name}
-        self.tried = [row.tried for row in every if row.tries]
+        self.tried = [row.tried for row in every if row.tries or not row.name]
         """The rows that the causal search tries."""
+        self.sees = sees
+        """The operations of a run in which it is seen what they would change."""
         self.parameters, self.left_out = parameters, left_out
         self._set_parameter = set_parameter
 

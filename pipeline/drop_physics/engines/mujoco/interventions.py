@@ -146,6 +146,12 @@ class FieldRow(Row):
             return f"{self.more}*{MORE:g}"
         return super().call_of(cure)
 
+    @property
+    def tried(self) -> dict[str, Any]:
+        """The row as the search in the script's interpreter takes it."""
+        field = next(iter(self.sets), "").partition("[")[0].replace("opt.", "option.")
+        return {**super().tried, "change": self.change or field}
+
     def known(self, cure: Cure) -> dict[str, Any]:
         """Return the values that words may name."""
         known = super().known(cure)
@@ -662,4 +668,5 @@ ROWS = (
     Row("", change="geom_solimp", words="solimp", tries="=default stiff", default=SOLIMP),
     FieldRow("without", makes=_without, words=Message("without {left_out}"), needs="function"),
 )
-INTERVENTIONS = Interventions(ROWS, OPTIONS, _set_parameter, left_out)
+SEES = [{"engine": ENGINE, "do": "see"}]
+INTERVENTIONS = Interventions(ROWS, OPTIONS, _set_parameter, left_out, SEES)

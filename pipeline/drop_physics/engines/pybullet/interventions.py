@@ -8,11 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
+from typing import Any
 
 from drop_physics.engines.interventions import (
     AWAY,
     FACTOR,
     MORE,
+    Becomes,
     How,
     Interventions,
     Operation,
@@ -23,6 +25,17 @@ from drop_physics.engines.interventions import (
     to,
 )
 from drop_physics.engines.pybullet.watch.arguments import ARGUMENTS, CLIENT
+from drop_physics.engines.pybullet.watch.functions import (
+    COMMANDS,
+    CONSTRAINS,
+    IK,
+    MAKES_BODIES,
+    MOVES_BODY,
+    PUSHES,
+    SETS_ENGINE,
+    SHAPES,
+    those_that,
+)
 from drop_physics.messages import Message
 from drop_physics.trace.cures import ChangedRun, Cure, Scope, whole_number
 from drop_physics.trace.events import Body
@@ -58,6 +71,18 @@ class CallRow(Row):
     _: KW_ONLY
     function: str = ""
     """The function whose arguments are set."""
+    each: str = ""
+    """What the search adds a call about: each of `bodies`, `links`, `joints` that move,
+    `constraints` or `pairs` that touched; else one."""
+
+    @property
+    def tried(self) -> dict[str, Any]:
+        """The row as the search in the script's interpreter takes it: the call that it adds."""
+        taken = [name for name, becomes in self.sets.items() if not isinstance(becomes, always)]
+        fixed = {name: each(None) for name, each in self.sets.items() if name not in taken}
+        change = self.change or f"{self.function}.{taken[0]}"
+        call = {"call": self.function, "each": self.each, "fixed": fixed, "takes": taken}
+        return {**super().tried, "change": change, **call}
 
     def changes(self, cure: Cure) -> dict[str, How]:
         """Return how each argument changes: as a finding says it, or the row."""
@@ -318,8 +343,53 @@ def _apart(_: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
 
 # -- the rows -------------------------------------------------------------------------------------
 
+
+def _added(
+    function: str, sets: Mapping[str, Becomes], each: str, tries: str, change: str = ""
+) -> CallRow:
+    return CallRow("", sets, function=function, each=each, tries=tries, change=change)
+
+
+LEFT, LEFT_BREAKS = "left-out held late", "left-out held"
+MOTOR_CALL, PUSH = r"setJointMotorControl\w*", r"applyExternal\w+"
+POSITIVE, NUMBERS = "*10 *0.1 =0 default", "*10 *0.1 =0 *-1 default"
+IN_CALLS = (
+    (rf"{MOTOR_CALL}|{PUSH}|setGravity|resetBaseVelocity", LEFT, LEFT_BREAKS),
+    (r"(set|change|reset|enable|removeC)\w+|createConstraint", LEFT, ""),
+    (r".*\.\w*(UniqueId[AB]?|Indices|Index[AB]?|Id|Type|Mode|fileName|body[AB])", "", ""),
+    (r"loadURDF\.flags", "^2 ^8 ^128 ^4096", ""),
+    (rf"{PUSH}\.flags", "^3", ""),
+    (r".*\.flags", "", ""),
+    (r".*\.(useFixedBase|enableCollision|useMaximalCoordinates)", "^1", ""),
+    (r".*\.(halfExtents|radius|height|timeStep|globalScaling|meshScale)", "*10 *0.1", ""),
+    (r".*\.(mass|baseMass|\w*[iI]nertia\w*)", POSITIVE, POSITIVE),
+    (rf"{MOTOR_CALL}\.forces?", POSITIVE, "=0"),
+    (r".*\.(\w*(Friction|Damping|Stiffness|Gains?|Force)|max\w*Velocity)", POSITIVE, ""),
+    (r".*\.(distance|restitution|erp|\w*ERP|num\w+)", POSITIVE, ""),
+    (rf"{MOTOR_CALL}\.target\w+", NUMBERS, "=0 default"),
+    (rf"({PUSH}|setGravity)\.\w+", NUMBERS, "=0"),
+    (r"resetBaseVelocity\.\w+", NUMBERS, NUMBERS),
+    (r".*\..*", NUMBERS, ""),
+)
+"""What the causal search tries in calls: function, or function and argument; operators; and those
+that take a part of the scene or of the command away. Signs and zeros of what must be positive are
+none of them."""
+SEEN = COMMANDS | PUSHES | MAKES_BODIES | MOVES_BODY | CONSTRAINS | SHAPES | IK | SETS_ENGINE
+SEEN |= those_that("sets properties", "sets constraints", "sets what is touched", "sets sensors")
+SEEN |= those_that("computes dynamics") | {"rayTest", "getClosestPoints", "getLinkState", STEP}
+SEEN -= {"setRealTimeSimulation", "setInternalSimFlags", "performCollisionDetection"}
+SEES = [{"do": "see", "functions": [name]} for name in sorted(SEEN)]
+
 ROWS = (
-    Row("timestep", words="p.setTimeStep(… / {value:g})", below="finer", usual=2.0, whole_run=True),
+    Row(
+        "timestep",
+        words="p.setTimeStep(… / {value:g})",
+        below="finer",
+        usual=2.0,
+        whole_run=True,
+        change="timestep",
+        tries="/4",
+    ),
     Row("iterations", below="iterations", usual=4.0, whole_run=True),
     *(Row(f"{name}:{FACTOR}", below=name) for name in ("gravity", "friction", "mass")),
     CallRow(
@@ -395,6 +465,8 @@ ROWS = (
         _dynamics(_base),
         function=DYNAMICS,
         decides=True,
+        each="links",
+        tries="=0",
     ),
     # Of all joints, since a chain's act on each other.
     CallRow(
@@ -403,16 +475,40 @@ ROWS = (
         _dynamics(_links),
         function=DYNAMICS,
         decides=True,
+        each="links",
+        tries="=0 =1",
     ),
-    CallRow("friction", {"lateralFriction": times}, _dynamics(_all), function=DYNAMICS),
-    CallRow("restitution", {"restitution": to(1.0)}, _dynamics(_all), function=DYNAMICS),
+    CallRow(
+        "friction",
+        {"lateralFriction": times},
+        _dynamics(_all),
+        function=DYNAMICS,
+        each="links",
+        tries="=0 =1 =3",
+    ),
+    CallRow(
+        "restitution",
+        {"restitution": to(1.0)},
+        _dynamics(_all),
+        function=DYNAMICS,
+        each="links",
+        tries="=0",
+    ),
     CallRow(
         "limits",  # that nothing reaches [rad, m]
         {"jointLowerLimit": always("=", -1e3), "jointUpperLimit": always("=", 1e3)},
         _limits,
         function=DYNAMICS,
     ),
-    CallRow("mass", {"mass": to(1.0)}, _dynamics(_base), function=DYNAMICS),
+    CallRow(
+        "mass",
+        {"mass": to(1.0)},
+        _dynamics(_base),
+        function=DYNAMICS,
+        each="links",
+        tries="*0.1 *10",
+        breaks="*0.1 *10",
+    ),
     CallRow(
         "mass:made",
         {"baseMass": to(1.0)},
@@ -465,7 +561,14 @@ ROWS = (
         words=Message("p.resetBaseVelocity(…) with each pose that is set"),
     ),
     # The engine.
-    CallRow("solver", {"numSolverIterations": to(500)}, _engine, function=ENGINE, whole_run=True),
+    CallRow(
+        "solver",
+        {"numSolverIterations": to(500)},
+        _engine,
+        function=ENGINE,
+        whole_run=True,
+        tries="=1000",
+    ),
     CallRow(
         "cone",
         {"enableConeFriction": to(1)},
@@ -473,6 +576,7 @@ ROWS = (
         function=ENGINE,
         decides=True,
         whole_run=True,
+        tries="=0",
     ),
     CallRow(
         "pairs-sorted",
@@ -498,6 +602,8 @@ ROWS = (
         usual=-9.81,
         decides=True,
         whole_run=True,
+        tries="=0 =-9.81",
+        breaks="=0",
     ),
     CallRow(
         "right-client",
@@ -514,6 +620,8 @@ ROWS = (
         _constraint,
         function=CONSTRAINT,
         whole_run=True,
+        each="constraints",
+        tries="=50",
     ),
     CallRow(
         "constraint-force:less",
@@ -556,6 +664,48 @@ ROWS = (
         unsaid={"frame": "LINK_FRAME"},
         decides=True,
     ),
+    # What only the causal search adds, before the first step.
+    _added(
+        "setJointMotorControl2",
+        {"force": to(0), "controlMode": always("=", VELOCITY)},
+        "joints",
+        "=0",
+    ),
+    _added(
+        "setJointMotorControl2",
+        {
+            "force": to(0),
+            "controlMode": always("=", POSITION),
+            "targetPosition": always("+", 0.0),
+        },
+        "joints",
+        "=1000",
+    ),
+    *(
+        _added(DYNAMICS, dict.fromkeys(names.split(), to(0)), "links", tries)
+        for names, tries in (
+            ("rollingFriction spinningFriction", "=0.001"),
+            ("contactStiffness contactDamping", "=-1"),
+            ("maxJointVelocity", "=100000"),
+            ("ccdSweptSphereRadius", "=0.01"),
+        )
+    ),
+    *(
+        _added(ENGINE, {name: to(0)}, "", tries)
+        for name, tries in (("numSubSteps", "=10"), ("useSplitImpulse", "=1"))
+    ),
+    _added(CONSTRAINT, {"erp": to(0)}, "constraints", "=0.9"),
+    _added("setCollisionFilterPair", {"enableCollision": to(0)}, "pairs", "=0"),
+    _added(
+        POSE,
+        {"posObj": always("+", [0.0, 0.0, LIFTED_M]), "ornObj": always("+", [0.0] * 4)},
+        "bodies",
+        f"+{LIFTED_M}",
+        "start.base",
+    ),
+    # What the search changes in calls that the script makes, by function and argument: the first
+    # pattern counts.
+    *(Row("", change=pattern, tries=tries, breaks=breaks) for pattern, tries, breaks in IN_CALLS),
     # Calls left out.
     CallRow("without", makes=_without, words=Message("without p.{function}(…)"), needs="function"),
     Row("without:argument", words=Message("without p.{function}(…, {argument}=…)")),
@@ -576,4 +726,4 @@ ROWS = (
         words=Message("p.setJointMotorControl2(…, p.POSITION_CONTROL, …) in its place"),
     ),
 )
-INTERVENTIONS = Interventions(ROWS, dict.fromkeys(PARAMETERS, ()), _set_parameter, left_out)
+INTERVENTIONS = Interventions(ROWS, dict.fromkeys(PARAMETERS, ()), _set_parameter, left_out, SEES)

@@ -25,5 +25,6 @@ def becoming(held: Any, how: Sequence[Any]) -> Any:
     """Return what a value becomes, each element of a list by itself."""
     name, given = how
     if name != "=" and isinstance(held, (list, tuple)):
-        return [becoming(each, how) for each in held]
+        each = given if isinstance(given, (list, tuple)) else [given] * len(held)
+        return [becoming(one, (name, by)) for one, by in zip(held, each)]
     return OPERATORS[name](held, given)

@@ -16,7 +16,7 @@ from ...watching.hidden import hiding
 from ...watching.operators import becoming
 from ...watching.sites import caller, shown_file
 from .arguments import BODY_NAMES, CLIENT, UNNAMED, body_of, client_of, named, number
-from .functions import MAKES_BODIES, PUSHES
+from .functions import MAKES_BODIES, PUSHES, RETURNS
 
 Call = Callable[..., Any]
 Operation = Mapping[str, Any]
@@ -54,6 +54,65 @@ REPORTED: dict[str, tuple[str, int]] = {
     "jointUpperLimit": (JOINT, 9),
 }
 """Function, and index in its answer, by which a script reads what `changeDynamics` sets."""
+ABOUT = {
+    "changeDynamics": ("bodyUniqueId", "linkIndex"),
+    "setJointMotorControl2": ("bodyUniqueId", "jointIndex"),
+    "setJointMotorControlMultiDof": ("bodyUniqueId", "jointIndex"),
+    "resetBasePositionAndOrientation": ("bodyUniqueId",),
+    "changeConstraint": ("userConstraintUniqueId",),
+    "setCollisionFilterPair": ("bodyUniqueIdA", "bodyUniqueIdB", "linkIndexA", "linkIndexB"),
+}
+"""Names of the arguments by which a call that is added says what it is about."""
+STANDS: dict[str, Callable[..., Mapping[str, Any]]] = {
+    "setJointMotorControl2": lambda p, client, body, joint: {
+        "targetPosition": p.getJointState(body, joint, client)[0]
+    },
+    "resetBasePositionAndOrientation": lambda p, client, body: dict(
+        zip(("posObj", "ornObj"), p.getBasePositionAndOrientation(body, client))
+    ),
+}
+"""Where a body or a joint is that a call places or drives."""
+
+
+class Seen:
+    """What the causal search knows of a run: the calls of each line, and what touched."""
+
+    def __init__(self) -> None:
+        self.calls: dict[tuple[str, int, str], SeenCalls] = {}
+        """By file, line and function."""
+        self.pairs: set[tuple[int, ...]] = set()
+        """Client, bodies and links of what touched."""
+
+    def call(
+        self, function: str, arguments: Mapping[str, Any], client: int, keywords: Iterable[str]
+    ) -> None:
+        """Note a call, and which arguments it gives by name."""
+        frame = caller()
+        key = shown_file(frame.f_code.co_filename), frame.f_lineno, function
+        calls = self.calls.setdefault(key, SeenCalls())
+        calls.keywords.update(keywords)
+        calls.note(element_of(client, arguments), arguments)
+
+
+class SeenCalls:
+    """The calls of a function in a line."""
+
+    def __init__(self) -> None:
+        self.arguments: dict[str, Any] = {}
+        """Those of the first call that gives them, by name."""
+        self.elements: dict[tuple[int, int | None, int | None], dict[str, Any]] = {}
+        """The arguments of the last call by client, body, and link or joint."""
+        self.keywords: set[str] = set()
+        """The names of those that are given by name."""
+        self.varies = False
+        """Whether calls for the same element differ."""
+
+    def note(self, element: Any, arguments: Mapping[str, Any]) -> None:
+        """Note the arguments of a call."""
+        now = _copied(arguments)
+        self.arguments = {**now, **self.arguments}
+        self.varies |= _differ(now, self.elements.setdefault(element, now))
+        self.elements[element] = now
 
 
 class Interventions:
@@ -81,6 +140,10 @@ class Interventions:
         self._steps: dict[int, int] = {}
         self._made = False
         """Whether an operation has made a call."""
+        self._keywords: Mapping[str, Any] = {}
+        """The arguments that the script gives by name in its call."""
+        self.seen = Seen()
+        """What is seen of the run, if operations ask for it."""
         self._kept: dict[Any, Any] = {}
         """The state of an operation: the last push of a place, the last motor of a joint."""
 
@@ -99,6 +162,7 @@ class Interventions:
         def intervened(*args: Any, **kwargs: Any) -> Any:
             arguments, client = named(name, args, kwargs), client_of(name, args, kwargs)
             changed = arguments
+            self._keywords = kwargs
             for which, operation in mine:
                 make = getattr(self, f"_{operation['do']}", None)
                 if make is not None and self.is_about(operation, name, changed, client):
@@ -107,7 +171,7 @@ class Interventions:
                     if self._made or _differ(made, changed):
                         self._tell(which)
                         if made is None:
-                            return None
+                            return -1 if name in RETURNS else None
                         changed = made
             # As the script wrote it where nothing is changed: its form is recorded.
             same = changed is arguments
@@ -170,6 +234,9 @@ class Interventions:
                 here = [*_bodies(name, result)] or [self.next_body.get(client, 0)]
             if name not in WHOLE and body not in here:
                 return False
+        elements = operation.get("elements")
+        if elements is not None and [*element_of(client, arguments)] not in elements:
+            return False
         modes = operation.get("modes")
         return modes is None or arguments.get("controlMode") in modes
 
@@ -179,6 +246,37 @@ class Interventions:
         """Leave a call out, or some of its arguments."""
         left = operation["arguments"]
         return {n: v for n, v in arguments.items() if n not in left} if left else None
+
+    def _held(self, operation: Operation, arguments: Any, client: int) -> Any:
+        """Give what the first call of a line was given for an element."""
+        return self._kept.setdefault(_of_line(operation, arguments, client), _copied(arguments))
+
+    def _late(self, operation: Operation, arguments: Any, client: int) -> Any:
+        """Give what the call before was given."""
+        key = _of_line(operation, arguments, client)
+        before, self._kept[key] = self._kept.get(key, arguments), _copied(arguments)
+        return before
+
+    def _see(self, operation: Operation, arguments: Any, client: int) -> Any:
+        """Note a call, and what touches before a step."""
+        (function,) = operation["functions"]
+        if function == "stepSimulation":
+            for point in self._p.getContactPoints(physicsClientId=client):
+                self.seen.pairs.add((client, *point[1:5]))
+        else:
+            self.seen.call(function, arguments, client, self._keywords)
+        return arguments
+
+    def _once(self, operation: Operation, arguments: Any, client: int) -> Any:
+        """Make calls before the first step from now on, about what is there."""
+        key = "once", client, id(operation)
+        if key not in self._kept:
+            self._kept[key] = True
+            ids = operation["ids"]
+            for element in there(self._p, client, operation["each"], ids):
+                if not ids or [*element] in ids:
+                    self._give(operation, client, *element[1:])
+        return arguments
 
     def _apart(self, operation: Operation, arguments: Any, client: int) -> Any:
         """Give some arguments of a call in a call of their own, for the same link."""
@@ -303,25 +401,28 @@ class Interventions:
 
     def _add_then(self, operation: Operation, arguments: Any, client: int) -> None:
         """Add calls after this one; after one that sets the same only if it does."""
-        name, sets = operation["call"], operation["sets"]
-        if operation.get("only_after") and not sets.keys() & arguments.keys():
+        if operation.get("only_after") and not operation["sets"].keys() & arguments.keys():
             return
         body = operation.get("body")
-        about = {} if body is None else {"bodyUniqueId": body}
         joints = 0 if body is None else self._p.getNumJoints(body, client)
         for link in operation.get("links", [None]):
-            if link is not None and link >= joints:  # another body has its id: PyBullet would crash
-                continue
-            if link is not None:
-                about[operation["link_name"]] = link
-            noted: dict[str, Any] = {}
-            if name in ("changeDynamics", "setPhysicsEngineParameter"):
-                noted = self._noted(client, body, link, sets)
-            made = {key: _becoming(noted.get(key), how) for key, how in sets.items()}
-            self._make(client, name, **about, **made)
-            for key in sets:
-                reported = self._reported(client, body, link, key)
-                self._ours[client, body, link, key] = reported
+            if link is None or link < joints:  # another body has its id: PyBullet would crash
+                self._give(operation, client, body, link)
+
+    def _give(self, operation: Operation, client: int, *about: Any) -> None:
+        """Make a call about a body and a link, about other things, or about none."""
+        name, sets = operation["call"], operation["sets"]
+        named_as = {key: each for key, each in zip(ABOUT.get(name, ()), about) if each is not None}
+        body, link = (*about, None, None)[:2]
+        noted: Mapping[str, Any] = {}
+        if name in ("changeDynamics", "setPhysicsEngineParameter"):
+            noted = self._noted(client, body, link, sets)
+        elif name in STANDS:
+            noted = STANDS[name](self._p, client, *about)
+        made = {key: _becoming(noted.get(key), how) for key, how in sets.items()}
+        self._make(client, name, **named_as, **made)
+        for key in sets:
+            self._ours[client, body, link, key] = self._reported(client, body, link, key)
 
     def _noted(self, client: int, body: Any, link: Any, names: Iterable[str]) -> dict[str, Any]:
         """Note what the script is to read of a link, and return it."""
@@ -462,21 +563,60 @@ def _becoming(held: Any, how: Sequence[Any]) -> Any:
         held = number(held) or 0
     elif held is None and how[0] == ">":
         return how[1]
-    return becoming(held, how)
+    new = becoming(held, how)
+    # What PyBullet takes as a whole number stays one.
+    is_whole = isinstance(held, int) and isinstance(new, float) and new.is_integer()
+    return int(new) if is_whole else new
+
+
+def element_of(client: int, arguments: Mapping[str, Any]) -> tuple[int, int | None, int | None]:
+    """Return client, body, and joint or link that a call is about."""
+    link = arguments.get("jointIndex", arguments.get("linkIndex"))
+    return client, body_of({**arguments}), number(link)
+
+
+def there(p: Any, client: int, each: str, pairs: Iterable[Sequence[int]]) -> Iterator[Any]:
+    """Yield what is there of a kind: bodies, links, joints that move, constraints, what touched."""
+    if each in ("bodies", "links", "joints"):
+        for body in [p.getBodyUniqueId(n, client) for n in range(p.getNumBodies(client))]:
+            joints = range(p.getNumJoints(body, client))
+            if each == "bodies":
+                yield client, body
+            elif each == "links":
+                yield from ((client, body, link) for link in (-1, *joints))
+            else:
+                moving = (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC)
+                kinds = ((n, p.getJointInfo(body, n, client)[2]) for n in joints)
+                yield from ((client, body, joint) for joint, kind in kinds if kind in moving)
+    elif each == "constraints":
+        for which in range(p.getNumConstraints(client)):
+            yield client, p.getConstraintUniqueId(which, client)
+    elif each == "pairs":
+        yield from (pair for pair in sorted(map(tuple, pairs)) if pair[0] == client)
+    else:
+        yield (client,)
+
+
+def _of_line(operation: Operation, arguments: Any, client: int) -> tuple[Any, ...]:
+    frame = caller()
+    line = frame.f_code.co_filename, frame.f_lineno
+    return (operation["do"], id(operation), line, element_of(client, arguments))
+
+
+def _copied(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: _plain(value) for name, value in arguments.items()}
 
 
 def _differ(made: Any, arguments: Any) -> bool:
     """Return whether arguments differ, of which some may be arrays."""
     if made is arguments:
         return False
-    return made is None or {k: _plain(v) for k, v in made.items()} != {
-        k: _plain(v) for k, v in arguments.items()
-    }
+    return made is None or _copied(made) != _copied(arguments)
 
 
 def _plain(value: Any) -> Any:
     value = value.tolist() if hasattr(value, "tolist") else value
-    return [*value] if isinstance(value, tuple) else value
+    return [*value] if isinstance(value, (list, tuple)) else value
 
 
 def _bodies(name: str, result: Any) -> Iterator[int]:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...watching.changes import Change, how_of
+from ...watching.single_changes import Change, how_of
 from .intervene import (
     BALL,
     ENGINE,

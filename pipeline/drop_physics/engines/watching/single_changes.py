@@ -1,7 +1,7 @@
 """A single change of a run: what the causal search tries, whatever the engine.
 
-The rows of the table say which there are; an engine's `watch/changes` returns those that would
-change something in a run, and what each does otherwise there.
+The rows of the table say which there are. `single_changes` of an engine's `watch` returns those
+that would change something in a run, and what each does otherwise there.
 """
 
 from __future__ import annotations

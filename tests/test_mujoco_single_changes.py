@@ -17,9 +17,9 @@ mujoco = pytest.importorskip("mujoco")
 
 import numpy as np  # noqa: E402
 from drop_physics.engines.cures import TABLES  # noqa: E402
-from drop_physics.engines.mujoco.watch.changes import possible, trial_of  # noqa: E402
 from drop_physics.engines.mujoco.watch.intervene import ModelChanges, sizes  # noqa: E402
-from drop_physics.engines.watching.changes import Change  # noqa: E402
+from drop_physics.engines.mujoco.watch.single_changes import possible, trial_of  # noqa: E402
+from drop_physics.engines.watching.single_changes import Change  # noqa: E402
 
 SCENE = """<mujoco><option timestep="0.002" density="1.2" iterations="1"/><worldbody>
   <geom name="floor" type="plane" size="5 5 1" friction="0.6"/>

@@ -1,0 +1,169 @@
+"""The single changes of a run of a PyBullet script, and the operations that make them.
+
+The rows arrive as data (`interventions`): calls that are added before the first step, and patterns
+of functions and arguments with what is tried of them in the script's own calls.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from ...watching.operators import becoming
+from ...watching.single_changes import Change, how_of
+from .intervene import Seen, SeenCalls, there
+
+STEP, TIMESTEP = "stepSimulation", "timestep"
+NOT_SAID = {"loadURDF": {"useFixedBase": 0, "flags": 0}}
+"""Arguments that matter though a call does not give them, and what PyBullet takes for them."""
+OF_CALLS = ("left-out", "held", "late")
+
+Row = Mapping[str, Any]
+
+
+def possible(p: Any, rows: Sequence[Row], seen: Seen) -> list[Change]:
+    """Return the changes of rows that would change something in a run.
+
+    Parameters
+    ----------
+    p
+        PyBullet's own functions; its simulations are still there.
+    rows
+        As the table of interventions has them.
+    seen
+        What is seen of the script's own run.
+    """
+    patterns = [row for row in rows if "call" not in row and row["change"] != TIMESTEP]
+    of_calls = [
+        change
+        for site, calls in seen.calls.items()
+        for change in _of_calls(p, site, calls, patterns)
+    ]
+    found = [*of_calls, *_together(of_calls)]
+    clients = sorted({element[0] for calls in seen.calls.values() for element in calls.elements})
+    for row in rows:
+        for op in row["tries"]:
+            change = Change(row["change"], op, how_of(op), breaks=op in row["breaks"])
+            if row["change"] == TIMESTEP:
+                found.append(change)
+            elif "call" in row:
+                change = replace(change, how=(op, _once(row, op)))
+                ids = [each for n in clients for each in there(p, n, row["each"], seen.pairs)]
+                of = tuple(name_of(p, row["each"], each) for each in ids) if row["each"] else ()
+                found += [replace(change, ids=tuple(ids), of=of)] if ids else []
+    return found
+
+
+def trial_of(change: Change) -> dict[str, Any]:
+    """Return what differs in a run with a change, as `BulletWatch.become` takes it."""
+    if change.change == TIMESTEP:
+        return {"interventions": [], "variation": {"finer": int(change.how[1])}}
+    function, _, argument = change.change.partition(".")
+    operator, value = change.how
+    elements = [[*each] for each in change.ids]
+    operation: dict[str, Any] = {"functions": [function], "elements": elements}
+    if isinstance(value, dict):
+        operation = {"do": "once", "functions": [STEP], "ids": elements, **value}
+    elif operator in ("held", "late"):
+        operation["do"] = operator
+    elif operator in ("left-out", "default"):
+        operation.update(do="leave", arguments=[argument] if argument else [])
+    else:
+        sets = {argument: (operator, _whole(value))}
+        operation.update(do="set", sets=sets, given=operator != "^")
+    if change.site is not None:
+        operation["site"] = [*change.site]
+    return {"interventions": [operation], "variation": {}}
+
+
+def name_of(p: Any, each: str, element: Sequence[Any]) -> str:
+    """Return the name of what a change is of: of a body, of its link or joint, of two."""
+    client, *about = element
+    if each == "constraints":
+        return f"constraint{about[0]}"
+    if each == "pairs":
+        one, other, *links = about
+        sides = ((client, one, links[0]), (client, other, links[1]))
+        return " x ".join(name_of(p, "links", side) for side in sides)
+    body, link = (*about, None)[:2]
+    if body is None:
+        return ""
+    try:
+        name = p.getBodyInfo(body, client)[1].decode(errors="replace") or f"body{body}"
+        if link is None or link < 0:
+            return str(name)
+        return f"{p.getJointInfo(body, link, client)[1].decode(errors='replace')} of {name}"
+    except p.error:  # it is gone
+        return f"body{body}"
+
+
+# -- calls that the script makes ------------------------------------------------------------------
+
+
+def _of_calls(
+    p: Any, site: tuple[str, int, str], calls: SeenCalls, patterns: Sequence[Row]
+) -> Iterator[Change]:
+    """Yield the changes of the calls of a function in a line."""
+    file, line, function = site
+    ids = tuple(calls.elements)
+    names = (name_of(p, "links", each) for each in ids)
+    change = Change(function, "", ("", None), ids, tuple(names), site=(file, line))
+    for op, breaks in _tried(function, patterns):
+        if op in OF_CALLS and (op == "left-out" or calls.varies):
+            yield replace(change, op=op, how=how_of(op), breaks=breaks)
+    for argument, value in {**NOT_SAID.get(function, {}), **calls.arguments}.items():
+        named = f"{function}.{argument}"
+        # The first and the last value of each element: one alone may be 0.
+        given = [value, *(each.get(argument) for each in calls.elements.values())]
+        bits = [f"^{1 << n}" for n in range(24) if argument == "flags" and value & (1 << n)]
+        tried = dict(_tried(named, patterns))
+        for op, breaks in {**(dict.fromkeys(bits, False) if tried else {}), **tried}.items():
+            how = how_of(op)
+            if argument in calls.keywords if op == "default" else any(_does(v, how) for v in given):
+                yield replace(change, change=named, op=op, how=how, breaks=breaks)
+
+
+def _tried(named: str, patterns: Sequence[Row]) -> Iterator[tuple[str, bool]]:
+    """Yield the operators of the first pattern, and whether they break."""
+    for row in patterns:
+        if re.fullmatch(row["change"], named):
+            yield from ((op, op in row["breaks"]) for op in row["tries"])
+            return
+
+
+def _does(value: Any, how: tuple[str, Any]) -> bool:
+    """Return whether an operator changes a number, or numbers."""
+    numbers = value if isinstance(value, list) else [value]
+    if not numbers or not all(isinstance(each, (int, float)) for each in numbers):
+        return False
+    if how[0] == "^":
+        return True
+    return not isinstance(value, bool) and any(becoming(each, how) != each for each in numbers)
+
+
+def _together(changes: Sequence[Change]) -> Iterator[Change]:
+    """Yield the same change of all lines of a function at once, if there are several."""
+    alike: dict[tuple[str, str], list[Change]] = {}
+    for change in changes:
+        if change.op not in ("held", "late"):
+            alike.setdefault((change.change, change.op), []).append(change)
+    for each in alike.values():
+        if len(each) > 1:
+            named = {id_: of for one in each for id_, of in zip(one.ids, one.of)}
+            yield replace(each[0], ids=tuple(named), of=tuple(named.values()), site=None)
+
+
+# -- calls that are added -------------------------------------------------------------------------
+
+
+def _once(row: Row, op: str) -> dict[str, Any]:
+    """Return the call that is added, about each thing of a kind."""
+    operator, value = how_of(op)
+    sets = {**row["fixed"], **dict.fromkeys(row["takes"], (operator, _whole(value)))}
+    return {"call": row["call"], "each": row["each"], "sets": sets}
+
+
+def _whole(value: Any) -> Any:
+    return int(value) if isinstance(value, float) and value.is_integer() else value
