@@ -7,18 +7,21 @@ one.
 
 from __future__ import annotations
 
+import os
 import resource
 import statistics
 import subprocess
 import sys
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from drop_physics.engines.mujoco.explained import explained
-from drop_physics.engines.mujoco.received import Received
+from drop_physics.engines.mujoco.explained import ReplayedPiece
+from drop_physics.engines.mujoco.stepping import Stepper, StepsWanted
 from drop_physics.engines.script import Program, Script
 from drop_physics.trace.events import Event
+from drop_physics.trace.frames import Frames, ModelPart
 
 from benchmarks.harness import Measured
 
@@ -150,10 +153,9 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
             unit=unit,
             detail=detail,
         )
-        spool = path.with_name("spool")
         path.write_text(SCRIPT.format(model=scene.model, warm=0, steps=1))
-        _watched(path, folder / "short")
-        took = [_explained(spool) - _explained(folder / "short") for _ in range(pairs)]
+        whole, short = runs[-1][0], _watched(path)
+        took = [_explained(whole) - _explained(short) for _ in range(pairs)]
         made = steps + steps // 10
         yield Measured(
             f"explaining {name} in MuJoCo, per step",
@@ -162,7 +164,7 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
             scene.explained_us,
             unit="µs",
         )
-        kept = _bytes(spool) / made
+        kept = _bytes(whole) / made
         yield Measured(
             f"bytes of {name} in MuJoCo, explained",
             "its states",
@@ -180,6 +182,8 @@ class Stepped:
     step_us: float
     bytes: float = 0.0
     """What was sent for a step."""
+    wanted: Sequence[StepsWanted] = ()
+    """All steps."""
 
 
 def _bare(path: Path) -> Stepped:
@@ -188,40 +192,50 @@ def _bare(path: Path) -> Stepped:
     return Stepped(state, float(took))
 
 
-def _watched(path: Path, spool: Path | None = None) -> Stepped:
+def _watched(path: Path) -> Stepped:
     printed, sent = path.with_name("printed.txt"), 0
-    with printed.open("wb") as stdout, (spool or path.with_name("spool")).open("wb") as spooled:
-        received = Received(spooled)
-
-        def take(payload: bytes) -> Iterator[Event]:
-            nonlocal sent
-            sent += len(payload) * (payload[:1] in b"SW")
-            for _ in received.take(payload):
-                pass
-            yield from ()
-
+    with printed.open("wb") as stdout:
         program = Program(str(path), (), sys.executable)
         with Script(program, stdout=stdout.fileno()) as script:
-            script.decoder.mujoco.take = take
-            for _ in script.events():
-                pass
+            take = script.decoder.mujoco.take
+
+            def counted(payload: bytes) -> Iterable[Event]:
+                nonlocal sent
+                sent += len(payload) * (payload[:1] in b"SW")
+                return take(payload)
+
+            script.decoder.mujoco.take = counted
+            events = [*script.events()]
+            steps = script.decoder.mujoco.steps
+    handle, name = tempfile.mkstemp(suffix=".mjb")
+    with os.fdopen(handle, "wb") as model:
+        model.write(b"".join(each.data for each in events if isinstance(each, ModelPart)))
+    wanted = [
+        StepsWanted(Path(name), each, 0, len(each)) for each in events if isinstance(each, Frames)
+    ]
     state, took = printed.read_text().split()
-    return Stepped(state, float(took), sent / received.steps)
+    return Stepped(state, float(took), sent / steps, wanted)
 
 
-def _explained(spool: Path) -> float:
+def _pieces(run: Stepped) -> Iterator[ReplayedPiece]:
+    """Yield the explanation of all steps."""
+    with Stepper(sys.executable, None) as stepper:
+        yield from (piece for _, piece in stepper.explained(run.wanted))
+
+
+def _explained(run: Stepped) -> float:
     """Return the processor time of an explanation [s]."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    for piece in explained(spool, sys.executable):
+    for piece in _pieces(run):
         assert not piece.status.any(), "a step is not explained"
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def _bytes(spool: Path) -> int:
+def _bytes(run: Stepped) -> int:
     """Return the bytes of an explanation's arrays."""
     total = 0
-    for piece in explained(spool, sys.executable):
+    for piece in _pieces(run):
         points = len(piece.touches) * (4 + 4 * 10)
         total += piece.values.nbytes + points + 18 * len(piece.status)
     return total

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,10 +13,12 @@ from typing import Any
 import forked
 import numpy as np
 from drop_physics.engines.mujoco.explain.reasons import REASONS
-from drop_physics.engines.mujoco.explained import ReplayedPiece, explained
+from drop_physics.engines.mujoco.explained import ReplayedPiece
 from drop_physics.engines.mujoco.received import Received, StepPiece, Written
+from drop_physics.engines.mujoco.stepping import Stepper, StepsWanted
 from drop_physics.engines.script import Program, Script
 from drop_physics.trace.events import Ending, Event
+from drop_physics.trace.frames import Frames, ModelPart
 
 MACHINE = """
 <mujoco>
@@ -104,7 +106,12 @@ class Run:
     printed: str
     said: str
     """Its standard error."""
-    spool: Path
+    frames: list[Frames]
+    """One simulation after the other."""
+    models: Path
+    """The folder with their models, by number."""
+    sent: list[bytes]
+    """The payloads."""
 
     def steps(self, world: int = 0) -> int:
         """Return how many steps a simulation has made."""
@@ -125,7 +132,12 @@ class Run:
 
     def explained(self) -> list[ReplayedPiece]:
         """Return the steps, replayed and explained."""
-        return list(explained(self.spool, sys.executable))
+        with Stepper(sys.executable, self.received.version) as stepper:
+            wanted = (
+                StepsWanted(self.models / f"{each.model}.mjb", each, 0, len(each))
+                for each in self.frames
+            )
+            return [piece for _, piece in stepper.explained(wanted)]
 
 
 def bare(folder: Path, text: str, *, alone: bool = False) -> subprocess.CompletedProcess[str]:
@@ -142,30 +154,38 @@ def watched(folder: Path, text: str, **how: Any) -> Run:
     """Run a script in a folder, and return what its process has sent."""
     folder.mkdir(exist_ok=True)
     folder.joinpath("script.py").write_text(text)
-    back, pieces = Path.cwd(), []
+    back, pieces, sent = Path.cwd(), [], []
     os.chdir(folder)
     try:
         with (
             Path("printed.txt").open("wb") as printed,
             Path("said.txt").open("wb") as said,
-            Path("spool").open("wb") as spool,
         ):
-            received = Received(spool)
-
-            def take(payload: bytes) -> Iterator[Event]:
-                pieces.extend(received.take(payload))
-                yield from ()
-
             program = Program("script.py", [], sys.executable, **how)
             with Script(program, stdout=printed.fileno(), stderr=said.fileno()) as script:
-                script.decoder.mujoco.take = take
-                list(script.events())
-                ending = script.ending()
-            pieces += received.rest()
+                decoder = script.decoder.mujoco
+                take, on_piece = decoder.take, decoder._on_piece
+
+                def taken(payload: bytes) -> Iterable[Event]:
+                    sent.append(payload)
+                    return take(payload)
+
+                def seen(piece: StepPiece) -> Iterator[Event]:
+                    pieces.append(piece)
+                    return on_piece(piece)
+
+                decoder.take, decoder._on_piece = taken, seen
+                events = [*script.events()]
+                received, ending = decoder._received, script.ending()
     finally:
         os.chdir(back)
+    for event in events:
+        if isinstance(event, ModelPart):
+            with folder.joinpath(f"{event.number}.mjb").open("ab") as file:
+                file.write(event.data)
+    frames = sorted((each for each in events if isinstance(each, Frames)), key=lambda e: e.client)
     texts = [folder.joinpath(name).read_text() for name in ("printed.txt", "said.txt")]
-    return Run(received, pieces, ending, *texts, folder / "spool")
+    return Run(received, pieces, ending, *texts, frames, folder, sent)
 
 
 def of_world(pieces: list[ReplayedPiece], world: int) -> Iterator[ReplayedPiece]:

@@ -7,7 +7,9 @@ inputs, one step must lead to the recorded state, to the last bit. No step knows
 from __future__ import annotations
 
 import hashlib
+import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +19,11 @@ import pytest
 from drop_physics import record_script
 from drop_physics.engines.mujoco.explain.loaded import load
 from drop_physics.engines.mujoco.frames import STALE, STEPS, kind_of
+from drop_physics.engines.mujoco.stepping import Stepper, StepsWanted
 from drop_physics.errors import RecordingError
 from drop_physics.recording import schema
 from drop_physics.recording.reader import Recording, read
-from drop_physics.trace.frames import Frames, ModelEdit
+from drop_physics.trace.frames import Column, Frames, ModelEdit
 from mujoco_scripts import MACHINE
 
 BEGIN = f"""
@@ -176,6 +179,54 @@ def test_each_step_is_taken_again_from_its_frame(name: str, tmp_path: Path) -> N
     assert len({(client, step) for client, step, _ in made}) == len(made)
     if name == "asleep":  # without what sleeps, steps lead elsewhere
         assert any((f.after["tree_asleep"] >= 0).any() for f in run.steps.pieces(0, 0, 1 << 60))
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_a_stepper_takes_each_step_alone_and_leads_to_its_state(name: str, tmp_path: Path) -> None:
+    """The process that takes them is given whole pieces, and leads where the script's steps led."""
+    run, files = recorded(tmp_path, RUNS[name]), tmp_path / "models"
+    files.mkdir()
+    for number in run.steps.models:
+        (files / str(number)).write_bytes(run.steps.model(number))
+    with Stepper(sys.executable, mujoco.__version__) as stepper:
+        for client in run.steps.clients:
+            edits: list[ModelEdit] = []
+            for frames in run.steps.pieces(client, 0, 1 << 60):
+                end = min(len(frames), 300)
+                wanted = StepsWanted(files / str(frames.model), frames, end // 3, end, edits)
+                reached = stepper.states(wanted)
+                edits += frames.edits
+                for part, rows in reached.items():
+                    expected = frames.clock_s if part == "clock_s" else frames.after[part]
+                    np.testing.assert_array_equal(rows, expected[end // 3 : end], part)
+
+
+def test_a_step_of_another_state_is_taken_too(tmp_path: Path) -> None:
+    """One step from a state of ours, with inputs that were none of the script's."""
+    run = recorded(tmp_path, "for k in range(20): mujoco.mj_step(m, d)")
+    path = tmp_path / "model.mjb"
+    path.write_bytes(run.steps.model(0))
+    (frames,) = run.steps.pieces(0, 0, 20)
+    qvel = frames.after["qvel"].copy()
+    qvel[9] += 0.01
+    ctrl = Column(np.array([0, 10]), np.array([frames.given(0)["ctrl"], np.full(7, 0.5)]))
+    other = replace(
+        frames, after={**frames.after, "qvel": qvel}, inputs={**frames.inputs, "ctrl": ctrl}
+    )
+    with Stepper(sys.executable, None) as stepper:
+        reached = stepper.states(StepsWanted(path, other, 10, 11))
+    m = mujoco.MjModel.from_binary_path(str(path))
+    d = mujoco.MjData(m)
+    for part, row in frames.state(10).items():
+        if part == "clock_s":
+            d.time = row[0]
+        else:
+            getattr(d, part)[:] = row
+    d.qvel[:], d.ctrl[:] = qvel[9], 0.5
+    mujoco.mj_step(m, d)
+    np.testing.assert_array_equal(reached["qpos"][0], d.qpos)
+    np.testing.assert_array_equal(reached["qvel"][0], d.qvel)
+    assert not np.array_equal(d.qvel, frames.after["qvel"][10])
 
 
 def test_windows_are_read_alone(tmp_path: Path) -> None:

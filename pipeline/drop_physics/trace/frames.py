@@ -115,6 +115,13 @@ class Frames:
         left = {name: rows[step - 1] for name, rows in self.after.items()}
         return {CLOCK: self.clock_s[step - 1 : step], **left}
 
+    def starts(self, name: str) -> Float64:
+        """Return a part of the state before each step, shape (n, width)."""
+        rows = self.after[name]
+        starts: Float64 = np.concatenate((np.zeros((1, rows.shape[1])), rows[:-1]))
+        starts[self.before[name].at] = self.before[name].rows
+        return starts
+
     def given(self, step: int) -> dict[str, Float64]:
         """Return the inputs of a step, counted from the first, by name."""
         return {name: each.held(step) for name, each in self.inputs.items()}

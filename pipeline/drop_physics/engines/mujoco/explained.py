@@ -1,29 +1,15 @@
-"""Steps that were explained in the script's interpreter, as arrays.
-
-`explained` runs `explain` on what a script has sent, and yields what became of its steps in pieces.
-"""
+"""Steps that were explained in an interpreter that has their MuJoCo, as arrays."""
 
 from __future__ import annotations
 
-import subprocess
-from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.engines.channel import WATCHING
-from drop_physics.engines.mujoco import frames
-from drop_physics.engines.mujoco.received import LENGTH
-from drop_physics.errors import DropError
-from drop_physics.workers import how_it_ended, users_environment
-
 Float64 = NDArray[np.float64]
 
-MODULE = "mujoco.explain.answering"
-"""The module that is run in the script's interpreter."""
 TOUCH = np.dtype(
     [
         ("step", np.int64),
@@ -110,38 +96,7 @@ class ReplayedPiece:
         return found
 
 
-def explained(spool: Path, python: str) -> Iterator[ReplayedPiece]:
-    """Replay and explain what a script has sent, in its interpreter.
-
-    Parameters
-    ----------
-    spool
-        What `Received` has kept.
-    python
-        The interpreter that ran the script.
-
-    Raises
-    ------
-    DropError
-        If that ends before it is through.
-    """
-    command = [python, str(WATCHING), MODULE, str(spool)]
-    known: dict[int, Vocabulary] = {}
-    with subprocess.Popen(command, stdout=subprocess.PIPE, env=users_environment()) as process:
-        assert process.stdout is not None
-        while len(head := process.stdout.read(LENGTH.size)) == LENGTH.size:
-            said, arrays = frames.arrays_of(process.stdout.read(*LENGTH.unpack(head)))
-            yield _piece(said, arrays, known.setdefault(said["model"], Vocabulary()))
-    if process.returncode:
-        raise DropError(
-            "{python} ended with {how} while it replayed the script's steps; --no-explain records "
-            "without that",
-            python=python,
-            how=how_it_ended(process.returncode),
-        )
-
-
-def _piece(
+def piece_of(
     said: dict[str, Any], arrays: dict[str, NDArray[Any]], vocabulary: Vocabulary
 ) -> ReplayedPiece:
     """Return a piece; what it says of its model's terms is added to the vocabulary."""

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, TypeVar
+import pickle
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import IO, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.engines.mujoco.described import DescribedBody
-from drop_physics.engines.mujoco.frames import ASLEEP, CORE, USER
+from drop_physics.engines.mujoco.frames import ASLEEP, CORE, STATE, USER
 from drop_physics.engines.mujoco.received import Edited, StepPiece, Written
 from drop_physics.trace.frames import CLOCK, Column, Frames, ModelEdit, SharedColumns
 
@@ -18,8 +20,8 @@ Held = Mapping[str, NDArray[Any]]
 """The parts of a state, flat; one that was never sent is zero."""
 T = TypeVar("T")
 
-STATE = (*CORE, ASLEEP)
-"""The parts that a step changes."""
+FEW_STEPS = 10**9
+"""A run of fewer steps is explained when it is recorded."""
 
 
 class FramesOfSteps:
@@ -143,6 +145,45 @@ class FramesOfSteps:
             row = changed.get(step, row)
             row = rows[step] = slept.get(step + 1, row)
         return rows
+
+
+class KeptFrames:
+    """The frames of a short run, kept until its steps are explained; `close` it."""
+
+    def __init__(self) -> None:
+        self._file: IO[bytes] | None = None
+        self._places: list[tuple[int, int]] = []
+        """The simulation of each piece, and where it is in the file."""
+        self._steps = 0
+
+    @property
+    def is_full(self) -> bool:
+        """Whether the run is too long to be explained at once: nothing is kept then."""
+        return self._steps >= FEW_STEPS
+
+    def add(self, frames: Frames) -> None:
+        """Add a piece."""
+        self._steps += len(frames)
+        if self.is_full:
+            self.close()
+            return
+        if self._file is None:
+            self._file = tempfile.TemporaryFile()  # noqa: SIM115 - until it is closed
+        self._places.append((frames.client, self._file.tell()))
+        pickle.dump(frames, self._file, pickle.HIGHEST_PROTOCOL)
+
+    def in_order(self) -> Iterator[Frames]:
+        """Yield all pieces, one simulation after the other."""
+        for _, place in sorted(self._places):
+            assert self._file is not None
+            self._file.seek(place)
+            yield pickle.load(self._file)
+
+    def close(self) -> None:
+        """Forget all."""
+        if self._file is not None:
+            self._file.close()
+        self._file, self._places = None, []
 
 
 def _until(rows: dict[int, T], end: int) -> dict[int, T]:

@@ -29,6 +29,8 @@ import numpy as np
 NOTE, ARRAYS, STEP, WRITTEN = b"N", b"A", b"S", b"W"
 EDITED, DONE, CALLBACK, WARNED = b"E", b"D", b"C", b"!"
 
+LENGTH = Struct("<I")
+"""What goes before each payload of a request, and of an answer."""
 STEP_HEAD = Struct("<cBHIId")
 """STEP, by which function (`STEPS`), 0, number of the simulation, site, time after it [s]."""
 WRITTEN_HEAD = Struct("<cBHIIid")
@@ -89,10 +91,14 @@ CORE = ("qpos", "qvel", "act", "history", "plastic", "qacc_warmstart", "plugin_s
 """What a step changes, in the order of MuJoCo's memory."""
 USER = ("ctrl", "qfrc_applied", "xfrc_applied", "eq_active", "mocap_pos", "mocap_quat")
 """What only the script changes, likewise."""
+CLOCK = "clock_s"
+"""The name of MuJoCo's own clock among the parts of a state."""
 ASLEEP = "tree_asleep"
 """How long each tree has been still, or which one sleeps with it; a step changes it, and needs it.
 MuJoCo before 3.4 has none."""
 PARTS = (*CORE, *USER, ASLEEP)
+STATE = (*CORE, ASLEEP)
+"""What a step changes, and the next one needs."""
 KINDS: dict[str, np.dtype[Any]] = {"eq_active": np.dtype(np.uint8), ASLEEP: np.dtype(np.int32)}
 """Types of the parts whose elements are no doubles."""
 DOUBLE = np.dtype(np.float64)

@@ -11,13 +11,18 @@ mass. Source: the same power, f·v + τ·ω, of v = v_c - ω × r.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.engines.mujoco.described import DescribedBody, DescribedModel
+from drop_physics.engines.mujoco.described import (
+    DescribedBody,
+    DescribedModel,
+    normalized,
+    xyzw,
+)
 from drop_physics.engines.mujoco.explain.reasons import EXPLAINED, OTHER, REASONS
 from drop_physics.engines.mujoco.explained import ImpulseTerm, ReplayedPiece
 from drop_physics.engines.mujoco.held import friction_of, softness_of
@@ -31,6 +36,7 @@ from drop_physics.trace.events import (
     Impulses,
     PairFriction,
 )
+from drop_physics.trace.frames import Frames
 from drop_physics.trace.states import CONTACT, Rows
 
 Float64 = NDArray[np.float64]
@@ -81,21 +87,14 @@ class ExplainedSteps:
         Its number.
     described
         What its model is.
-    first
-        The first of its steps, of those of its MjData.
-    turns
-        The orientations of its free bodies before each step, x, y, z, w, shape (n, bodies, 4).
-    free
-        Where each free body is in `turns`, by its number.
     """
 
     client: int
     described: DescribedModel
-    first: int
-    turns: Float64
-    free: Mapping[int, int]
     _parts: dict[int, list[_CausePart]] = field(default_factory=dict)
     _causes: dict[tuple[object, ...], ImpulseCause] = field(default_factory=dict)
+    _starts: Float64 = field(default_factory=lambda: np.empty((0, 0)))
+    """`qpos` before each step of a piece."""
     _frictions: dict[tuple[int, int, int, int], float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -104,20 +103,24 @@ class ExplainedSteps:
         places = [self.described.link_of[body] for body in geoms.tolist()]
         self._geoms = np.array(places, np.int64).reshape(-1, 2)
 
-    def events(self, piece: ReplayedPiece, times_s: Float64, numbers: Iterator[int]) -> Events:
+    def events(
+        self, piece: ReplayedPiece, frames: Frames, times_s: Float64, numbers: Iterator[int]
+    ) -> Events:
         """Yield what became of the steps of a piece.
 
         Parameters
         ----------
         piece
             The steps.
+        frames
+            The frames that they were taken from, and perhaps others.
         times_s
             The times of the samples that they led to [s].
         numbers
             Yields the number of a new cause.
         """
         n = len(piece.status)
-        steps = piece.first - self.first + 1 + np.arange(n, dtype=np.int64)
+        steps = piece.first + 1 + np.arange(n, dtype=np.int64)
         status = np.array([_replay(reason) for reason in REASONS])[piece.reason]
         status[(piece.status == OTHER) & (status == UNKNOWN)] = NOT_REPLAYED
         status = np.where(piece.status == EXPLAINED, 0, status)
@@ -125,6 +128,8 @@ class ExplainedSteps:
         remainder = np.zeros(n)
         remainder[at] = np.where(np.isfinite(piece.remainder), piece.remainder, 1.0)
         known = len(self._causes)
+        begin = piece.first - frames.first
+        self._starts = frames.starts("qpos")[begin : begin + n]
         blocks = self._blocks(piece, numbers)
         yield from [*self._causes.values()][known:]
         yield _impulses(self.client, steps, times_s, status, remainder, blocks)
@@ -141,7 +146,7 @@ class ExplainedSteps:
             for part in self._parts_of(term, piece.vocabulary.terms[term], numbers):
                 block = np.zeros((len(rows), len(part.cause.places)))
                 block[:, part.rows] = values[:, part.columns]
-                self._turn(part, block, piece.first + rows - self.first)
+                self._turn(part, block, rows)
                 found.setdefault(part.cause.number, []).append((rows, block))
         blocks = []
         for number, parts in sorted(found.items()):
@@ -155,11 +160,12 @@ class ExplainedSteps:
             blocks.append((number, rows, held))
         return blocks
 
-    def _turn(self, part: _CausePart, block: Float64, steps: Int64) -> None:
+    def _turn(self, part: _CausePart, block: Float64, rows: Int64) -> None:
         """Turn impulses on a free base, and about a ball, into a recording's axes, in place."""
         places, made = part.cause.places, part.body
         if made.free >= 0 and places[0] < 6:
-            turn = self.turns[steps, self.free[made.body.number]]
+            at = int(self.described.arrays["jnt_qposadr"][made.free])
+            turn = normalized(xyzw(self._starts[rows, at + 3 : at + 7]))
             arm = rotate(turn, np.tile(_centre(self.described, made), (len(turn), 1)))
             block[:, 0:3] = rotate(turn, block[:, 0:3]) - np.cross(arm, block[:, 3:6])
         first = 6 * (made.free >= 0)
@@ -219,7 +225,7 @@ class ExplainedSteps:
         """Return contact points as a recording has them; the second geometry is its first body."""
         touches = piece.touches
         rows = np.zeros(len(touches), CONTACT)
-        rows["step"] = touches["step"] - self.first + 1
+        rows["step"] = touches["step"] + 1
         for side, geom in (("a", touches["second"]), ("b", touches["first"])):
             places = self._geoms[np.maximum(geom, 0)]
             rows[f"body_{side}"], rows[f"link_{side}"] = places[:, 0], places[:, 1]

@@ -36,6 +36,14 @@ EDITABLE = re.compile(
 """Arrays of a model that a step reads and a script may have a reason to edit."""
 
 
+LOOKS = re.compile(
+    r"tex_\w+|light_\w+|vis\w*|bvh_\w+|oct_\w+|\w+_user|mesh_(normal|texcoord|facenormal"
+    r"|facetexcoord|poly\w*|pathadr|bvh\w*|oct\w*)|skin_\w+|flex\w*|efm\w*|plugin_attr\w*"
+    r"|mat_tex\w+|paths|text_\w+|map\w+|[BM]_\w+|D_\w+|cam_(mat0|pos0|poscom0)|names_map"
+)
+"""Arrays of a model that no analysis needs: looks, and what speeds up a step."""
+
+
 def view_of(address: int, size: int) -> memoryview:
     """Return memory of this process as bytes; the caller must keep its owner alive."""
     return memoryview((ctypes.c_char * size).from_address(address)).cast("B")
@@ -198,3 +206,24 @@ def stretches_of(fields: list[Field]) -> list[tuple[bytearray, memoryview, int]]
             found.append([field.address, end])
     views = [(view_of(begin, end - begin), begin) for begin, end in found]
     return [(bytearray(view), view, begin) for view, begin in views]
+
+
+def constants_of(m: Any) -> dict[str, Any]:
+    """Return what an analysis reads of a model: arrays, sizes, options, and the names of all."""
+    found: dict[str, Any] = {}
+    for name in dir(m):
+        if name.startswith("_") or LOOKS.fullmatch(name):
+            continue
+        value = getattr(m, name)
+        if isinstance(value, np.ndarray):
+            if value.size:
+                found[name] = value
+        elif isinstance(value, (int, float)):
+            found[name] = np.array(value)
+        elif isinstance(value, bytes):
+            found[name] = np.frombuffer(value, np.uint8)
+    for name in dir(m.opt):
+        value = getattr(m.opt, name)
+        if not name.startswith("_") and isinstance(value, (int, float, np.ndarray)):
+            found[f"opt.{name}"] = np.array(value)
+    return found

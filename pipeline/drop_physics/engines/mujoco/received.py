@@ -10,7 +10,7 @@ import struct
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,6 @@ Float64 = NDArray[np.float64]
 
 PIECE_STEPS, PIECE_BYTES = 1 << 12, 1 << 22
 """A piece has at most so many steps, and bytes of states."""
-LENGTH = struct.Struct("<I")
-"""Header of each payload in a spool."""
 WHERE = struct.Struct("<4xII")
 """Simulation and site in a `frames.STEP_HEAD`."""
 STEP_HEAD = np.dtype(
@@ -184,14 +182,12 @@ class Received:
 
     Parameters
     ----------
-    spool
-        A file that gets all that `explain` needs, or None.
     models
         A folder that gets each model in MuJoCo's binary form, under its digest; None for no models.
     """
 
-    def __init__(self, spool: BinaryIO | None = None, models: Path | None = None) -> None:
-        self._spool, self._models_folder = spool, models
+    def __init__(self, models: Path | None = None) -> None:
+        self._models_folder = models
         self.version = self.python = ""
         self.models: dict[int, MujocoModel] = {}
         self.sites: list[ScriptLine] = []
@@ -222,8 +218,6 @@ class Received:
 
     def take(self, payload: bytes) -> Iterable[StepPiece]:
         """Read a payload; return the pieces that are complete now."""
-        if self._spool is not None:
-            self._spool.write(LENGTH.pack(len(payload)) + payload)
         kind = payload[:1]
         if kind == frames.STEP:
             return self._on_step(payload)

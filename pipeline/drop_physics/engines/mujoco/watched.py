@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,12 +31,12 @@ from drop_physics.engines.mujoco.described import (
     xyzw,
 )
 from drop_physics.engines.mujoco.explain.reasons import EXPLAINED, OTHER
-from drop_physics.engines.mujoco.explained import explained
-from drop_physics.engines.mujoco.framed import FramesOfSteps, shared_by
+from drop_physics.engines.mujoco.framed import FramesOfSteps, KeptFrames, shared_by
 from drop_physics.engines.mujoco.frames import CAUSES
 from drop_physics.engines.mujoco.held import equalities_of
 from drop_physics.engines.mujoco.impulses import ExplainedSteps
 from drop_physics.engines.mujoco.received import Edited, Received, ScriptLine, StepPiece, Written
+from drop_physics.engines.mujoco.stepping import Stepper, StepsWanted
 from drop_physics.engines.surfaces import surfaces_of
 from drop_physics.fields import all_of, counted
 from drop_physics.messages import Message
@@ -118,22 +118,12 @@ class MujocoSimulation:
     """The last step of which there is a sample."""
     warned: dict[int, EngineWarning] = field(default_factory=dict)
     """MuJoCo's warnings, by its number of the kind."""
-    written: dict[int, Float64] = field(default_factory=dict)
-    """`qpos` as it was written before steps of the piece."""
     given: dict[int, Float64] = field(default_factory=dict)
     """The controls of actuators before steps of the piece, where they changed."""
-    turns: BinaryIO | None = None
-    """A file of the orientations of its free bodies before each step."""
     ctrl: Float64 | None = None
     """The controls of its actuators in the last step."""
     since: list[tuple[int, float, float]] = field(default_factory=list)
     """The changes of its timestep: step, and time and timestep from there on."""
-
-    @property
-    def free(self) -> dict[int, int]:
-        """The index of each free body in the file, by its number."""
-        numbers = [made.body.number for made in self.described.bodies if made.free >= 0]
-        return {number: place for place, number in enumerate(numbers)}
 
     def times_s(self, steps: Int64) -> Float64:
         """Return the times of some steps, the sums of the timesteps before [s]."""
@@ -195,7 +185,7 @@ class MujocoDecoder:
 
     def __init__(self) -> None:
         self._folder: Path | None = None
-        self._spool: BinaryIO | None = None
+        self._frames = KeptFrames()
         self._received: Received | None = None
         self._simulations: dict[tuple[int, int], MujocoSimulation] = {}
         self._described_before: dict[str, tuple[DescribedBody, ...]] = {}
@@ -224,10 +214,8 @@ class MujocoDecoder:
         return 0 if self._received is None else len(self._received.faults)
 
     def close(self) -> None:
-        """Close the files, and remove the folder."""
-        for file in (self._spool, *(each.turns for each in self._simulations.values())):
-            if file is not None:
-                file.close()
+        """Remove the files."""
+        self._frames.close()
         if self._folder is not None:
             shutil.rmtree(self._folder, ignore_errors=True)
 
@@ -250,8 +238,7 @@ class MujocoDecoder:
         """Return the events in a payload."""
         if self._received is None:
             self._folder = Path(tempfile.mkdtemp(prefix="drop-"))
-            self._spool = (self._folder / "spool").open("wb")
-            self._received = Received(self._spool, self._folder)
+            self._received = Received(self._folder)
         pieces = self._received.take(payload)
         return self._on_pieces(pieces) if pieces else ()
 
@@ -266,33 +253,40 @@ class MujocoDecoder:
             yield from its.warned.values()
 
     def explained(self, python: str) -> Iterator[Event]:
-        """Replay and explain all steps in the script's interpreter; yield what that says.
+        """Take all steps again and explain them, if they are few; yield what that says.
+
+        Parameters
+        ----------
+        python
+            The script's interpreter.
 
         Raises
         ------
         DropError
             If it ends before it is through.
         """
-        if self._received is None or self._spool is None or not self.steps:
+        if self._received is None or not self.steps or self._frames.is_full:
             return
-        assert self._folder is not None
-        self._spool.flush()
         numbers = itertools.count()
-        of_simulation: dict[tuple[int, int], ExplainedSteps] = {}
-        for piece in explained(self._folder / "spool", python):
-            key = piece.world, piece.model
-            its = self._simulations[key]
-            if key not in of_simulation:
-                of_simulation[key] = ExplainedSteps(
-                    its.client, its.described, its.first, _turns(its), its.free
-                )
-            n = len(piece.status)
-            steps = piece.first - its.first + 1 + np.arange(n, dtype=np.int64)
-            self.replayed += int((piece.status != OTHER).sum())
-            self.explains += int((piece.status == EXPLAINED).sum())
-            closes = piece.remainder[piece.status[piece.steps - piece.first] == EXPLAINED]
-            self.remainder = max(self.remainder, float(closes.max(initial=0.0)))
-            yield from of_simulation[key].events(piece, its.times_then_s(steps), numbers)
+        of_client = {its.client: its for its in self._simulations.values()}
+        made = {client: ExplainedSteps(client, its.described) for client, its in of_client.items()}
+        with Stepper(python, self.version) as stepper:
+            for wanted, piece in stepper.explained(self._wanted()):
+                its = of_client[wanted.frames.client]
+                steps = piece.first + 1 + np.arange(len(piece.status), dtype=np.int64)
+                self.replayed += int((piece.status != OTHER).sum())
+                self.explains += int((piece.status == EXPLAINED).sum())
+                closes = piece.remainder[piece.status[piece.steps - piece.first] == EXPLAINED]
+                self.remainder = max(self.remainder, float(closes.max(initial=0.0)))
+                times_s = its.times_then_s(steps)
+                yield from made[its.client].events(piece, wanted.frames, times_s, numbers)
+
+    def _wanted(self) -> Iterator[StepsWanted]:
+        """Yield all steps, one simulation after the other."""
+        assert self._folder is not None
+        files = {number: self._folder / f"{digest}.mjb" for digest, number in self._models.items()}
+        for frames in self._frames.in_order():
+            yield StepsWanted(files[frames.model], frames, 0, len(frames))
 
     def notes(self) -> Iterator[Message]:
         """Yield notes about the recording."""
@@ -356,7 +350,9 @@ class MujocoDecoder:
             ]
             yield from self._on_steps(simulation, piece, first, last, here)
         shared = shared_by(simulation.described.bodies)
-        yield simulation.frames.of_piece(piece, simulation.timestep_s, shared)
+        frames = simulation.frames.of_piece(piece, simulation.timestep_s, shared)
+        self._frames.add(frames)
+        yield frames
 
     def _warned(self, its: MujocoSimulation, piece: StepPiece) -> None:
         """Count MuJoCo's warnings in a piece."""
@@ -436,7 +432,6 @@ class MujocoDecoder:
         if rows.steps:
             yield self._gathered(its, rows)
         yield from puts
-        self._keep_turns(its, piece, first, end)
         yield from self._controls(its, first)
         yield self._sampled(its, piece, first, end)
 
@@ -532,29 +527,6 @@ class MujocoDecoder:
 
     # -- states -----------------------------------------------------------------------------------
 
-    def _keep_turns(self, its: MujocoSimulation, piece: StepPiece, first: int, end: int) -> None:
-        """Store the orientations of free bodies before each step, for the explanation later."""
-        assert self._folder is not None
-        free = [made for made in its.described.bodies if made.free >= 0]
-        if not free:
-            return
-        if its.turns is None:
-            its.turns = (self._folder / f"turns-{its.client}").open("wb")
-        nq = int(its.arrays["nq"].item())
-        before = np.empty((end - first, nq))
-        rows = np.arange(first, end) - piece.first - 1
-        before[rows >= 0] = piece.parts["qpos"][rows[rows >= 0]]
-        if rows[0] < 0:
-            start = its.held if its.start is None else its.start
-            before[0] = _of_size((start if its.first == first else its.last).get("qpos"), nq)
-        for step, qpos in its.written.items():
-            if max(first, its.first + 1) <= step < end:
-                before[step - first] = qpos
-        at = np.array([int(its.arrays["jnt_qposadr"][made.free]) for made in free])
-        turn = normalized(xyzw(before[:, at[:, None] + np.arange(3, 7)]))
-        its.turns.write(np.ascontiguousarray(turn).tobytes())
-        its.written = {step: qpos for step, qpos in its.written.items() if step >= end}
-
     def _controls(self, its: MujocoSimulation, first: int) -> Iterator[Controls]:
         """Yield the controls of actuators, where they changed."""
         names = tuple(its.described.names["actuator"])
@@ -641,8 +613,6 @@ class MujocoDecoder:
             return
         changed = its.take(written)
         its.frames.wrote(written, its.held, piece)
-        if "qpos" in changed:
-            its.written[written.step] = its.held["qpos"]
         if "ctrl" in changed:
             its.given[written.step] = its.held["ctrl"]
         if written.cause == SILENT:
@@ -802,14 +772,6 @@ def _of_size(held: NDArray[Any] | None, size: int) -> Float64:
 
 def _timestep(its: MujocoSimulation) -> float:
     return float(its.arrays["opt.timestep"].item())
-
-
-def _turns(its: MujocoSimulation) -> Float64:
-    """Return the orientations of free bodies before each step, shape (n, bodies, 4)."""
-    if its.turns is None:
-        return np.empty((0, 0, 4))
-    its.turns.flush()
-    return np.memmap(its.turns.name, np.float64, "r").reshape(-1, len(its.free), 4)
 
 
 def _place(line: ScriptLine) -> str:

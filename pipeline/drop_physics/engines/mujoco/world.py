@@ -17,7 +17,7 @@ import numpy as np
 from drop_physics.arrays import Float64
 from drop_physics.engines.mujoco.described import base_of, described, reported_of
 from drop_physics.engines.mujoco.held import softness_of
-from drop_physics.engines.mujoco.watch.followed import constants_of
+from drop_physics.engines.mujoco.memory import constants_of
 from drop_physics.engines.rigid_body import PrimitiveShape, RigidBody
 from drop_physics.physics.rotations import rotate_inverse
 from drop_physics.scenario import Scenario

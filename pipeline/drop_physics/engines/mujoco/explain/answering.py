@@ -1,31 +1,20 @@
-"""Replay and explain a stream: what `main` is given the path of is answered on standard output.
-
-That file has payloads (`frames`), each after its length (uint32); so has the answer.
-"""
+"""Answer requests from standard input on standard output, each after its length (uint32)."""
 
 from __future__ import annotations
 
 import os
-import struct
+import sys
 
+from ..frames import LENGTH
 from .replay import Replay
 
-LENGTH = struct.Struct("<I")
 
-
-def main(path: str) -> None:
-    """Answer the request in a file that holds a stream."""
-    replay = Replay()
+def main() -> None:
+    """Answer until there are no more requests."""
+    replay, requests = Replay(), sys.stdin.buffer
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what MuJoCo prints must not get into the answer
-    with open(path, "rb") as spool:
-        while True:
-            head = spool.read(LENGTH.size)
-            if len(head) < LENGTH.size:
-                break
-            payload = spool.read(*LENGTH.unpack(head))
-            for answer in replay.take(payload):
-                out.write(LENGTH.pack(len(answer)) + answer)
-    for answer in replay.rest():
-        out.write(LENGTH.pack(len(answer)) + answer)
-    out.flush()
+    while len(head := requests.read(LENGTH.size)) == LENGTH.size:
+        for answer in replay.take(requests.read(*LENGTH.unpack(head))):
+            out.write(LENGTH.pack(len(answer)) + answer)
+        out.flush()

@@ -18,16 +18,18 @@ from ..frames import ASLEEP, kind_of
 
 def load(m: Any, d: Any, state: Mapping[str, Any]) -> None:
     """Write parts of a state into data, by name; the clock apart."""
-    asleep = state.get(ASLEEP)
-    if asleep is None or not (np.asarray(asleep) >= 0).any():
+    asleep = state.get(ASLEEP, ())
+    if not len(asleep):
         _write(d, state)
         return
-    _write(d, {name: values for name, values in state.items() if name != ASLEEP})
-    d.tree_asleep[:] = -1
-    _tell_awake(m, d)
-    mujoco.mj_forward(m, d)  # all of it is awake, and computed
+    if (np.asarray(asleep) >= 0).any():
+        _write(d, {name: values for name, values in state.items() if name != ASLEEP})
+        d.tree_asleep[:] = -1
+        _tell_awake(m, d)
+        mujoco.mj_forward(m, d)  # all of it is awake, and computed
     _write(d, state)
-    _tell_awake(m, d)
+    if ((d.tree_asleep < 0) != d.tree_awake).any():
+        _tell_awake(m, d)
 
 
 def _write(d: Any, state: Mapping[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""A script's steps, taken again from what its process has sent.
+"""A script's steps, taken again from their frames.
 
 A step is replayed if it leads to the recorded state to the last bit. Only such a step is explained:
 the sum of one that leads elsewhere would close, too, and say nothing of the script's.
@@ -7,7 +7,6 @@ the sum of one that leads elsewhere would close, too, and say nothing of the scr
 from __future__ import annotations
 
 import copy
-import json
 import struct
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -17,12 +16,14 @@ import mujoco
 import numpy as np
 
 from .. import frames, memory
-from ..frames import CALLBACKS, CAUSES, STALE, STEPS, UNPOSED, kind_of
+from ..frames import ASLEEP, CALLBACKS, CLOCK, STALE, STATE, STEPS, UNPOSED, kind_of
+from .asked import Answer, StepsAsked, edits_of
 from .batch import WaitingSteps
 from .constraints import PairTable
 from .flags import IPC, NO_ACTUATION, NO_RESET, SLEEP
 from .integrators import EULER, IMPLICIT, IMPLICITFAST, RK4
 from .layout import Layout
+from .loaded import load
 from .reasons import EXPLAINED, OTHER, REASONS, REPLAYED
 from .summed import TermTable
 
@@ -40,6 +41,9 @@ VERSION = tuple(int(part) for part in mujoco.__version__.split(".")[:2])
 
 UNREAD = ("geom_", "pair_", "exclude_", "site_", "hfield_", "body_invweight0", "dof_invweight0")
 """Fields of a model that no sum is made of: an edit does not part the steps that it is between."""
+TAKEN = frames.arrays_bytes("taken", {})
+"""The last answer to a request."""
+CONTROL = CALLBACKS.index("control")
 SPARE = 1 << 16
 """Results of so many unexplained steps are sent at once."""
 
@@ -50,18 +54,15 @@ class ReplayedModel:
     Parameters
     ----------
     number
-        Its number in the stream.
-    binary
-        It in MuJoCo's binary form.
-    names
-        What may be edited in it, as the stream numbers it.
+        The number of models that were loaded before.
+    path
+        The file that has it in MuJoCo's binary form.
     """
 
-    def __init__(self, number: int, binary: bytes, names: list[str]) -> None:
-        self.number, self.names = number, names
-        self.m = mujoco.MjModel.from_binary_path("model.mjb", {"model.mjb": binary})
-        places = {field.name: field for field in memory.fields_of(self.m)}
-        self.fields = [places[name] for name in names]
+    def __init__(self, number: int, path: str) -> None:
+        self.number, self.is_edited = number, False
+        self.m = mujoco.MjModel.from_binary_path(path)
+        self._fields = {field.name: field for field in memory.fields_of(self.m)}
         self.layout = Layout(self.m, mujoco.MjData(self.m))
         self.terms, self.pairs = TermTable(), PairTable()
         self._look()
@@ -77,9 +78,9 @@ class ReplayedModel:
         self.integrators = [(each, self._uncovered(each)) for each in integrators]
         """The integrator that each function uses, and why its steps have no sum."""
 
-    def edit(self, number: int, indices: Any, values: Any) -> None:
+    def edit(self, name: str, indices: Any, values: Any) -> None:
         """Change elements of a field."""
-        field = self.fields[number]
+        field, self.is_edited = self._fields[name], True
         held = np.frombuffer(memory.view_of(field.address, field.size), field.dtype)
         held[indices] = values
         self._look()
@@ -126,54 +127,35 @@ class ReplayedData:
     Parameters
     ----------
     number
-        Its number in the stream.
+        Its number.
     model
         Its model.
-    size
-        Bytes of the core of its state.
     """
 
-    def __init__(self, number: int, model: ReplayedModel, size: int) -> None:
-        self.number = number
-        self.step = 0
-        self.posed: list[tuple[str, Any, Any]] = []
-        """What data are of another state in the next step."""
-        self.answers: list[tuple[int, Any]] = []
-        """What callbacks do within the next step."""
-        self.statuses: list[tuple[int, int]] = []
-        """Status and reason of the steps since the last result."""
-        self.first = 0
-        """The first of these."""
-        self.use(model)
-        if self.core.size != size:
-            raise LookupError(f"a state has {self.core.size} bytes here, and {size} in the script")
-
-    def use(self, model: ReplayedModel) -> None:
-        """Go on with a model."""
-        before = None if not hasattr(self, "d") else self.state()
-        self.model, m = model, model.m
-        self.d: Any = mujoco.MjData(m)
+    def __init__(self, number: int, model: ReplayedModel) -> None:
+        self.number, self.model = number, model
+        self.d: Any = mujoco.MjData(model.m)
         self.other: Any = None
         """Data in which the stages of a step are evaluated."""
         self.core, self.user = memory.core_of(self.d), memory.user_of(self.d)
-        for part in (*self.core.parts, *self.user.parts, *memory.asleep_of(self.d).parts):
-            part.view[:] = bytes(part.size)
-        self.d.time = 0.0
-        if before is not None:
-            self.load(self.d, before)
         self.qpos, self.qvel = self.d.qpos, self.d.qvel
         self.warned = memory.warnings_of(self.d)
         self.batch: WaitingSteps | None = None
-        self.is_applied = bool(self.d.qfrc_applied.any())
-        self.is_pushed = bool(self.d.xfrc_applied.any())
+        self.is_applied = self.is_pushed = False
+        self.reached = -1
+        """The step that data are left for by the one before it; -1: none."""
+        self.step = self.first = 0
+        """The next step, and the first one since the last result."""
+        self.statuses: list[tuple[int, int]] = []
+        """Status and reason of the steps since the last result."""
 
     def state(self) -> tuple[float, bytes, bytes]:
         """Return the state as it is."""
         return self.d.time, bytes(self.core.view), bytes(self.user.view)
 
-    def load(self, d: Any, state: tuple[float, bytes, bytes]) -> None:
-        """Set the state of these data."""
-        d.time, core, user = state
+    def restore(self, state: tuple[float, bytes, bytes]) -> None:
+        """Set the state as it was."""
+        self.d.time, core, user = state
         for stretch, held in ((self.core, core), (self.user, user)):
             if held:
                 stretch.view[:] = held
@@ -190,16 +172,41 @@ class ReplayedData:
         elif name == "xfrc_applied":
             self.is_pushed = bool(held.any())
 
+    def load(self, state: dict[str, Any]) -> None:
+        """Set parts of the state, with the clock, as if the steps before had been made."""
+        (self.d.time,) = state[CLOCK]
+        load(self.model.m, self.d, {name: row for name, row in state.items() if name != CLOCK})
+
+    def reach(self, asked: StepsAsked, step: int) -> None:
+        """Come into the state that a step of a piece starts from."""
+        if self.reached != asked.first + step:
+            self.load(asked.left(step) | asked.given(step))
+            given = asked.given(step)
+        else:
+            given = asked.changed(step)
+        written = asked.written(step)
+        if written:
+            slept = written.get(ASLEEP, ())
+            if len(slept) and (slept != self.d.tree_asleep).any():
+                self.load(written)
+            (self.d.time,) = written.pop(CLOCK)
+            for name, row in written.items():
+                self.write(name, None, row)
+        for name, row in given.items():
+            self.write(name, None, row)
+
 
 class Replay:
-    """Takes a stream's payloads, and yields payloads that answer."""
+    """Takes requests, and yields payloads that answer; it has one simulation at a time."""
 
     def __init__(self) -> None:
-        self._models: dict[int, ReplayedModel] = {}
-        self._binaries: dict[str, bytearray] = {}
-        self._waiting: dict[int, dict[str, Any]] = {}
-        """Models that were named and are not complete."""
-        self._data: dict[int, ReplayedData] = {}
+        self._loaded = 0
+        """The number of models that were loaded."""
+        self._path = ""
+        self._model: ReplayedModel | None = None
+        self._data: ReplayedData | None = None
+        self._set: frozenset[int] = frozenset()
+        """The callbacks that are set."""
         self._calls: dict[int, deque[Any]] = {}
         """What is left of the answers of each callback."""
         self._stages: list[bytes] | None = None
@@ -208,116 +215,98 @@ class Replay:
         mujoco.set_mju_user_warning(lambda _: None)  # they were said when the script ran
 
     def take(self, payload: bytes) -> Iterator[bytes]:
-        """Take a payload."""
-        kind = payload[:1]
-        if kind == frames.STEP:
-            _, function, _, number, _, time_s = frames.STEP_HEAD.unpack_from(payload)
-            state = self._data[number]
-            yield from self._step(state, function, time_s, payload[frames.STEP_HEAD.size :])
-        elif kind == frames.WRITTEN:
-            self._written(payload)
-        elif kind == frames.EDITED:
-            yield from self._edited(payload)
-        elif kind == frames.CALLBACK:
-            self._called(payload)
-        elif kind == frames.ARRAYS:
-            head, arrays = frames.arrays_of(payload)
-            if head["what"] == "binary":
-                self._binaries[head["digest"]][head["at"] :] = arrays["bytes"].tobytes()
-        elif kind == frames.NOTE:
-            note = json.loads(payload[1:])
-            do: Callable[..., Any] | None = getattr(self, f"_on_{note.pop('what')}", None)
-            if do is not None:
-                yield from do(**note) or ()
+        """Take a request."""
+        head, arrays = frames.arrays_of(payload)
+        do: Callable[..., Iterator[bytes]] = getattr(self, f"_on_{head.pop('what')}")
+        yield from do(arrays, **head)
 
-    def rest(self) -> Iterator[bytes]:
-        """Explain what is left; the stream is over."""
-        for state in self._data.values():
-            yield from self._finish(state)
+    # -- requests ---------------------------------------------------------------------------------
 
-    # -- notes ------------------------------------------------------------------------------------
+    def _on_constants(self, _: dict[str, Any], path: str) -> Iterator[bytes]:
+        """Answer what an analysis reads of the model in a file."""
+        m = mujoco.MjModel.from_binary_path(path)
+        yield frames.arrays_bytes("constants", memory.constants_of(m))
+        yield TAKEN
 
-    def _on_mujoco(self, version: str, **_: Any) -> None:
-        if version != mujoco.__version__:
+    def _on_simulation(
+        self, arrays: dict[str, Any], world: int, version: str | None, path: str, edits: list[Any]
+    ) -> Iterator[bytes]:
+        """Begin a simulation of the model in a file, and of what was edited in it before."""
+        if version not in (None, mujoco.__version__):
             raise SystemExit(f"the script ran with mujoco {version}, this is {mujoco.__version__}")
+        if self._model is None or path != self._path or self._model.is_edited:
+            self._data = self._model = None  # before another one takes as much memory
+            self._model, self._path = ReplayedModel(self._loaded, path), path
+            self._loaded += 1
+        for edit in edits_of(arrays, edits):
+            self._model.edit(edit.name, edit.indices, edit.values)
+        self._data = ReplayedData(world, self._model)
+        yield from ()
 
-    def _on_model(self, number: int, digest: str, fields: list[Any], **_: Any) -> None:
-        self._binaries.setdefault(digest, bytearray())
-        self._waiting[number] = {"digest": digest, "names": [name for name, *_ in fields]}
-
-    def _on_world(self, number: int, model: int, core_bytes: int, **_: Any) -> None:
-        self._data[number] = ReplayedData(number, self._model(model), core_bytes)
-
-    def _on_model_of(self, world: int, model: int) -> Iterator[bytes]:
-        state = self._data[world]
+    def _on_steps(self, arrays: dict[str, Any], **head: Any) -> Iterator[bytes]:
+        """Take steps of a piece."""
+        state, asked = self._data, StepsAsked(arrays, **head)
+        assert state is not None
+        cores = asked.cores(state.core)
+        begin = asked.begin
+        if begin and asked.functions[begin] & UNPOSED and state.reached != asked.first + begin:
+            state.reach(asked, begin - 1)  # positions are those of the step before
+            _take(state.model.m, state, int(asked.functions[begin - 1]) & 15)
+            state.reached = asked.first + begin
+        state.step = state.first = asked.first + begin
+        for step in range(begin, asked.end):
+            for edit in asked.edits.get(step, ()):
+                if not edit.name.startswith(UNREAD):
+                    yield from self._finish(state)
+                state.model.edit(edit.name, edit.indices, edit.values)
+            state.reach(asked, step)
+            yield from self._step(state, asked, step, cores[step].tobytes())
         yield from self._finish(state)
-        state.use(self._model(model))
+        yield TAKEN
 
-    def _on_callback(self, name: str, on: bool) -> None:
-        which = CALLBACKS.index(name[5:])
-        callback = (lambda *_: self._answer(which)) if on else None
-        getattr(mujoco, f"set_{name}")(callback)
-
-    def _model(self, number: int) -> ReplayedModel:
-        waiting = self._waiting.pop(number, None)
-        if waiting is not None:
-            binary = bytes(self._binaries[waiting["digest"]])
-            self._models[number] = ReplayedModel(number, binary, waiting["names"])
-        return self._models[number]
-
-    # -- what the script did ----------------------------------------------------------------------
-
-    def _written(self, payload: bytes) -> None:
-        _, cause, count, number, _, _, time_s = frames.WRITTEN_HEAD.unpack_from(payload)
-        at, state = frames.WRITTEN_HEAD.size, self._data[number]
-        posed = CAUSES[cause] == "posed"
-        for _ in range(count):
-            name, indices, values, at = frames.part_of(payload, at)
-            if posed:
-                state.posed.append((name, indices, values))
+    def _on_states(self, arrays: dict[str, Any], **head: Any) -> Iterator[bytes]:
+        """Take each step from its own frame, and answer with the states that they lead to."""
+        state, asked = self._data, StepsAsked(arrays, **head)
+        assert state is not None
+        m, d = state.model.m, state.d
+        rows: dict[str, list[Any]] = {}
+        for step in range(asked.begin, asked.end):
+            for edit in asked.edits.get(step, ()):
+                state.model.edit(edit.name, edit.indices, edit.values)
+            state.reached = -1
+            state.reach(asked, step)
+            answers = asked.answers(step, m.nv)
+            self._set_callbacks(frozenset(which for which, _ in answers))
+            self._now, self._calls = state, _by_callback(answers)
+            function = int(asked.functions[step])
+            if function & STALE:
+                _take_stale(state, state.state(), asked.posed(step), function & 15)
             else:
-                state.write(name, indices, values)
-        if not posed:
-            state.d.time = time_s
+                _take(m, state, function & 15)
+            self._now = None
+            rows.setdefault(CLOCK, []).append(d.time)
+            for name in STATE:
+                if getattr(d, name, _NOTHING).size:
+                    row = getattr(d, name).reshape(-1).view(kind_of(name))
+                    rows.setdefault(name, []).append(row.astype(np.float64))
+        yield frames.arrays_bytes("states", {name: np.array(each) for name, each in rows.items()})
+        yield TAKEN
 
-    def _edited(self, payload: bytes) -> Iterator[bytes]:
-        _, _, field, number, _, _, count = frames.EDITED_HEAD.unpack_from(payload)
-        model = self._models[number]
-        for state in self._data.values():
-            if state.model is model and not model.names[field].startswith(UNREAD):
-                yield from self._finish(state)
-        at = frames.EDITED_HEAD.size
-        indices = np.frombuffer(payload, np.uint32, count, at)
-        values = np.frombuffer(payload, model.fields[field].dtype, count, at + 4 * count)
-        model.edit(field, indices, values)
+    # -- callbacks --------------------------------------------------------------------------------
 
-    def _called(self, payload: bytes) -> None:
-        *_, number, count = frames.CALLBACK_HEAD.unpack_from(payload)
-        at, state = frames.CALLBACK_HEAD.size, self._data[number]
-        for _ in range(count):
-            which = payload[at]
-            at += 1
-            if CALLBACKS[which] not in ("control", "passive", "sensor"):
-                state.answers.append((which, struct.unpack_from("<d", payload, at)[0]))
-                at += 8
-                continue
-            parts, many = [], payload[at]
-            at += 1
-            for _ in range(many):
-                *part, at = frames.part_of(payload, at)
-                parts.append(part)
-            if CALLBACKS[which] == "passive":
-                nv = state.model.m.nv
-                parts.append(["qfrc_passive", None, np.frombuffer(payload, np.float64, nv, at)])
-                at += 8 * nv
-            state.answers.append((which, parts))
+    def _set_callbacks(self, which: frozenset[int]) -> None:
+        """Have callbacks do again what they did."""
+        for number in which ^ self._set:
+            answer = (lambda *_, number=number: self._answer(number)) if number in which else None
+            getattr(mujoco, f"set_mjcb_{CALLBACKS[number]}")(answer)
+        self._set = which
 
     def _answer(self, which: int) -> Any:
         """Do again what a callback of the script did."""
         state = self._now
         if state is None:
             return 0.0
-        if self._stages is not None and which == 0:
+        if self._stages is not None and which == CONTROL:
             self._stages.append(bytes(state.core.view) + struct.pack("<d", state.d.time))
         left = self._calls.get(which)
         if not left:
@@ -332,11 +321,12 @@ class Replay:
     # -- steps ------------------------------------------------------------------------------------
 
     def _step(
-        self, state: ReplayedData, function: int, time_s: float, core: bytes
+        self, state: ReplayedData, asked: StepsAsked, step: int, core: bytes
     ) -> Iterator[bytes]:
         """Take a step, compare, and keep what it takes to explain it."""
         model, d = state.model, state.d
-        m = model.m
+        m, time_s = model.m, float(asked.clock_s[step])
+        function, answers = int(asked.functions[step]), asked.answers(step, model.m.nv)
         which, flags = function & 15, function & (STALE | UNPOSED)
         integrator, reason = model.integrators[which]
         if model.sleeps and (d.tree_asleep >= 0).any():
@@ -353,25 +343,30 @@ class Replay:
         spare = copy.copy(d) if flags & UNPOSED else None
         warned = state.warned.tobytes() if model.resets else b""
         next_s = d.time + model.timestep
-        self._now, self._calls = state, _by_callback(state.answers)
         stages: list[bytes] | None = [] if stepping else None
-        self._stages = stages
-        if stepping:  # its stages are seen by a callback
-            mujoco.set_mjcb_control(lambda *_: self._answer(0))
+        # The stages of a step are seen by a callback.
+        self._set_callbacks(
+            frozenset(which for which, _ in answers) | ({CONTROL} if stepping else set())
+        )
+        self._now, self._calls, self._stages = state, _by_callback(answers), stages
         _take(m, state, which)
         self._now = self._stages = None
         same = d.time == time_s and _equal(state.core, core)
+        state.reached = asked.first + step + 1 if same else -1
         status = EXPLAINED
         if not same:
             status, reason = OTHER, "unknown"
             if before is not None and flags & STALE:
-                reason = self._stale(state, before, which, time_s, core)
+                self._now, self._calls = state, _by_callback(answers)
+                _take_stale(state, before, asked.posed(step), which)
+                self._now = None
+                if d.time == time_s and _equal(state.core, core):
+                    reason = "stale"
             elif spare is not None:
                 _finish_step(m, spare, which)
                 reached = memory.core_of(spare)
                 if spare.time == time_s and _equal(reached, core):
                     reason = "stale"
-            d.time, state.core.view[:] = time_s, core
         elif warned and (time_s != next_s or _has_warned(warned, state.warned)):
             status, reason = REPLAYED, "auto-reset"
         elif model.sleeps and (d.tree_asleep >= 0).any():
@@ -382,12 +377,11 @@ class Replay:
             if len(stages) != 4:
                 status, reason = REPLAYED, "integrator"
             else:
-                self._evaluate(state, batch, before, stages)
+                self._evaluate(state, batch, before, stages, answers)
         else:
             batch.evaluated(model.sparse, state.is_applied, state.is_pushed)
         if status == EXPLAINED and batch is not None:
             batch.after(state.step, state.qpos, state.qvel, model.timestep)
-        state.answers, state.posed = [], []
         state.statuses.append((status, REASONS.index(reason)))
         state.step += 1
         if len(state.statuses) >= SPARE:
@@ -405,12 +399,13 @@ class Replay:
         batch: WaitingSteps,
         before: tuple[float, bytes, bytes],
         stages: list[bytes],
+        answers: list[Answer],
     ) -> None:
         """Compute again what a step of RK4 has computed in its stages."""
         m, other = state.model.m, state.other
         core, user = memory.core_of(other), memory.user_of(other)
         sparse = state.model.sparse
-        calls = _by_callback(state.answers)
+        calls = _by_callback(answers)
         if user.size:
             user.view[:] = before[2]
         for stage in stages:
@@ -420,26 +415,6 @@ class Replay:
             mujoco.mj_forward(m, other)
             self._now = None
             batch.evaluated(sparse, state.is_applied, state.is_pushed)
-
-    def _stale(
-        self,
-        state: ReplayedData,
-        before: tuple[float, bytes, bytes],
-        which: int,
-        time_s: float,
-        core: bytes,
-    ) -> str:
-        """Return whether a step with data of the state that was sent leads to the recorded one."""
-        m, d = state.model.m, state.d
-        state.load(d, before)
-        for name, indices, values in state.posed:
-            state.write(name, indices, values)
-        self._now, self._calls = state, _by_callback(state.answers)
-        (mujoco.mj_step1 if which == 1 else mujoco.mj_forward)(m, d)
-        state.load(d, before)
-        _finish_step(m, d, which)
-        self._now = None
-        return "stale" if d.time == time_s and _equal(state.core, core) else "unknown"
 
     def _finish(self, state: ReplayedData) -> Iterator[bytes]:
         """Explain what waits, and send it with what became of the steps since."""
@@ -507,6 +482,9 @@ class _Elsewhere:
         held[slice(None) if indices is None else indices] = values
 
 
+_NOTHING = np.empty(0)
+
+
 def _by_callback(answers: list[tuple[int, Any]]) -> dict[int, deque[Any]]:
     """Return the answers of each callback, in order."""
     found: dict[int, deque[Any]] = {}
@@ -524,6 +502,19 @@ def _take(m: Any, state: ReplayedData, which: int) -> None:
     user = bytes(state.user.view)
     (mujoco.mj_step1 if which == 1 else mujoco.mj_forward)(m, d)
     state.user.view[:] = user
+    _finish_step(m, d, which)
+
+
+def _take_stale(
+    state: ReplayedData, before: tuple[float, bytes, bytes], posed: dict[str, Any], which: int
+) -> None:
+    """Take the second half of a step from a state, with positions computed for another one."""
+    m, d = state.model.m, state.d
+    state.restore(before)
+    for name, row in posed.items():
+        state.write(name, None, row)
+    (mujoco.mj_step1 if which == 1 else mujoco.mj_forward)(m, d)
+    state.restore(before)
     _finish_step(m, d, which)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import re
 import struct
 import weakref
 from typing import TYPE_CHECKING, Any
@@ -38,12 +37,6 @@ if TYPE_CHECKING:
 
 PIECE_BYTES = 1 << 20
 """A model's binary form is sent in pieces of so many bytes."""
-LOOKS = re.compile(
-    r"tex_\w+|light_\w+|vis\w*|bvh_\w+|oct_\w+|\w+_user|mesh_(normal|texcoord|facenormal"
-    r"|facetexcoord|poly\w*|pathadr|bvh\w*|oct\w*)|skin_\w+|flex\w*|efm\w*|plugin_attr\w*"
-    r"|mat_tex\w+|paths|text_\w+|map\w+|[BM]_\w+|D_\w+|cam_(mat0|pos0|poscom0)|names_map"
-)
-"""Arrays of a model that no analysis needs: looks, and what speeds up a step."""
 MOVING = ("qpos", "qvel")
 IDLE_CALLS = 10
 """Calls of `mj_forward` after which a script that makes no step waits for something to move."""
@@ -93,7 +86,7 @@ class WatchedModel:
         if known:
             return
         self.watch.digests.add(digest)
-        send(arrays_bytes("constants", constants_of(m), digest=digest))
+        send(arrays_bytes("constants", memory.constants_of(m), digest=digest))
         for at in range(0, len(binary), PIECE_BYTES):
             piece = binary[at : at + PIECE_BYTES]
             send(arrays_bytes("binary", {"bytes": piece}, digest=digest, at=at))
@@ -119,27 +112,6 @@ class WatchedModel:
                     )
                     self.watch.send(head + indices.tobytes() + now[changed].tobytes())
             saved[:] = view
-
-
-def constants_of(m: Any) -> dict[str, Any]:
-    """Return what an analysis reads of a model: arrays, sizes, options, and the names of all."""
-    found: dict[str, Any] = {}
-    for name in dir(m):
-        if name.startswith("_") or LOOKS.fullmatch(name):
-            continue
-        value = getattr(m, name)
-        if isinstance(value, np.ndarray):
-            if value.size:
-                found[name] = value
-        elif isinstance(value, (int, float)):
-            found[name] = np.array(value)
-        elif isinstance(value, bytes):
-            found[name] = np.frombuffer(value, np.uint8)
-    for name in dir(m.opt):
-        value = getattr(m.opt, name)
-        if not name.startswith("_") and isinstance(value, (int, float, np.ndarray)):
-            found[f"opt.{name}"] = np.array(value)
-    return found
 
 
 class WatchedData:

@@ -1,0 +1,158 @@
+"""The steps that are to be taken again, as a request has them, which `stepping` sends."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .. import frames
+from ..frames import CALLBACKS, CLOCK
+from ..memory import StateMemory
+
+Rows = dict[str, Any]
+"""A row of each part, by name."""
+Answer = tuple[int, Any]
+"""The number of a callback, and what it returned, or the parts that it wrote."""
+
+
+class Edit(NamedTuple):
+    """Elements of a model that were changed in place."""
+
+    step: int
+    """The step that is the first to see it."""
+    name: str
+    indices: Any
+    values: Any
+
+
+class StepsAsked:
+    """A piece of a simulation's steps; all are counted from the first of the piece.
+
+    Parameters
+    ----------
+    arrays
+        The columns of the piece, as `GROUP/NAME`; of those that only some steps have, the steps as
+        `GROUP@NAME`.
+    first
+        The number of its first step in the simulation.
+    begin, end
+        The steps to take: from `begin` to before `end`.
+    edits
+        Step, field and count of each edit.
+    answers
+        Step and bytes of what callbacks did.
+    """
+
+    def __init__(
+        self,
+        arrays: dict[str, Any],
+        *,
+        first: int,
+        begin: int,
+        end: int,
+        edits: list[Any],
+        answers: list[tuple[int, int]],
+    ) -> None:
+        self.first, self.begin, self.end = first, begin, end
+        self.functions, self.clock_s = arrays["functions"], arrays["clock_s"]
+        self._after = _group(arrays, "after")
+        self._before = {name: _by_step(arrays, "before", name) for name in _group(arrays, "before")}
+        self._posed = {name: _by_step(arrays, "posed", name) for name in _group(arrays, "posed")}
+        inputs = _group(arrays, "inputs")
+        self._inputs = [(name, arrays[f"inputs@{name}"], rows) for name, rows in inputs.items()]
+        self._changed = {name: _by_step(arrays, "inputs", name) for name in inputs}
+        self.edits: dict[int, list[Edit]] = {}
+        for edit in edits_of(arrays, edits):
+            self.edits.setdefault(edit.step, []).append(edit)
+        self._answers, done = {}, 0
+        for step, size in answers:
+            self._answers[step] = arrays["answers"][done : done + size].tobytes()
+            done += size
+
+    def left(self, step: int) -> Rows:
+        """Return the state that the step before has left, with the clock; of the first, its own."""
+        if not step:
+            return {name: rows[0] for name, rows in self._before.items()}
+        left = {name: rows[step - 1] for name, rows in self._after.items()}
+        return {**left, CLOCK: self.clock_s[step - 1 : step]}
+
+    def written(self, step: int) -> Rows:
+        """Return the state before a step, with the clock, where it was written; else nothing."""
+        if step not in self._before[CLOCK]:
+            return {}
+        return {name: rows[step] for name, rows in self._before.items()}
+
+    def given(self, step: int) -> Rows:
+        """Return the inputs of a step."""
+        return {
+            name: rows[np.searchsorted(at, step, side="right") - 1]
+            for name, at, rows in self._inputs
+        }
+
+    def changed(self, step: int) -> Rows:
+        """Return the inputs that are given anew before a step."""
+        return {name: rows[step] for name, rows in self._changed.items() if step in rows}
+
+    def posed(self, step: int) -> Rows:
+        """Return the parts of another state that positions were computed for."""
+        return {name: rows[step] for name, rows in self._posed.items() if step in rows}
+
+    def cores(self, core: StateMemory) -> Any:
+        """Return the core after each step, as it lies in memory, shape (n, bytes)."""
+        whole = np.zeros((len(self.clock_s), core.size), np.uint8)
+        for part in core.parts:
+            rows = np.ascontiguousarray(self._after[part.name])
+            whole[:, part.begin : part.end] = rows.view(np.uint8)
+        return whole
+
+    def answers(self, step: int, nv: int) -> list[Answer]:
+        """Return what callbacks did within a step; `nv` is the number of degrees of freedom."""
+        payload = self._answers.get(step)
+        return [] if payload is None else _answers_in(payload, nv)
+
+
+def edits_of(arrays: dict[str, Any], edits: list[Any]) -> list[Edit]:
+    """Return edits: `step`, `name` and `count` of each, and their elements as arrays."""
+    made, done = [], 0
+    for step, name, count in edits:
+        its = slice(done, done + count)
+        made.append(Edit(step, name, arrays["edits@indices"][its], arrays["edits"][its]))
+        done += count
+    return made
+
+
+def _group(arrays: dict[str, Any], group: str) -> Rows:
+    return {
+        name.partition("/")[2]: rows
+        for name, rows in arrays.items()
+        if name.startswith(f"{group}/")
+    }
+
+
+def _by_step(arrays: dict[str, Any], group: str, name: str) -> dict[int, Any]:
+    return dict(zip(arrays[f"{group}@{name}"].tolist(), arrays[f"{group}/{name}"]))
+
+
+def _answers_in(payload: bytes, nv: int) -> list[Answer]:
+    """Return what callbacks did, as a `frames.CALLBACK` says it."""
+    *_, count = frames.CALLBACK_HEAD.unpack_from(payload)
+    at, found = frames.CALLBACK_HEAD.size, list[Answer]()
+    for _ in range(count):
+        which = payload[at]
+        at += 1
+        if CALLBACKS[which] not in ("control", "passive", "sensor"):
+            found.append((which, struct.unpack_from("<d", payload, at)[0]))
+            at += 8
+            continue
+        parts, many = [], payload[at]
+        at += 1
+        for _ in range(many):
+            *part, at = frames.part_of(payload, at)
+            parts.append(part)
+        if CALLBACKS[which] == "passive":
+            parts.append(["qfrc_passive", None, np.frombuffer(payload, np.float64, nv, at)])
+            at += 8 * nv
+        found.append((which, parts))
+    return found

@@ -1,0 +1,209 @@
+"""MuJoCo in another interpreter, which takes recorded steps again: from frames to states and sums.
+
+A step is taken from its own frame, so any can be asked for, in any order; those that follow each
+other are taken fastest.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.engines.channel import WATCHING
+from drop_physics.engines.mujoco import frames
+from drop_physics.engines.mujoco.explained import ReplayedPiece, Vocabulary, piece_of
+from drop_physics.errors import DropError
+from drop_physics.trace.frames import Frames, ModelEdit
+from drop_physics.workers import how_it_ended, users_environment
+
+MODULE = "mujoco.explain.answering"
+"""The module that is run in the other interpreter."""
+Arrays = dict[str, NDArray[Any]]
+Answer = tuple[dict[str, Any], Arrays]
+
+
+@dataclass(frozen=True, eq=False)
+class StepsWanted:
+    """Steps of a simulation that are to be taken again."""
+
+    model: Path
+    """The file of its compiled model."""
+    frames: Frames
+    begin: int
+    """The first of them, counted from the first of the frames."""
+    end: int
+    """One more than the last of them."""
+    edits: Sequence[ModelEdit] = ()
+    """What was changed in the model before the frames begin."""
+
+
+class Stepper:
+    """A process that takes steps again; use it in a `with` statement.
+
+    Parameters
+    ----------
+    python
+        Its interpreter.
+    version
+        The version of MuJoCo that made the frames: it must have the same. None takes any, as for a
+        step of one version from a state of another.
+
+    Raises
+    ------
+    DropError
+        On leaving, and while it answers: if the process ended before it was through.
+    """
+
+    def __init__(self, python: str, version: str | None) -> None:
+        self._python, self._version = python, version
+        self._known: dict[int, Vocabulary] = {}
+        self._next: tuple[Path, int, int] | None = None
+        """Model, simulation and step that are next, if nothing is left out."""
+
+    def __enter__(self) -> Stepper:
+        command = [self._python, str(WATCHING), MODULE]
+        pipe = subprocess.PIPE
+        try:
+            self._process = subprocess.Popen(
+                command, stdin=pipe, stdout=pipe, env=users_environment()
+            )
+        except (OSError, ValueError) as error:
+            raise DropError(
+                "{python} cannot be started: {reason}; --python takes the path of a Python "
+                "interpreter",
+                python=self._python,
+                reason=getattr(error, "strerror", None) or str(error),
+            ) from None
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
+    ) -> None:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        if error is not None:
+            self._process.kill()
+        with contextlib.suppress(BrokenPipeError):
+            self._process.stdin.close()
+        self._process.stdout.close()
+        self._process.wait()
+        if error is None:
+            self._check_ended()
+
+    def explained(
+        self, wanted: Iterable[StepsWanted]
+    ) -> Iterator[tuple[StepsWanted, ReplayedPiece]]:
+        """Yield what became of steps: whether they lead to the recorded states, and their sums."""
+        before: list[tuple[StepsWanted, Answer]] = []
+        for each in wanted:
+            self._send_steps("steps", each)
+            yield from ((its, self._piece(answer)) for its, answer in before)  # meanwhile
+            before = [(each, answer) for answer in self._answers()]
+        yield from ((its, self._piece(answer)) for its, answer in before)
+
+    def states(self, wanted: StepsWanted) -> dict[str, NDArray[np.float64]]:
+        """Return the states that steps lead to, each from its own frame: parts by name, (n, width).
+
+        The clock is one of them, as `clock_s`.
+        """
+        self._send_steps("states", wanted)
+        ((_, arrays),) = self._answers()
+        return arrays
+
+    def constants(self, model: Path) -> Arrays:
+        """Return what an analysis reads of a compiled model, by MuJoCo's names."""
+        self._send(frames.arrays_bytes("constants", {}, path=str(model)))
+        ((_, arrays),) = self._answers()
+        return arrays
+
+    def _piece(self, answer: Answer) -> ReplayedPiece:
+        said, arrays = answer
+        return piece_of(said, arrays, self._known.setdefault(said["model"], Vocabulary()))
+
+    # -- the process ------------------------------------------------------------------------------
+
+    def _send_steps(self, what: str, wanted: StepsWanted) -> None:
+        its = wanted.frames
+        first = its.first + wanted.begin
+        if self._next != (wanted.model, its.client, first):
+            earlier = [*wanted.edits, *(each for each in its.edits if each.step < wanted.begin)]
+            arrays, listed = _edits(earlier)
+            simulation = {"world": its.client, "path": str(wanted.model), "edits": listed}
+            self._send(
+                frames.arrays_bytes("simulation", arrays, version=self._version, **simulation)
+            )
+        self._send(request_of(what, wanted))
+        self._next = wanted.model, its.client, its.first + wanted.end
+
+    def _send(self, payload: bytes) -> None:
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(frames.LENGTH.pack(len(payload)) + payload)
+            self._process.stdin.flush()
+        except BrokenPipeError:
+            self._process.wait()
+            self._check_ended()
+            raise
+
+    def _answers(self) -> Iterator[Answer]:
+        """Yield the answers to a request."""
+        out = self._process.stdout
+        assert out is not None
+        while len(head := out.read(frames.LENGTH.size)) == frames.LENGTH.size:
+            said, arrays = frames.arrays_of(out.read(*frames.LENGTH.unpack(head)))
+            if said["what"] == "taken":
+                return
+            yield said, arrays
+        self._process.wait()
+        self._check_ended()
+        raise DropError("{python} ended while it took steps again", python=self._python)
+
+    def _check_ended(self) -> None:
+        if self._process.returncode:
+            raise DropError(
+                "{python} ended with {how} while it replayed the script's steps; --no-explain "
+                "records without that",
+                python=self._python,
+                how=how_it_ended(self._process.returncode),
+            )
+
+
+def request_of(what: str, wanted: StepsWanted) -> bytes:
+    """Return a request for steps, as `explain.asked` reads it."""
+    its = wanted.frames
+    arrays: Arrays = {"functions": its.functions, "clock_s": its.clock_s}
+    arrays |= {f"after/{name}": rows for name, rows in its.after.items()}
+    groups: dict[str, Any] = {"before": its.before, "inputs": its.inputs, "posed": its.posed}
+    for group, columns in groups.items():
+        for name, column in columns.items():
+            arrays[f"{group}/{name}"], arrays[f"{group}@{name}"] = column.rows, column.at
+    answers = b"".join(payload for _, payload in its.answers)
+    arrays["answers"] = np.frombuffer(answers, np.uint8)
+    changed, edits = _edits(its.edits)
+    return frames.arrays_bytes(
+        what,
+        arrays | changed,
+        first=its.first,
+        begin=wanted.begin,
+        end=wanted.end,
+        edits=edits,
+        answers=[[step, len(payload)] for step, payload in its.answers],
+    )
+
+
+def _edits(edits: Sequence[ModelEdit]) -> tuple[Arrays, list[list[Any]]]:
+    """Return the elements of edits, and step, field and count of each."""
+    none = np.empty(0)
+    arrays = {
+        "edits@indices": np.concatenate([none.astype(np.int64), *(e.indices for e in edits)]),
+        "edits": np.concatenate([none, *(e.values for e in edits)]),
+    }
+    return arrays, [[each.step, each.name, len(each.values)] for each in edits]
