@@ -17,8 +17,9 @@ mujoco = pytest.importorskip("mujoco")
 
 import numpy as np  # noqa: E402
 from drop_physics.engines.cures import TABLES  # noqa: E402
-from drop_physics.engines.mujoco.watch.intervene import ModelChanges, sizes  # noqa: E402
+from drop_physics.engines.mujoco.watch.intervene import ModelChanges  # noqa: E402
 from drop_physics.engines.mujoco.watch.single_changes import possible, trial_of  # noqa: E402
+from drop_physics.engines.mujoco.watch.writes import sizes  # noqa: E402
 from drop_physics.engines.watching.single_changes import Change  # noqa: E402
 
 SCENE = """<mujoco><option timestep="0.002" density="1.2" iterations="1"/><worldbody>
@@ -66,7 +67,7 @@ class Script:
 
     def become(self, change: Change) -> None:
         """Go on with a change."""
-        trial = json.loads(json.dumps(trial_of(mujoco, self.m, change)))
+        trial = json.loads(json.dumps(trial_of(change)))
         self.changes.become(trial["interventions"], trial["variation"])
 
     def run(self, first: int = 0, last: int = STEPS) -> Any:
@@ -100,8 +101,7 @@ def found() -> dict[tuple[str, str], Change]:
     states = own.run()
     assert states.tobytes() == bare(nothing).tobytes()
     (seen,) = own.changes.seen.values()
-    fresh = Script()
-    changes = possible(mujoco, fresh.m, fresh.d, ROWS, seen)
+    changes = possible(mujoco, ROWS, seen)
     return {(each.change, each.op): each for each in changes}
 
 
@@ -255,7 +255,7 @@ def test_a_change_may_begin_at_any_step(found: dict[tuple[str, str], Change]) ->
     run = Script()
     first = run.run(last=25)
     keys = ("geom_friction", "*0.1"), ("eq_active", "=0")
-    trials = [trial_of(mujoco, run.m, found[key]) for key in keys]
+    trials = [trial_of(found[key]) for key in keys]
     run.changes.become([one for each in trials for one in each["interventions"]], {})
     states = np.concatenate([first, run.run(25)])
     assert states.tobytes() == bare(nothing, script=later).tobytes()

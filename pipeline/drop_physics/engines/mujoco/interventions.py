@@ -24,7 +24,7 @@ from drop_physics.engines.interventions import (
     to,
 )
 from drop_physics.engines.mujoco.frames import PARTS
-from drop_physics.engines.mujoco.watch.intervene import ENGINE
+from drop_physics.engines.mujoco.watch.single_changes import ENGINE
 from drop_physics.messages import Message
 from drop_physics.trace.cures import ChangedRun, Cure, Scope
 from drop_physics.trace.events import Actuator, Body

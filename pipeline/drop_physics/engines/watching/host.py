@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from os import getpid
 from threading import current_thread, get_ident
@@ -24,6 +24,7 @@ from .imports import Then, on_extension, on_import
 from .outside import Outside
 from .pipe import APART, Pipe
 from .private import Private
+from .single_changes import Change
 from .sites import Sites, caller
 from .turns import Turn
 
@@ -74,6 +75,11 @@ class EngineWatch(ABC):
         """Return whether a trial differs only in what is still to come."""
         del trial
         return True
+
+    def possible(self, rows: Sequence[dict[str, Any]]) -> list[Change]:
+        """Return the single changes of rows of the table, in a run that was seen for them."""
+        del rows
+        return []
 
     def catch_up(self) -> None:  # noqa: B027
         """Make the steps that simulations in real time owe; the caller holds the turn."""

@@ -30,6 +30,8 @@ class Change:
     """Whether it takes a part of the scene or of the command away."""
     site: tuple[str, int] | None = None
     """File and line of the call; None for all, or if it is no call."""
+    model: tuple[int, ...] = ()
+    """What tells the compiled model whose elements they are; empty if there is none."""
 
     def of_some(self, places: Sequence[int]) -> Change:
         """Return the same change of some of its elements, by their places."""

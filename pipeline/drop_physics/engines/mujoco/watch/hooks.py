@@ -19,11 +19,13 @@ from typing import Any
 from ...watching.hidden import hide, hiding
 from ...watching.host import EngineWatch, ScriptWatch
 from ...watching.pipe import MUJOCO, frame
+from ...watching.single_changes import Change
 from ...watching.sites import caller
 from ..frames import CALLBACKS, CAUSES, READS, STEPS, note_bytes
 from . import uncaught
 from .followed import WatchedData, WatchedModel
 from .intervene import ModelChanges
+from .single_changes import possible
 from .viewer import install_viewer
 
 RESETS = (
@@ -108,6 +110,11 @@ class MujocoWatch(EngineWatch):
     def can_become(self, trial: dict[str, Any]) -> bool:
         """Return whether a trial differs only after models are loaded."""
         return not any(each.get("at_load") for each in trial["interventions"])
+
+    def possible(self, rows: Sequence[dict[str, Any]]) -> list[Change]:
+        """Return the single changes of rows of the table, in a run that was seen for them."""
+        seen = self._changes.seen.values()
+        return [change for each in seen for change in possible(self.mujoco, rows, each)]
 
     def install(self, module: ModuleType) -> None:
         """Replace functions of mujoco, in place."""

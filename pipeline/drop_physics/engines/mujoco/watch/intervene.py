@@ -9,51 +9,46 @@ from __future__ import annotations
 
 import ctypes
 import random
-import re
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
 from threading import Lock, get_ident
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...watching.operators import becoming
+from ...watching.single_changes import Change
 from ...watching.sites import caller
 from ..frames import READS, STEPS
+from .seen import Seen
+from .single_changes import ENGINE, operations_of
+from .writes import (
+    BALL,
+    BY_JOINT,
+    FREE,
+    Operation,
+    Write,
+    field_of,
+    has_field,
+    ids_of,
+    set_field,
+    sizes,
+    writes_of,
+)
 
 if TYPE_CHECKING:
     from .hooks import MujocoWatch
 
-Operation = Mapping[str, Any]
-"""An operation, which `do` names."""
-Write = tuple[str, Any, Callable[[Any], Any]]
-"""A field, as a script writes it: `geom_friction`, `opt.timestep`; which of its elements, None for
-all; and what they become."""
-
-ENGINE = "mujoco"
-"""Value of `engine` in operations for MuJoCo."""
 DERIVED = (
     *("body_subtreemass", "body_invweight0", "dof_M0", "dof_invweight0"),
     *("tendon_length0", "tendon_invweight0", "actuator_acc0", "actuator_length0"),
 )
 """Fields that MuJoCo derives from masses, inertias and armatures (`mj_setConst`)."""
-SOURCES = ("body_mass", "body_inertia", "body_ipos", "body_iquat", "dof_armature", "body_gravcomp")
+SOURCES = (
+    *("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_gravcomp"),
+    *("dof_armature", "actuator_gear"),
+)
 """Fields from which MuJoCo derives them."""
-FREE, BALL = 0, 1
-"""Types of joints (`mjtJoint`); those above have one coordinate."""
-LEAST_KG = 1e-15
-"""The mass of a body that has none (`mjMINVAL`)."""
-SIZES = ("nq", "nv", "nu", "nbody", "ngeom", "nsite", "neq", "ntendon")
-"""Sizes of a model."""
-INPUTS = ("ctrl", "qfrc_applied", "xfrc_applied", "mocap_pos", "qpos", "qvel")
-"""Parts of a state that a script writes."""
-BITS = 31
-"""Bits of `contype` and `conaffinity` that are used."""
-NOT_A_PAIR = 0
-"""A signature that no pair of bodies has: the world's with itself."""
-BY_JOINT = (0, 1)
-"""Transmissions of an actuator that acts on a joint (`mjtTrn`)."""
 SAME = 1e-6
 """A pose is that of a keyframe where no coordinate differs by more."""
 RESETS = ("mj_resetData", "mj_resetDataKeyframe", "mj_resetDataDebug", "mj_setState")
@@ -119,11 +114,21 @@ class ModelChanges:
         """Yield the operations that do something, by number."""
         return ((number, each) for number, each in self._operations if each["do"] == do)
 
-    def seen_of(self, m: Any) -> Seen | None:
+    def on(self, m: Any) -> list[tuple[int, Operation]]:
+        """Return the operations on a model and its states, by number."""
+        found: list[tuple[int, Operation]] = []
+        for number, each in self._operations:
+            mine: Sequence[Operation] = [each]
+            if each["do"] == "single":
+                mine = [*operations_of(self._watch.mujoco, m, Change(**each["change"]))]
+            found += [(number, one) for one in mine]
+        return found
+
+    def seen_of(self, m: Any, d: Any) -> Seen | None:
         """Return what is seen of states of a model, and of others with the same elements."""
         if not any(self.of("see")):
             return None
-        return self.seen.setdefault(tuple(sizes(m)), Seen())
+        return self.seen.setdefault(tuple(sizes(m)), Seen(m, d))
 
     # -- in place of mujoco's functions -----------------------------------------------------------
 
@@ -285,14 +290,13 @@ class ChangedModel:
         self._lock, self._inside = Lock(), 0
         """Several threads may run functions of one model."""
         self._writes: list[tuple[int, Write]] = []
-        for number, each in changes._operations:
+        operations = changes.on(m)
+        for number, each in operations:
             self._writes += [(number, write) for write in writes_of(watch.mujoco, m, each)]
         if changes.finer > 1:
             self._writes.append((-1, ("opt.timestep", None, lambda held: held / changes.finer)))
         self._derives = [
-            number
-            for number, each in changes._operations
-            if each.get("derived") or each["do"] == "derive"
+            number for number, each in operations if each.get("derived") or each["do"] == "derive"
         ]
         self._keeps = [each for each in changes.of("keep") if has_field(m, each[1]["field"])]
         self._known: dict[str, Any] = {}
@@ -316,7 +320,7 @@ class ChangedModel:
                 new = become(before)
                 if not np.array_equal(new, before):
                     self._kept.append((name, where, before))
-                    _set(m, name, where, new)
+                    set_field(m, name, where, new)
                     self._changes.fire(number)
             if self._derives:
                 self._derive(m)
@@ -328,7 +332,7 @@ class ChangedModel:
         if np.array_equal(held, known):
             return
         if of_site:
-            _set(m, name, ..., known if known.ndim else known.item())
+            set_field(m, name, ..., known if known.ndim else known.item())
             self._changes.fire(number)
         else:
             self._known[name] = held
@@ -338,7 +342,7 @@ class ChangedModel:
         with self._lock:
             self._inside -= 1
             while self._kept and not self._inside:
-                _set(m, *self._kept.pop())
+                set_field(m, *self._kept.pop())
 
     def _derive(self, m: Any) -> None:
         """Let what is derived be that of the masses as they are."""
@@ -351,57 +355,14 @@ class ChangedModel:
                 compensated.value = int(np.count_nonzero(m.body_gravcomp))
             self._derived = key, {name: getattr(m, name).copy() for name in before}
             for name, held in before.items():
-                _set(m, name, ..., held)
+                set_field(m, name, ..., held)
         for name, new in self._derived[1].items():
             held = getattr(m, name)
             if not np.array_equal(held, new):
                 self._kept.append((name, ..., held.copy()))
-                _set(m, name, ..., new)
+                set_field(m, name, ..., new)
                 for number in self._derives:
                     self._changes.fire(number)
-
-
-def has_field(m: Any, name: str) -> bool:
-    """Return whether a model of this version has a field."""
-    return hasattr(m.opt if name.startswith("opt.") else m, name.removeprefix("opt."))
-
-
-def field_of(m: Any, name: str) -> Any:
-    """Return a field of a model, or of its options."""
-    return getattr(m.opt, name[4:]) if name.startswith("opt.") else getattr(m, name)
-
-
-def _set(m: Any, name: str, where: Any, value: Any) -> None:
-    held = field_of(m, name)
-    if np.isscalar(held):
-        setattr(m.opt, name[4:], value)
-    else:
-        held[where] = value
-
-
-class Seen:
-    """What the causal search knows of a run: what touched, and what the script gave as inputs."""
-
-    def __init__(self) -> None:
-        self.pairs: set[tuple[int, int]] = set()
-        """Geometries that touched each other."""
-        self.written: dict[str, set[int]] = {part: set() for part in INPUTS}
-        """Elements of parts of the state that are not what the step before has left."""
-        self._left: dict[tuple[int, str], Any] = {}
-
-    def before(self, d: Any) -> None:
-        """Note what a step finds written; a pose or a velocity only after the first step."""
-        for part, written in self.written.items():
-            now, left = getattr(d, part), self._left.get((id(d), part))
-            if left is None:
-                left = now if part in ("qpos", "qvel", "mocap_pos") else np.zeros_like(now)
-            written.update(np.flatnonzero(now != left).tolist())
-
-    def after(self, d: Any) -> None:
-        """Note what a step leaves."""
-        for part in self.written:
-            self._left[id(d), part] = getattr(d, part).copy()
-        self.pairs.update(map(tuple, np.sort(d.contact.geom[: d.ncon], axis=1).tolist()))
 
 
 class ChangedData:
@@ -422,22 +383,22 @@ class ChangedData:
     def __init__(self, changes: ModelChanges, watch: MujocoWatch, m: Any, d: Any) -> None:
         self._changes, self._watch = changes, watch
         self._model, self.ref = weakref.ref(m), weakref.ref(d)
-        self._leaves = [each for each in changes.of("leave") if _is_of(m, each[1])]
-        self._inputs = [each for each in changes.of("input") if _is_of(m, each[1])]
+        self._operations = changes.on(m)
+        self._leaves, self._inputs = [*self._of("leave")], [*self._of("input")]
         self._input: dict[int, Any] = {}
         """The first or the last value of an input, by the operation's number."""
         self._own: list[tuple[int | None, Any, Sequence[int], Any]] = []
         """The script's own inputs within a step: part, elements, values; and the number of the
         operation that gives them one step late, or None."""
-        self._seen = changes.seen_of(m)
-        self._clears = [*changes.of("clear")]
+        self._seen = changes.seen_of(m, d)
+        self._clears = [*self._of("clear")]
         self._held: dict[str, Any] = {}
         """Parts of the state as the last step has left them."""
         if self._leaves:
             fresh = watch.mujoco.MjData(m)
             self._held = {e["part"]: getattr(fresh, e["part"]).copy() for _, e in self._leaves}
-        self._holds = [number for number, _ in changes.of("hold")]
-        self._gives = [number for number, _ in changes.of("give")]
+        self._holds = [number for number, _ in self._of("hold")]
+        self._gives = [number for number, _ in self._of("give")]
         self._last: tuple[Any, Any] | None = None
         """Positions and controls as they were then, or before the last reset."""
         self._cleared: dict[str, bool] = {}
@@ -445,6 +406,9 @@ class ChangedData:
         self._time_s: float | None = None
         self._posed: bytes | None = None
         """The positions that data were computed for."""
+
+    def _of(self, do: str) -> Iterator[tuple[int, Operation]]:
+        return ((number, each) for number, each in self._operations if each["do"] == do)
 
     @property
     def is_posed(self) -> bool:
@@ -495,20 +459,20 @@ class ChangedData:
 
     def _begin(self, m: Any, d: Any) -> None:
         """Write what differs where an episode begins."""
-        for number, each in self._changes.of("lift"):
-            for body in _ids(self._watch.mujoco, m, "body", each):
+        for number, each in self._of("lift"):
+            for body in ids_of(self._watch.mujoco, m, "body", each):
                 joint = m.body_jntadr[body]
                 if joint >= 0 and m.jnt_type[joint] == FREE:
                     at = m.jnt_qposadr[joint]
                     d.qpos[at : at + 3] += each["by_m"]
                     self._changes.fire(number)
-        for number, each in self._changes.of("start"):
+        for number, each in self._of("start"):
             part = getattr(d, each["part"])
             new = becoming(part, each["how"])
-            if _is_of(m, each) and not np.array_equal(part, np.broadcast_to(new, part.shape)):
+            if not np.array_equal(part, np.broadcast_to(new, part.shape)):
                 part[:] = new
                 self._changes.fire(number)
-        for number, _ in self._changes.of("key"):
+        for number, _ in self._of("key"):
             for key in range(m.nkey):
                 if np.abs(d.qpos - m.key_qpos[key]).max(initial=0.0) > SAME:
                     continue
@@ -565,193 +529,6 @@ class ChangedData:
                 self._held[part] = getattr(d, part).copy()
             if self._holds:
                 self._last = d.qpos.copy(), d.ctrl.copy()
-
-
-# -- what is written into a model -----------------------------------------------------------------
-
-
-def writes_of(module: Any, m: Any, operation: Operation) -> Iterator[Write]:
-    """Yield what an operation writes into a model."""
-    if not _is_of(m, operation):
-        return
-    do, (field, _, column) = operation["do"], operation.get("field", "").partition("[")
-    if field and not has_field(m, field):
-        return  # of another version
-    if do == "write":
-        where: Any = ...
-        if "of" in operation:
-            kind, of = field.partition("_")[0], operation["of"]
-            where = rows_of(module, m, kind, of, _ids(module, m, of, operation))
-            if "limited" in operation:
-                where = where[getattr(m, operation["limited"])[where].astype(bool)]
-            if not len(where):
-                return
-        yield field, (where, int(column[:-1])) if column else where, _becoming(module, operation)
-    elif do == "weigh":
-        ids = _ids(module, m, "body", operation)
-        given, masses = operation["mass"], m.body_mass[ids].clip(LEAST_KG)
-        factor = np.full(len(ids), operation["factor"]) if given is None else given / masses
-        yield "body_mass", ids, lambda held: held * factor
-        yield "body_inertia", ids, lambda held: held * factor[:, None]
-    elif do == "meet":
-        yield from _meeting(m, *(_geoms(module, m, names) for names in operation["names"]))
-    elif do == "part":
-        yield from _parting(m, operation.get("pairs") or _sides(module, m, *operation["names"]))
-    elif do == "collide":
-        types, affinities = m.geom_contype.copy(), m.geom_conaffinity.copy()
-        types[operation["ids"]] = affinities[operation["ids"]] = operation["bits"]
-        yield from _bits(m, types, affinities)
-    elif do == "unexclude":
-        first, second = (named(module, m, "body", names) for names in operation["names"])
-        pairs = {(int(min(a, b)) << 16) + int(max(a, b)) for a in first for b in second}
-        pairs |= {(int(max(a, b)) << 16) + int(min(a, b)) for a in first for b in second}
-        rows = [n for n, each in enumerate(m.exclude_signature.tolist()) if each in pairs]
-        if rows:
-            yield "exclude_signature", rows, lambda held: np.full_like(held, NOT_A_PAIR)
-
-
-def _becoming(module: Any, operation: Operation) -> Callable[[Any], Any]:
-    """Return what elements become, by an operator on numbers, on a vector's size, or on a flag."""
-    name, given = operation["how"]
-    if name == "size":
-        return lambda held: held * (given / (np.linalg.norm(held) or 1.0))
-    if isinstance(given, str):
-        flags = module.mjtDisableBit if given.startswith("mjDSBL") else module.mjtEnableBit
-        given = int(getattr(flags, given))
-
-    def become(held: Any) -> Any:
-        new = becoming(held, (name, given))
-        return type(held)(new) if np.isscalar(held) else np.broadcast_to(new, held.shape)
-
-    return become
-
-
-def rows_of(module: Any, m: Any, kind: str, of: str, ids: Sequence[int]) -> Any:
-    """Return which elements of a kind belong to some things."""
-    if kind == "actuator" and of == "joint":
-        by_joint = np.isin(m.actuator_trntype, BY_JOINT)
-        return np.flatnonzero(by_joint & np.isin(m.actuator_trnid[:, 0], ids))
-    if kind == "dof":
-        return np.flatnonzero(np.isin(m.dof_jntid if of == "joint" else m.dof_bodyid, ids))
-    if kind == "geom" and of == "body":
-        return np.flatnonzero(np.isin(m.geom_bodyid, ids))
-    if kind == "pair":
-        pairs = m.geom_bodyid[np.stack([m.pair_geom1, m.pair_geom2])]
-        return np.flatnonzero(np.isin(pairs, ids).any(axis=0))
-    if kind == "jnt" and of == "body":
-        return np.flatnonzero(np.isin(m.jnt_bodyid, ids))
-    if kind == "eq" and of == "body":
-        return np.flatnonzero(
-            [bool({*_bodies_of_equality(module, m, n)} & {*ids}) for n in range(m.neq)]
-        )
-    return np.array(ids, np.int64)
-
-
-def _bodies_of_equality(module: Any, m: Any, number: int) -> Iterator[int]:
-    for other in (int(m.eq_obj1id[number]), int(m.eq_obj2id[number])):
-        if m.eq_objtype[number] == int(module.mjtObj.mjOBJ_BODY):
-            yield other
-        elif m.eq_objtype[number] == int(module.mjtObj.mjOBJ_SITE):
-            yield int(m.site_bodyid[other])
-
-
-def _ids(module: Any, m: Any, kind: str, operation: Operation) -> Sequence[int]:
-    """Return the numbers of the things that an operation is on: they, or their names, are given."""
-    ids: Sequence[int] | None = operation.get("ids")
-    return named(module, m, kind, operation["names"]) if ids is None else ids
-
-
-def named(module: Any, m: Any, kind: str, names: Sequence[str]) -> list[int]:
-    """Return the numbers of things by their names; one without is called by kind and number."""
-    object_type = getattr(module.mjtObj, f"mjOBJ_{kind.upper()}")
-    found = []
-    for name in names:
-        number = module.mj_name2id(m, object_type, name)
-        match = re.fullmatch(rf"{kind}(\d+)", name) if number < 0 else None
-        number = int(match[1]) if match else number
-        if number >= 0:
-            found.append(int(number))
-    return found
-
-
-def sizes(m: Any) -> list[int]:
-    """Return what tells a model from others, so far as its elements' numbers mean the same."""
-    return [int(getattr(m, name)) for name in SIZES]
-
-
-def _is_of(m: Any, operation: Operation) -> bool:
-    """Return whether an operation is on elements of a model."""
-    return operation.get("sizes") in (None, sizes(m))
-
-
-# -- which geometries meet ------------------------------------------------------------------------
-
-
-def _geoms(module: Any, m: Any, names: Sequence[str]) -> list[int]:
-    """Return the geometries of bodies that are made to collide with anything; else all of them."""
-    mine = rows_of(module, m, "geom", "body", named(module, m, "body", names))
-    solid = mine[(m.geom_contype[mine] | m.geom_conaffinity[mine]) != 0]
-    return [int(each) for each in (solid if len(solid) else mine)]
-
-
-def _sides(
-    module: Any, m: Any, first: Sequence[str], second: Sequence[str] | None
-) -> list[tuple[list[int], list[int]]]:
-    """Return the geometries of bodies, and those of others, or of the bodies' parents."""
-    if second is not None:
-        return [(_geoms(module, m, first), _geoms(module, m, second))]
-    parents = {int(m.body_parentid[each]) for each in named(module, m, "body", first)}
-    theirs = [geom for geom in range(m.ngeom) if int(m.geom_bodyid[geom]) in parents]
-    return [(_geoms(module, m, first), theirs)]
-
-
-def _free_bits(types: Any, affinities: Any) -> list[int]:
-    used = int(np.bitwise_or.reduce(types | affinities, initial=0))
-    return [1 << each for each in range(BITS) if not used >> each & 1]
-
-
-def _meeting(m: Any, first: Sequence[int], second: Sequence[int]) -> Iterator[Write]:
-    """Yield writes by which geometries meet others, and nothing else."""
-    types, affinities = m.geom_contype.copy(), m.geom_conaffinity.copy()
-    free = _free_bits(types, affinities)
-    if free:
-        types[first] |= free[0]
-        affinities[second] |= free[0]
-        yield from _bits(m, types, affinities)
-
-
-def _parting(m: Any, sides: Sequence[tuple[Sequence[int], Sequence[int]]]) -> Iterator[Write]:
-    """Yield writes by which geometries of one side meet those of the other no more.
-
-    Each kind of the first ones' bits gets a bit of its own, which those answer that it met.
-    """
-    types, affinities = m.geom_contype.copy(), m.geom_conaffinity.copy()
-    for mine, theirs in sides:
-        kinds = sorted({(int(types[geom]), int(affinities[geom])) for geom in mine})
-        free = _free_bits(types, affinities)
-        if len(kinds) > len(free):
-            return
-        old = types.copy(), affinities.copy()
-        for (kind, affinity), bit in zip(kinds, free):
-            its = [geom for geom in mine if (old[0][geom], old[1][geom]) == (kind, affinity)]
-            meets = np.flatnonzero((old[0] & affinity) | (old[1] & kind))
-            others = [geom for geom in meets.tolist() if geom not in theirs and geom not in mine]
-            affinities[others] |= bit
-            types[its], affinities[its] = bit, 0
-    yield from _bits(m, types, affinities)
-
-
-def _bits(m: Any, types: Any, affinities: Any) -> Iterator[Write]:
-    """Yield writes of the bits of all geometries, and of bodies, which have those of theirs."""
-    for name, bits in (("contype", types), ("conaffinity", affinities)):
-        of_bodies = np.zeros_like(getattr(m, f"body_{name}"))
-        np.bitwise_or.at(of_bodies, m.geom_bodyid, bits)
-        yield f"geom_{name}", ..., partial(_always, bits)
-        yield f"body_{name}", ..., partial(_always, of_bodies)
-
-
-def _always(value: Any, _: Any) -> Any:
-    return value
 
 
 def _number_of(m: Any, name: str) -> Any:

@@ -7,25 +7,17 @@ its elements, since many have no name.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
 from ...watching.single_changes import Change, how_of
-from .intervene import (
-    BALL,
-    ENGINE,
-    FREE,
-    Operation,
-    Seen,
-    field_of,
-    has_field,
-    rows_of,
-    sizes,
-    writes_of,
-)
+from .seen import Seen
+from .writes import BALL, FREE, Operation, field_of, has_field, rows_of, sizes, writes_of
 
+ENGINE = "mujoco"
+"""Value of `engine` in operations for MuJoCo."""
 ELEMENTS = {
     "dof": ("joint", "njnt"),
     "jnt": ("joint", "njnt"),
@@ -63,54 +55,41 @@ Written = tuple[str, Any, Sequence[int]]
 """A field, its operator with what that takes, and elements."""
 
 
-def possible(
-    module: Any, m: Any, d: Any, rows: Sequence[Mapping[str, Any]], seen: Seen
-) -> list[Change]:
-    """Return the changes of rows that would change something in a model or a run.
+def possible(module: Any, rows: Sequence[Mapping[str, Any]], seen: Seen) -> list[Change]:
+    """Return the changes of rows that would change something in a run.
 
     Parameters
     ----------
     module
         The script's mujoco.
-    m, d
-        The MjModel and the MjData before the first step.
     rows
         Of each its `change`, its operators `tries`, those of them that `breaks` has, and the
         engine's `default`.
     seen
         What is seen of the script's own run.
     """
-    found = []
+    found, m = [], seen.model
     for row in rows:
         for op in row["tries"]:
-            whole = Change(
-                row["change"], op, how_of(op, row["default"]), breaks=op in row["breaks"]
-            )
+            how, breaks = how_of(op, row["default"]), op in row["breaks"]
+            whole = Change(row["change"], op, how, breaks=breaks, model=tuple(sizes(m)))
             elements = _elements(m, whole, seen)
             if elements is None:
-                found += [whole] if _does(module, m, d, whole) else []
+                found += [whole] if _does(module, seen, whole) else []
                 continue
             kind, ids = elements
-            ids = [n for n in ids if _does(module, m, d, replace(whole, ids=(n,)))]
+            ids = [n for n in ids if _does(module, seen, replace(whole, ids=(n,)))]
             of = tuple(name_of(module, m, kind, n) for n in ids)
             found += [replace(whole, ids=tuple(ids), of=of)] if ids else []
     return found
 
 
-def trial_of(module: Any, m: Any, change: Change) -> dict[str, Any]:
-    """Return what differs in a run with a change, as `ModelChanges.become` takes it.
-
-    Parameters
-    ----------
-    module, m
-        The script's mujoco, and the MjModel that the change was found for.
-    change
-        The change.
-    """
+def trial_of(change: Change) -> dict[str, Any]:
+    """Return what differs in a run with a change: its interventions and its variation."""
     if change.change == "option.timestep":
         return {"interventions": [], "variation": {"finer": int(change.how[1])}}
-    operations = [{"engine": ENGINE, **each} for each in _operations(module, m, change)]
-    return {"interventions": operations, "variation": {}}
+    operation = {"engine": ENGINE, "do": "single", "change": asdict(change)}
+    return {"interventions": [operation], "variation": {}}
 
 
 def name_of(module: Any, m: Any, kind: str, which: Any) -> str:
@@ -183,12 +162,13 @@ def _numbers(module: Any, m: Any, part: str, ids: Sequence[int]) -> list[int]:
 # -- operations -----------------------------------------------------------------------------------
 
 
-def _does(module: Any, m: Any, d: Any, change: Change) -> bool:
+def _does(module: Any, seen: Seen, change: Change) -> bool:
     """Return whether a change changes anything."""
-    operations = [*_operations(module, m, change)]
+    m = seen.model
+    operations = [*operations_of(module, m, change)]
     for each in operations:
         if each["do"] == "start":
-            if np.any(getattr(d, each["part"]) != each["how"][1]):
+            if np.any(seen.start[each["part"]] != each["how"][1]):
                 return True
         elif each["do"] not in ("write", "collide"):
             return bool(each.get("ids", True))
@@ -202,11 +182,13 @@ def _does(module: Any, m: Any, d: Any, change: Change) -> bool:
     return not operations and change.change == "option.timestep"
 
 
-def _operations(module: Any, m: Any, change: Change) -> Iterator[Operation]:
-    """Yield the operations of a change, for models whose elements have the same numbers."""
+def operations_of(module: Any, m: Any, change: Change) -> Iterator[Operation]:
+    """Yield the operations of a change on a model whose elements have the same numbers."""
+    if [*change.model] != sizes(m):
+        return
     name, _, part = change.change.partition(".")
     ids, how = [*change.ids], change.how
-    each: Operation = {"do": "write", "how": how, "sizes": sizes(m)}
+    each: Operation = {"do": "write", "how": how}
     if name == "option":
         if part != "timestep":
             yield {**each, "field": f"opt.{part}"}

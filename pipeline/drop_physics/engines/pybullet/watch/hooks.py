@@ -15,6 +15,7 @@ from typing import Any
 from ...watching.clock import CALL_S
 from ...watching.hidden import hide, hiding
 from ...watching.host import EngineWatch, ScriptWatch
+from ...watching.single_changes import Change
 from ...watching.sites import shown_file
 from .bodies import WatchedBody
 from .calls import CallWatch
@@ -23,6 +24,7 @@ from .handlers import handler
 from .intervene import Interventions, Operation
 from .quiet import Window
 from .readings import Readings
+from .single_changes import possible
 from .solver import ASKED_EVERY
 from .varied import Variation, varied_by
 from .worlds import ALL, WatchedWorld
@@ -211,6 +213,10 @@ class BulletWatch(EngineWatch):
             return call(*args, **kwargs)
 
         return hiding(stop)
+
+    def possible(self, rows: Sequence[dict[str, Any]]) -> list[Change]:
+        """Return the single changes of rows of the table, in a run that was seen for them."""
+        return possible(self.p, rows, self._interventions.seen)
 
     def become(self, trial: dict[str, Any]) -> None:
         """Go on as a trial, in a process that has just been forked."""

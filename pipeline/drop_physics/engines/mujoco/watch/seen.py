@@ -1,0 +1,45 @@
+"""What is seen of a run of a MuJoCo script, for the causal search."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+INPUTS = ("ctrl", "qfrc_applied", "xfrc_applied", "mocap_pos", "qpos", "qvel")
+"""Parts of a state that a script writes."""
+
+
+class Seen:
+    """What the causal search knows of a run: what touched, and what the script gave as inputs.
+
+    Parameters
+    ----------
+    m, d
+        The MjModel, and the MjData before the first step.
+    """
+
+    def __init__(self, m: Any, d: Any) -> None:
+        self.model = m
+        """The MjModel, which a script may have let go of at its end."""
+        self.start = {part: getattr(d, part).copy() for part in ("qpos", "qvel")}
+        """The state before the first step."""
+        self.pairs: set[tuple[int, int]] = set()
+        """Geometries that touched each other."""
+        self.written: dict[str, set[int]] = {part: set() for part in INPUTS}
+        """Elements of parts of the state that are not what the step before has left."""
+        self._left: dict[tuple[int, str], Any] = {}
+
+    def before(self, d: Any) -> None:
+        """Note what a step finds written; a pose or a velocity only after the first step."""
+        for part, written in self.written.items():
+            now, left = getattr(d, part), self._left.get((id(d), part))
+            if left is None:
+                left = now if part in ("qpos", "qvel", "mocap_pos") else np.zeros_like(now)
+            written.update(np.flatnonzero(now != left).tolist())
+
+    def after(self, d: Any) -> None:
+        """Note what a step leaves."""
+        for part in self.written:
+            self._left[id(d), part] = getattr(d, part).copy()
+        self.pairs.update(map(tuple, np.sort(d.contact.geom[: d.ncon], axis=1).tolist()))
