@@ -8,6 +8,7 @@ import numpy as np
 
 from drop_physics.account import asked, moved
 from drop_physics.account.constrained import Held
+from drop_physics.account.idle import Overlaps, idle_actuator_rows, weightless_row
 from drop_physics.account.ledger import Ledger, bins_for
 from drop_physics.account.names import Names
 from drop_physics.account.ranking import ranked
@@ -51,9 +52,11 @@ class Account:
         self._written: dict[int, Written] = {}
         self._gravity: dict[int, Float64] = {}
         """The strongest gravity that acted on each body, shape (3,)."""
+        self._last: dict[int, int] = {}
+        """The last sample of each body."""
         self._broken: dict[int, int] = {}
         """The first sample of each body that is no number."""
-        self._touching, self._held = Touching(), Held(seen)
+        self._touching, self._held, self._overlaps = Touching(), Held(seen), Overlaps(seen)
 
     def see(self, explained: ExplainedPiece, joints: JointTable, touches: TouchTable) -> None:
         """Add a piece."""
@@ -68,6 +71,7 @@ class Account:
                 self._add_controls(driven.body, explained, driven.steps)
         self._touching.add(touches.pairs)
         self._held.add(explained)
+        self._overlaps.add(explained)
 
     def rows(
         self, joints: JointTable, totals: Mapping[int, Totals], about: str | None = None
@@ -109,11 +113,22 @@ class Account:
                 row = energy_row(subject, total.energy_j, total.start_j, total.end_j, words)
                 if row is not None:
                     yield row
-            row = self._written[number].row(subject, words)
-            if row is not None:
-                yield row
+            written = self._written[number]
+            idle = weightless_row(
+                subject,
+                self._seen,
+                self._gravity[number],
+                written.steps,
+                words,
+                self._last[number],
+            )
+            yield from filter(None, (written.row(subject, words), idle))
         yield from self._held.rows(subjects, words)
         yield from self._touching.rows(subjects, words)
+        touched = {
+            frozenset(key[:2]) for key, pair in self._touching.pairs.items() if pair.normal_n > 0
+        }
+        yield from self._overlaps.rows(subjects, touched, words)
 
     def _joint_rows(self, subject: Subject, joints: JointTable) -> Iterator[Row]:
         number, words = subject.body.number, self._words
@@ -124,6 +139,7 @@ class Account:
         series = JointSeries.joined(parts)
         controls = self._controls_of(subject.body, len(series))
         yield from asked.clamped_rows(subject, controls)
+        yield from idle_actuator_rows(subject, self._seen, controls)
         needs = [row.needs_at_target for row in joints.rows(number)]
         for axis in asked.axes_of(subject, words):
             k = axis.joint_rate
@@ -157,6 +173,7 @@ class Account:
         if steps.covered:
             ledger.add(steps, impulses_by_term(steps, normals, self._servos[number]))
         self._written.setdefault(number, Written()).add(steps)
+        self._last[number] = int(steps.steps[-1])
         pull = steps.reported.gravity_m_s2
         strongest = pull[int(np.argmax(np.linalg.norm(pull, axis=1)))].copy()
         known = self._gravity.get(number)

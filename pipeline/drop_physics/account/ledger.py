@@ -23,6 +23,9 @@ MOST_BINS = 1 << 10
 NUMBERS = 1 << 23
 """Most numbers of all ledgers together, if each body has TERMS terms."""
 TERMS = 8
+COVERED = 0.98
+"""Share of a window's steps that have to be explained for its mean forces to be told; for works,
+which add up, it is all of them."""
 
 OWN = Term("own inertia")
 """The momentum that a rate itself takes up."""
@@ -116,14 +119,25 @@ class Ledger:
         low = max(0, (first - self.first) // self.width)
         return slice(low, max(low, (last - self.first) // self.width) + 1)
 
+    def covers(self, window: slice, share: float = 1.0) -> bool:
+        """Return whether at least this share of the steps of a window is explained."""
+        known = np.flatnonzero(self.counts)
+        if not len(known):
+            return False
+        low, high = window.start, min(window.stop, int(known[-1]) + 1)
+        expected = (high - low) * self.width
+        if high == known[-1] + 1:  # the last bin may be partly filled
+            expected -= self.width - int(self.counts[known[-1]])
+        return bool(self.counts[low:high].sum() >= share * expected)
+
     def forces(self, rate: int, window: slice, sign: float = 1.0) -> dict[Term, float]:
         """Return the mean force of each term on a rate over a window [N] or [N m], times `sign`.
 
         With the inertial ones: the rate's own inertia, and the drag of other rates' acceleration
-        through the mass matrix. Empty where no step of the window is explained.
+        through the mass matrix. Empty where steps of the window are not explained.
         """
         seconds = float(self.seconds[window].sum())
-        if not seconds:
+        if not seconds or not self.covers(window, COVERED):
             return {}
         found = {
             term: sign * float(values[window, rate].sum()) / seconds
@@ -141,7 +155,12 @@ class Ledger:
         return {term: force for term, force in found.items() if force}
 
     def works(self, rate: int, window: slice) -> dict[Term, Float64]:
-        """Return the work of each term on a rate in the bins of a window [J]."""
+        """Return the work of each term on a rate in the bins of a window [J].
+
+        Empty where steps of the window are not explained.
+        """
+        if not self.covers(window):
+            return {}
         found = {term: values[window, rate] for term, values in self.work.items()}
         return {term: values for term, values in found.items() if values.any()}
 
@@ -150,6 +169,8 @@ class Ledger:
 
         Of the mean velocity of each bin; `direction` is a unit vector in world axes, shape (3,).
         """
+        if not self.covers(window):
+            return {}
         seconds = self.seconds[window]
         speed = np.divide(
             self.way[window, 3:6] @ direction,

@@ -148,7 +148,8 @@ def _ways(
 def _way(subject: Subject, track: BaseTrack, way: Float64, main: Float64, words: Words) -> Row:
     ledger, step = subject.ledger, track.farthest_step
     along = main / np.linalg.norm(main)
-    gave, took = given_and_taken(ledger.works_along(along, ledger.window(ledger.first, step)))
+    window = ledger.window(ledger.first, step)
+    gave, took = given_and_taken(ledger.works_along(along, window))
     far = float(np.linalg.norm(way))
     parts = [
         f"{'xyz'[k]} {quantity(float(way[k]), 'm', '+')}"
@@ -156,7 +157,7 @@ def _way(subject: Subject, track: BaseTrack, way: Float64, main: Float64, words:
         if abs(way[k]) > 0.1 * far
     ]
     told = Message("{way} by {time}", way=", ".join(parts), time=words.time(subject, step))
-    if not gave:
+    if not gave and ledger.covers(window):
         told = told + Message("; nothing gives: its start velocity")
     return Row(
         kind="moved",
@@ -175,7 +176,8 @@ def _way(subject: Subject, track: BaseTrack, way: Float64, main: Float64, words:
 def _turn(subject: Subject, track: BaseTrack, words: Words) -> Row:
     ledger, step = subject.ledger, track.most_turned_step
     window = ledger.window(ledger.first, step)
-    works = {term: values[window, :3].sum(axis=1) for term, values in ledger.work.items()}
+    covered = ledger.work if ledger.covers(window) else {}
+    works = {term: values[window, :3].sum(axis=1) for term, values in covered.items()}
     gave, took = given_and_taken({term: each for term, each in works.items() if each.any()})
     turned = ledger.way[window, :3].sum(axis=0)
     known = np.flatnonzero(ledger.counts)

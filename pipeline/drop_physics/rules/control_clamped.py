@@ -10,7 +10,7 @@ import numpy as np
 from drop_physics.arrays import Float64
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene
-from drop_physics.rules.engines import MUJOCOS, NO_ACTUATION, is_off
+from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import in_radians, is_degrees, units
 from drop_physics.rules.rule import Match, Said, Worst, actuator_rule
 from drop_physics.rules.runs import Runs
@@ -24,6 +24,7 @@ from drop_physics.rules.thresholds import (
     WATCHED,
 )
 from drop_physics.trace.acts import Act
+from drop_physics.trace.switches import NO_ACTUATION, is_off
 from drop_physics.trace.writes import written_by
 
 SENT = "position", "velocity"

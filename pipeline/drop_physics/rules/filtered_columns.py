@@ -13,8 +13,8 @@ from drop_physics.physics.columns import rotation
 from drop_physics.physics.kinematics import Kinematics, kinematics
 from drop_physics.physics.tree import BASE
 from drop_physics.rules.answer import Scene
-from drop_physics.rules.engines import NO_CONTACT, is_off
 from drop_physics.trace.events import Body, Collision
+from drop_physics.trace.switches import NO_CONTACT, is_off
 
 MOST_PAIRS = 200
 """Largest number of pairs of shapes that are examined: in a world of more, filters are intended."""

@@ -6,11 +6,12 @@ from collections.abc import Iterator
 
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Span, so_many
-from drop_physics.rules.engines import MUJOCOS, NO_AUTO_RESET, is_off
+from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.memory import rate_at
 from drop_physics.rules.rule import Said, input_rule
 from drop_physics.trace.events import EngineWarning
+from drop_physics.trace.switches import NO_AUTO_RESET, is_off
 
 POSITION = "bad position"
 CONTACTS, CONTROL = "contacts full", "bad control"

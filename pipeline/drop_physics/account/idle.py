@@ -1,0 +1,291 @@
+"""Rows of what could have acted and did not: shapes that overlap without force, idle actuators."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+
+from drop_physics.account.rows import Row
+from drop_physics.account.subjects import Subject
+from drop_physics.account.words import Words
+from drop_physics.arrays import Float64
+from drop_physics.explain.recording import ExplainedPiece
+from drop_physics.explain.solids import Solid, overlap_m, solid_of
+from drop_physics.messages import Message
+from drop_physics.physics.tree import BASE
+from drop_physics.quantities import number, quantity
+from drop_physics.trace.events import Actuator, Body, Collision
+from drop_physics.trace.history import Seen
+from drop_physics.trace.switches import NO_ACTUATION, NO_CONTACT, NO_GRAVITY, is_off
+
+LOOKS = 16
+"""Samples of a piece, evenly spread, at which overlaps are looked for."""
+MOST_PAIRS = 400
+"""Most pairs of shapes that are looked at; in a world of more, filters are intended."""
+DEEP = 0.05
+"""Share of the smaller body from which an overlap is one."""
+SELF_COLLISION, OF_PARENTS = 8, 16 | 32 | 8192
+"""`flags` of `loadURDF`: `URDF_USE_SELF_COLLISION`, and those that decide on parent and child."""
+
+Place = tuple[int, int]
+"""The number of a body, and a link."""
+
+
+@dataclass(eq=False)
+class Overlap:
+    """Two shapes between which no contact can be made."""
+
+    places: tuple[Place, Place]
+    solids: tuple[Solid, Solid]
+    why: Message
+    at_first: bool | None = None
+    """Whether they overlap at the first look."""
+    deepest_m: float = 0.0
+    step: int = -1
+
+
+@dataclass(eq=False)
+class Overlaps:
+    """The overlaps of shapes that make no contact; grows piece by piece."""
+
+    seen: Seen
+    pairs: list[Overlap] = field(init=False)
+
+    def __post_init__(self) -> None:
+        pairs = [*_pairs_without_contact(self.seen)]
+        self.pairs = pairs if len(pairs) <= MOST_PAIRS else []
+
+    def add(self, explained: ExplainedPiece) -> None:
+        """Add a piece."""
+        piece = explained.piece
+        last = max(self.seen.samples.values(), default=0)
+        first, end = max(piece.first, 1), min(piece.end, last)
+        if not self.pairs or end <= first:
+            return
+        samples = np.unique(np.linspace(first, end - 1, LOOKS).astype(np.int64))
+        poses: dict[Place, tuple[Float64, Float64]] = {}
+        for pair in self.pairs:
+            for place in pair.places:
+                if place not in poses:
+                    poses[place] = explained.placed(*place, samples)
+            one, other = (poses[place] for place in pair.places)
+            if not (np.isfinite(one[0]).all() and np.isfinite(other[0]).all()):
+                continue
+            depth_m = overlap_m(pair.solids[0], one, pair.solids[1], other)
+            if pair.at_first is None:
+                pair.at_first = bool(depth_m[0] > 0)
+            most = int(np.argmax(depth_m))
+            if depth_m[most] > pair.deepest_m:
+                pair.deepest_m, pair.step = float(depth_m[most]), int(samples[most])
+
+    def rows(
+        self,
+        subjects: Mapping[int, Subject],
+        touched: Collection[frozenset[int]],
+        words: Words,
+    ) -> Iterator[Row]:
+        """Yield a row for each pair of links that got into each other with no contact to push."""
+        deepest: dict[frozenset[Place], Overlap] = {}
+        for pair in self.pairs:
+            key = frozenset(pair.places)
+            if not pair.at_first and pair.deepest_m > 0:
+                known = deepest.get(key)
+                deepest[key] = pair if known is None or pair.deepest_m > known.deepest_m else known
+        for pair in deepest.values():
+            its = [subjects[place[0]] for place in pair.places if place[0] in subjects]
+            if not its or frozenset(place[0] for place in pair.places) in touched:
+                continue
+            size_m = min(each.size_m for each in its)
+            if pair.deepest_m < DEEP * size_m:
+                continue
+            names = [str(words.names.link(*place)) for place in pair.places]
+            told = Message(
+                "{depth} inside each other at {time}, and no force acts: {why}",
+                depth=quantity(pair.deepest_m, "m"),
+                time=words.time(its[0], pair.step),
+                why=pair.why,
+            )
+            yield Row(
+                kind="idle",
+                body=its[0].body.label,
+                pair=(names[0], names[1]),
+                told=told,
+                got=pair.deepest_m,
+                unit="m",
+                step=pair.step,
+                time_s=words.seconds(its[0], pair.step),
+                salience=min(1.2, 0.4 + pair.deepest_m / size_m),
+                subject=its[0].body,
+                group=("overlap", tuple(str(each.kind) for each in its), str(pair.why)),
+            )
+
+
+def _pairs_without_contact(seen: Seen) -> Iterator[Overlap]:
+    """Yield the pairs of shapes that could meet, and that make no contact, with the reason."""
+    held = [
+        (body, shape, solid, touchable)
+        for body in seen.bodies.values()
+        for shape, touchable in _shapes(body)
+        if (solid := solid_of(shape)) is not None
+    ]
+    if len(held) > 200:
+        return
+    apart = {
+        frozenset(((body.number, own), (other, its)))
+        for body in seen.bodies.values()
+        for own, other, its in body.apart
+    }
+    off = {
+        client
+        for client in {body.client for body in seen.bodies.values()}
+        if is_off(seen, client, NO_CONTACT)
+    }
+    for (a, shape_a, solid_a, can_a), (b, shape_b, solid_b, can_b) in combinations(held, 2):
+        if a.client != b.client or not (_moves(a, shape_a.link) or _moves(b, shape_b.link)):
+            continue
+        if a is b and _root(a, shape_a.link) == _root(a, shape_b.link):
+            continue
+        places = (a.number, shape_a.link), (b.number, shape_b.link)
+        why = _why(a, b, (shape_a, can_a), (shape_b, can_b), excluded=frozenset(places) in apart)
+        if a is not b and a.client in off:
+            why = Message("a flag of the model switches contacts off")
+        if why is not None:
+            yield Overlap(places, (solid_a, solid_b), why)
+
+
+def _shapes(body: Body) -> Iterator[tuple[Collision, bool]]:
+    """Yield the shapes of a body, and whether anything can touch them; the seen ones of a ghost."""
+    for shape in body.collisions:
+        yield shape, shape.bits is None or any(shape.bits)
+    if not body.collisions:
+        for seen in body.shapes:
+            place = seen.position_m, seen.orientation
+            yield Collision(seen.link, seen.kind, seen.size_m, "", *place), False
+
+
+def _why(
+    a: Body,
+    b: Body,
+    one: tuple[Collision, bool],
+    other: tuple[Collision, bool],
+    *,
+    excluded: bool,
+) -> Message | None:
+    """Return why two shapes make no contact; None if they may."""
+    (shape_a, can_a), (shape_b, can_b) = one, other
+    if not (can_a or can_b):
+        return None
+    if not (can_a and can_b):
+        ghost, shape = (b, shape_b) if can_a else (a, shape_a)
+        # What is only seen is a marker or a design, unless it falls or is to carry what falls.
+        if ghost.base_moves or shape.kind == "plane":
+            return Message("{part} has no shape that anything can touch", part=_part(ghost, shape))
+        return None
+    if excluded:
+        return Message("the model excludes their contact")
+    if shape_a.bits is not None and shape_b.bits is not None:
+        (type_a, with_a), (type_b, with_b) = shape_a.bits, shape_b.bits
+        if not (type_a & with_b or type_b & with_a):
+            return Message(
+                "contype and conaffinity {a} and {b} share no bit",
+                a=f"{type_a}/{with_a}",
+                b=f"{type_b}/{with_b}",
+            )
+        if a is b and _is_parent(a, shape_a.link, shape_b.link):
+            return Message("one is the parent of the other")
+        return None
+    if a is not b:
+        if not a.moving and not b.moving:
+            return Message("neither has mass")
+        return None
+    if not a.flags & SELF_COLLISION:
+        return Message("links of one body, which was loaded without self-collision")
+    if not a.flags & OF_PARENTS and _is_parent(a, shape_a.link, shape_b.link):
+        return Message("one is the parent of the other")
+    return None
+
+
+def _part(body: Body, shape: Collision) -> str:
+    single = len(body.links) < 2 or shape.link + 1 >= len(body.links)
+    return body.label if single else body.links[shape.link + 1]
+
+
+def _moves(body: Body, link: int) -> bool:
+    return bool(body.moving) and (link in body.moving or body.base_moves)
+
+
+def _is_parent(body: Body, one: int, other: int) -> bool:
+    """Return whether one of two links is the parent of the other."""
+    link, parent = max(one, other), min(one, other)
+    return link > BASE and body.joints[link].parent == parent
+
+
+def _root(body: Body, link: int) -> int:
+    """Return the first link that a chain of fixed joints leads to."""
+    while link > BASE and not body.joints[link].widths[1]:
+        link = body.joints[link].parent
+    return link
+
+
+def weightless_row(
+    subject: Subject, seen: Seen, gravity_m_s2: Float64, steps: int, words: Words, step: int
+) -> Row | None:
+    """Return the row of a free body on which nothing ever acts; None if anything does."""
+    acting = [
+        term
+        for term, impulse in subject.ledger.impulse.items()
+        if term.cause not in ("bias", "integrator", "remainder") and impulse.any()
+    ]
+    if acting or subject.tree.fixed or subject.ledger.counts.sum() < steps:
+        return None
+    told = Message(
+        "no force acts on it in any of {steps:,} steps; gravity is {gravity} m/s²",
+        steps=steps,
+        gravity=number(float(np.linalg.norm(gravity_m_s2))),
+    )
+    if is_off(seen, subject.body.client, NO_GRAVITY):
+        told = told + Message(", which a flag of the model switches off")
+    return Row(
+        kind="idle",
+        body=subject.body.label,
+        told=told,
+        step=step,
+        time_s=words.seconds(subject, step),
+        salience=0.7,
+        subject=subject.body,
+        group=("weightless", subject.kind),
+    )
+
+
+def idle_actuator_rows(
+    subject: Subject, seen: Seen, controls: Mapping[Actuator, Float64]
+) -> Iterator[Row]:
+    """Yield a row for each actuator that was given a control and never gave a force."""
+    for actuator, given in controls.items():
+        most = float(np.nanmax(np.abs(given), initial=0.0))
+        acts = any(
+            term.cause == f"actuator {actuator.name}" or term.name == actuator.name
+            for term in subject.ledger.impulse
+        )
+        if most > 0 and not acts and subject.ledger.counts.any():
+            told = Message(
+                "ctrl up to {given}, and it gives no force in any step; it acts on {target}",
+                given=number(most),
+                target=actuator.target,
+            )
+            if is_off(seen, subject.body.client, NO_ACTUATION):
+                told = told + Message("; a flag of the model switches actuators off")
+            yield Row(
+                kind="idle",
+                body=subject.body.label,
+                actuator=actuator.name,
+                told=told,
+                asked=most,
+                got=0.0,
+                salience=0.8,
+                subject=subject.body,
+                group=("idle actuator", subject.kind),
+            )

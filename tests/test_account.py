@@ -1,0 +1,235 @@
+"""The account: what was asked of each body, what came, and who took it.
+
+Verification: each kind of row against a closed form of the same motion; and the false rows that a
+generic account is prone to, none of which may be told.
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import pytest
+from drop_physics.account.rows import KINDS, Row
+from drop_physics.stages.analyze import analyze
+from drop_physics.stages.record import record_script
+
+G = 9.81
+Told = Callable[..., list[Row]]
+
+MODEL = """
+<mujoco>
+  <option timestep="0.002" integrator="implicitfast"/>
+  {more}
+  <worldbody>{world}</worldbody>
+</mujoco>
+"""
+RUN = """
+import mujoco
+model = mujoco.MjModel.from_xml_string('''{model}''')
+data = mujoco.MjData(model)
+for step in range({steps}):
+    {before}
+    mujoco.mj_step(model, data)
+"""
+
+
+@pytest.fixture
+def told(tmp_path: Path) -> Told:
+    """Return the rows of a MuJoCo script: of its world, its other elements, and what it does."""
+
+    def rows(world: str, more: str = "", before: str = "pass", steps: int = 500) -> list[Row]:
+        model = MODEL.format(world=world, more=more)
+        script = tmp_path / "script.py"
+        script.write_text(RUN.format(model=model, steps=steps, before=before))
+        recorded = record_script(str(script), out=tmp_path / "script.rrd")
+        return [*analyze(recorded.recording).account]
+
+    return rows
+
+
+def the(rows: Sequence[Row], kind: str, who: str) -> Row:
+    """Return the only row of a kind about something."""
+    found = [row for row in rows if row.kind == kind and who in (row.who, row.body)]
+    assert len(found) == 1, [(row.kind, row.who, str(row.told)) for row in rows]
+    return found[0]
+
+
+def value(row: Row, words: str) -> float:
+    """Return the value of a row's only term whose words begin so."""
+    (found,) = [term.value for term in row.terms if str(term.words).startswith(words)]
+    return found
+
+
+SLIDE = """
+<body name="mass" pos="0 0 1">
+  <joint name="up" type="slide" axis="0 0 1" damping="{damping}"/>
+  <geom type="sphere" size="0.1" mass="2"/>
+</body>
+"""
+
+
+def test_a_spring_like_servo_sags_by_weight_over_stiffness(told: Told) -> None:
+    actuator = "<actuator><position name='a' joint='up' kp='200' kv='40'/></actuator>"
+    row = the(told(SLIDE.format(damping=0), actuator, steps=1500), "asked", "up")
+    assert row.gap == pytest.approx(-2 * G / 200, rel=1e-6)  # kp (target - q) = m g
+    assert value(row, "kp × gap") == pytest.approx(2 * G, rel=1e-6)
+    assert value(row, "gravity") == pytest.approx(-2 * G, rel=1e-6)
+    assert row.time_s == pytest.approx(3.0, abs=0.01)  # its steady part, not the way there
+
+
+def test_a_servo_with_damping_follows_a_ramp_behind_by_kv_rate_over_kp(told: Told) -> None:
+    more = "<actuator><position name='a' joint='up' kp='400' kv='80'/></actuator>"
+    world = SLIDE.format(damping=0).replace("</body>", "</body>")
+    row = the(
+        told(world, "<option gravity='0 0 0'/>" + more, "data.ctrl[0] = 0.5 * data.time", 1500),
+        "asked",
+        "up",
+    )
+    assert row.gap == pytest.approx(-80 * 0.5 / 400, rel=0.02)  # the target stands for a step
+    assert value(row, "kp × gap") == pytest.approx(-value(row, "kv × rate"), rel=0.02)
+    assert value(row, "kp × gap") == pytest.approx(80 * 0.5, rel=0.02)
+
+
+def test_a_motor_at_its_limit_is_told_with_what_holding_takes(told: Told) -> None:
+    more = (
+        "<actuator><position name='a' joint='up' kp='2000' kv='100' "
+        "forcerange='-15 15'/></actuator>"
+    )
+    floor = "<geom type='plane' size='5 5 1'/>"
+    row = the(told(floor + SLIDE.format(damping=200), more), "asked", "up")
+    assert row.at_limit
+    assert f"holding its target takes {2 * G:.3g} N" in row.told
+    assert value(row, "gravity") == pytest.approx(-2 * G, rel=1e-6)
+    drive = sum(term.value for term in row.terms if str(term.words).startswith("k"))
+    assert drive == pytest.approx(15, rel=1e-6)
+
+
+def test_a_fall_is_given_by_gravity_and_stopped_by_the_floor(told: Told) -> None:
+    world = """<geom name="floor" type="plane" size="5 5 1"/>
+    <body name="ball" pos="0 0 1"><freejoint/><geom type="sphere" size="0.1" mass="2"/></body>"""
+    rows = told(world)
+    row = the(rows, "moved", "1_ball")
+    fell = row.got
+    assert fell is not None
+    assert value(row, "gravity") == pytest.approx(2 * G * fell, rel=0.02)
+    energy = the(rows, "energy", "1_ball")
+    assert energy.gap is not None
+    assert value(energy, "contact") == pytest.approx(energy.gap, rel=0.01)
+
+
+def test_a_block_slides_as_far_as_friction_lets_it(told: Told) -> None:
+    world = """<geom name="floor" type="plane" size="50 50 1" friction="0.3"/>
+    <body name="block" pos="0 0 0.1"><freejoint/>
+    <geom type="box" size="0.1 0.1 0.1" mass="2" friction="0.3"/></body>"""
+    started = "data.qvel[0] = 0.5 if step == 300 else data.qvel[0]"  # once it has settled
+    rows = told(world, before=started, steps=800)
+    moved = the(rows, "moved", "1_block")
+    assert moved.got == pytest.approx(0.5**2 / (2 * 0.3 * G), rel=0.05)
+    assert value(moved, "friction") == pytest.approx(-0.5 * 2 * 0.5**2, rel=0.05)
+    slips = the(rows, "slips", "world × block")
+    assert slips.got is not None
+    assert moved.got is not None
+    assert slips.got <= moved.got * 1.05  # it slides while it touches: it hops a little
+
+
+def test_a_torque_is_told_as_it_begins(told: Told) -> None:
+    world = """<body name="rod"><joint name="hinge" axis="0 0 1"/>
+    <geom type="capsule" size="0.02" fromto="0 0 0 0.5 0 0" mass="1"/></body>"""
+    more = "<actuator><motor name='m' joint='hinge' gear='3' ctrlrange='-1 1'/></actuator>"
+    rows = told(world, more, "data.ctrl[0] = 2")
+    given = the(rows, "given", "hinge")
+    assert "ctrl 2 clamped to 1 × gear 3" in given.told
+    assert given.asked == pytest.approx(3.0, rel=1e-9)
+    assert the(rows, "asked", "m").got == 1.0
+
+
+@pytest.mark.parametrize(
+    ("world", "more", "before", "who", "words"),
+    [
+        (
+            """<body name="one" pos="0 0 1"><freejoint/><geom type="sphere" size="0.1"/></body>""",
+            "<option><flag gravity='disable'/></option>",
+            "pass",
+            "0_one",
+            "which a flag of the model switches off",
+        ),
+        (
+            SLIDE.format(damping=1),
+            "<option><flag actuation='disable'/></option>"
+            "<actuator><motor name='m' joint='up'/></actuator>",
+            "data.ctrl[0] = 1",
+            "m",
+            "a flag of the model switches actuators off",
+        ),
+        (
+            """<geom name="floor" type="plane" size="5 5 1"/><body name="ball" pos="0 0 1">
+            <freejoint/><geom type="sphere" size="0.1" contype="2" conaffinity="2"/></body>""",
+            "",
+            "pass",
+            "world × ball",
+            "share no bit",
+        ),
+        (
+            """<body name="one" pos="0 0 1"><freejoint name="f"/><geom size="0.1"/></body>""",
+            "<equality><weld name='hold' body1='one' active='false'/></equality>",
+            "pass",
+            "hold",
+            "it is not active",
+        ),
+    ],
+    ids=["gravity", "actuation", "mask", "equality"],
+)
+def test_what_could_have_acted_is_told_with_the_reason(
+    told: Told, world: str, more: str, before: str, who: str, words: str
+) -> None:
+    row = the(told(world, more, before), "idle", who)
+    assert words in row.told
+
+
+def test_a_state_that_is_written_each_step_is_told(told: Told) -> None:
+    row = the(
+        told(SLIDE.format(damping=0), before="data.qpos[0] = 0.2", steps=300), "set", "0_mass"
+    )
+    assert "before 299 of 300 steps" in row.told or "before 300 of 300 steps" in row.told
+
+
+def test_rows_of_equal_bodies_are_one(told: Told) -> None:
+    ball = """<body name="b{n}" pos="{n} 0 1"><freejoint/>
+    <geom type="sphere" size="0.1" mass="2"/></body>"""
+    rows = told("".join(ball.format(n=n) for n in range(4)))
+    falls = [row for row in rows if row.kind == "moved"]
+    assert len(falls) == 1
+    assert falls[0].alike == 3
+
+
+def test_no_row_tells_what_no_explained_step_shows(tmp_path: Path) -> None:
+    """A box that starts inside another is thrown in the first step, hidden by its substeps."""
+    script = tmp_path / "inside.py"
+    script.write_text(
+        textwrap.dedent(
+            """
+            import pybullet as p
+            p.connect(p.DIRECT)
+            p.setGravity(0, 0, -9.81)
+            p.setPhysicsEngineParameter(numSubSteps=4)
+            box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1, 0.1, 0.1])
+            p.createMultiBody(0, box)
+            p.createMultiBody(1, box, basePosition=[0, 0, 0.14])
+            for _ in range(240):
+                p.stepSimulation()
+            """
+        )
+    )
+    analysis = analyze(record_script(str(script), out=tmp_path / "inside.rrd").recording)
+    assert analysis.explained.samples < analysis.explained.of
+    assert not [row for row in analysis.account if "nothing gives" in row.told]
+
+
+def test_rows_are_ranked_and_their_numbers_are_finite(told: Told) -> None:
+    rows = told(SLIDE.format(damping=0), before="pass")
+    assert [row.salience for row in rows] == sorted((row.salience for row in rows), reverse=True)
+    assert {row.kind for row in rows} <= set(KINDS)
+    assert all(math.isfinite(term.value) for row in rows for term in row.terms)
