@@ -34,6 +34,8 @@ from generators.translations import compiled
 from hypothesis import HealthCheck, settings
 from skipping import pytest_runtest_makereport as pytest_runtest_makereport
 from skipping import pytest_runtest_setup as pytest_runtest_setup
+from without_pybullet import pytest_collection_modifyitems as without_pybullet
+from without_pybullet import pytest_ignore_collect as pytest_ignore_collect
 
 # Processes that tests start load what others have compiled, as a user's do.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -90,8 +92,9 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
                 terminalreporter.write_line(text)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Let the longest begin first: at the end, all processes have something to do."""
+    without_pybullet(config, items)
     items.sort(key=lambda item: not any(name in item.nodeid for name in LONGEST))
 
 

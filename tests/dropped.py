@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import polars as pl
 from altered import otherwise
 from drop_physics.drop.case import Case
@@ -9,11 +11,13 @@ from drop_physics.drop.course import Course
 from drop_physics.drop.results import DropAnalysis
 from drop_physics.drop.story import drop_analysis_of
 from drop_physics.engines.other_world import OtherWorld
-from drop_physics.engines.pybullet.world import World
 from drop_physics.recording.reader import Recording
 from drop_physics.stages.recorded import BATCH, case_of
 from drop_physics.trace.events import Samples
 from drop_physics.trace.history import Seen
+
+if TYPE_CHECKING:
+    from drop_physics.engines.pybullet.world import World
 
 
 def seen_with(

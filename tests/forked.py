@@ -273,7 +273,8 @@ def _become(request: dict[str, Any], files: list[int]) -> None:
 
 if __name__ == "__main__":
     for name in (*IMPORTED, *sys.argv[2:]):
-        __import__(name)
+        with contextlib.suppress(ModuleNotFoundError):  # an engine that is not installed
+            __import__(name)
     for name in [name for name in sys.modules if name.partition(".")[0] == "drop_physics"]:
         del sys.modules[name]  # what runs loads them under a name of its own, or not at all
     gc.freeze()

@@ -205,6 +205,7 @@ def test_rows_of_equal_bodies_are_one(told: Told) -> None:
     assert falls[0].alike == 3
 
 
+@pytest.mark.pybullet
 def test_no_row_tells_what_no_explained_step_shows(tmp_path: Path) -> None:
     """A box that starts inside another is thrown in the first step, hidden by its substeps."""
     script = tmp_path / "inside.py"

@@ -21,6 +21,8 @@ from drop_physics.stages.record import record_script
 from drop_physics.stages.sweep_script import sweep_script
 from drop_physics.stages.trust import trust
 
+pytestmark = pytest.mark.pybullet
+
 SCRIPT = """
 import atexit, ctypes, gzip, json, logging, mmap, multiprocessing, os, pickle, shelve, shutil
 import sqlite3, subprocess, sys, tempfile, threading, zipfile

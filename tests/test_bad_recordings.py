@@ -35,6 +35,8 @@ from drop_physics.workers import Worker
 from PIL import Image
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 
+pytestmark = pytest.mark.pybullet
+
 FLIPS = 300
 """Flipped bits, one per file."""
 SEED = 6

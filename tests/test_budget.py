@@ -22,6 +22,8 @@ from drop_physics.trace.states import between
 from iterated import law_of, thrown_as
 from numpy.typing import NDArray
 
+pytestmark = pytest.mark.pybullet
+
 TERMS = ("timestep_m", "damping_m", "interaction_m", "rounding_m")
 
 SCENARIOS: dict[str, dict[str, object]] = {

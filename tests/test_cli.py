@@ -17,6 +17,8 @@ from drop_physics import messages
 from drop_physics.stages.run import Run
 from rerun.chunk import LazyChunkStream
 
+pytestmark = pytest.mark.pybullet
+
 
 def lines(text: str) -> list[str]:
     return text.splitlines()

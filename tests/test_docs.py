@@ -14,8 +14,10 @@ import numpy as np
 import polars as pl
 import pytest
 from drop_physics import analyze, simulate
+from drop_physics.installed import PYBULLET, VERSION
 from drop_physics.scenario import Camera, Scenario
 from drop_physics.stages.run import Run
+from packaging.markers import Marker
 from PIL import Image
 
 ROOT = Path(__file__).parents[1]
@@ -35,6 +37,8 @@ def test_the_readmes_two_commands_are_what_ci_runs() -> None:
         "pip install '.[test]' && pytest",
         'pytest -m "needs or long"',
     ]
+    assert "-m build" in ci
+    assert 'twine" check --strict' in ci
 
 
 SKIPPING = """
@@ -98,14 +102,22 @@ def test_the_pictures_in_the_readme_exist_and_are_small() -> None:
         assert (ROOT / name).stat().st_size < 400_000
 
 
-def test_where_pip_cannot_install_the_engine_all_but_the_engine_is_installed() -> None:
-    page = (ROOT / "docs/install.md").read_text(encoding="utf-8")
-    listed = re.findall(r"'(\S+)'", page.partition("conda activate")[2].partition("```")[0])
-    engine, *others = sorted(PROJECT["dependencies"], key=lambda one: "pybullet" not in one)
-    assert sorted(listed) == sorted(others)
-    version = engine.removeprefix("pybullet==")
-    for text in (README, (ROOT / "README.ja.md").read_text(encoding="utf-8"), page):
-        assert version in text
+def test_pybullet_is_required_where_it_has_a_wheel_and_an_extra_elsewhere() -> None:
+    (required,) = (one for one in PROJECT["dependencies"] if "pybullet" in one)
+    pinned, marker = required.split("; ")
+    assert PROJECT["optional-dependencies"]["pybullet"] == [pinned]
+    assert pinned == f"{PYBULLET}=={VERSION}"
+    where = Marker(marker)
+    linux = {"sys_platform": "linux", "platform_machine": "x86_64", "python_version": "3.11"}
+    assert where.evaluate(linux)
+    for other in (
+        {"python_version": "3.12"},
+        {"sys_platform": "darwin"},
+        {"platform_machine": "aarch64"},
+    ):
+        assert not where.evaluate(linux | other)
+    for page in ("README.md", "README.ja.md", "docs/install.md"):
+        assert VERSION in (ROOT / page).read_text(encoding="utf-8")
 
 
 def test_every_dependency_has_a_reason() -> None:
@@ -180,6 +192,7 @@ def test_the_files_that_a_page_names_exist(page: str) -> None:
 EPSILON = 2.0**-52
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize(
     "scenario",
     [

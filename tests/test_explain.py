@@ -58,8 +58,8 @@ def test_what_a_rule_only_proposes_is_to_try() -> None:
     (free,) = explain("free-base").codes
     assert (free.advises, free.proposes) == ([], ["load it with p.loadURDF(…, useFixedBase=True)"])
     assert "to try      load it with" in str(CodeManual([free]))
-    (weak,) = explain("default-motor").codes
-    assert (bool(weak.advises), weak.proposes) == (True, [])
+    (apart,) = explain("constraint-apart").codes
+    assert (bool(apart.advises), apart.proposes) == (True, [])
 
 
 def test_an_example_is_a_line_of_a_script_that_there_is() -> None:

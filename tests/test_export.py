@@ -14,6 +14,8 @@ import pytest
 from command import drop_here
 from drop_physics.files.mcap_file import SCHEMAS, written_mcap
 
+pytestmark = pytest.mark.pybullet
+
 SCRIPT = """
 import json, pybullet as p, pybullet_data
 p.connect(p.DIRECT)

@@ -50,6 +50,8 @@ from drop_physics.workers import cores
 from PIL import Image
 from rerun.chunk import LazyChunkStream
 
+pytestmark = pytest.mark.pybullet
+
 KILLS = 9
 """Runs that are killed, each at another moment: by each signal while stepping and sealing."""
 SEED = 6

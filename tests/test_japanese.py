@@ -284,6 +284,7 @@ def test_what_is_recorded_stays_english(standard: Run) -> None:
     assert not JAPANESE.search(standard.analysis.markdown())
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize(
     ("command", "code", "beginning"),
     [

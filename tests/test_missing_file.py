@@ -8,6 +8,8 @@ import pytest
 from drop_physics.stages.missing_file import missing_file
 from drop_physics.stages.record import record_script
 
+pytestmark = pytest.mark.pybullet
+
 ROBOT = '<robot name="b"><link name="b"/></robot>'
 MESH = '<robot name="b"><link name="b"><collision><geometry><mesh filename="meshes/{}"/>'
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from drop_physics import Scenario, simulate
 from drop_physics.drop.engines_compared import apart, flight_of
 from drop_physics.drop.mechanics import Drift
 from drop_physics.engines import other_world
-from drop_physics.errors import DropError, ScenarioError
+from drop_physics.errors import DropError
 from drop_physics.explain.segments import FLIGHT, segments_of
 from drop_physics.physics.laws.lookup import law_for
 from drop_physics.physics.laws.mujoco.contact import rest_depth_m
@@ -53,6 +52,7 @@ def drawn(seed: int) -> dict[str, object]:
     return values
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize("integrator", some(INTEGRATORS["mujoco"], 1))
 def test_every_step_in_the_air_follows_the_law(integrator: str) -> None:
     to_the_bit = 0
@@ -71,6 +71,7 @@ def test_every_step_in_the_air_follows_the_law(integrator: str) -> None:
     assert to_the_bit == (0 if integrator == "rk4" else 2 * 10)
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize("integrator", INTEGRATORS["mujoco"])
 def test_what_is_recorded_is_what_mujoco_does(recorded: Recorder, integrator: str) -> None:
     """Also on the floor, by a model that shares nothing with ours but its numbers."""
@@ -107,6 +108,7 @@ def test_runge_kutta_has_no_error_but_rounding(recorded: Recorder) -> None:
     assert analysis.contact_j == pytest.approx(0, abs=1e-13) or analysis.impact is not None
 
 
+@pytest.mark.pybullet
 def test_a_law_that_is_another_one_is_noticed(recorded: Recorder) -> None:
     """The other integrators' law, and a number that is off by a few units of its last place."""
     recording = recorded(engine="mujoco", **BLOCK, height_m=6.0, spin_rad_s=(3.0, 5.0, -2.0))
@@ -159,6 +161,7 @@ UNSTABLE: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize("too_large", UNSTABLE)
 def test_mujoco_does_not_start_again_from_zero(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, too_large: str
@@ -227,6 +230,7 @@ def test_the_rest_has_a_closed_form(
         assert rest.sinks_m == pytest.approx(107.755420e-6, abs=1e-12)
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize("timestep_s", [0.01, 0.02])
 def test_no_time_constant_is_below_two_timesteps(recorded: Recorder, timestep_s: float) -> None:
     """A smaller one changes nothing then."""
@@ -265,6 +269,7 @@ def test_the_same_run_is_the_same_to_the_bit(tmp_path: Path, drop_process: Drop)
     assert a.contacts.equals(b.contacts)
 
 
+@pytest.mark.pybullet
 def test_frames_are_drawn_from_its_poses(tmp_path: Path) -> None:
     """The picture of a pose is the same, whichever engine led to it."""
     short = {"duration_s": 1 / 240, "height_m": 0.5}
@@ -274,6 +279,7 @@ def test_frames_are_drawn_from_its_poses(tmp_path: Path) -> None:
     assert pictures[0][0] == pictures[1][0]
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -291,17 +297,11 @@ def test_what_it_does_not_have_is_said_in_a_line(drop: Drop, options: list[str],
     assert said in " ".join(done.stderr.split())
 
 
+@pytest.mark.pybullet
 def test_an_integrator_of_pybullet_is_refused(drop: Drop) -> None:
     done = drop("simulate", "--integrator", "rk4", "--out", "x.rrd")
     assert done.returncode == 2
     assert "--integrator must be omitted for PyBullet" in " ".join(done.stderr.split())
-
-
-def test_an_engine_that_is_not_installed_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(sys.modules, "drop_physics.engines.mujoco.world", raising=False)
-    monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(ScenarioError, match=r"pip install '\.\[mujoco\]'"):
-        other_world.OtherWorld(Scenario(engine="mujoco"))
 
 
 def test_its_own_settings_reach_it(recorded: Recorder) -> None:
@@ -353,6 +353,7 @@ def parted(run: Recording, golden: Recording) -> str:
     return str(check(run.path, golden.path).engines)
 
 
+@pytest.mark.pybullet
 def test_moving_from_pybullet_says_where_they_part_and_why(recorded: Recorder) -> None:
     found = check(recorded(engine="mujoco").path, recorded().path)
     assert not found.same
@@ -364,6 +365,7 @@ def test_moving_from_pybullet_says_where_they_part_and_why(recorded: Recorder) -
     assert "--linear-damping 0 and they agree to the bit until contact" in found.engines
 
 
+@pytest.mark.pybullet
 def test_what_it_promises_of_pybullet_without_damping_holds(recorded: Recorder) -> None:
     found = check(recorded(engine="mujoco").path, recorded(linear_damping=0.0).path)
     assert found.comparison is not None
@@ -375,6 +377,7 @@ def test_what_it_promises_of_pybullet_without_damping_holds(recorded: Recorder) 
     )
 
 
+@pytest.mark.pybullet
 def test_nothing_is_advised_where_nothing_is_damped(recorded: Recorder) -> None:
     """They differ by rounding alone."""
     drop = {"body": "jenga/jenga.urdf", "velocity_m_s": (0.0, -7.3, 0.0), "duration_s": 0.4}
@@ -382,12 +385,14 @@ def test_nothing_is_advised_where_nothing_is_damped(recorded: Recorder) -> None:
     assert found.endswith("less than 0.0001 mm apart")
 
 
+@pytest.mark.pybullet
 def test_engines_with_another_integrator_part_by_the_timestep(recorded: Recorder) -> None:
     found = parted(recorded(engine="mujoco", integrator="rk4"), recorded(linear_damping=0.0))
     assert "diverge at step 1" in found
     assert "mm apart along z: timestep +9.11" in found
 
 
+@pytest.mark.pybullet
 def test_engines_part_where_they_are_farthest_and_not_by_terms_of_what_is_clamped(
     recorded: Recorder,
 ) -> None:
@@ -400,6 +405,7 @@ def test_engines_part_where_they_are_farthest_and_not_by_terms_of_what_is_clampe
     assert "interaction" not in found
 
 
+@pytest.mark.pybullet
 def test_nothing_is_promised_that_the_law_does_not_give(recorded: Recorder) -> None:
     """MuJoCo's own gravity is altered: PyBullet without damping would not follow it."""
     golden = recorded()
@@ -412,6 +418,7 @@ def test_nothing_is_promised_that_the_law_does_not_give(recorded: Recorder) -> N
     assert "agree" not in apart(*flights, parts_at=1)
 
 
+@pytest.mark.pybullet
 def test_another_mass_is_another_experiment(recorded: Recorder) -> None:
     found = check(recorded(engine="mujoco", mass_kg=0.2).path, recorded().path)
     assert found.comparison is not None
@@ -419,6 +426,7 @@ def test_another_mass_is_another_experiment(recorded: Recorder) -> None:
     assert found.engines is None
 
 
+@pytest.mark.pybullet
 def test_a_sweep_has_a_row_of_each_engine(tmp_path: Path, drop: Drop) -> None:
     done = drop("sweep", "--engine", "bullet,mujoco", "--out", "engines", "--json")
     assert done.returncode == 0, done.stderr

@@ -200,6 +200,7 @@ for _ in range(5):
 """
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize(
     ("text", "samples", "said"),
     [
@@ -222,6 +223,7 @@ def test_what_is_not_recorded_is_said(tmp_path: Path, text: str, samples: int, s
     read(found.recording)
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize("first", ["PyBullet", "MuJoCo"])
 def test_a_script_that_steps_two_engines_has_a_recording_of_each(
     tmp_path: Path, drop: Drop, monkeypatch: pytest.MonkeyPatch, first: str
@@ -253,6 +255,7 @@ def test_a_script_that_steps_two_engines_has_a_recording_of_each(
     assert note in " ".join(both.stderr.split())
 
 
+@pytest.mark.pybullet
 def test_the_steps_of_both_engines_are_compared(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -268,6 +271,7 @@ def test_the_steps_of_both_engines_are_compared(
     assert "the states that differ are those of MuJoCo" in notes
 
 
+@pytest.mark.pybullet
 def test_trust_and_why_say_that_they_compare_one_engine_of_two(
     tmp_path: Path, drop: Drop, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -37,7 +37,7 @@ def test_the_wheel_holds_the_program_and_nothing_else(wheel: Path) -> None:
     held = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
     code = {
         path.relative_to(SOURCES).as_posix()
-        for kind in ("*.py", "*.json")
+        for kind in ("*.py", "*.json", "*.urdf")
         for path in SOURCES.rglob(kind)
     }
     built = {"drop_physics/locale/ja/LC_MESSAGES/drop.mo", "drop_physics/rules/why.md"}

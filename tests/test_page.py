@@ -15,6 +15,8 @@ from drop_physics.report.blocks import Column, DataTable, Fact, Facts, Report, S
 from drop_physics.report.html import html_of
 from PIL import Image
 
+pytestmark = pytest.mark.pybullet
+
 BLUE = (0, 114, 178)
 """Of a curve of what was simulated."""
 

@@ -18,6 +18,8 @@ from drop_physics.trace.events import Calls, Event, Raised, Samples, Site
 from drop_physics.trace.readings import Lens, Reading
 from watching import bare, blocks, watched
 
+pytestmark = pytest.mark.pybullet
+
 ARM = scripts.HEAD + 'arm = p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)\n'
 BOX = 'box = p.loadURDF("cube_small.urdf", [2, 0, 1])\n'
 EXACT, SHARE, GROUP = 256, 61, 4

@@ -19,6 +19,8 @@ from conftest import Drop
 from drop_physics import record_script
 from drop_physics.errors import ScenarioError
 
+pytestmark = pytest.mark.pybullet
+
 FALLS = """import pybullet as p
 p.connect(p.DIRECT)
 p.createMultiBody({mass}, p.createCollisionShape(p.GEOM_SPHERE, radius=0.1))

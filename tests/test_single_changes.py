@@ -85,6 +85,7 @@ def states(folder: Path, text: str, **how: Any) -> bytes:
     )
 
 
+@pytest.mark.pybullet
 def test_a_change_of_a_pybullet_script_is_found_and_made_in_its_process(tmp_path: Path) -> None:
     text = BULLET.format(force=40)
     (found,) = (

@@ -52,6 +52,8 @@ from drop_physics.sweeping.plan import plan_of
 from drop_physics.sweeping.rows import TERMS
 from rich.text import Text
 
+pytestmark = pytest.mark.pybullet
+
 COMMAND: Any = typer.main.get_command(app)
 EXAMPLES = {
     name: one.epilog.removeprefix("Example: ")

@@ -15,6 +15,8 @@ from conftest import some
 from drop_physics.trace.events import Event, Samples, Settings
 from watching import watched
 
+pytestmark = pytest.mark.pybullet
+
 HEAD = """
 import math, time
 import pybullet as p, pybullet_data

@@ -18,6 +18,8 @@ from drop_physics.errors import RecordingError
 from drop_physics.messages import Message
 from drop_physics.recording import reader, schema, versions
 
+pytestmark = pytest.mark.pybullet
+
 RECORDINGS = Path(__file__).with_name("recordings")
 EARLIER = sorted(int(folder.name) for folder in RECORDINGS.iterdir() if folder.is_dir())
 DIGESTS = ("state", "contacts", "series", "calls", "frames")

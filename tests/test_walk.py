@@ -9,7 +9,10 @@ from pathlib import Path
 from types import FrameType
 
 import drop_physics
+import pytest
 from conftest import Drop
+
+pytestmark = pytest.mark.pybullet
 
 PACKAGE = Path(drop_physics.__file__).parent
 ARCHITECTURE = Path(__file__).parents[1] / "docs/architecture.md"

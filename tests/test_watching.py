@@ -36,6 +36,8 @@ from drop_physics.trace.events import (
 )
 from watching import bare, blocks, told, watched
 
+pytestmark = pytest.mark.pybullet
+
 WITNESS = """
 import json
 seen, held = [], []

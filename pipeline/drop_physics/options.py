@@ -8,10 +8,15 @@ from typing import Annotated, Any
 
 import typer
 
+from drop_physics.console.output import note
 from drop_physics.fields import Option
+from drop_physics.installed import PYBULLET, is_installed, needs_pybullet, next_step, why_missing
+from drop_physics.messages import Message
 from drop_physics.option_types import integer, number
 from drop_physics.scenario import Camera, Scenario
 
+Texts = dict[str, str | bool | None]
+"""The values of options by field, as typed."""
 Given = Mapping[str, Any]
 """The values given on the command line, by parameter name."""
 LONGEST = 40
@@ -42,7 +47,7 @@ def takes_scenario(command: Callable[..., None]) -> Callable[..., None]:
     ]
 
     def inputs(given: Given) -> Given:
-        scenario = Scenario.from_text(_texts(Scenario.options(), given))
+        scenario = Scenario.from_text(_dropped_here(_texts(Scenario.options(), given)))
         camera = Camera.from_text(_texts(Camera.options(), given))
         return {"scenario": scenario, "camera": None if given["no_camera"] else camera}
 
@@ -62,7 +67,7 @@ def takes_scenario_lists(command: Callable[..., None]) -> Callable[..., None]:
 
     def inputs(given: Given) -> Given:
         camera = Camera.from_text(_texts(Camera.options(), given))
-        lists = _texts(Scenario.options(), given)
+        lists = _dropped_here(_texts(Scenario.options(), given))
         return {"lists": lists, "camera": camera if given["view"] else None}
 
     return _grafted(command, options, inputs, instead_of=("lists", "camera"))
@@ -151,7 +156,25 @@ def _parameter(
     )
 
 
-def _texts(options: Mapping[str, Option], given: Given) -> dict[str, str | bool | None]:
+def _dropped_here(texts: Texts) -> Texts:
+    """Return the values for an engine that is installed: MuJoCo where PyBullet is not.
+
+    Raises
+    ------
+    ScenarioError
+        If PyBullet is asked for, and is not installed.
+    """
+    if is_installed(PYBULLET):
+        return texts
+    if texts["engine"] is None:
+        note(Message("{why}: this is MuJoCo's fall; {next}", why=why_missing(), next=next_step()))
+        return texts | {"engine": "mujoco"}
+    if "bullet" in str(texts["engine"]).split(","):
+        raise needs_pybullet("--engine bullet")
+    return texts
+
+
+def _texts(options: Mapping[str, Option], given: Given) -> Texts:
     """Return the values of these options; a `--no-` flag that is given switches its field off."""
     return {
         name: not given[name] if spec.is_flag else given[name] for name, spec in options.items()

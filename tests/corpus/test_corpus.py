@@ -10,7 +10,10 @@ import pytest
 import score
 from score import Truth, Verdict, fallen, findings_of, judged, read_scores, write_scores
 
-CORPORA = [score.FOLDER, score.FOLDER / "mujoco"]
+MUJOCO = score.FOLDER / "mujoco"
+CORPORA = [score.FOLDER, MUJOCO]
+RUN = [pytest.param(score.FOLDER, marks=pytest.mark.pybullet), MUJOCO]
+"""The same, to run their scripts."""
 KNOWN = {corpus: score.truths(corpus) for corpus in CORPORA}
 WEAK = Truth(
     "It sinks.",
@@ -33,7 +36,7 @@ def said(code: str, message: str = "", **more: Any) -> dict[str, Any]:
 FULL = said("weak-constraint", "its maxForce of 10 N", effect={"value": 19.9}, joint="hinge")
 
 
-@pytest.mark.parametrize("corpus", CORPORA, ids=lambda corpus: corpus.name)
+@pytest.mark.parametrize("corpus", RUN, ids=["pybullet", "mujoco"])
 def test_the_tenth_is_answered_no_worse(corpus: Path) -> None:
     before, known = read_scores(corpus / "tenth.json"), KNOWN[corpus]
     now = {name: judged(known[name], findings_of(name, corpus)) for name in before}
@@ -41,7 +44,7 @@ def test_the_tenth_is_answered_no_worse(corpus: Path) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("corpus", CORPORA, ids=lambda corpus: corpus.name)
+@pytest.mark.parametrize("corpus", RUN, ids=["pybullet", "mujoco"])
 def test_the_whole_is_answered_no_worse(corpus: Path) -> None:
     known = KNOWN[corpus]
     now = {name: judged(known[name], findings_of(name, corpus)) for name in known}

@@ -1,4 +1,4 @@
-"""The world of a drop in an engine other than PyBullet; PyBullet reads the URDF."""
+"""The world of a drop in an engine other than PyBullet, which reads the URDF if it is installed."""
 
 from __future__ import annotations
 
@@ -14,17 +14,19 @@ import numpy as np
 from drop_physics.arrays import Float64
 from drop_physics.engine_report import EngineReport
 from drop_physics.engines.finite import drop_samples
-from drop_physics.engines.pybullet.world import World
 from drop_physics.engines.rigid_body import RigidBody
+from drop_physics.engines.urdf import find_urdf, read_urdf
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.fields import counted
+from drop_physics.installed import PYBULLET, is_installed
 from drop_physics.messages import Message
 from drop_physics.scenario import ENGINES, ENGINES_WITH, Scenario
-from drop_physics.trace.events import Samples
+from drop_physics.trace.events import Joint, Samples
 from drop_physics.trace.states import BASE, BODY, CONTACT, FLOOR
 
 if TYPE_CHECKING:
     from drop_physics.engines.mujoco.world import MujocoSession
+    from drop_physics.engines.pybullet.world import World
 
 SHAPES = ("box", "sphere", "cylinder", "capsule")
 """Kinds of shape that are dropped here."""
@@ -53,19 +55,8 @@ class OtherWorld:
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
-        # Without the other engine's options: PyBullet only reads the body.
-        plain: dict[str, Any] = {name: None for name in ENGINES_WITH if name != "coordinates"}
-        bullets = replace(scenario, engine="bullet", integrator=None, **plain)
-        with contextlib.ExitStack() as stack:
-            read = stack.enter_context(World(bullets))
-            self._read = read.report()
-            if any(shape.kind == "mesh" for shape in read.shapes()):
-                # It may be the hull that Bullet makes of a cylinder; the inertia stays the hull's.
-                inertia_kg_m2 = self._read.inertia_kg_m2
-                read = stack.enter_context(World(bullets, round_cylinders=True))
-                self._read = replace(read.report(), inertia_kg_m2=inertia_kg_m2)
-            self.half_size_m: Float64 = read.half_size_m
-            body = rigid_body(read, self._read)
+        read = _read_by_bullet if is_installed(PYBULLET) else _read_without
+        self._read, self.half_size_m, body = read(scenario)
         if any(shape.kind == "cylinder" for shape in body.shapes):
             # Bullet rounds its edges, by 0.4 mm where it is tilted.
             depths_m = [shape.depth_m(scenario.orientation_xyzw) for shape in body.shapes]
@@ -73,6 +64,15 @@ class OtherWorld:
         self.rest_height_m = self._read.rest_height_m
         self._steps = 0
         self._session = _session(scenario, body)
+
+    joints: tuple[Joint, ...] = ()
+    """The joints of its body, which has none."""
+    inertial_frames = np.array([[0.0] * 6 + [1.0]])
+    """The frame of inertia in the body's own frame, which is the same: pose, shape (1, 7)."""
+
+    def dynamics(self, _: int = BODY) -> dict[str, Float64]:
+        """Return what is reported of the body beside mass and inertia: nothing."""
+        return {}
 
     def __enter__(self) -> Self:
         return self
@@ -166,6 +166,51 @@ class OtherWorld:
             yield drop_samples(steps, self.scenario.timestep_s, base, points)
 
 
+def _read_by_bullet(scenario: Scenario) -> tuple[EngineReport, Float64, RigidBody]:
+    """Return the body of a scenario as PyBullet reads it: reported, half its size, and itself."""
+    from drop_physics.engines.pybullet import world
+
+    # Without the other engine's options: PyBullet only reads the body.
+    plain: dict[str, Any] = {name: None for name in ENGINES_WITH if name != "coordinates"}
+    bullets = replace(scenario, engine="bullet", integrator=None, **plain)
+    with contextlib.ExitStack() as stack:
+        read = stack.enter_context(world.World(bullets))
+        report = read.report()
+        if any(shape.kind == "mesh" for shape in read.shapes()):
+            # It may be the hull that Bullet makes of a cylinder; the inertia stays the hull's.
+            inertia_kg_m2 = report.inertia_kg_m2
+            read = stack.enter_context(world.World(bullets, round_cylinders=True))
+            report = replace(read.report(), inertia_kg_m2=inertia_kg_m2)
+        return report, read.half_size_m, rigid_body(read, report)
+
+
+def _read_without(scenario: Scenario) -> tuple[EngineReport, Float64, RigidBody]:
+    """Return the same, read without PyBullet."""
+    read = read_urdf(find_urdf(scenario.body), scenario.mass_kg)
+    body = read.body
+    single = body.shapes[0] if len(body.shapes) == 1 else None
+    report = EngineReport(
+        timestep_s=scenario.timestep_s,
+        substeps=0,
+        gravity_m_s2=(0.0, 0.0, scenario.effective_gravity_m_s2),
+        body_name=body.name,
+        body_sha256=read.sha256,
+        body_type="",
+        joints=0,
+        mass_kg=body.mass_kg,
+        link_masses_kg=(body.mass_kg,),
+        inertia_kg_m2=body.inertia_kg_m2,
+        link_inertias_kg_m2=body.inertia_kg_m2,
+        shape=single.kind if single else "compound" if body.shapes else "none",
+        shape_dimensions_m=single.size_m if single else (),
+        shape_position_m=single.position_m if single else None,
+        shape_orientation=single.orientation if single else None,
+        reach_m=read.reach_m,
+        rest_height_m=read.rest_height_m(scenario.orientation_xyzw),
+    )
+    return report, read.half_size_m, body
+
+
 def rigid_body(world: World, report: EngineReport) -> RigidBody:
     """Return the body that PyBullet has read from a URDF.
 
@@ -195,16 +240,7 @@ def rigid_body(world: World, report: EngineReport) -> RigidBody:
 
 
 def _session(scenario: Scenario, body: RigidBody) -> MujocoSession:
-    """Return the body above a floor in the scenario's engine, which is an extra."""
-    try:
-        from drop_physics.engines.mujoco.world import MujocoSession
-    except ModuleNotFoundError as error:
-        if (error.name or "").startswith("drop_physics"):
-            raise
-        raise ScenarioError(
-            "--engine {engine} needs {name}, which is not installed; "
-            "in a clone of drop: pip install '.[{engine}]'",
-            engine=scenario.engine,
-            name=ENGINES[scenario.engine],
-        ) from None
+    """Return the body above a floor in the scenario's engine."""
+    from drop_physics.engines.mujoco.world import MujocoSession
+
     return MujocoSession(scenario, body)

@@ -10,6 +10,7 @@ import re
 import select
 import signal
 import subprocess
+import sys
 import time
 from abc import ABC, abstractmethod
 from array import array
@@ -132,6 +133,8 @@ class Listener(ABC):
 
     target = ""
     """Path of the script; empty for a block."""
+    python = sys.executable
+    """The interpreter that runs it."""
     explains_with: str | None = None
     """The interpreter that replays and explains steps of MuJoCo; None if they are not replayed."""
 
@@ -249,7 +252,8 @@ class OtherEngine(Listener):
 
     def __init__(self, listener: Listener, decoder: Decoder, kept: Iterator[Event]) -> None:
         self.decoder, self._kept = decoder, kept
-        self.target, self.explains_with = listener.target, listener.explains_with
+        self.target, self.python = listener.target, listener.python
+        self.explains_with = listener.explains_with
         self._listener = listener
 
     def events(self) -> Iterator[Event]:
@@ -340,7 +344,7 @@ class Script(Listener):
         super().__init__(reading, self._block.fileno())
         self.kept = None if asks is None else bytearray()
         self.decoder = Decoder((program.variation or {}).get("finer", 1))
-        self.target = program.target
+        self.target, self.python = program.target, program.python
         self.explains_with = program.python if program.explain else None
         self._interrupted_at: float | None = None
         self._interrupts = 0

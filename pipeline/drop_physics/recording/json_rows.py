@@ -208,8 +208,8 @@ def _schema(name: str, hint: Any, *, nested: bool) -> CoreSchema:  # noqa: ANN40
     if isinstance(hint, type) and is_dataclass(hint):
         return _of_class(hint, nested=nested)
     of, its = get_origin(hint), get_args(hint)
-    if of is np.ndarray:
-        (kind,) = get_args(its[1])
+    if of is NDArray or of is np.ndarray:  # the former from numpy 2.5 on
+        (kind,) = its if of is NDArray else get_args(its[1])
         return core_schema.no_info_plain_validator_function(partial(_array, name, kind))
     parts = [_schema(name, each, nested=nested) for each in its if each is not Ellipsis]
     if of is tuple:

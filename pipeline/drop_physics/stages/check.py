@@ -248,13 +248,15 @@ def _describe(golden: Path) -> None:
     is left alone.
     """
     from drop_physics.stages.analyze import analysis_of  # loads every rule
+    from drop_physics.stages.info import engine_of
 
-    beside = golden.with_suffix(".md")
-    title = f"# {golden.name}\n\n{WRITTEN}\n"
+    beside, held = golden.with_suffix(".md"), read(golden)
+    made_with = f" Made with {engine_of(held)}." if held.drop is None else ""
+    title = f"# {golden.name}\n\n{WRITTEN}{made_with}\n"
     with output_errors(beside):
         if beside.exists() and WRITTEN not in beside.read_text(encoding="utf-8", errors="replace"):
             return
-    text = analysis_of(read(golden)).markdown(at_the_end=True)
+    text = analysis_of(held).markdown(at_the_end=True)
     with written_whole(beside, force=True) as file:
         file.write(f"{title}\n{text.strip()}\n".encode())
 

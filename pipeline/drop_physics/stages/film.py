@@ -16,7 +16,8 @@ from drop_physics.figures.animation import decoded
 from drop_physics.figures.overlay import beside, draw_clock, draw_marks
 from drop_physics.figures.playback import Animation, Playback, playback
 from drop_physics.figures.theme import DARK, LIGHT, Theme
-from drop_physics.messages import shell_command
+from drop_physics.installed import PYBULLET, is_installed, needs_pybullet
+from drop_physics.messages import Message, shell_command
 from drop_physics.physics.vectors import triple
 from drop_physics.recording.frames import frames, frames_of_cameras
 from drop_physics.recording.reader import Recording
@@ -280,6 +281,8 @@ def _drawn(
     hire: Callable[[int], Sequence[Worker]],
 ) -> Iterator[Image.Image]:
     """Yield pictures of poses, shape (pictures, parts, 7); the workers begin to draw at once."""
+    if not is_installed(PYBULLET):
+        raise needs_pybullet(Message("a film of poses"))
     workers = hire(max(1, len(poses) // PER_WORKER))
     for first, worker in enumerate(workers):
         shared = poses[first :: len(workers)], cameras[first :: len(workers)]

@@ -11,6 +11,7 @@ import numpy as np
 
 from drop_physics.explain.times import StepTimes
 from drop_physics.fields import counted
+from drop_physics.installed import is_installed
 from drop_physics.messages import Message, joined, shell_command
 from drop_physics.printable import Printable
 from drop_physics.recording import schema
@@ -78,8 +79,16 @@ class Info(Printable, reported_by="drop_physics.report.info"):
 
 def versions() -> str:
     """Return the versions of drop, of the engine, and of the recordings that it writes."""
-    drop, engine = (metadata.version(name) for name in ("drop-physics", "pybullet"))
-    return f"drop {drop} (PyBullet {engine}, recordings of schema {schema.SCHEMA_VERSION})"
+    drop, *engines = (
+        f"{name} {metadata.version(package)}"
+        for name, package in (
+            ("drop", "drop-physics"),
+            ("PyBullet", PYBULLET),
+            ("MuJoCo", "mujoco"),
+        )
+        if package == "drop-physics" or is_installed(package)
+    )
+    return f"{drop} ({', '.join([*engines, f'recordings of schema {schema.SCHEMA_VERSION}'])})"
 
 
 def info(recording: Path | str) -> Info:
@@ -141,7 +150,7 @@ def _of_script(held: Recording) -> tuple[str, str | None, str]:
     words = [*program, *map(str, listed(origin.get("arguments")))]
     what = script if script == schema.BLOCK else shell_command(*words)
     command = repeated("record", origin)
-    engine: str = _engine(held)
+    engine: str = engine_of(held)
     if ended is not None and "made_with_version" in ended:  # not where its first bytes were lost
         engine = Message(
             "{engine} in Python {version}", engine=engine, version=ended["made_with_version"]
@@ -150,7 +159,7 @@ def _of_script(held: Recording) -> tuple[str, str | None, str]:
     return Message("{script}, {ended}", script=what, ended=how), command, engine
 
 
-def _engine(held: Recording) -> str:
+def engine_of(held: Recording) -> str:
     """Return the name and version of the engine that a script used, perhaps without a step."""
     ended = held.ended or {}
     mujoco, bullet = (ended.get(f"made_with_{name}") for name in ("mujoco", "pybullet"))

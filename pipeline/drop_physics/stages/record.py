@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
+import re
 import signal
 import sys
 import threading
@@ -29,13 +30,14 @@ from drop_physics.engines.script import Program
 from drop_physics.errors import DropError
 from drop_physics.fields import all_of
 from drop_physics.files.outputs import check_apart
-from drop_physics.messages import Message
+from drop_physics.messages import Message, shell_command
 from drop_physics.printable import Printable
 from drop_physics.recording import schema
 from drop_physics.recording.about import about_script
 from drop_physics.recording.layer_file import layer_of
 from drop_physics.stages.again import Again, again_of
 from drop_physics.stages.found import name_of, path_digest
+from drop_physics.stages.interpreter import interpreter_of
 from drop_physics.stages.missing_file import missing_file
 from drop_physics.stages.program import (
     SEEDED_CLOCK_S,
@@ -55,6 +57,7 @@ if TYPE_CHECKING:
 NAMED_AFTER_S = 60.0
 """A script without a limit that runs longer than this [s] may never end."""
 CANNOT_LOAD = "pybullet.error: Cannot load"
+NOT_INSTALLED = re.compile(r"ModuleNotFoundError: No module named '(pybullet|mujoco)")
 
 
 @dataclass(frozen=True)
@@ -161,7 +164,8 @@ def record_script(
         Whether a script that connects, opens devices or writes where it cannot be kept from doing
         so is run a second time all the same.
     python
-        The interpreter that runs it; None for the current one.
+        The interpreter that runs it; None for that of an active virtual environment, else of a
+        `.venv` beside the script or above it, else the current one.
     keep_sleeping
         Whether its sleeps take time.
     force
@@ -193,7 +197,7 @@ def record_script(
     began = time.perf_counter()
     digest, arguments = digest_of_script(target, is_module=is_module), texts_of(arguments)
     steps, duration_s, seed = checked_limits(steps, duration_s, seed)
-    interpreter = python or sys.executable
+    interpreter = interpreter_of(target, is_module=is_module, given=python, note=note)
     # A script may compute with the time of day: a second run must see the same.
     begins_s = time.time() if seed is None else SEEDED_CLOCK_S
     program = Program(
@@ -411,6 +415,8 @@ def written(
             site = recorder.sites.get(process.decoder.bullet.raised)
             why = missing_file(site.form, process.target) if site is not None else None
             ended.error = f"{ended.error} {why}" if why else ended.error
+        if missing := NOT_INSTALLED.match(ended.error):
+            ended.error = f"{ended.error}; {_how_to_install(missing[1], process)}"
         endings.append(ended)
         return ended
 
@@ -426,6 +432,18 @@ def written(
         **how,
     )
     return endings[0]
+
+
+def _how_to_install(module: str, process: running.Listener) -> str:
+    """Return how a script's interpreter gets the engine that the script imports."""
+    how = shell_command(process.python, "-m", "pip", "install", module)
+    if module == "mujoco":
+        return Message("try: {how}", how=how)
+    return Message(
+        "this needs pybullet: {how} takes seconds with Python 3.11 on Linux (x86-64), and compiles "
+        "it elsewhere; --python names another interpreter",
+        how=how,
+    )
 
 
 def recorded_of(

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, replace
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,10 +17,7 @@ from drop_physics.arrays import Float64
 from drop_physics.drop.case import Case
 from drop_physics.engine_report import EngineReport
 from drop_physics.engines.other_world import OtherWorld
-from drop_physics.engines.pybullet.camera_frames import Photographer
-from drop_physics.engines.pybullet.engine import engine_versions
-from drop_physics.engines.pybullet.visible_world import world_from_camera
-from drop_physics.engines.pybullet.world import World
+from drop_physics.engines.worlds import engine_versions
 from drop_physics.messages import Message
 from drop_physics.physics import theory
 from drop_physics.physics.laws.lookup import fall_of
@@ -29,7 +26,6 @@ from drop_physics.recording.about import about_drop
 from drop_physics.recording.falling import Falling, Photography, Progress
 from drop_physics.recording.recorder import Recorder
 from drop_physics.recording.writer import Chunk
-from drop_physics.scenario import Scenario
 from drop_physics.trace.events import (
     Appearance,
     At,
@@ -44,13 +40,16 @@ from drop_physics.trace.events import (
 from drop_physics.trace.history import seen_in
 from drop_physics.trace.states import BASE, BODY, BODY_LABEL, FLOOR, FLOOR_LABEL
 
+if TYPE_CHECKING:
+    from drop_physics.engines.pybullet.camera_frames import Photographer
+    from drop_physics.engines.pybullet.world import World
+
 BATCH = 8192
 """Samples in one chunk of a recording: the most that a killed run loses. Longer chunks take more
 memory while they are packed, shorter ones take more of the index at the end of the file."""
 FLOOR_M = (1.5, 1.5)
 """Size of the part of the floor that the viewer draws."""
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
-ORIGIN = np.array([[0.0, 0.0, 0.0, *UPRIGHT]])
 
 
 def recorded(
@@ -66,6 +65,8 @@ def recorded(
     """
     scenario, photography, gl_renderer = world.scenario, None, None
     if photographer is not None:
+        from drop_physics.engines.pybullet.visible_world import world_from_camera
+
         photography = Photography(photographer.camera, photographer.draw, world_from_camera)
         gl_renderer = photographer.gl_renderer
     fall = fall_of(scenario)
@@ -104,17 +105,6 @@ def recorded(
     )
 
 
-def world_of(scenario: Scenario) -> World | OtherWorld:
-    """Return the world that a scenario is dropped in, at its release; use it in `with`.
-
-    Raises
-    ------
-    ScenarioError
-        If the engine is not installed, or the body cannot be found, loaded or dropped by it.
-    """
-    return World(scenario) if scenario.engine == "bullet" else OtherWorld(scenario)
-
-
 def case_of(world: World | OtherWorld, samples: Iterable[Samples]) -> Case:
     """Return the drop of a world from its samples, without a recording."""
     engine = made_with(world)
@@ -124,7 +114,7 @@ def case_of(world: World | OtherWorld, samples: Iterable[Samples]) -> Case:
 def bodies_of(world: World | OtherWorld, engine: EngineReport) -> Iterator[Event]:
     """Yield the events of the beginning: body, floor, and the engine's settings."""
     at, scenario = At(0, 0.0, 0), world.scenario
-    joints = world.joints if isinstance(world, World) else ()
+    joints = world.joints
     rgb = bytes.fromhex(colours.ENGINES[scenario.engine].removeprefix("#"))
     shape = Shape(
         BASE,
@@ -161,11 +151,11 @@ def bodies_of(world: World | OtherWorld, engine: EngineReport) -> Iterator[Event
         },
     )
     yield Appearance(at, body, there=True, came=True)
-    frames = world.inertial_frames if isinstance(world, World) else ORIGIN
+    frames = world.inertial_frames
     yield Dynamics(
         at,
         body,
-        (world.dynamics() if isinstance(world, World) else {})
+        world.dynamics()
         | {
             "mass_kg": np.array(engine.link_masses_kg),
             "inertia_kg_m2": np.reshape(engine.link_inertias_kg_m2, (-1, 3)),
@@ -188,8 +178,8 @@ def bodies_of(world: World | OtherWorld, engine: EngineReport) -> Iterator[Event
             shapes=(plane,),
         )
         yield Appearance(at, floor, there=True, came=True)
-        if isinstance(world, World):
-            yield Dynamics(at, floor, world.dynamics(FLOOR))
+        if dynamics := world.dynamics(FLOOR):
+            yield Dynamics(at, floor, dynamics)
 
 
 def made_with(world: World | OtherWorld, *, gl_renderer: str | None = None) -> EngineReport:

@@ -22,6 +22,7 @@ from drop_physics.figures.playback import EVERY_FRAME, STANDARD_FPS, Animation
 from drop_physics.figures.plot import Plot
 from drop_physics.files.outputs import check_apart, check_kind, check_target
 from drop_physics.files.whole import written_whole
+from drop_physics.installed import PYBULLET, is_installed
 from drop_physics.messages import Message
 from drop_physics.printable import Printable
 from drop_physics.recording.contents import is_script
@@ -152,6 +153,7 @@ def render(
             body,
             dark,
             _hiring(running, assistant),
+            asked=out is not None or view is not None,
         )
         if made is None and out is not None:
             raise RecordingError(
@@ -252,14 +254,16 @@ def _film(
     body: str | None,
     dark: bool,
     hire: Callable[[int], list[Worker]],
+    *,
+    asked: bool,
 ) -> Film | None:
     """Return the frames that were recorded; where a camera is named, or a script took none, poses.
 
-    None for a drop without frames.
+    None for a drop without frames, and where nobody has asked for a film that nothing draws here.
     """
     if view is None and (taken := frames_film(held, animation, most_fps)) is not None:
         return taken
-    if view is None and held.drop is not None:
+    if (view is None and held.drop is not None) or not (asked or is_installed(PYBULLET)):
         return None
     captioned = held.drop is not None and (animation.caption or animation.with_plot)
     return poses_film(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from drop_physics.figures.playback import EVERY_FRAME, Animation
 from drop_physics.files.outputs import make_folder, reserved
+from drop_physics.installed import PYBULLET, is_installed
 from drop_physics.printable import Printable
 from drop_physics.scenario import STANDARD_CAMERA, Camera, Scenario
 from drop_physics.workers import Worker
@@ -60,6 +61,8 @@ def run(
     OutputError
         If the folder or a file cannot be written.
     """
+    if camera is not None and not is_installed(PYBULLET):
+        camera = None  # PyBullet draws the frames
     make_folder(Path(out_dir))
     free = reserved(Path(out_dir), "run", also=_DERIVED)
     analysis: Analysis | None = None

@@ -9,10 +9,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from drop_physics.engines.pybullet.camera_frames import Photographer
-from drop_physics.engines.pybullet.found import find_body
+from drop_physics.engines.worlds import find_body, world_of
 from drop_physics.errors import check_suffix
 from drop_physics.files.outputs import check_apart, check_room, check_target
+from drop_physics.installed import PYBULLET, is_installed, next_step
 from drop_physics.messages import Message
 from drop_physics.printable import Printable
 from drop_physics.recording import writer
@@ -20,7 +20,7 @@ from drop_physics.recording.falling import Progress
 from drop_physics.recording.layout import layout, look_of_drop
 from drop_physics.recording.live import shown
 from drop_physics.scenario import BYTES_PER_SAMPLE, STANDARD_CAMERA, Camera, Scenario
-from drop_physics.stages.recorded import BATCH, recorded, world_of
+from drop_physics.stages.recorded import BATCH, recorded
 from drop_physics.workers import Worker
 
 LIVE_EVERY_S = 1 / 30
@@ -90,6 +90,14 @@ def simulate(
     """
     began = time.perf_counter()
     path = Path(out)
+    if camera is not None and not is_installed(PYBULLET):
+        camera = None
+        note(
+            Message(
+                "no frames are taken: PyBullet draws them, which is not installed; {next}",
+                next=next_step(),
+            )
+        )
     body = find_body(scenario.body)
     check_target(path, force=force)
     check_suffix("--out", path, (".rrd",))
@@ -104,6 +112,8 @@ def simulate(
     with contextlib.ExitStack() as stack:
         photographer = None
         if camera is not None:
+            from drop_physics.engines.pybullet.camera_frames import Photographer
+
             photographer = stack.enter_context(
                 Photographer(scenario, camera, frames=frames, note=note, assistant=assistant)
             )

@@ -17,9 +17,7 @@ from typing import Any
 import polars as pl
 
 from drop_physics.drop.one_sample import DEFAULT_AT_S
-from drop_physics.engines.pybullet.engine import engine_versions
-from drop_physics.engines.pybullet.found import body_digest, find_body
-from drop_physics.engines.pybullet.probe import verdicts
+from drop_physics.engines.worlds import body_digest, engine_versions, find_body, verdicts
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.fields import counted, outside
 from drop_physics.files.outputs import check_room, make_folder

@@ -7,7 +7,7 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,18 +15,21 @@ from drop_physics.drop.analysis import fall_of
 from drop_physics.drop.one_sample import moment_in_the_air
 from drop_physics.drop.results import Moment
 from drop_physics.engine_report import EngineReport
-from drop_physics.engines.other_world import OtherWorld
-from drop_physics.engines.pybullet.probe import Verdicts, believe
-from drop_physics.engines.pybullet.world import World
+from drop_physics.engines.worlds import Verdicts, believe, world_of
 from drop_physics.errors import DropError, OutputError, check_signals
 from drop_physics.explain.decomposition import TERMS
+from drop_physics.installed import PYBULLET, is_installed
 from drop_physics.recording import writer
 from drop_physics.scenario import Camera, Scenario
-from drop_physics.stages.recorded import BATCH, case_of, recorded, world_of
+from drop_physics.stages.recorded import BATCH, case_of, recorded
 from drop_physics.sweeping.plan import Plan, replay_command
 from drop_physics.sweeping.rows import SCHEMA, Row
 from drop_physics.trace.events import Samples
 from drop_physics.trace.states import BODY, MOTION
+
+if TYPE_CHECKING:
+    from drop_physics.engines.other_world import OtherWorld
+    from drop_physics.engines.pybullet.world import World
 
 _EMPTY: Row = dict.fromkeys(SCHEMA) | asdict(Scenario())
 """The row of a run before it starts: the scenario's defaults."""
@@ -108,7 +111,7 @@ class RunDrop:
         """Record a fall as `drop simulate` does; what a killed worker left there is replaced."""
         with contextlib.ExitStack() as stack:
             photographer = None
-            if self.camera is not None:
+            if self.camera is not None and is_installed(PYBULLET):
                 from drop_physics.engines.pybullet.camera_frames import Photographer
 
                 # One picture at a time: the other cores run other scenarios.

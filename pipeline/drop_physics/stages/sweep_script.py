@@ -7,7 +7,6 @@ import itertools
 import math
 import operator
 import re
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ from drop_physics.errors import DropError, ScenarioError
 from drop_physics.experiments.interventions import Intervention
 from drop_physics.printable import Printable
 from drop_physics.stages.asked import cures_of
+from drop_physics.stages.interpreter import interpreter_of
 from drop_physics.stages.program import SEEDED_CLOCK_S, checked_limits
 from drop_physics.stages.proposals import Candidate
 from drop_physics.stages.runs import Progress
@@ -155,7 +155,7 @@ def sweep_script(
     program = Program(
         target,
         tuple(map(str, arguments)),
-        sys.executable,
+        interpreter_of(target, is_module=False, given=None, note=lambda _: None),
         duration_s=duration_s,
         seed=seed,
         begins_s=SEEDED_CLOCK_S,

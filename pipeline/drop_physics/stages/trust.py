@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from drop_physics.fields import shown
 from drop_physics.option_types import number
 from drop_physics.printable import Printable
 from drop_physics.stages.asked import cures_of
+from drop_physics.stages.interpreter import interpreter_of
 from drop_physics.stages.program import SEEDED_CLOCK_S, checked_limits
 from drop_physics.stages.proposals import Candidate, Proposals
 from drop_physics.stages.runs import Progress
@@ -167,7 +167,7 @@ def trust(
     program = Program(
         target,
         tuple(map(str, arguments)),
-        python or sys.executable,
+        interpreter_of(target, is_module=is_module, given=python, note=note),
         is_module,
         steps,
         duration_s,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -26,6 +25,7 @@ from drop_physics.stages.again import LONGEST, again_of
 from drop_physics.stages.asked import cures_of as cures_asked
 from drop_physics.stages.changed_runs import run_changed
 from drop_physics.stages.found import is_of, origin_of
+from drop_physics.stages.interpreter import interpreter_of
 from drop_physics.stages.program import SEEDED_CLOCK_S, STOPPED
 from drop_physics.stages.proposals import Candidate, Proposals
 from drop_physics.stages.record import record_script
@@ -195,6 +195,7 @@ def why(
         make_folder(placed.parent)
         origin = origin_of(placed) if placed.is_file() else None
         force = force or (origin is not None and is_of(origin, target, is_module=is_module))
+    python = interpreter_of(target, is_module=is_module, given=python, note=note)
     recorded = record_script(
         target,
         arguments,
@@ -259,7 +260,7 @@ def why(
     program = Program(
         target,
         tuple(map(str, arguments)),
-        python or sys.executable,
+        python,
         is_module,
         all_steps + 2 * (recorded.ended not in STOPPED),  # may make one more, and end by itself
         seed=seed,

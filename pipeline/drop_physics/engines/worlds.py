@@ -1,0 +1,90 @@
+"""The world that a scenario is dropped in, and its body's file, with or without PyBullet."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from drop_physics.engines.other_world import OtherWorld
+from drop_physics.engines.urdf import find_urdf
+from drop_physics.errors import ScenarioError
+from drop_physics.installed import PYBULLET, is_installed, needs_pybullet
+from drop_physics.scenario import Scenario
+
+if TYPE_CHECKING:
+    from drop_physics.engines.pybullet.world import World
+
+Verdicts = Mapping[Path, Any]
+"""PyBullet's verdicts on bodies, by the paths of their files."""
+
+
+def world_of(scenario: Scenario) -> World | OtherWorld:
+    """Return the world that a scenario is dropped in, at its release; use it in `with`.
+
+    Raises
+    ------
+    ScenarioError
+        If the engine is not installed, or the body cannot be found, loaded or dropped by it.
+    """
+    if scenario.engine != "bullet":
+        return OtherWorld(scenario)
+    if not is_installed(PYBULLET):
+        raise needs_pybullet("--engine bullet")
+    from drop_physics.engines.pybullet import world
+
+    return world.World(scenario)
+
+
+def find_body(body: str) -> Path:
+    """Return the URDF file of a body's name.
+
+    Raises
+    ------
+    ScenarioError
+        If there is none, or PyBullet cannot load it.
+    """
+    if not is_installed(PYBULLET):
+        return find_urdf(body)
+    from drop_physics.engines.pybullet import found
+
+    return found.find_body(body)
+
+
+def body_digest(body: str) -> str | None:
+    """Return the SHA-256 of a body's files, to notice an edit; None if it cannot be loaded."""
+    if is_installed(PYBULLET):
+        from drop_physics.engines.pybullet import found
+
+        return found.body_digest(body)
+    try:
+        return hashlib.sha256(find_urdf(body).read_bytes()).hexdigest()
+    except ScenarioError:
+        return None
+
+
+def engine_versions() -> dict[str, str]:
+    """Return the versions of PyBullet, which reads the bodies of all drops; empty without it."""
+    if not is_installed(PYBULLET):
+        return {}
+    from drop_physics.engines.pybullet import engine
+
+    return engine.engine_versions()
+
+
+def verdicts() -> Verdicts:
+    """Return the verdicts on the bodies that PyBullet has tried in processes of their own."""
+    if not is_installed(PYBULLET):
+        return {}
+    from drop_physics.engines.pybullet import probe
+
+    return probe.verdicts()
+
+
+def believe(tried: Verdicts) -> None:
+    """Take over the verdicts of another process, so that no body is tried twice."""
+    if tried:
+        from drop_physics.engines.pybullet import probe
+
+        probe.believe(tried)

@@ -1,0 +1,59 @@
+"""The engines that are installed beside `drop`, and the next step where PyBullet is not.
+
+PyBullet 3.2.7 has wheels for CPython up to 3.11 on Linux (x86-64); elsewhere pip would compile it.
+"""
+
+from __future__ import annotations
+
+import platform
+import sys
+from importlib.util import find_spec
+
+from drop_physics.errors import ScenarioError
+from drop_physics.messages import Message
+
+PYBULLET, VERSION = "pybullet", "3.2.7"
+"""The package, and the version of the golden values."""
+LAST_PYTHON = (3, 11)
+"""The last version of Python that it has a wheel for."""
+
+
+def is_installed(module: str) -> bool:
+    """Return whether a module can be imported here."""
+    return find_spec(module) is not None
+
+
+def next_step() -> Message:
+    """Return how to get PyBullet: by pip, or in a Python that has a wheel of it."""
+    if has_wheel():
+        return Message("install it with: pip install pybullet=={version}", version=VERSION)
+    return Message(
+        "with Python {python} on Linux (x86-64) pip installs it; elsewhere pip install "
+        "'drop-physics[pybullet]' compiles it",
+        python="{}.{}".format(*LAST_PYTHON),
+    )
+
+
+def has_wheel() -> bool:
+    """Return whether PyBullet has a wheel for this Python on this machine."""
+    here = sys.platform, platform.machine()
+    return here == ("linux", "x86_64") and sys.version_info[:2] <= LAST_PYTHON
+
+
+def why_missing() -> Message:
+    """Return why PyBullet is not here."""
+    if has_wheel():
+        return Message("PyBullet is not installed")
+    return Message(
+        "PyBullet has no wheel for Python {python} on {system} ({machine})",
+        python="{}.{}".format(*sys.version_info),
+        system=platform.system(),
+        machine=platform.machine(),
+    )
+
+
+def needs_pybullet(what: str) -> ScenarioError:
+    """Return the error of a request that only PyBullet can serve, where it is not installed."""
+    return ScenarioError(
+        "{what} cannot be used: {why}; {next}", what=what, why=why_missing(), next=next_step()
+    )

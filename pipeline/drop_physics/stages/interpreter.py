@@ -1,0 +1,60 @@
+"""The interpreter that runs a script: its user's, wherever `drop` itself is installed.
+
+As with `uv run`, that is the one of an active virtual environment, else of a `.venv` in the
+script's folder or above it, else the one that runs `drop`.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from drop_physics.messages import Message
+
+ACTIVE = "VIRTUAL_ENV", "CONDA_PREFIX"
+"""Variables that name the active environment."""
+BESIDE = ".venv"
+"""Name of a project's environment."""
+
+
+def interpreter_of(
+    target: str, *, is_module: bool, given: str | None, note: Callable[[str], None]
+) -> str:
+    """Return the interpreter that runs a script.
+
+    Parameters
+    ----------
+    target, is_module
+        The script's path, or a module's name, which is looked for from the working directory.
+    given
+        The interpreter that the user names; None to find it.
+    note
+        Called with a sentence if it is another one than runs `drop`.
+    """
+    if given is not None:
+        return given
+    for environment in _environments(Path() if is_module else Path(target).absolute().parent):
+        if environment.resolve() == Path(sys.prefix).resolve():
+            break
+        python = environment / "bin" / "python"
+        if os.access(python, os.X_OK):
+            note(
+                Message(
+                    "{script} runs with {python}; --python names another interpreter",
+                    script=target,
+                    python=str(python),
+                )
+            )
+            return str(python)
+    return sys.executable
+
+
+def _environments(folder: Path) -> Iterator[Path]:
+    """Yield the environments that a script in a folder may be meant for, the nearest first."""
+    yield from (Path(named) for name in ACTIVE if (named := os.environ.get(name)))
+    folder = folder.absolute()
+    for each in (folder, *folder.parents):
+        if (each / BESIDE / "pyvenv.cfg").is_file():
+            yield each / BESIDE

@@ -1,0 +1,68 @@
+"""Which tests need PyBullet: where it is not installed they are left out, and the rest must pass.
+
+A test needs it if it is marked `pybullet`, takes a fixture that drops the box in PyBullet, or is in
+a module that imports it, itself or through others of ours. This is part of `conftest`.
+"""
+
+from __future__ import annotations
+
+import ast
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+import drop_physics
+import pytest
+
+TESTS = Path(__file__).parent
+FOLDERS = TESTS, TESTS.parent / "docs", Path(drop_physics.__file__).parents[1]
+"""Where our modules are: of tests, of documents, of the package."""
+THEIRS = {"pybullet", "pybullet_data", "drop_physics.engines.pybullet.engine"}
+"""What cannot be imported without it."""
+FIXTURES = {"standard"}
+"""Fixtures that need it."""
+IS_HERE = find_spec("pybullet") is not None
+
+
+@cache
+def imported(module: Path) -> frozenset[str]:
+    """Return the names that a module imports when it is imported."""
+    names = set[str]()
+    for node in ast.parse(module.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return frozenset(names)
+
+
+@cache
+def imports_pybullet(module: Path) -> bool:
+    """Return whether a module imports PyBullet, itself or through others of ours."""
+    known, left = {module}, [module]
+    while left:
+        names = imported(left.pop())
+        if names & THEIRS:
+            return True
+        files = {folder / f"{name.replace('.', '/')}.py" for name in names for folder in FOLDERS}
+        left += [each for each in files - known if each.is_file()]
+        known |= files
+    return False
+
+
+def pytest_ignore_collect(collection_path: Path) -> bool | None:
+    """Pass over modules that cannot be imported without it."""
+    is_module = collection_path.suffix == ".py"
+    return True if is_module and not IS_HERE and imports_pybullet(collection_path) else None
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark tests that need it, and leave them out where it is not."""
+    for item in items:
+        fixtures = set(getattr(item, "fixturenames", ()))
+        if fixtures & FIXTURES or imports_pybullet(item.path):
+            item.add_marker(pytest.mark.pybullet)
+    if not IS_HERE:
+        needing = [item for item in items if item.get_closest_marker("pybullet")]
+        config.hook.pytest_deselected(items=needing)
+        items[:] = [item for item in items if item not in needing]
