@@ -15,7 +15,6 @@ from drop_physics.physics.base import EXACT_MACHINES
 from generators import pages, readme
 from generators.pages import (
     DOCS,
-    ENGINES,
     PIPELINE,
     ROOT,
     WALKTHROUGH,
@@ -54,7 +53,7 @@ def test_what_a_page_says_to_type_works_prints_what_it_shows_and_draws_its_pictu
 ) -> None:
     made = pages.played(page)
     drawn = [path for path in made if path.suffix != ".md"]
-    assert len(drawn) == {WALKTHROUGH: 6, ENGINES: 1, PIPELINE: 2}.get(page, 0)
+    assert len(drawn) == {WALKTHROUGH: 5, PIPELINE: 2}.get(page, 0)
     for path in drawn:
         assert is_current(path, made[path]), f"{path.name}: {AGAIN}"
         assert path.stat().st_size < {".webp": 300_000, ".gif": 450_000}.get(path.suffix, 60_000)

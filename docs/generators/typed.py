@@ -32,10 +32,6 @@ PROGRAMS = {
     "source": (":", "activates it"),
     "rerun": ("ls", "opens a window; its files must exist"),
     "ssh": (":", "needs another machine"),
-    "ray": (":", "starts a cluster: tests/test_sweep.py does"),
-    "srun": (":", "belongs to SLURM"),
-    "scontrol": ("echo node", "belongs to SLURM"),
-    "sleep": (":", "waits for a cluster"),
 }
 """What is called instead of a program, and why."""
 
@@ -132,8 +128,6 @@ def _in_bash(command: str, folder: Path) -> tuple[int, str]:
             "PYTHONPATH": str(ROOT),
             "COLUMNS": "80",
             "ROOT": str(ROOT),
-            "SCRATCH": str(folder),
-            "SLURM_JOB_NODELIST": "node",
         },
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,

@@ -48,7 +48,7 @@ def report_of(sweep: ScriptSweep) -> Report:
         more = counted(len(sweep.rows) - len(rows), "run")
         sections.append(Section([Words(Message("and {more} more: --json", more=more), "dim")]))
     sections.append(Section([Facts([File(Message("results"), sweep.results)], 12)]))
-    own = shell_command("drop", "analyze", sweep.recording)
+    own = shell_command("drop", "analyze", sweep.results.with_name(sweep.recording.name))
     return Report(verdict=Words(head, key=sweep.script), sections=sections, next=[own])
 
 
