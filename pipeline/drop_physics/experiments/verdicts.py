@@ -70,6 +70,7 @@ CAUSES = frozenset(
         "timestep-after-motor",
         "timestep-changed",
         "unseeded",
+        "velocity-clamped",
     ),
 )
 """Codes that are a cause, not a symptom: a trial takes the finding away by what it changes, whether
