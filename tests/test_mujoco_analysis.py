@@ -16,6 +16,7 @@ import pytest
 from drop_physics.analysis.results import Analysis, BodyAnalysis
 from drop_physics.explain.replayed import Replayed
 from drop_physics.recording.reader import read
+from drop_physics.stages import explaining
 from drop_physics.stages.analyze import analyze
 from drop_physics.stages.record import Recorded, record_script
 from drop_physics.trace.history import Piece, Sampled
@@ -184,10 +185,13 @@ def test_what_has_no_sum_says_why(tmp_path: Path, reason: str) -> None:
     assert moving.unexplained[0].first_step == 21
 
 
-def test_without_a_replay_nothing_is_explained(tmp_path: Path) -> None:
+def test_without_a_replay_nothing_is_explained(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(explaining.metadata, "version", lambda _: "3.3.0")
     found = told(tmp_path, WAITS + "mujoco.mj_step(m, d, 20)\n", explain=False)
     (moving,) = (body for body in found.analysis.bodies if body.joints)
-    assert [(each.reason, each.samples) for each in moving.unexplained] == [("not replayed", 20)]
+    assert [(each.reason, each.samples) for each in moving.unexplained] == [("not asked", 20)]
     assert moving.energy is None
     assert found.analysis.findings == []
 

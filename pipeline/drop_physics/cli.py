@@ -136,6 +136,9 @@ def analyze(
     run: given.RunOrNewest = None,
     *,
     at: given.At = None,
+    steps: given.Windows = None,
+    whole: Annotated[bool, flag("Explain all steps of a long run of MuJoCo.", "--all")] = False,
+    python: given.ExplainsWith = None,
     out: given.Layer = None,
     table: given.Table = None,
     body: given.OfBody = None,
@@ -160,6 +163,9 @@ def analyze(
     analyzed = _analyzer(
         recording,
         at_s=at_s,
+        steps=steps,
+        whole=whole,
+        python=python,
         out=out,
         table=table,
         body=body,
@@ -181,6 +187,8 @@ def _analyzer(
     read: Path,
     *,
     at_s: list[float],
+    steps: list[str] | None,
+    whole: bool,
     select: str | None,
     ignore: str | None,
     fail_on: str | None,
@@ -197,18 +205,22 @@ def _analyzer(
     """
     choice = _choice(select, ignore, fail_on)
     from drop_physics.files.outputs import check_table
+    from drop_physics.option_types import checked_windows
 
     if table is not None:
         check_table(table, force=force)
     write_page = _page(html, read, force=force)
+    windows = checked_windows(steps or [])
 
     def analyzed(recording: Path, script: Path | None) -> tuple[Any, int]:
         from drop_physics.stages.analyze import analyze
+        from drop_physics.stages.explaining import WhatToExplain
 
         with progress() as report:
             analysis = analyze(
                 recording,
                 at_s=at_s,
+                explain=WhatToExplain(windows, whole=whole),
                 table=table,
                 choice=choice,
                 script=script,
@@ -553,6 +565,7 @@ def script(
     digest_of_script(program[0], is_module=of_record["module"])  # before what takes long to load
     as_json = of_analyze["json"] or of_analyze["output_format"] == "json"
     how = {name: value for name, value in of_analyze.items() if name not in ("at", "out", "json")}
+    how["steps"] = None  # those of record end the run
     if as_json:
         how["output_format"] = "json"
     script = Path(program[0])

@@ -54,6 +54,14 @@ At = Annotated[
     list[str] | None,
     takes("SECONDS", "Time at which to break the error down [s]; repeatable. [default: 0.3]"),
 ]
+Windows = Annotated[
+    list[str] | None,
+    takes("A:B", "Steps of a long run of MuJoCo to explain, from A to before B; repeatable."),
+]
+ExplainsWith = Annotated[
+    str | None,
+    takes("PATH", "An interpreter with the MuJoCo of the recording. [default: the script's]"),
+]
 Select = Annotated[str | None, takes("CODE,…", "Report only these findings; all: leave none out.")]
 Ignore = Annotated[str | None, takes("CODE,…", "Leave these findings out.")]
 FailOn = Annotated[

@@ -5,7 +5,7 @@ Text is only ever parsed, never evaluated.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -117,3 +117,24 @@ VECTOR = OptionType(vector, "X,Y,Z", float, (3,), ("x", "y", "z"))
 ORIENTATION = OptionType(orientation, "R,P,Y|X,Y,Z,W", float, (3, 4), ("roll", "pitch", "yaw"))
 SIZE = OptionType(size, "WIDTHxHEIGHT", int, (2,), joined="x")
 TEXT = OptionType(str, "TEXT", str)
+
+
+def checked_windows(given: Iterable[str]) -> list[tuple[int, int]]:
+    """Return windows given as A:B.
+
+    Raises
+    ------
+    ScenarioError
+        If one is anything else.
+    """
+    windows = []
+    for text in given:
+        first, _, end = text.partition(":")
+        if not (first.isdecimal() and end.isdecimal() and int(first) < int(end)):
+            raise ScenarioError(
+                "--steps must be A:B, the first step and the one after the last, got {text!r}; "
+                "such as --steps 1000:1200",
+                text=text,
+            )
+        windows.append((int(first), int(end)))
+    return windows

@@ -123,6 +123,8 @@ class Account:
                 self._last[number],
             )
             yield from filter(None, (written.row(subject, words), idle))
+        if self._seen.windows:  # what touched, and held, is known of some steps only
+            return
         yield from self._held.rows(subjects, words)
         yield from self._touching.rows(subjects, words)
         touched = {
@@ -169,7 +171,7 @@ class Account:
         ledger = self._ledgers.get(number)
         if ledger is None or ledger.tree.size != tree.size:
             ledger = self._ledgers[number] = Ledger(tree, first, self._bins)
-        ledger.tree = tree
+        ledger.tree, ledger.last = tree, int(steps.steps[-1])
         if steps.covered:
             ledger.add(steps, impulses_by_term(steps, normals, self._servos[number]))
         self._written.setdefault(number, Written()).add(steps)

@@ -48,6 +48,8 @@ class Ledger:
     """Most bins; an even number."""
     width: int = 1
     """Steps of each bin."""
+    last: int = -1
+    """The last sample of the body, explained or not."""
     counts: Int64 = field(init=False)
     """Explained steps of each bin, shape (bins,)."""
     seconds: Float64 = field(init=False)
@@ -121,14 +123,9 @@ class Ledger:
 
     def covers(self, window: slice, share: float = 1.0) -> bool:
         """Return whether at least this share of the steps of a window is explained."""
-        known = np.flatnonzero(self.counts)
-        if not len(known):
-            return False
-        low, high = window.start, min(window.stop, int(known[-1]) + 1)
-        expected = (high - low) * self.width
-        if high == known[-1] + 1:  # the last bin may be partly filled
-            expected -= self.width - int(self.counts[known[-1]])
-        return bool(self.counts[low:high].sum() >= share * expected)
+        steps = self.last - self.first + 1
+        low, high = window.start * self.width, min(window.stop * self.width, steps)
+        return low < high and bool(self.counts[window].sum() >= share * (high - low))
 
     def forces(self, rate: int, window: slice, sign: float = 1.0) -> dict[Term, float]:
         """Return the mean force of each term on a rate over a window [N] or [N m], times `sign`.

@@ -122,6 +122,13 @@ def _seeded(seed: int | None) -> dict[str, str]:
     return {"PYTHONHASHSEED": str(seed % 2**32)}
 
 
+def _from_home(path: str) -> str:
+    """Return a path without the name of the user's home."""
+    with contextlib.suppress(ValueError, RuntimeError):
+        return str(Path("~", Path(path).absolute().relative_to(Path.home())))
+    return str(Path(path).absolute())
+
+
 class Listener(ABC):
     """Reads what a watched process sends; take its `events` to the end.
 
@@ -227,6 +234,8 @@ class Listener(ABC):
         }
         notes = [*decoder.faults, *([ELSEWHERE] if self.steps_elsewhere() else [])]
         ending = Ending(main_sha256=decoder.main_sha256, notes=notes, made_with=made_with)
+        if self.python != sys.executable:
+            ending.interpreter = _from_home(self.python)
         ended = decoder.ended or {}
         if decoder.stopped:
             ending.how = decoder.stopped

@@ -48,7 +48,7 @@ NAMED = (ACTUATOR, "tendon", TENDON_LIMIT.strip())
 """The kinds of causes of which a body has several, told apart by name."""
 ALWAYS = (PULLED, MOVED, "damping", "applied", "contacts", "constraints", "stops")
 """Causes that every step has a term for, even where they do not act."""
-NEVER = REPLAYS.index("not replayed")
+NEVER, LATER = REPLAYS.index("not replayed"), REPLAYS.index("not asked")
 RUNGE_KUTTA = 1.0
 """Value of the setting `integrator` for RK4, whose pose follows from velocities within the step."""
 MOVED_BY = 1e-12
@@ -75,6 +75,7 @@ class Replayed(Explanation):
     def __init__(self, seen: Seen) -> None:
         super().__init__(seen)
         self.frictions = seen.frictions
+        self._absent = LATER if seen.can_replay else NEVER
 
     def prepared(self, piece: Piece) -> Piece:
         """Return a piece unchanged: its calls are not needed to know what acted."""
@@ -89,7 +90,7 @@ class Replayed(Explanation):
     ) -> list[tuple[StepBatch, StepVerdicts]]:
         """Return the steps of each interval of a piece with their verdicts."""
         acted = {
-            client: _Acted(parts, self.seen.causes)
+            client: _Acted(parts, self.seen.causes, self._absent)
             for client, parts in piece.impulses.items()
             if any(len(each.steps) for each in parts)
         }
@@ -111,7 +112,7 @@ class Replayed(Explanation):
         ends, n, size = history.steps[where + 1], len(where), tree.size
         timestep_s, gravity_m_s2 = self.times[body.client].of_steps(ends)
         rows = Transitions(real, gravity_m_s2)
-        status = np.full(n, NEVER) if acted is None else acted.status_of(ends)
+        status = np.full(n, self._absent) if acted is None else acted.status_of(ends)
         terms = {} if acted is None else acted.terms_of(body, ends, size)
         added = None
         if terms and size:
@@ -166,8 +167,10 @@ class Replayed(Explanation):
 class _Acted:
     """The impulses of one simulation in the steps of a piece."""
 
-    def __init__(self, parts: Sequence[Impulses], causes: Mapping[int, ImpulseCause]) -> None:
-        self._causes = causes
+    def __init__(
+        self, parts: Sequence[Impulses], causes: Mapping[int, ImpulseCause], absent: int
+    ) -> None:
+        self._causes, self._absent = causes, absent
         self.steps, self._status, counts, self._numbers, self._values = (
             np.concatenate([getattr(each, name) for each in parts])
             for name in ("steps", "status", "counts", "causes", "values")
@@ -191,7 +194,7 @@ class _Acted:
     def status_of(self, ends: Int64) -> Int64:
         """Return the outcome of replaying the steps to some samples, as indices into REPLAYS."""
         found, at = rows_of(ends, self.steps)
-        status = np.full(len(ends), NEVER)
+        status = np.full(len(ends), self._absent)
         status[found] = self._status[at]
         return status
 
@@ -282,7 +285,7 @@ def _verdicts(steps: Steps, status: Int64, strays: Flags) -> StepVerdicts:
         known = np.array([WHYS.index(each) if each != "explained" else -1 for each in REPLAYS])
         why[:] = known[status]
         why[(status == 0) & (strays | ~(steps.unexplained <= EXPLAINED))] = WHYS.index("remainder")
-        why[(why >= 0) & stands(steps) & (status != NEVER)] = -1
+        why[(why >= 0) & stands(steps) & (status < NEVER)] = -1
     kinds = np.full(n, FLIGHT if steps.law.tree.size else SET, np.int8)
     for kind, beginning in SEGMENT_OF:
         for name, term in steps.terms.items():

@@ -39,6 +39,7 @@ Unsolved = Literal[
     "stale",
     "unknown",
     "not replayed",
+    "not asked",
 ]
 """Why a replayed step has no sum (`trace.events.REPLAYS`)."""
 Why = Reason | Literal["timestep", "not finite", "before the recording", "remainder"] | Unsolved

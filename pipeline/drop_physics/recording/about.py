@@ -87,6 +87,20 @@ def _vector(vector: tuple[float, float, float], unit: str) -> str:
     return f"({', '.join(f'{number:g}' for number in vector)}) {unit}"
 
 
+def _made_with(made: Mapping[str, Any]) -> str:
+    """Return the versions and what else of the machine its numbers may depend on."""
+    named = {
+        "Python": made.get("version"),
+        "PyBullet": made.get("pybullet"),
+        "MuJoCo": made.get("mujoco"),
+        "numpy": made.get("numpy"),
+        "OpenBLAS": made.get("blas"),
+        "threads": made.get("blas_threads"),
+        "PYTHONHASHSEED": made.get("hash_seed"),
+    }
+    return ", ".join(f"{name} {value}" for name, value in named.items() if value is not None)
+
+
 def about_script(origin: Mapping[str, Any], recorder: Recorder, ending: Ending) -> str:
     """Return the recording's description as Markdown."""
     call = " ".join([origin["script"], *(origin.get("arguments") or [])])
@@ -95,6 +109,7 @@ def about_script(origin: Mapping[str, Any], recorder: Recorder, ending: Ending) 
         "samples": f"{recorder.samples:,}",
         "bodies": ", ".join(body.label for body in list(recorder.bodies.values())[:30]) or "none",
         "camera frames": f"{recorder.frames:,}",
+        "made with": _made_with(ending.made_with),
         "time": "virtual: sleeping passed at once"
         if ending.made_with.get("virtual_time")
         else "the script's own",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -177,12 +178,12 @@ def model_parts(chunk: Chunk, path: Path) -> Iterator[ModelPart]:
     RecordingError
         If it holds anything else.
     """
-    said = _column(chunk, schema.JSON, _is_list_of(pa.types.is_string), path)
-    data = _column(chunk, "data", _is_list_of(pa.types.is_uint8), path)
+    said, data = _rows_of(chunk, {schema.JSON: pa.types.is_string, "data": pa.types.is_uint8}, path)
     for texts, held in zip(said, data, strict=True):
         try:
-            yield ModelPart(**json.loads(texts[0].as_py()), data=held.values.to_numpy().tobytes())
-        except (ValueError, TypeError, IndexError, AttributeError):
+            (text,) = texts.to_pylist()
+            yield ModelPart(**json.loads(text), data=held.to_numpy().tobytes())
+        except (ValueError, TypeError):
             what = Message("{entity} is not in drop's format", entity=chunk.entity)
             raise damaged(path, what) from None
 
@@ -195,12 +196,21 @@ def steps(chunk: Chunk, path: Path) -> Iterator[PackedFrames]:
     RecordingError
         If it holds anything else.
     """
-    lists = [_column(chunk, name, _is_list_of(kind), path) for name, kind in _OF_STEPS.items()]
-    for texts, *held in zip(*lists, strict=True):
+    for texts, *held in zip(*_rows_of(chunk, _OF_STEPS, path), strict=True):
         if len(texts) != 1:
             raise damaged(path, wrong_count(chunk.entity, 1, schema.JSON))
-        numbers, at, answers = (each.values.to_numpy() for each in held)
-        yield PackedFrames(texts[0].as_py(), numbers, at, answers.tobytes())
+        numbers, at, answers = (each.to_numpy() for each in held)
+        yield PackedFrames(texts.to_pylist()[0], numbers, at, answers.tobytes())
+
+
+def _rows_of(
+    chunk: Chunk, kinds: Mapping[str, Callable[[Any], bool]], path: Path
+) -> Iterator[list[pa.Array]]:
+    """Yield the lists of each column of a chunk, row by row."""
+    for name, is_right in kinds.items():
+        lists = _column(chunk, name, _is_list_of(is_right), path)
+        offsets = lists.offsets.to_numpy()
+        yield [lists.values.slice(a, b - a) for a, b in pairwise(offsets.tolist())]
 
 
 _OF_STEPS = {

@@ -5,6 +5,7 @@ It carries the recording's own id, so that the viewer shows both files as one re
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -18,10 +19,12 @@ from drop_physics import colours
 from drop_physics.arrays import Float64, Int64
 from drop_physics.recording import pictures, schema, writer
 from drop_physics.recording.drawing import SHOWN_PER_S
+from drop_physics.recording.layer_sums import sums_chunks
 from drop_physics.recording.layout import Look, eye_around, layout, look_of_drop, series_of
 from drop_physics.recording.reader import Recording
 from drop_physics.recording.scene import parts_of, reach_of
 from drop_physics.recording.writer import Times
+from drop_physics.trace.sums import LaterSums
 
 if TYPE_CHECKING:
     import polars as pl
@@ -94,6 +97,7 @@ def write_layer(
     events: Sequence[tuple[int, float, str]],
     findings: str,
     look: Shown,
+    sums: LaterSums | None = None,
     force: bool,
     ours: bool,
 ) -> None:
@@ -113,6 +117,8 @@ def write_layer(
         The findings, as Markdown.
     look
         What is shown of a script.
+    sums
+        What was explained of it now or before.
     force, ours
         As for `files.replaced`.
 
@@ -133,7 +139,7 @@ def write_layer(
     shown = recording.entities | {chunk.entity_path.removeprefix("/") for chunk in chunks}
     writer.record(
         path,
-        chunks,
+        chunks if sums is None else itertools.chain(chunks, sums_chunks(sums)),
         recording_id=recording.recording_id,
         blueprint=layout(_look(recording, shown, look)),
         force=force,

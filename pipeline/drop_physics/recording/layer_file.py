@@ -12,7 +12,8 @@ from drop_physics.recording.reader import entities
 
 _TOP = {
     schema.ERROR, schema.ERROR_MM, schema.ENERGY, schema.EVENTS, schema.FINDINGS,
-    schema.SEGMENTS, schema.PANELS, "energies",
+    schema.SEGMENTS, schema.PANELS, "energies", schema.EXPLAINED, schema.IMPULSES, schema.CAUSES,
+    schema.PAIRS, schema.CONTACTS.entity,
 }  # fmt: skip
 """First parts of a layer's entity paths, with those that it had once."""
 

@@ -30,7 +30,7 @@ from drop_physics.recording.digest import (
 from drop_physics.recording.inputs import Drop, check_inputs, drop_of
 from drop_physics.recording.json_rows import Told
 from drop_physics.recording.sampled import RecordedSamples, is_series
-from drop_physics.recording.steps import RecordedSteps
+from drop_physics.recording.steps import RecordedModel, RecordedSteps
 from drop_physics.recording.versions import lacking
 from drop_physics.scenario import Camera, Scenario
 from drop_physics.trace.events import (
@@ -154,7 +154,7 @@ def read(path: Path) -> Recording:
     held.sampled.partial = closing is None
     try:
         told = held.told
-        seen = _seen(told, held.sampled, closing or {})
+        seen = _seen(told, held.sampled, closing or {}, held.steps.models)
     except (KeyError, ValueError, TypeError, IndexError, AttributeError):
         what = Message("its bodies and calls are not in drop's format")
         raise damaged(path, what) from None
@@ -279,7 +279,12 @@ def digests(held: Contents) -> dict[str, Any]:
     }
 
 
-def _seen(told: Told, sampled: RecordedSamples, closing: Properties) -> Seen:
+def _seen(
+    told: Told,
+    sampled: RecordedSamples,
+    closing: Properties,
+    models: Mapping[int, RecordedModel],
+) -> Seen:
     appearances = json_rows.events(told, Appearance)
     bodies = json_rows.bodies_of(appearances)
     sampled.sites = _sites(told)
@@ -310,6 +315,7 @@ def _seen(told: Told, sampled: RecordedSamples, closing: Properties) -> Seen:
         frictions={key: each.friction for key, each in pairs.items()},
         softness={key: (each.solref, each.solimp) for key, each in pairs.items() if each.solref},
         condims={key: (each.condim, each.rolling) for key, each in pairs.items()},
+        can_replay=bool(models),
         warnings=json_rows.events(told, EngineWarning),
         equalities=json_rows.events(told, Equality),
     )

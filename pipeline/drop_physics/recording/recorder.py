@@ -201,6 +201,7 @@ class Recorder:
             "steps_sha256": self._made.steps,
             "told_sha256": self._told_rows.hexdigest(),
             "inputs_sha256": inputs_digest(self.inputs),
+            "interpreter": ending.interpreter,
             **{f"made_with_{name}": value for name, value in ending.made_with.items()},
         }
         return closing | {"closing_sha256": closing_digest(closing)}

@@ -83,8 +83,20 @@ def packed(frames: Frames, labels: Mapping[int, str]) -> PackedFrames:
     )
 
 
-def span_of(row: PackedFrames) -> tuple[int, int, int]:
-    """Return the simulation of a row, the sample that its first step starts from, and its steps.
+class Span(NamedTuple):
+    """The steps that a row is of."""
+
+    client: int
+    model: int
+    first: int
+    """The sample that the first of them starts from."""
+    steps: int
+    edited: bool
+    """Whether the model was changed before any of them."""
+
+
+def span_of(row: PackedFrames) -> Span:
+    """Return which steps a row is of.
 
     Raises
     ------
@@ -92,7 +104,25 @@ def span_of(row: PackedFrames) -> tuple[int, int, int]:
         If the row is not as `packed` makes it.
     """
     layout = json.loads(row.layout)
-    return int(layout["client"]), int(layout["first"]), int(layout["steps"])
+    client, model, first, steps = (
+        int(layout[name]) for name in ("client", "model", "first", "steps")
+    )
+    return Span(client, model, first, steps, bool(layout["edits"]))
+
+
+def edits_of(row: PackedFrames) -> list[ModelEdit]:
+    """Return what was changed in the model, without the rest of a row.
+
+    Raises
+    ------
+    ValueError, LookupError, TypeError
+        If the row is not as `packed` makes it.
+    """
+    listed = json.loads(row.layout)["edits"]
+    count = sum(each[2] for each in listed)
+    numbers = _Taken(row.numbers[len(row.numbers) - count :])
+    at = _Taken(row.at[len(row.at) - count :])
+    return [ModelEdit(step, name, at.take(k), numbers.take(k)) for step, name, k in listed]
 
 
 def unpacked(row: PackedFrames, numbers_of: Mapping[str, int], series: Series) -> Frames:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import insort
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -12,8 +13,8 @@ from drop_physics.recording import columns, schema
 from drop_physics.recording.damage import damaged
 from drop_physics.recording.rrd import Chunk
 from drop_physics.recording.sampled import RecordedSamples
-from drop_physics.recording.step_frames import PackedFrames, span_of, unpacked
-from drop_physics.trace.frames import Frames, ModelPart
+from drop_physics.recording.step_frames import PackedFrames, edits_of, span_of, unpacked
+from drop_physics.trace.frames import Frames, ModelEdit, ModelPart
 
 
 class _Place(NamedTuple):
@@ -23,8 +24,10 @@ class _Place(NamedTuple):
     """The sample that its first step starts from."""
     end: int
     """The sample that its last step leads to."""
+    model: int
     chunk: int
     row: int
+    edited: bool
 
 
 class RecordedModel(NamedTuple):
@@ -61,10 +64,10 @@ class RecordedSteps:
 
     def add_frames(self, chunk: Chunk, row: PackedFrames, number: int) -> None:
         """Add a row of a chunk to the index."""
-        client, first, steps = span_of(row)
-        places = self._places.setdefault(client, [])
-        places.append(_Place(first, first + steps, chunk.position, number))
-        places.sort()
+        its = span_of(row)
+        end = its.first + its.steps
+        place = _Place(its.first, end, its.model, chunk.position, number, its.edited)
+        insort(self._places.setdefault(its.client, []), place)
 
     def model(self, number: int) -> bytes:
         """Return a compiled model in its engine's binary form.
@@ -81,6 +84,32 @@ class RecordedSteps:
             if part.number == number
         }
         return b"".join(data for _, data in sorted(parts.items()))
+
+    def model_of(self, client: int) -> int:
+        """Return the number of the model of a simulation."""
+        return self._places[client][0].model
+
+    def steps_of(self, client: int) -> int:
+        """Return the number of steps of a simulation."""
+        return self._places[client][-1].end
+
+    def edits(self, client: int, end: int) -> list[ModelEdit]:
+        """Return what was changed in a simulation's model, piece by piece, in those before `end`.
+
+        Raises
+        ------
+        RecordingError
+            As for `pieces`.
+        """
+        found: list[ModelEdit] = []
+        for place in self._places.get(client, ()):
+            if place.edited and place.end <= end:
+                found += edits_of(self._row(place))
+        return found
+
+    def _row(self, place: _Place) -> PackedFrames:
+        (chunk,) = self.samples.chunks_at([place.chunk])
+        return [*columns.steps(chunk, self.samples.path)][place.row]
 
     def pieces(self, client: int, first: int, end: int) -> Iterator[Frames]:
         """Yield the frames of each piece with a step that starts from sample `first` to `end` - 1.
@@ -100,10 +129,8 @@ class RecordedSteps:
                 entity = f"{schema.JOINTS}/{label}/{of}"
                 return self.samples.series(entity, place.first + 1, place.end + 1)[1]
 
-            (chunk,) = self.samples.chunks_at([place.chunk])
-            row = [*columns.steps(chunk, path)][place.row]
             try:
-                yield unpacked(row, numbers, series)
+                yield unpacked(self._row(place), numbers, series)
             except (ValueError, LookupError, TypeError):
                 if self.samples.partial:  # its last samples may be missing
                     return

@@ -199,10 +199,11 @@ def reset_clears(actuators: ActuatorColumns) -> Match:
     scene, given, before = actuators.scene, actuators.given, actuators.before.copy()
     cleared, written = np.zeros(given.shape, np.bool_), dict[int, dict[int, float]]()
     began = scene.carried.get(("began", actuators.number), given[0])
-    for call in scene.piece.calls.of(Act.SET_CONTROL, Act.RESET_STATE):
-        rows, wrote = actuators.step - 1 == call.at.step, written.setdefault(call.at.step, {})
-        if call.client != actuators.client:
+    resets = {call.at.step for call in scene.piece.calls.of(Act.RESET_STATE)}
+    for call in scene.piece.calls.of(Act.SET_CONTROL, Act.RESET_STATE) if resets else ():
+        if call.client != actuators.client or call.at.step not in resets:
             continue
+        rows, wrote = actuators.step - 1 == call.at.step, written.setdefault(call.at.step, {})
         if call.act is Act.SET_CONTROL:
             indices, values, _ = written_by(call)
             wrote |= zip(indices.tolist(), values.tolist(), strict=True)

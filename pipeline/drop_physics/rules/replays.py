@@ -20,7 +20,7 @@ def _of_steps(bodies: BodyColumns, why: str) -> Match:
     piece = bodies.scene.piece
     client = bodies.of_each(lambda each: each.body.client)
     replayed = np.isin(client, [each for each, held in piece.impulses.items() if held])
-    writes = [(each.client, each.at.step + 1) for each in piece.calls.of(Act.SET_STATE)]
+    writes = {(each.client, each.at.step + 1) for each in piece.calls.of(Act.SET_STATE)}
     written = [pair in writes for pair in zip(client.tolist(), bodies.step.tolist(), strict=True)]
     return Match(
         replayed & (bodies.verdict.why == WHYS.index(why)),

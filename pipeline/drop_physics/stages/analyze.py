@@ -30,6 +30,7 @@ from drop_physics.recording.writer import Times
 from drop_physics.rules.answer import Finding
 from drop_physics.rules.choice import EVERY, Choice
 from drop_physics.stages.events import events
+from drop_physics.stages.explaining import BY_DEFAULT, WhatToExplain, explained
 from drop_physics.stages.panels import plot_of, viewed
 from drop_physics.stages.sources import Sources
 from drop_physics.stages.trials import Trials
@@ -55,6 +56,8 @@ def analyze(
     table: Path | str | None = None,
     choice: Choice = EVERY,
     script: Path | None = None,
+    explain: WhatToExplain = BY_DEFAULT,
+    python: str | None = None,
     force: bool = False,
     progress: Progress = lambda *_: None,
 ) -> Analysis:
@@ -77,6 +80,11 @@ def analyze(
         Which findings are reported.
     script
         Where the recorded script is, if known: its comments leave findings out.
+    explain
+        Which steps are explained, of a run whose engine can take them again and that was too long
+        to be explained when it was recorded; those around `at_s` in any case.
+    python
+        The interpreter to do that in; None for the script's, or ours.
     force
         Whether existing files may be replaced; a layer under its default name always is.
     progress
@@ -101,6 +109,10 @@ def analyze(
     progress(ANALYZING, 0, _PARTS)
     read_back = read(path)
     progress(ANALYZING, 1, _PARTS)
+    later = explained(
+        read_back, replace(explain, at_s=at_s), layer=layer or layer_of(path), python=python
+    )
+    read_back = later.recording
     sources = Sources.of(read_back, script)
     analysis = analysis_of(
         read_back,
@@ -120,6 +132,7 @@ def analyze(
             events=events(analysis),
             findings=analysis.markdown(),
             look=_shown(analysis, read_back.seen),
+            sums=later.sums,
             force=force,
             ours=out is None,
         )
@@ -132,6 +145,7 @@ def analyze(
         analysis = analysis.of_body(body_named(read_back.seen.bodies.values(), body).number)
     sites = [finding.site.rpartition(":")[0] for finding in analysis.findings if finding.site]
     notes = [*listed((read_back.ended or {}).get("notes"))]
+    notes += [later.note] if later.note is not None else []
     if layer is None:
         folder = str(path.parent)
         notes.append(
@@ -169,7 +183,7 @@ def analysis_of(
     reports: Callable[[Finding], bool] = lambda _: True,
 ) -> Analysis:
     """Return the analysis of a recording, as `analyze`, but without the files around it."""
-    seen = read_back.seen
+    seen = explained(read_back).recording.seen
     if read_back.drop is not None:
         from drop_physics.drop.story import drop_analysis_of  # of drops alone
 

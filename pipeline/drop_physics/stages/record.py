@@ -330,7 +330,7 @@ def recorded_beside(
 def _replay(decoder: Decoder) -> ReplayedSteps | None:
     """Return the outcome of replaying the steps of MuJoCo."""
     mujoco = decoder.mujoco
-    if not mujoco.steps or not mujoco.samples:
+    if not mujoco.steps or not mujoco.samples or mujoco.is_long:
         return None
     return ReplayedSteps(mujoco.steps, mujoco.replayed, mujoco.explains, mujoco.remainder)
 

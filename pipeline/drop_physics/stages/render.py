@@ -221,11 +221,12 @@ def _of_script(
     # With all rules, which a drop can do without until its film is being drawn.
     from drop_physics.analysis.story import Story
     from drop_physics.rules.choice import EVERY
+    from drop_physics.stages.explaining import explained
     from drop_physics.stages.panels import plot_of
 
     given = choice or EVERY
     analysis = Story(
-        held.seen,
+        explained(held).recording.seen,
         held.origin_and_end,
         call_of=call_of(held.seen.engine),
         reports=lambda finding: given.reports(finding, sources.ignored_at(finding.site)),

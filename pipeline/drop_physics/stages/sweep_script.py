@@ -70,12 +70,14 @@ class RunSwept(RunKept[Row]):
         """Return the row of a run, by its recording."""
         from drop_physics.analysis.story import Story
         from drop_physics.experiments.run_distance import apart
+        from drop_physics.stages.explaining import explained
 
         finer = self.finer(number)
         with np.errstate(all="ignore"):  # of states that are not finite
             far = apart(self.own.seen, other.seen, finer=finer)
         made = made_of(self.name_of(number), other, finer=finer)
-        findings = Story(other.seen, other.origin_and_end).analysis().findings
+        seen = explained(other).recording.seen
+        findings = Story(seen, other.origin_and_end).analysis().findings
         ends = {f"end_{each.unit}": each.value for each in far.end}
         return {
             "ended": made.ended,

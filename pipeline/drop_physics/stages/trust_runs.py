@@ -42,6 +42,8 @@ BASE = "base"
 """Name of the script's own run among the variations."""
 MOST_BYTES = 1 << 16
 """Largest size of a description."""
+MOST_EXPLAINED = 20_000
+"""Most steps before a difference that are explained to name its term."""
 
 
 @dataclass(frozen=True)
@@ -120,11 +122,20 @@ class RunVariation(RunKept[Varied]):
         """Return the comparison of a variation's recording with the script's own run."""
         from drop_physics.experiments.first_term import first_term
         from drop_physics.experiments.run_distance import apart
+        from drop_physics.stages.explaining import WhatToExplain, explained
 
         base, finer = self.own, self.finer(number)
         with np.errstate(all="ignore"):  # of states that are not finite
             found = apart(base.seen, other.seen, finer=finer)
-            term = first_term(base.seen, other.seen, found, finer=finer)
+            until = None if found.first is None else found.first.from_step
+            until = 0 if until is None or until > MOST_EXPLAINED else until + 1
+            mine, theirs = (
+                explained(each, WhatToExplain([(0, until * steps)])).recording.seen
+                if until
+                else each.seen
+                for each, steps in ((base, 1), (other, finer))
+            )
+            term = first_term(mine, theirs, found, finer=finer)
         return Varied(made_of(self.name_of(number), other, finer=finer), found, term)
 
 

@@ -97,6 +97,7 @@ class RunTrial(RunChanged[TrialRun]):
         """
         from drop_physics.analysis.story import Story
         from drop_physics.experiments.run_distance import paired
+        from drop_physics.stages.explaining import explained
 
         if number != self.nudge and not self.candidates[number].findings:
             return []
@@ -111,7 +112,9 @@ class RunTrial(RunChanged[TrialRun]):
                 body=names.get(each.body, each.body),
                 other=names.get(each.other, each.other),
             )
-            for each in Story(other.seen, other.origin_and_end).analysis().findings
+            for each in Story(explained(other).recording.seen, other.origin_and_end)
+            .analysis()
+            .findings
         ]
 
 

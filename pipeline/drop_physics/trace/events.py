@@ -543,10 +543,10 @@ class Impulses:
 
 REPLAYS = (
     *("explained", "remainder", "nothing moves", "integrator", "version", "flex", "plugin"),
-    *("plastic", "sleep", "delay", "auto-reset", "stale", "unknown", "not replayed"),
+    *("plastic", "sleep", "delay", "auto-reset", "stale", "unknown", "not replayed", "not asked"),
 )
-"""The outcomes of replaying a step: its causes add up, or the reason why they do not; the last
-means that the replay led elsewhere."""
+"""The outcomes of replaying a step: its causes add up, or the reason why they do not. `not
+replayed` means that the replay led elsewhere, `not asked` that there was none yet."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -670,3 +670,5 @@ class Ending:
     """Remarks on the recording."""
     made_with: dict[str, Any] = field(default_factory=dict)
     """Versions, and whether time was virtual."""
+    interpreter: str | None = None
+    """The script's interpreter, where it is not ours."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from pathlib import PurePath
 from typing import Protocol, TypeVar
 
@@ -170,6 +171,11 @@ class Seen:
     """`solref` and `solimp` of each such pair."""
     condims: Mapping[tuple[int, int, int, int], tuple[int, float]] = field(default_factory=dict)
     """`condim` and `rolling` of each such pair."""
+    can_replay: bool = False
+    """Whether the recording holds what its engine needs to take its steps again."""
+    windows: Sequence[tuple[int, int, int]] = ()
+    """Client, first and end of the steps that were explained later, by the samples that they start
+    from, if not all were."""
     warnings: Sequence[EngineWarning] = ()
     equalities: Sequence[Equality] = ()
 
@@ -200,8 +206,13 @@ class Seen:
     def pieces(self, steps: int = 0) -> Iterator[Piece]:
         """Yield the samples in pieces of `steps` steps, or of as many as fit into memory."""
         steps = steps or self.piece_steps()
-        for first in range(self.sampled.first, self.sampled.last + 1, steps):
-            yield self.sampled.piece(first, first + steps)
+        first, last = self.sampled.first, self.sampled.last
+        # A piece is all explained, or not at all.
+        edges = {edge + 1 for _, *both in self.windows for edge in both}
+        bounds = [first, *sorted(edge for edge in edges if first < edge <= last), last + 1]
+        for begin, end in pairwise(bounds):
+            for at in range(begin, end, steps):
+                yield self.sampled.piece(at, min(at + steps, end))
 
     @cached_property
     def _whole(self) -> Piece:

@@ -20,8 +20,8 @@ Held = Mapping[str, NDArray[Any]]
 """The parts of a state, flat; one that was never sent is zero."""
 T = TypeVar("T")
 
-FEW_STEPS = 10**9
-"""A run of fewer steps is explained when it is recorded."""
+FEW_STEPS = 5000
+"""A run of fewer steps is explained when it is recorded: most take some seconds at most."""
 
 
 class FramesOfSteps:

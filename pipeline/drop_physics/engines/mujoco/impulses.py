@@ -11,7 +11,7 @@ mass. Source: the same power, f·v + τ·ω, of v = v_c - ω × r.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -91,7 +91,8 @@ class ExplainedSteps:
 
     client: int
     described: DescribedModel
-    _parts: dict[int, list[_CausePart]] = field(default_factory=dict)
+    _parts: dict[tuple[int, int], list[_CausePart]] = field(default_factory=dict)
+    """The parts of terms, by the number of the model that was loaded, and theirs in it."""
     _causes: dict[tuple[object, ...], ImpulseCause] = field(default_factory=dict)
     _starts: Float64 = field(default_factory=lambda: np.empty((0, 0)))
     """`qpos` before each step of a piece."""
@@ -102,6 +103,14 @@ class ExplainedSteps:
         geoms = np.atleast_1d(self.described.arrays.get("geom_bodyid", ()))
         places = [self.described.link_of[body] for body in geoms.tolist()]
         self._geoms = np.array(places, np.int64).reshape(-1, 2)
+
+    def know(self, causes: Iterable[ImpulseCause]) -> None:
+        """Go on with causes that have a number already."""
+        self._causes |= {
+            (each.kind, each.name, each.body, each.places): each
+            for each in causes
+            if each.client == self.client
+        }
 
     def events(
         self, piece: ReplayedPiece, frames: Frames, times_s: Float64, numbers: Iterator[int]
@@ -129,7 +138,8 @@ class ExplainedSteps:
         remainder[at] = np.where(np.isfinite(piece.remainder), piece.remainder, 1.0)
         known = len(self._causes)
         begin = piece.first - frames.first
-        self._starts = frames.starts("qpos")[begin : begin + n]
+        if "qpos" in frames.after:
+            self._starts = frames.starts("qpos")[begin : begin + n]
         blocks = self._blocks(piece, numbers)
         yield from [*self._causes.values()][known:]
         yield _impulses(self.client, steps, times_s, status, remainder, blocks)
@@ -143,7 +153,7 @@ class ExplainedSteps:
         """Return each cause that acts: its number, the rows of its steps, and its impulses."""
         found: dict[int, list[tuple[Int64, Float64]]] = {}
         for term, (rows, values) in _by_term(piece):
-            for part in self._parts_of(term, piece.vocabulary.terms[term], numbers):
+            for part in self._parts_of((piece.model, term), piece.vocabulary.terms[term], numbers):
                 block = np.zeros((len(rows), len(part.cause.places)))
                 block[:, part.rows] = values[:, part.columns]
                 self._turn(part, block, rows)
@@ -175,7 +185,9 @@ class ExplainedSteps:
                 many = np.tile(axes, (len(block), 1))
                 block[:, at : at + 3] = rotate_inverse(many, block[:, at : at + 3])
 
-    def _parts_of(self, number: int, term: ImpulseTerm, numbers: Iterator[int]) -> list[_CausePart]:
+    def _parts_of(
+        self, number: tuple[int, int], term: ImpulseTerm, numbers: Iterator[int]
+    ) -> list[_CausePart]:
         """Return the parts of a term that act on each body."""
         if number in self._parts:
             return self._parts[number]

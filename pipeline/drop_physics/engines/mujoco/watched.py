@@ -225,6 +225,11 @@ class MujocoDecoder:
         return 0 if self._received is None else self._received.steps
 
     @property
+    def is_long(self) -> bool:
+        """Whether its steps are too many to be explained before they are asked for."""
+        return self._frames.is_full
+
+    @property
     def version(self) -> str:
         """MuJoCo's version; empty while it is not known."""
         return "" if self._received is None else self._received.version
@@ -265,7 +270,7 @@ class MujocoDecoder:
         DropError
             If it ends before it is through.
         """
-        if self._received is None or not self.steps or self._frames.is_full:
+        if self._received is None or not self.steps or self.is_long:
             return
         numbers = itertools.count()
         of_client = {its.client: its for its in self._simulations.values()}

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from importlib import import_module
 from typing import Any
 
-from . import ENGINES
+from . import ENGINES, numerics
 from .clock import Clock
 from .draws import Draws
 from .host import ScriptWatch
@@ -78,8 +78,13 @@ def watch(
     )
     version = ".".join(map(str, sys.version_info[:3]))
     started.pipe.note(
-        "python", version=version, machine=platform.machine(), virtual_time=not keep_sleeping
+        "python",
+        version=version,
+        machine=platform.machine(),
+        virtual_time=not keep_sleeping,
+        hash_seed=numerics.hashes(),
     )
+    started.on_import("numpy", lambda numpy: started.tell("python", **numerics.of_numpy(numpy)))
     started.clock.install()
     started.lock.install()
     draws = Draws(seed, started.tell_draw)

@@ -1,0 +1,106 @@
+"""Steps of a recording, explained when they are asked for: windows of it, in any order."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.engines.mujoco.described import described
+from drop_physics.engines.mujoco.impulses import ExplainedSteps
+from drop_physics.engines.mujoco.stepping import Stepper, StepsWanted
+from drop_physics.trace.events import Event, ImpulseCause
+from drop_physics.trace.frames import Frames, ModelEdit
+
+Window = tuple[int, int, int]
+"""A simulation and some of its steps: from the first to before the last, by the samples that they
+start from."""
+Times = Callable[[int, NDArray[np.int64]], NDArray[np.float64]]
+"""Returns the times of samples of a simulation [s]."""
+
+
+class RecordedFrames(Protocol):
+    """The models and frames of a recording."""
+
+    def model(self, number: int) -> bytes:
+        """Return a compiled model."""
+
+    def model_of(self, client: int) -> int:
+        """Return the number of the model of a simulation."""
+
+    def edits(self, client: int, end: int) -> list[ModelEdit]:
+        """Return what was changed in the model in the pieces before sample `end`."""
+
+    def pieces(self, client: int, first: int, end: int) -> Iterator[Frames]:
+        """Yield the frames of pieces that have any step from sample `first` to before `end`."""
+
+
+def explained_later(
+    stepper: Stepper,
+    recorded: RecordedFrames,
+    windows: Iterable[Window],
+    *,
+    firsts: Mapping[int, int],
+    causes: Mapping[int, ImpulseCause],
+    times_s: Times,
+    folder: Path,
+) -> Iterator[Event]:
+    """Yield what acted in the steps of windows, as `record` does of a short run.
+
+    Parameters
+    ----------
+    stepper
+        Takes the steps again.
+    recorded
+        What it takes them from.
+    windows
+        The steps.
+    firsts
+        The number of the first body of each simulation.
+    causes
+        The causes that are known already, by number.
+    times_s
+        The times of samples.
+    folder
+        Where files may be written.
+
+    Raises
+    ------
+    DropError
+        If the process ends before it is through.
+    """
+    numbers = itertools.count(max(causes, default=-1) + 1)
+    for client, its in itertools.groupby(sorted(windows), key=lambda each: each[0]):
+        number = recorded.model_of(client)
+        path = folder / f"{number}.mjb"
+        if not path.exists():
+            path.write_bytes(recorded.model(number))
+        arrays = stepper.constants(path)
+        for edit in recorded.edits(client, 1 << 62):
+            if edit.name in arrays:
+                arrays[edit.name] = np.array(arrays[edit.name])
+                arrays[edit.name].reshape(-1)[edit.indices] = edit.values
+        made = ExplainedSteps(
+            client, described(arrays, client=client, first=firsts[client], folder=folder)
+        )
+        made.know(causes.values())
+        for wanted, piece in stepper.explained(_wanted(recorded, path, [*its])):
+            steps = piece.first + 1 + np.arange(len(piece.status), dtype=np.int64)
+            yield from made.events(piece, wanted.frames, times_s(client, steps), numbers)
+
+
+def _wanted(
+    recorded: RecordedFrames, model: Path, windows: Iterable[Window]
+) -> Iterator[StepsWanted]:
+    """Yield the steps of windows of one simulation, piece by piece."""
+    for client, first, end in windows:
+        edits: list[ModelEdit] | None = None
+        for frames in recorded.pieces(client, first, end):
+            begin = max(first - frames.first, 0)
+            last = min(end - frames.first, len(frames))
+            edits = recorded.edits(client, frames.first) if edits is None else edits
+            yield StepsWanted(model, frames, begin, last, edits)

@@ -1,0 +1,107 @@
+"""The windows of a long run that are explained first, named by the states of all its steps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from drop_physics.arrays import Float64, Int64
+from drop_physics.trace.history import Piece, Seen
+from drop_physics.trace.states import by_body
+from drop_physics.trace.sums import Window
+
+MOST_CLIENTS = 4
+"""Simulations that get windows, the longest first."""
+SPAN, LEAST_SPAN, FREEDOMS = 200, 20, 30
+"""Most and least steps around a moment, and degrees of freedom up to which it is the most."""
+STATES = 1 << 22
+"""Most numbers of states that are held at once."""
+
+
+def moments_of(seen: Seen, steps: Mapping[int, int]) -> list[Window]:
+    """Return the windows of each simulation: its start and end, and the steps of its extremes.
+
+    These are the largest velocity, the largest change of one in a step, and the first state that a
+    call sets on the way; `steps` has the number of steps of each simulation.
+    """
+    clients = sorted(steps, key=lambda client: -steps[client])[:MOST_CLIENTS]
+    freedoms = {client: _freedoms(seen, client) for client in clients}
+    found = {client: _Extremes() for client in clients}
+    most = max(1, STATES // max(sum(freedoms.values()), 1))
+    for piece in seen.pieces(min(most, 1 << 16)):
+        for client in clients:
+            found[client].take(*_velocities(seen, piece, client))
+    windows = []
+    for client in clients:
+        n = steps[client]
+        span = int(np.clip(SPAN * FREEDOMS // max(freedoms[client], 1), LEAST_SPAN, SPAN))
+        puts = (each.at.step for each in seen.puts if each.body.client == client and each.counts)
+        middles = [*found[client].steps, *([min(puts, default=0)])]
+        spans = [(0, 2 * span), (n - span, n)]
+        spans += [(each - span // 2, each + span // 2) for each in middles]
+        windows += [(client, *each) for each in _joined(spans, n)]
+    return windows
+
+
+class _Extremes:
+    """The largest velocity of a simulation, and the largest change of one."""
+
+    def __init__(self) -> None:
+        self._fastest = self._hardest = -1.0
+        self._at = [0, 0]
+        self._last: Float64 | None = None
+
+    @property
+    def steps(self) -> Sequence[int]:
+        """The samples of both."""
+        return self._at
+
+    def take(self, steps: Int64, velocities: Float64) -> None:
+        """Take the velocities of samples, shape (n, k)."""
+        if not velocities.size:
+            return
+        speed = np.nan_to_num(np.abs(velocities)).max(axis=1)
+        if speed.max() > self._fastest:
+            self._fastest, self._at[0] = float(speed.max()), int(steps[speed.argmax()])
+        change = np.abs(np.diff(velocities, axis=0, prepend=velocities[:1]))
+        jump = np.nan_to_num(change).max(axis=1)
+        if jump.max() > self._hardest:
+            self._hardest, self._at[1] = float(jump.max()), int(steps[jump.argmax()])
+
+
+def _freedoms(seen: Seen, client: int) -> int:
+    return sum(
+        6 * body.base_moves + sum(joint.widths[1] for joint in body.joints)
+        for body in seen.bodies.values()
+        if body.client == client
+    )
+
+
+def _velocities(seen: Seen, piece: Piece, client: int) -> tuple[Int64, Float64]:
+    """Return the samples of a piece that a step led to, and all velocities in them, (n, k)."""
+    columns: list[Float64] = []
+    steps = np.empty(0, np.int64)
+    for number, rows in by_body(piece.bases).items():
+        if seen.bodies[number].client == client:
+            steps = rows["step"]
+            columns += [rows["velocity_m_s"], rows["spin_rad_s"]]
+    for number, joints in piece.joints.items():
+        if seen.bodies[number].client == client:
+            steps = joints.steps
+            columns.append(joints.velocity)
+    same = [each for each in columns if len(each) == len(steps)]
+    return steps, np.hstack(same) if same else np.empty((0, 0))
+
+
+def _joined(spans: Sequence[tuple[int, int]], n: int) -> list[tuple[int, int]]:
+    """Return spans within the run, those that overlap as one."""
+    found: list[tuple[int, int]] = []
+    for first, end in sorted((max(a, 0), min(b, n)) for a, b in spans):
+        if end <= first:
+            continue
+        if found and first <= found[-1][1]:
+            found[-1] = found[-1][0], max(end, found[-1][1])
+        else:
+            found.append((first, end))
+    return found

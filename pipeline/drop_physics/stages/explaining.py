@@ -1,0 +1,208 @@
+"""Explain steps of a recording when they are asked for: which, and in which interpreter."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib import metadata
+from pathlib import Path
+
+from drop_physics.engines.mujoco.framed import FEW_STEPS
+from drop_physics.engines.mujoco.later import explained_later
+from drop_physics.engines.mujoco.stepping import Stepper
+from drop_physics.errors import DropError
+from drop_physics.explain.moments import moments_of
+from drop_physics.explain.times import StepTimes
+from drop_physics.fields import counted
+from drop_physics.messages import Message
+from drop_physics.recording import schema
+from drop_physics.recording.layer_sums import sums_in
+from drop_physics.recording.reader import Recording
+from drop_physics.trace.history import Seen
+from drop_physics.trace.sums import LaterSums, Window, WithSums
+from drop_physics.workers import users_environment
+
+AROUND = 25
+"""Steps before and after a time that is asked for."""
+VERSION = "from importlib.metadata import version; print(version('mujoco'))"
+"""What prints an interpreter's version of MuJoCo."""
+
+
+@dataclass(frozen=True)
+class WhatToExplain:
+    """The steps of a recording that are to be explained, besides those that are already."""
+
+    steps: Sequence[tuple[int, int]] = ()
+    """Samples, from the first to before the last of each window, of all simulations."""
+    at_s: Sequence[float] = ()
+    """Times around which steps are explained [s]."""
+    whole: bool = False
+    """Whether all are."""
+
+
+BY_DEFAULT = WhatToExplain()
+
+
+@dataclass(frozen=True)
+class LaterExplained:
+    """A recording with what was explained of it."""
+
+    recording: Recording
+    sums: LaterSums | None
+    """What was explained after it was made; None if nothing was."""
+    note: Message | None
+    """Which of its steps are not explained, and what explains them."""
+
+
+def explained(
+    recording: Recording,
+    what: WhatToExplain = BY_DEFAULT,
+    *,
+    layer: Path | None = None,
+    python: str | None = None,
+    progress: Callable[[int, int], None] = lambda *_: None,
+) -> LaterExplained:
+    """Explain steps of a recording whose engine can take them again.
+
+    What was explained of it before stays as it is. A run of few steps is explained whole; of a
+    longer one the windows that are asked for, or those that its states name (`explain.moments`).
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    what
+        What to explain.
+    layer
+        The layer that may hold what was explained before.
+    python
+        The interpreter to do it in; None for the script's, or ours.
+    progress
+        Called with the steps that are explained, and those that are to be.
+    """
+    seen, steps = recording.seen, recording.steps
+    done = any(entity.startswith(f"{schema.IMPULSES}/") for entity in recording.entities)
+    if not seen.can_replay or done or isinstance(seen.sampled, WithSums):
+        return LaterExplained(recording, None, None)
+    count = {client: steps.steps_of(client) for client in steps.clients}
+    sums = sums_in(layer, recording.recording_id) if layer is not None else None
+    sums = LaterSums() if sums is None else sums
+    lacking = sums.lacking(_windows(seen, count, what))
+    failed: Message | None = None
+    if lacking:
+        (version,) = {model.engine.partition(" ")[2] for model in steps.models.values()}
+        kept = (recording.ended or {}).get("interpreter")
+        chosen, failed = _interpreter(version, python, kept)
+        if chosen is not None:
+            try:
+                _explain(recording, sums, lacking, chosen, version, progress)
+            except DropError as error:
+                failed = Message("its steps are not explained: {why}", why=str(error))
+    if not sums.windows:
+        return LaterExplained(recording, None, failed)
+    made = sum(end - first for _, first, end in sums.windows)
+    total = sum(count.values())
+    note = failed
+    if note is None and made < total:
+        note = Message(
+            "{made:,} of {steps} are explained: --steps A:B explains others, --all all",
+            made=made,
+            steps=counted(total, "step"),
+        )
+    known = sums.seen(seen, whole=made >= total)
+    return LaterExplained(replace(recording, seen=known), sums, note)
+
+
+def _explain(
+    recording: Recording,
+    sums: LaterSums,
+    windows: Sequence[Window],
+    python: str,
+    version: str,
+    progress: Callable[[int, int], None],
+) -> None:
+    """Explain windows in an interpreter."""
+    seen = recording.seen
+    times = {each.client: StepTimes(seen, each.client) for each in seen.settings}
+    firsts: dict[int, int] = {}
+    for number, body in sorted(seen.bodies.items()):
+        firsts.setdefault(body.client, number)
+    wanted = sum(end - first for _, first, end in windows)
+    before = sum(end - first for _, first, end in sums.windows)
+    with tempfile.TemporaryDirectory(prefix="drop-") as folder, Stepper(python, version) as stepper:
+        events = explained_later(
+            stepper,
+            recording.steps,
+            windows,
+            firsts=firsts,
+            causes=sums.causes,
+            times_s=lambda client, steps: times[client].of_all(steps),
+            folder=Path(folder),
+        )
+        for event in events:
+            sums.add([event])
+            progress(sum(end - first for _, first, end in sums.windows) - before, wanted)
+
+
+def _windows(seen: Seen, count: Mapping[int, int], what: WhatToExplain) -> list[Window]:
+    """Return the steps that are asked for, or that states name."""
+    whole = [(client, 0, n) for client, n in count.items() if n]
+    if what.whole or sum(count.values()) < FEW_STEPS:
+        return whole
+    asked = [*what.steps]
+    windows = [
+        (client, max(first, 0), min(end, n))
+        for client, n in count.items()
+        for first, end in asked
+        if first < n and end > first
+    ]
+    for client, n in count.items():
+        times = StepTimes(seen, client)
+        for time_s in what.at_s:
+            step = times.nearest(time_s, 0, n)
+            if step is not None:
+                windows.append((client, max(step - AROUND, 0), min(step + AROUND, n)))
+    return windows or moments_of(seen, count)
+
+
+def _interpreter(
+    version: str, python: str | None, recorded: str | None
+) -> tuple[str | None, Message | None]:
+    """Return an interpreter that has a version of MuJoCo, or why there is none."""
+    found: list[str] = []
+    candidates = [python] if python else [*([recorded] if recorded else []), sys.executable]
+    for each in candidates:
+        path = str(Path(each).expanduser())
+        has = _version_in(path)
+        if has == version:
+            return path, None
+        found.append(f"{each}: {has or '–'}")
+    return None, Message(
+        "its steps are not explained: that takes MuJoCo {version} (here are {found}); --python "
+        "takes an interpreter that has it: pip install mujoco=={version}",
+        version=version,
+        found=", ".join(found),
+    )
+
+
+def _version_in(python: str) -> str:
+    """Return an interpreter's version of MuJoCo; empty if it has none, or cannot be run."""
+    if python == sys.executable:
+        try:
+            return metadata.version("mujoco")
+        except metadata.PackageNotFoundError:
+            return ""
+    try:
+        done = subprocess.run(
+            [python, "-c", VERSION],
+            capture_output=True,
+            text=True,
+            check=False,
+            env=users_environment(),
+        )
+    except OSError:
+        return ""
+    return done.stdout.strip() if not done.returncode else ""

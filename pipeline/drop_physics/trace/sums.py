@@ -1,0 +1,148 @@
+"""What acted in steps of a recording that were explained after it was made."""
+
+from __future__ import annotations
+
+import pickle
+import tempfile
+import weakref
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from drop_physics.trace.events import ContactRows, Event, ImpulseCause, Impulses, PairFriction
+from drop_physics.trace.history import Piece, Sampled, Seen
+from drop_physics.trace.states import between, in_step_order
+
+Window = tuple[int, int, int]
+"""A simulation and some of its steps: from the first to before the last, by the samples that they
+start from."""
+
+
+class _Place(NamedTuple):
+    """Where an event is."""
+
+    first: int
+    """The first of its samples."""
+    end: int
+    """One more than the last of them."""
+    at: int
+    """The beginning in the file."""
+
+
+class LaterSums:
+    """Impulses and contact points of windows, in a file of their own, for as long as it is held."""
+
+    def __init__(self) -> None:
+        self._file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by the next line
+        weakref.finalize(self, self._file.close)
+        self._places: list[_Place] = []
+        self.windows: list[Window] = []
+        """The steps that are explained."""
+        self.causes: dict[int, ImpulseCause] = {}
+        self.pairs: list[PairFriction] = []
+
+    def add(self, events: Iterable[Event]) -> None:
+        """Take what became of steps."""
+        for event in events:
+            match event:
+                case ImpulseCause():
+                    self.causes[event.number] = event
+                case PairFriction():
+                    self.pairs.append(event)
+                case Impulses() | ContactRows() if len(event.steps):
+                    first, end = int(event.steps[0]), int(event.steps[-1]) + 1
+                    self._places.append(_Place(first, end, self._file.seek(0, 2)))
+                    pickle.dump(event, self._file, pickle.HIGHEST_PROTOCOL)
+                    if isinstance(event, Impulses):
+                        self.windows.append((event.client, first - 1, end - 1))
+
+    def within(self, first: int, end: int) -> Iterator[Impulses | ContactRows]:
+        """Yield the events of steps that lead to samples from `first` to before `end`."""
+        for place in self._places:
+            if place.first < end and place.end > first:
+                self._file.seek(place.at)
+                yield pickle.load(self._file)
+
+    def lacking(self, wanted: Iterable[Window]) -> list[Window]:
+        """Return windows without the steps that are explained already."""
+        found: list[Window] = []
+        for client, first, end in wanted:
+            begin = first
+            for _, a, b in sorted(each for each in self.windows if each[0] == client):
+                if b > begin and a < end:
+                    if a > begin:
+                        found.append((client, begin, a))
+                    begin = max(begin, b)
+            if begin < end:
+                found.append((client, begin, end))
+        return found
+
+    def seen(self, seen: Seen, *, whole: bool) -> Seen:
+        """Return what was recorded with what acted in it; `whole` if that is in all steps."""
+        pairs = {(each.body_a, each.link_a, each.body_b, each.link_b): each for each in self.pairs}
+        return replace(
+            seen,
+            sampled=WithSums(seen.sampled, self),
+            windows=() if whole else _joined(self.windows),
+            causes={**seen.causes, **self.causes},
+            frictions={**seen.frictions, **{key: each.friction for key, each in pairs.items()}},
+            softness={
+                **seen.softness,
+                **{key: (each.solref, each.solimp) for key, each in pairs.items() if each.solref},
+            },
+            condims={
+                **seen.condims,
+                **{key: (each.condim, each.rolling) for key, each in pairs.items()},
+            },
+        )
+
+
+def _joined(windows: Iterable[Window]) -> list[Window]:
+    """Return windows, those of a simulation that touch as one."""
+    found: list[Window] = []
+    for client, first, end in sorted(windows):
+        if found and found[-1][0] == client and first <= found[-1][2]:
+            found[-1] = client, found[-1][1], max(end, found[-1][2])
+        else:
+            found.append((client, first, end))
+    return found
+
+
+class WithSums:
+    """Samples with what was explained of them later."""
+
+    def __init__(self, samples: Sampled, sums: LaterSums) -> None:
+        self._samples, self._sums = samples, sums
+
+    @property
+    def first(self) -> int:
+        """The first step with any sample."""
+        return self._samples.first
+
+    @property
+    def last(self) -> int:
+        """The last step with any sample."""
+        return self._samples.last
+
+    def piece(self, first: int, end: int) -> Piece:
+        """Return the samples of the steps from `first` to before `end`."""
+        piece = self._samples.piece(first, end)
+        contacts = [piece.contacts]
+        impulses = {client: [*parts] for client, parts in piece.impulses.items()}
+        for event in self._sums.within(first, end):
+            if isinstance(event, Impulses):
+                impulses.setdefault(event.client, []).append(event.between(first, end))
+            else:
+                contacts.append(between(event.contacts, first, end))
+        in_order = {
+            client: sorted((each for each in parts if len(each.steps)), key=_first)
+            for client, parts in impulses.items()
+        }
+        rows = in_step_order(np.concatenate(contacts))
+        return replace(piece, contacts=rows, impulses=in_order)
+
+
+def _first(acted: Impulses) -> int:
+    return int(acted.steps[0])
