@@ -11,7 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from drop_physics.engines.mujoco.watch.followed import constants_of
+from drop_physics.engines.mujoco.memory import constants_of
 from mujoco_scripts import MACHINE
 from mujoco_trees import MujocoTrees, product, turned
 

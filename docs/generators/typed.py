@@ -20,6 +20,10 @@ from pathlib import Path
 from drop_physics.cli import app
 from typer.testing import CliRunner
 
+with contextlib.suppress(ModuleNotFoundError):
+    # Before anything else imports PyBullet: its banner, which comes once, has the build time.
+    import drop_physics.engines.pybullet.engine  # noqa: F401
+
 ROOT = Path(__file__).parents[2]
 os.environ["DROP_LANG"] = "en"  # what pages show does not depend on who makes them
 

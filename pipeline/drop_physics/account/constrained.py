@@ -44,7 +44,7 @@ class Held:
     def __init__(self, seen: Seen) -> None:
         self._seen = seen
         self._held: dict[tuple[int, int], HeldConstraint] = {}
-        """By the client, and the number of calls before the constraint was made."""
+        """Constraints, by client and number of calls before each was made."""
         self._gears: dict[tuple[int, int], ConstraintVersion] = {}
 
     def add(self, explained: ExplainedPiece) -> None:

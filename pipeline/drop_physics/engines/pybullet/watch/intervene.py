@@ -79,7 +79,7 @@ class Seen:
 
     def __init__(self) -> None:
         self.calls: dict[tuple[str, int, str], SeenCalls] = {}
-        """By file, line and function."""
+        """Sightings, by file, line and function."""
         self.pairs: set[tuple[int, ...]] = set()
         """Client, bodies and links of what touched."""
 
