@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import subprocess
 import sys
@@ -13,12 +14,14 @@ import drop_physics
 import numpy as np
 import pytest
 from command import HANGS_S
+from drop_physics.engines.channel import wide_pipe
 from drop_physics.engines.other_world import OtherWorld
 from drop_physics.engines.urdf import STANDARD, read_urdf
 from drop_physics.errors import ScenarioError
 from drop_physics.scenario import Scenario
 from drop_physics.stages.interpreter import interpreter_of
 from drop_physics.trace.states import BODY
+from drop_physics.workers import cores
 
 PACKAGE = Path(drop_physics.__file__).parent
 MISSING = "import sys\nsys.modules.update(pybullet=None, pybullet_data=None)\n"
@@ -126,6 +129,15 @@ def test_a_script_of_pybullet_is_told_what_it_needs(tmp_path: Path) -> None:
     assert f"fall.py runs with {tmp_path}/.venv/bin/python" in said
     assert "this needs pybullet: " in said
     assert "-m pip install pybullet" in said
+
+
+def test_what_only_linux_has_is_done_without(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on macOS, which has no wider pipes, and does not say which processors are ours."""
+    monkeypatch.delattr(fcntl, "F_SETPIPE_SZ")
+    monkeypatch.delattr(os, "sched_getaffinity")
+    for end in wide_pipe():
+        os.close(end)
+    assert cores() == os.cpu_count()
 
 
 # -- what a URDF says -----------------------------------------------------------------------------

@@ -472,6 +472,7 @@ def _sweep_script(
             force=force,
             again=again,
             stdout=output.descriptor(sys.stderr),
+            note=output.note,
             progress=report,
         )
     raise typer.Exit(_show(result, as_json=json))

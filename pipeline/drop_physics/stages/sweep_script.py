@@ -7,7 +7,7 @@ import itertools
 import math
 import operator
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -105,6 +105,7 @@ def sweep_script(
     force: bool = False,
     again: bool = False,
     stdout: int = 1,
+    note: Callable[[str], None] = lambda _: None,
     progress: Progress = lambda *_: None,
 ) -> ScriptSweep:
     """Run a script as it is, and with each combination of interventions.
@@ -130,6 +131,8 @@ def sweep_script(
         so is run again all the same.
     stdout
         File descriptor of the script's standard output, in its own run.
+    note
+        Called with a sentence worth knowing that is not an error.
     progress
         Called while it runs.
 
@@ -157,7 +160,7 @@ def sweep_script(
     program = Program(
         target,
         tuple(map(str, arguments)),
-        interpreter_of(target, is_module=False, given=None, note=lambda _: None),
+        interpreter_of(target, is_module=False, given=None, note=note),
         duration_s=duration_s,
         seed=seed,
         begins_s=SEEDED_CLOCK_S,
