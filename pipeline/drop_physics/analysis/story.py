@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from drop_physics.account.account import Account
+from drop_physics.account.rows import Row
 from drop_physics.analysis.bodies import BodyStory
 from drop_physics.analysis.phases import runs_of
 from drop_physics.analysis.results import Analysis, Explained
@@ -124,6 +126,7 @@ class Story:
         for _ in map(self.see, self.explanation.pieces()):
             pass
         totals = self.explanation.totals
+        account = [] if self._account is None else self._account.rows(self.scene.joints, totals)
         by_body = {n: body.explained(totals.get(n)) for n, body in self.bodies.items()}
         return Analysis(
             origin=dict(self._origin),
@@ -131,8 +134,8 @@ class Story:
             samples=max(self._seen.samples.values(), default=0),
             explained=_together([*by_body.values()]),
             bodies=[body.result(totals.get(n)) for n, body in self.bodies.items()],
-            findings=self.findings(),
-            account=[] if self._account is None else self._account.rows(self.scene.joints, totals),
+            findings=[*citing(self.findings(), account)],
+            account=account,
             left_out=len(self.findings(reported=False)),
             by_body=by_body,
             rows=joined(self._rows),
@@ -150,6 +153,17 @@ class Story:
     @cached_property
     def _found(self) -> list[Finding]:
         return [] if self._rules is None else [*self._rules.findings()]
+
+
+def citing(findings: Iterable[Finding], account: Sequence[Row]) -> Iterator[Finding]:
+    """Yield findings with the terms of the account's row about the same joint."""
+    rows: dict[tuple[str | None, str], Row] = {}
+    for row in account:
+        if row.joint is not None:
+            rows.setdefault((row.body, row.joint), row)
+    for finding in findings:
+        its = rows.get((finding.body, finding.joint or ""))
+        yield finding if its is None else replace(finding, terms=its.terms)
 
 
 def _together(parts: Sequence[Explained]) -> Explained:

@@ -11,6 +11,7 @@ from drop_physics.report.blocks import Fact, Facts, Section, Words
 
 if TYPE_CHECKING:
     from drop_physics.account.rows import Row, RowTerm
+    from drop_physics.rules.answer import Finding
 
 FEW, MANY = 6, 12
 """Rows that are shown beside findings, and without any."""
@@ -36,9 +37,17 @@ WORDS = {
 """The kinds of rows as readers see them."""
 
 
-def account_of(rows: Sequence[Row], most: int) -> list[Section]:
-    """Return the account, at most so many rows; nothing where there is none."""
-    rows = [row for row in rows if row.salience >= NEGLIGIBLE]
+def account_of(rows: Sequence[Row], findings: Sequence[Finding], most: int) -> list[Section]:
+    """Return the account, at most so many rows; nothing where there is none.
+
+    A finding that is shown takes the place of the row about the same joint.
+    """
+    told = {(finding.body, finding.joint) for finding in findings if finding.terms}
+    rows = [
+        row
+        for row in rows
+        if row.salience >= NEGLIGIBLE and (row.joint is None or (row.body, row.joint) not in told)
+    ]
     if not rows:
         return []
     facts = [fact for row in rows[:most] for fact in facts_of(row)]
@@ -56,17 +65,17 @@ def facts_of(row: Row) -> list[Fact]:
         who = Message("{who} and {alike} more", who=who, alike=row.alike)
     facts = [Fact(WORDS[row.kind], joined("  ", [who, row.told]), "bold")]
     if row.terms:
-        facts.append(Fact("", _sides(row)))
+        facts.append(Fact("", joined("", ["  ", sides_of(row.terms)])))
     return facts
 
 
-def _sides(row: Row) -> Message:
-    """Return the terms of a row as one line."""
-    works = row.terms[0].unit == "J"
-    towards, against = _terms(row.towards), _terms(row.against)
-    if works:
-        return Message("  by {towards}   against {against}", towards=towards, against=against)
-    return Message("  towards {towards}   against {against}", towards=towards, against=against)
+def sides_of(terms: Sequence[RowTerm]) -> Message:
+    """Return the terms of a row as one line: those towards what was asked, and those against."""
+    towards = _terms([term for term in terms if term.towards])
+    against = _terms([term for term in terms if not term.towards])
+    if terms[0].unit == "J":
+        return Message("by {towards}   against {against}", towards=towards, against=against)
+    return Message("towards {towards}   against {against}", towards=towards, against=against)
 
 
 def _terms(terms: Sequence[RowTerm]) -> str:

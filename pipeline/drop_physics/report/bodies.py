@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drop_physics.explain.cause_names import cause_in_words
@@ -23,7 +22,7 @@ from drop_physics.report.blocks import (
     Section,
     Words,
 )
-from drop_physics.report.flights import contact_by, contacts, falls, flights, momentum
+from drop_physics.report.flights import contact_by, contacts, flights, momentum
 from drop_physics.report.words import MISSING, SEGMENTS, kinds_of_samples
 from drop_physics.rules.choice import minor
 from drop_physics.trace.events import ENDED
@@ -31,15 +30,15 @@ from drop_physics.trace.events import ENDED
 if TYPE_CHECKING:
     from drop_physics.analysis.results import Analysis, BodyAnalysis, StepSum
     from drop_physics.explain.joints import JointRow
-    from drop_physics.rules.answer import Finding
 
-MOST_FINDINGS = 6
+MOST_FINDINGS = 3
 """Findings that are listed without --verbose; all are in the JSON."""
-MOST_BODIES, MOST_ROBOTS, MOST_JOINTS = 12, 4, 8
-"""Most rows of each kind without --verbose; all are in the JSON."""
+MOST_BODIES, MOST_LACKS = 12, 3
+"""Most names of bodies in a line, and lines of what was not explained without --verbose."""
+LACKS = 10
+"""Width of the title beside these lines."""
 FAILED = "script-failed"
 """Code of the error that a script ended with."""
-NO_MOTOR = "off", "unknown", "default"
 NAME = 8
 """Least width of names in columns."""
 CELL, FORCE, CONTROL, LONGEST_JOINT = 8, 7, 8, 24
@@ -56,6 +55,7 @@ def report_of_bodies(analysis: Analysis, *, verbose: bool = False) -> Report:
     findings = [each for each in analysis.findings if each not in failed]
     little = [] if verbose else minor(findings)
     shown = [each for each in findings if each not in little]
+    shown.sort(key=lambda each: each.proof == "none")  # the surest first
     most = len(shown) if verbose else min(len(shown), MOST_FINDINGS)
     found = FindingList(
         [*shown, *little],
@@ -66,21 +66,17 @@ def report_of_bodies(analysis: Analysis, *, verbose: bool = False) -> Report:
     )
     sections = [Section([found], apart=False)]
     rows = len(analysis.account) if verbose else account.FEW if shown else account.MANY
-    sections += account.account_of(analysis.account, rows)
+    sections += account.account_of(analysis.account, shown[:most], rows)
     verbose = verbose or alone
-    joints = [*_joints(moving, analysis.findings, verbose=verbose)]
-    sections += joints
-    if joints or verbose:
-        sections += _of_substeps(analysis)
-    sections.append(Section([*_bodies(analysis, moving, verbose=verbose)]))
+    if verbose:
+        sections += _joints(moving)
+    sections += _of_substeps(analysis)
+    if verbose:
+        sections.append(Section([*_bodies(analysis, moving)]))
     sections += [sum_of(body, each) for body in moving for each in body.at]
     if verbose:
         sections += [*momentum(moving), *flights(moving), *contacts(moving)]
-    else:
-        sections += falls(moving)
-        if any(body.flights or body.contacts for body in moving):
-            more = Message("flights, contacts and all else: --verbose, --body NAME, --at T, --json")
-            sections.append(Section([Words(more, "dim")]))
+    sections.append(Section([*_not_said(analysis, moving, verbose=verbose)]))
     return Report(
         error=Failure(failed[0], analysis.sources) if failed else None,
         verdict=_headline(analysis, verbose=verbose),
@@ -128,11 +124,11 @@ def _explained(analysis: Analysis, *, verbose: bool) -> Message:
         moved = analysis.samples > 1
         return Message("nothing moved by itself") if moved else Message("nothing was stepped")
     if explained.samples == explained.of and not explained.remainder:
-        return Message("all explained to the bit")
+        return Message("100 % explained, to the bit")
     if explained.samples == explained.of and verbose:
-        return Message("all explained to {remainder:.0e}", remainder=explained.remainder)
+        return Message("100 % explained, to {remainder:.0e}", remainder=explained.remainder)
     if explained.samples == explained.of:
-        return Message("all explained")
+        return Message("100 % explained")
     return Message(
         "{share:.4g} % explained; from {time:.4g} s on not all: {why}",
         share=math.floor(1e4 * explained.samples / explained.of) / 100,
@@ -157,39 +153,11 @@ def _of_substeps(analysis: Analysis) -> Iterator[Section]:
 # -- joints ---------------------------------------------------------------------------------------
 
 
-def _joints(
-    bodies: Sequence[BodyAnalysis], findings: Sequence[Finding], *, verbose: bool
-) -> Iterator[Section]:
-    """Yield tables of the joints; without `verbose`, only of those that calls drive.
-
-    If there are too many, joints with findings come first; the rest is left out.
-    """
-    named = {each.joint for each in findings}
-    robots = [body for body in bodies if any(_is_shown(row, named) for row in body.joints)]
-    robots.sort(key=lambda body: not any(each.body == body.label for each in findings))
-    shown_robots = bodies if verbose else robots[:MOST_ROBOTS]
-    for body in sorted(shown_robots, key=lambda body: body.id):
-        rows = [row for row in body.joints if verbose or _is_shown(row, named)]
-        rows.sort(key=lambda row: row.name not in named)
-        shown = sorted(rows if verbose else rows[:MOST_JOINTS], key=_place)
-        if not shown:
-            continue
-        blocks: list[Block] = [replace(joint_table(body.label, shown), left_out=_narrow)]
-        if len(rows) > len(shown):
-            joints = counted(len(rows) - len(shown), "more joint")
-            blocks.append(Words(Message("{joints}: --verbose", joints=joints), "dim"))
-        yield Section(blocks)
-    if len(robots) > MOST_ROBOTS and not verbose:
-        more = Message(
-            "and the joints of {bodies} more: --verbose",
-            bodies=counted(len(robots) - MOST_ROBOTS, "body", "bodies"),
-        )
-        yield Section([Words(more, "dim")])
-
-
-def _is_shown(row: JointRow, named: set[str | None]) -> bool:
-    """Return whether a joint is shown: a call drives it, or a finding names it."""
-    return row.control not in NO_MOTOR or row.name in named
+def _joints(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
+    """Yield the tables of the joints."""
+    for body in bodies:
+        if body.joints:
+            yield Section([joint_table(body.label, sorted(body.joints, key=_place))])
 
 
 def joint_table(label: str, rows: Sequence[JointRow]) -> DataTable:
@@ -267,56 +235,58 @@ def _numbers(cells: Cells, rows: Sequence[JointRow], least: int, *, drop: int) -
 # -- bodies ---------------------------------------------------------------------------------------
 
 
-def _bodies(
-    analysis: Analysis, moving: Sequence[BodyAnalysis], *, verbose: bool
-) -> Iterator[Block]:
-    """Yield a line per moving body: its mass, samples and energy; and what is unexplained."""
-    rows = []
-    shown = moving[:MOST_BODIES]
-    column = min(max((columns_of(body.label) for body in shown), default=NAME) + 2, 30)
-    for body in shown:
-        rows.append(Fact(body.label, _facts(body, verbose=verbose), "bold"))
-        for run in body.unexplained:
-            words = Message(
-                "unexplained: {samples} from step {step} on: {reason}",
-                samples=counted(run.samples, "sample"),
-                step=run.first_step,
-                reason=run.reason,
-            )
-            rows.append(Fact("", words))
-    yield Facts(rows, column)
-    more = len(moving) - len(shown)
-    if more > 0:
-        bodies = counted(more, "body", "bodies")
-        yield Words(Message("and {bodies} more: see --json, or --body", bodies=bodies))
-    soft = [body.label for body in analysis.bodies if body.soft]
+def _bodies(analysis: Analysis, moving: Sequence[BodyAnalysis]) -> Iterator[Block]:
+    """Yield a line per body: its mass, samples and energy; and the bodies that never moved."""
+    column = min(max((columns_of(body.label) for body in moving), default=NAME) + 2, 30)
+    yield Facts([Fact(body.label, _facts(body), "bold") for body in moving], column)
     moves = {body.id for body in moving}
     still = [body.label for body in analysis.bodies if body.id not in moves and not body.soft]
-    rows = [Fact(Message("still"), _first_of(still), "dim")] if still else []
-    if soft:
-        words = Message("{bodies}: its motion is not recorded", bodies=_first_of(soft))
-        rows.append(Fact(Message("soft"), words, "dim"))
-    yield Facts(rows, column)
+    if still:
+        yield Facts([Fact(Message("still"), _first_of(still), "dim")], column)
+
+
+def _not_said(
+    analysis: Analysis, moving: Sequence[BodyAnalysis], *, verbose: bool
+) -> Iterator[Block]:
+    """Yield what was not explained, and what is shown only if it is asked for."""
+    lacks = [
+        Message(
+            "{body}: {samples} from step {step} on: {reason}",
+            body=body.label,
+            samples=counted(run.samples, "unexplained sample"),
+            step=run.first_step,
+            reason=run.reason,
+        )
+        for body in moving
+        for run in body.unexplained
+    ]
+    shown = lacks if verbose else lacks[:MOST_LACKS]
+    if len(lacks) > len(shown):
+        shown.append(Message("and {more} more: --verbose", more=len(lacks) - len(shown)))
+    if shown:
+        heads = [Message("not said"), *[""] * (len(shown) - 1)]
+        yield Facts([*map(Fact, heads, shown)], LACKS)
+    if not verbose and moving:
+        more = Message("joints, energy, flights, contacts: --verbose, --body NAME, --at T, --json")
+        yield Words(more, "dim")
 
 
 def _first_of(labels: list[str]) -> str:
     return ", ".join(labels[:MOST_BODIES]) + (" …" if len(labels) > MOST_BODIES else "")
 
 
-def _facts(body: BodyAnalysis, *, verbose: bool) -> Message:
+def _facts(body: BodyAnalysis) -> Message:
     mass: str = f"{body.mass_kg:.4g} kg"
     if len(body.links) > 1:
         mass = joined(", ", [mass, counted(len(body.links) - 1, "link")])
-    # What a call set at the beginning is no news.
-    rest = {name: n for name, n in body.segments.items() if verbose or (name, n) != ("set", 1)}
-    facts = joined(": ", [mass, kinds_of_samples(rest)])
+    facts = joined(": ", [mass, kinds_of_samples(body.segments)])
     if body.energy is None:
         return facts
     changes: str = f"{body.energy.start_j + 0.0:.4g} → {body.energy.end_j + 0.0:.4g} J"
     causes = sorted(body.energy.by_cause_j.items(), key=lambda cause: -abs(cause[1]))
     named = [
         Message("{joules} {cause}", joules=f"{value:+.3g}", cause=cause_in_words(name))
-        for name, value in causes[: 2 * verbose]
+        for name, value in causes[:2]
         if abs(value) > 1e-9
     ]
     return joined("; ", [facts, joined(": ", [changes, joined(", ", named)]) if named else changes])

@@ -20,7 +20,7 @@ from drop_physics.report.blocks import (
     Words,
     lines_of,
 )
-from drop_physics.report.words import besides, trials_of
+from drop_physics.report.words import beneath, besides
 from drop_physics.rules.answer import Finding
 
 CURVES = "<!-- curves -->"
@@ -119,7 +119,7 @@ def _listed(findings: Sequence[Finding], first: int, sources: Mapping[str, Path]
         yield f'<li class="{finding.level}"><p><b>{_said(finding.told)}</b></p>'
         if (advised := finding.advised) is not None:
             yield f'<p class="advice">{_said(advised)}</p>'
-        yield from (f"<p>{_said(each)}</p>" for each in trials_of(finding))
+        yield from (f"<p>{_said(each)}</p>" for each in beneath(finding))
         yield f'<p class="code">{_said(finding.code)}{_site(finding)}</p>'
         yield from _source(finding, sources)
         yield "</li>"

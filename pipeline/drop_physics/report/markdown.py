@@ -17,7 +17,7 @@ from drop_physics.report.blocks import (
     Report,
     Words,
 )
-from drop_physics.report.words import besides, trials_of
+from drop_physics.report.words import beneath, besides
 from drop_physics.rules.answer import Finding
 
 Say = Callable[[str], str]
@@ -109,5 +109,5 @@ def _finding(finding: Finding, say: Say) -> Iterator[str]:
     yield f"- **{finding.code}**{about}{site}: {say(finding.message)}{end}"
     if advised:
         yield f"  *{say(advised)}*"
-    yield from (f"  {say(each)}" for each in trials_of(finding))
+    yield from (f"  {say(each)}" for each in beneath(finding))
     yield ""

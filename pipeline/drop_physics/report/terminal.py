@@ -39,7 +39,7 @@ from drop_physics.report.blocks import (
     Report,
     Words,
 )
-from drop_physics.report.words import NEXT, besides, trials_of
+from drop_physics.report.words import NEXT, beneath, besides
 
 if TYPE_CHECKING:
     from drop_physics.rules.answer import Finding
@@ -349,6 +349,6 @@ def _finding(number: int, finding: Finding) -> Iterator[str]:
         yield from [*lines, f"{' ' * NUMBER}{code}"]
     else:
         yield from [*lines[:-1], f"{lines[-1]}{' ' * space}{code}"]
-    for words in trials_of(finding):
+    for words in beneath(finding):
         tried = wrapped(translated(words), room)
         yield from (f"{' ' * NUMBER}{escape(line)}" for line in tried)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from drop_physics.fields import counted, decimals
 from drop_physics.messages import Message, joined
+from drop_physics.report.account import sides_of
 
 if TYPE_CHECKING:
     from drop_physics.report.blocks import FindingList
@@ -90,8 +91,10 @@ HANGS_ON = Message("the outcome hangs on {call}")
 """The words for findings that name a cause themselves."""
 
 
-def trials_of(finding: Finding) -> Iterator[Message]:
-    """Yield what trials have shown of a finding."""
+def beneath(finding: Finding) -> Iterator[Message]:
+    """Yield what the sum says of a finding's joint, and what trials have shown."""
+    if finding.terms:
+        yield sides_of(finding.terms)
     if not finding.tried:
         return
     from drop_physics.experiments.interventions import short

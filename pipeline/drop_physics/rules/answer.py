@@ -10,6 +10,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.account.rows import RowTerm
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.actuators import ActuatorTable
 from drop_physics.explain.bodies import Record
@@ -36,6 +37,9 @@ from drop_physics.trace.events import Body, Site
 from drop_physics.trace.history import Piece, Seen
 
 Rows = NDArray[np.intp]
+Proof = Literal["sum", "call", "trial", "none"]
+"""How a finding is proved: by the sum of impulses, by a call or a file that asks for one thing and
+an engine that does another, or by a trial; advice without a proof is only to be tried."""
 Level = Literal["broken", "asked", "model", "repeat", "note"]
 LEVELS: tuple[Level, ...] = get_args(Level)
 """The levels, the gravest first: no longer physics; not what the script asked for; what the engine
@@ -83,6 +87,9 @@ class Finding:
     proposed: bool = False
     """Whether the advice is only to be tried: neither the sum of impulses nor a call proves that
     what it changes is the cause. `drop why` tries it."""
+    proof: Proof = "sum"
+    """How it is proved: by the `sum` of impulses, by a `call` (or the file that it loads), by a
+    `trial`; `none` if its advice is only to be tried."""
     cure: Cure | None = None
     """The advice as an intervention that can be tried; null where no call changes it."""
     body: str | None = None
@@ -102,6 +109,8 @@ class Finding:
     site: str | None = None
     """File and line of the call that caused it; of a notebook, cell and line."""
 
+    terms: tuple[RowTerm, ...] = ()
+    """The terms of the sum of its joint, of the row of the account whose place it takes."""
     verdict: str | None = None
     """The best result of its trials, where `drop why` was run on this recording."""
     tried: tuple[Mapping[str, Any], ...] = ()

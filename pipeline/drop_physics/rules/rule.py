@@ -301,13 +301,15 @@ class Rule:
             cure = replace(cure, call=cure.call or scene.call_of(cure))
             values = {**values, "call": cure.call}
         advice = said.advice or (cure and cure.call)
+        proposed = self.proposes if said.proposed is None else said.proposed
         return Finding(
             code=said.code or self.code,
             level=said.level or self.level,
             reason=said.reason,
             message=filled(said.message, values, about),
             advice=filled(advice, values, about) if advice else None,
-            proposed=self.proposes if said.proposed is None else said.proposed,
+            proposed=proposed,
+            proof="none" if proposed else "call" if self.table in OF_CALLS else "sum",
             cure=cure,
             body=said.body,
             joint=said.joint,
@@ -321,6 +323,8 @@ class Rule:
 
 PARTS = "joints", "targets", "actuators"
 """Tables whose columns are parts of a body: of each body the worst part is told."""
+OF_CALLS = "inputs", "filtered", "unpaired"
+"""Tables of what calls and files ask for: what is found there needs no sum."""
 RULES: list[Rule] = []
 """All rules of tables, in the order in which their modules are read."""
 

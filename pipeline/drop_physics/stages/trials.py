@@ -16,6 +16,10 @@ MOST_BYTES = 1 << 24
 """Largest size of a file of verdicts; a longer one is not ours."""
 
 
+PROVEN = "cured", "part"
+"""Verdicts of trials that prove a finding."""
+
+
 class Trials:
     """The verdicts of trials on the findings of a recording, if they are of this one.
 
@@ -42,7 +46,8 @@ class Trials:
         shown = self._by_message.get(str(finding.message))
         if shown is None:
             return finding
-        return replace(finding, verdict=shown["verdict"], tried=tuple(shown["tried"]))
+        proof = "trial" if shown["verdict"] in PROVEN else finding.proof
+        return replace(finding, proof=proof, verdict=shown["verdict"], tried=tuple(shown["tried"]))
 
 
 def _is_trial(value: object) -> bool:
