@@ -289,7 +289,7 @@ def test_a_script_that_replaces_itself_is_recorded(drop: Drop, tmp_path: Path, h
     (tmp_path / "ball.py").write_text("import os, sys\n" + again + FALLS.format(steps=24))
     done = drop("ball.py")
     assert done.returncode == 0
-    assert "ball.py finished: 1 body, 24 steps, all explained" in done.stdout
+    assert "ball.py finished: 1 body, 24 steps, 100 % explained" in done.stdout
 
 
 @pytest.mark.parametrize("steps", [0, 5])

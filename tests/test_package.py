@@ -132,7 +132,7 @@ def test_a_project_with_the_same_names_keeps_its_own(call: Call, tmp_path: Path)
     assert "recordings/run.rrd" in call(tmp_path, "drop", "run", "--no-camera")
     assert call(tmp_path, "drop", "record", "theirs.py").startswith("cli pipeline\n")
     assert "drop 0." in call(tmp_path, "python", "-m", "drop_physics", "--version")
-    assert "all explained" in call(
+    assert "100 % explained" in call(
         tmp_path, "python", "-m", "drop_physics", "analyze", "recordings/theirs.rrd"
     )
     ran = call(tmp_path, "python", "-m", "pytest", "-p", "no:cacheprovider", "-q")

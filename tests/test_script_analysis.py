@@ -1244,7 +1244,7 @@ def test_what_is_printed_fits_a_terminal(article: Path, drop: Drop) -> None:
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
     assert max(map(len, lines)) <= 80
-    assert "all explained" in lines[0]
+    assert "100 % explained" in lines[0]
     box = ["1_cube_small", "z", "0.3", "s", "-6.1313", "+4.3102", "+0.0007", "-1.8203"]
     assert box in [line.split() for line in lines]  # of a fall, without being asked
     done = drop("analyze", article / "article.rrd", "--out", "layer2.rrd", "--verbose")

@@ -43,7 +43,7 @@ def names(folder: Path) -> list[str]:
 
 def mass_kg(drop: Drop, *recording: object) -> str:
     """Return the mass of the ball, as `analyze` says it."""
-    (found,) = re.findall(r"(\S+ kg)", drop("analyze", *recording).stdout)
+    (found,) = re.findall(r"(\S+ kg)", drop("analyze", "--verbose", *recording).stdout)
     return str(found)
 
 
@@ -342,7 +342,7 @@ def test_a_script_alone_is_recorded_and_analyzed(drop: Drop, tmp_path: Path) -> 
     falls(tmp_path / "ball.py", mass=2)
     done = drop("ball.py")
     assert done.returncode == 0
-    assert "2 kg" in done.stdout
+    assert "ball.py finished: 1 body, 3 steps, 100 % explained" in done.stdout
     assert "recorded  recordings/ball.rrd" in done.stderr
     assert "drop analyze" not in done.stderr
     assert names(tmp_path) == ["ball.analysis.rrd", "ball.rrd"]

@@ -76,7 +76,9 @@ def report_of_bodies(analysis: Analysis, *, verbose: bool = False) -> Report:
     sections += [sum_of(body, each) for body in moving for each in body.at]
     if verbose:
         sections += [*momentum(moving), *flights(moving), *contacts(moving)]
-    sections.append(Section([*_not_said(analysis, moving, verbose=verbose)]))
+    else:
+        sections += falls(moving)
+    sections.append(Section([*_not_said(moving, verbose=verbose)]))
     return Report(
         error=Failure(failed[0], analysis.sources) if failed else None,
         verdict=_headline(analysis, verbose=verbose),
@@ -245,9 +247,7 @@ def _bodies(analysis: Analysis, moving: Sequence[BodyAnalysis]) -> Iterator[Bloc
         yield Facts([Fact(Message("still"), _first_of(still), "dim")], column)
 
 
-def _not_said(
-    analysis: Analysis, moving: Sequence[BodyAnalysis], *, verbose: bool
-) -> Iterator[Block]:
+def _not_said(moving: Sequence[BodyAnalysis], *, verbose: bool) -> Iterator[Block]:
     """Yield what was not explained, and what is shown only if it is asked for."""
     lacks = [
         Message(
