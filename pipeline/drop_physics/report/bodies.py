@@ -22,7 +22,7 @@ from drop_physics.report.blocks import (
     Section,
     Words,
 )
-from drop_physics.report.flights import contact_by, contacts, flights, momentum
+from drop_physics.report.flights import contact_by, contacts, falls, flights, momentum
 from drop_physics.report.words import MISSING, SEGMENTS, kinds_of_samples
 from drop_physics.rules.choice import minor
 from drop_physics.trace.events import ENDED

@@ -116,7 +116,9 @@ class Frames:
         return {CLOCK: self.clock_s[step - 1 : step], **left}
 
     def starts(self, name: str) -> Float64:
-        """Return a part of the state before each step, shape (n, width)."""
+        """Return a part of the state before each step, shape (n, width); of width 0 without it."""
+        if name not in self.after:  # of a model in which nothing moves
+            return np.zeros((len(self), 0))
         rows = self.after[name]
         starts: Float64 = np.concatenate((np.zeros((1, rows.shape[1])), rows[:-1]))
         starts[self.before[name].at] = self.before[name].rows
