@@ -28,7 +28,7 @@ ONLY_IN = {
     "pybullet_data": {"engines/pybullet/engine.py"},
     "rerun": {"recording/"},
     "matplotlib": {"figures/"},
-    "typer": {"cli.py", "cli_options.py", "options.py", "console/running.py", "console/help.py"},
+    "typer": {"cli.py", "options.py", "console/running.py", "console/help.py"},
 }
 CAMEL = re.compile(r"[a-z]+[A-Z]\w*")
 OF_MUJOCO = re.compile(r"mj[a-z]?_\w+")
@@ -60,7 +60,7 @@ FILES = {str(path.relative_to(PACKAGE)): path for path in sorted(PACKAGE.rglob("
 def room_of(*parts: str) -> str:
     """Return the room of a path or module below the package: `scenario` has three files."""
     first = parts[0].removesuffix(".py")
-    parts_of = {"scenario": ("fields", "option_types"), "cli": ("cli_options",)}
+    parts_of = {"scenario": ("fields", "option_types")}
     parts_of["workers"] = ("loading", "installed")
     return next((room for room, files in parts_of.items() if first in files), first)
 

@@ -1,9 +1,10 @@
-"""Scenario and camera as command-line options, the same for every command that takes a scenario."""
+"""What verbs take, as Typer takes it: their own options, and those of scenario and camera."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
+from dataclasses import MISSING
 from typing import Annotated, Any
 
 import typer
@@ -14,10 +15,11 @@ from drop_physics.installed import PYBULLET, is_installed, needs_pybullet, next_
 from drop_physics.messages import Message
 from drop_physics.option_types import integer, number
 from drop_physics.scenario import Camera, Scenario
+from drop_physics.stages.verbs.taken import Parameter, parameters_of
 
 Texts = dict[str, str | bool | None]
 """The values of options by field, as typed."""
-Given = Mapping[str, Any]
+Typed = Mapping[str, Any]
 """The values given on the command line, by parameter name."""
 LONGEST = 40
 """Characters that the choices of an option may take in its help, on a terminal of 50 columns."""
@@ -33,92 +35,112 @@ def an_integer(given: Any) -> Any:  # noqa: ANN401
     return integer(given) if isinstance(given, str) else given
 
 
-def takes_scenario(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options of `Scenario` and `Camera`.
+class Given:
+    """What was typed for a verb, or for several of one line.
 
-    The command is called with `scenario: Scenario` and `camera: Camera | None` in their place; its
-    own parameters are kept.
+    Parameters
+    ----------
+    context
+        The command's.
+    values
+        The values of all parameters, by name.
     """
-    no_camera = _parameter("no_camera", "--no-camera", "Take no frames.", "Camera")
-    options = [
-        *_parameters(Scenario.options(), "Scenario"),
-        *_parameters(Camera.options(), "Camera"),
-        no_camera,
+
+    def __init__(self, context: typer.Context, values: Mapping[str, Any]) -> None:
+        self.context, self._values = context, values
+
+    def __getitem__(self, name: str) -> Any:  # noqa: ANN401 - of any kind
+        return self._values[name]
+
+    def of(self, verb: type) -> dict[str, Any]:
+        """Return the arguments of a verb's function that were typed."""
+        taken = (name for name, each in parameters_of(verb).items() if each.in_python)
+        return {name: self._values[name] for name in taken if name in self._values}
+
+
+def command_of(do: Callable[[Given], None], *verbs: type) -> Callable[..., None]:
+    """Return a command that takes what some verbs take, and does something with it.
+
+    Of equal names the last verb's counts; the arguments are those of the last verb.
+    """
+    taken = [parameters_of(verb) for verb in verbs]
+    *_, last = taken
+    names = {name for each in last.values() if each.is_typed for name in each.names}
+    all_of = {n: each for verb in taken for n, each in verb.items() if each.is_typed}
+    typed = [
+        each
+        for each in sorted(all_of.values(), key=lambda each: not each.option.is_argument)
+        if each in last.values() or not (each.option.is_argument or names & {*each.names})
     ]
+    absent = {name: each.default for name, each in all_of.items()}
+    parts = [part for name, part in PARTS.items() if any(name in verb for verb in taken)]
+    context = inspect.Parameter("context", _KEYWORD, annotation=typer.Context)
+    signature = [context, *map(_taken, typed), *(each for part, _ in parts for each in part)]
 
-    def inputs(given: Given) -> Given:
-        scenario = Scenario.from_text(_dropped_here(_texts(Scenario.options(), given)))
-        camera = Camera.from_text(_texts(Camera.options(), given))
-        return {"scenario": scenario, "camera": None if given["no_camera"] else camera}
+    def command(context: typer.Context, **given: Any) -> None:  # noqa: ANN401
+        values = absent | {each.name: _read(each, given[each.name]) for each in typed}
+        if "target" in last:  # the script, and its own arguments
+            values["target"], *values["arguments"] = values["target"] or [None]
+        for _, made in parts:
+            values |= made(given)
+        do(Given(context, values))
 
-    return _grafted(command, options, inputs, instead_of=("scenario", "camera"))
-
-
-def takes_scenario_lists(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options of `Scenario`, each of which takes a list, and of `Camera`.
-
-    The command is called with `lists`, the given texts by field name, and with
-    `camera: Camera | None`, which is None unless `--camera` is given.
-    """
-    options = [
-        *_parameters(Scenario.options(), "Scenario (each option takes a list)"),
-        *_parameters(Camera.options(), "Camera (frames are taken if --camera is given)"),
-    ]
-
-    def inputs(given: Given) -> Given:
-        camera = Camera.from_text(_texts(Camera.options(), given))
-        lists = _dropped_here(_texts(Scenario.options(), given))
-        return {"lists": lists, "camera": camera if given["view"] else None}
-
-    return _grafted(command, options, inputs, instead_of=("lists", "camera"))
+    command.__signature__ = inspect.Signature(signature)  # type: ignore[attr-defined]
+    command.__name__, command.__doc__ = do.__name__, verbs[0].__doc__
+    return command
 
 
-def takes_options_of(*verbs: Callable[..., None]) -> Callable[..., Callable[..., None]]:
-    """Give a command the options of other verbs; of equal names those of the last verb.
-
-    The command is called with the values for a verb as `of_VERB`, by parameter name.
-    """
-    of_verb = {
-        verb.__name__: [
-            own
-            for own in inspect.signature(verb, eval_str=True).parameters.values()
-            if own.kind is inspect.Parameter.KEYWORD_ONLY
-        ]
-        for verb in verbs
-    }
-    options = {own.name: own for owns in of_verb.values() for own in owns}
-
-    def inputs(given: Given) -> Given:
-        return {
-            f"of_{verb}": {own.name: given[own.name] for own in owns}
-            for verb, owns in of_verb.items()
-        }
-
-    def taking(command: Callable[..., None]) -> Callable[..., None]:
-        instead = tuple(f"of_{verb}" for verb in of_verb)
-        return _grafted(command, [*options.values()], inputs, instead_of=instead)
-
-    return taking
+_KEYWORD = inspect.Parameter.KEYWORD_ONLY
+PARSERS = {float: a_number, int: an_integer}
 
 
-def _grafted(
-    command: Callable[..., None],
-    options: list[inspect.Parameter],
-    inputs: Callable[[Given], Given],
-    *,
-    instead_of: tuple[str, ...],
-) -> Callable[..., None]:
-    """Return a command with options in place of the parameters that are made from them."""
-    signature = inspect.signature(command, eval_str=True)
-    kept = [own for own in signature.parameters.values() if own.name not in instead_of]
+def _taken(each: Parameter) -> inspect.Parameter:
+    """Return a parameter as Typer takes it."""
+    option = each.option
+    how: dict[str, Any] = {"help": option.help, "metavar": option.metavar or None}
+    several = each.several or each.name == "target"
+    default = each.default if option.default is ... else option.default
+    kind = str if option.read else each.kind
+    hint = list[kind] if several else kind  # type: ignore[valid-type]
+    if each.kind is bool:
+        default = False
+    elif several and default is not MISSING:
+        default = None
+    if default is None:
+        hint = hint | None
+    info = (
+        typer.Argument(**how)
+        if option.is_argument
+        else typer.Option(*each.names, parser=None if several else PARSERS.get(kind), **how)
+    )
+    default = inspect.Parameter.empty if default is MISSING else default
+    return inspect.Parameter(each.name, _KEYWORD, default=default, annotation=Annotated[hint, info])
 
-    def grafted(**given: Any) -> None:  # noqa: ANN401
-        command(**{own.name: given[own.name] for own in kept}, **inputs(given))
 
-    signature = signature.replace(parameters=[*kept, *options])
-    grafted.__signature__ = signature  # type: ignore[attr-defined]
-    grafted.__name__, grafted.__doc__ = command.__name__, command.__doc__
-    return grafted
+def _read(each: Parameter, given: Any) -> Any:  # noqa: ANN401
+    """Return the value of a parameter, as Python takes it."""
+    if each.is_inverse:
+        return not given
+    if each.option.read is not None:
+        return each.option.read(given or [])
+    return each.default if each.several and not given and each.default is not MISSING else given
+
+
+# -- scenario and camera --------------------------------------------------------------------------
+
+
+def _of_scenario(given: Typed) -> Typed:
+    """Return the scenario and the camera."""
+    scenario = Scenario.from_text(_dropped_here(_texts(Scenario.options(), given)))
+    camera = Camera.from_text(_texts(Camera.options(), given))
+    return {"scenario": scenario, "camera": None if given["no_camera"] else camera}
+
+
+def _of_lists(given: Typed) -> Typed:
+    """Return the lists, the given texts by field name; and the camera, None unless it is given."""
+    camera = Camera.from_text(_texts(Camera.options(), given))
+    lists = _dropped_here(_texts(Scenario.options(), given))
+    return {"lists": lists, "camera": camera if given["view"] else None}
 
 
 def _parameters(options: Mapping[str, Option], panel: str) -> list[inspect.Parameter]:
@@ -174,8 +196,28 @@ def _dropped_here(texts: Texts) -> Texts:
     return texts
 
 
-def _texts(options: Mapping[str, Option], given: Given) -> Texts:
+def _texts(options: Mapping[str, Option], given: Typed) -> Texts:
     """Return the values of these options; a `--no-` flag that is given switches its field off."""
     return {
         name: not given[name] if spec.is_flag else given[name] for name, spec in options.items()
     }
+
+
+PARTS: dict[str, tuple[list[inspect.Parameter], Callable[[Typed], Typed]]] = {
+    "scenario": (
+        [
+            *_parameters(Scenario.options(), "Scenario"),
+            *_parameters(Camera.options(), "Camera"),
+            _parameter("no_camera", "--no-camera", "Take no frames.", "Camera"),
+        ],
+        _of_scenario,
+    ),
+    "plan": (
+        [
+            *_parameters(Scenario.options(), "Scenario (each option takes a list)"),
+            *_parameters(Camera.options(), "Camera (frames are taken if --camera is given)"),
+        ],
+        _of_lists,
+    ),
+}
+"""The options of a field that has many, and what makes its value of them."""

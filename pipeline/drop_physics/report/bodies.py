@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drop_physics.explain.cause_names import cause_in_words
@@ -159,7 +160,8 @@ def _joints(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
     """Yield the tables of the joints."""
     for body in bodies:
         if body.joints:
-            yield Section([joint_table(body.label, sorted(body.joints, key=_place))])
+            table = joint_table(body.label, sorted(body.joints, key=_place))
+            yield Section([replace(table, left_out=_narrow)])
 
 
 def joint_table(label: str, rows: Sequence[JointRow]) -> DataTable:

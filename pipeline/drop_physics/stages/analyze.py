@@ -28,16 +28,18 @@ from drop_physics.recording.layer_file import is_layer, layer_of
 from drop_physics.recording.reader import Recording, listed, read
 from drop_physics.recording.writer import Times
 from drop_physics.rules.answer import Finding
-from drop_physics.rules.choice import EVERY, Choice
+from drop_physics.rules.choice import EVERY
+from drop_physics.stages import verbs
 from drop_physics.stages.events import events
-from drop_physics.stages.explaining import BY_DEFAULT, WhatToExplain, explained
+from drop_physics.stages.explaining import BY_DEFAULT, explained
 from drop_physics.stages.panels import plot_of, viewed
 from drop_physics.stages.sources import Sources
 from drop_physics.stages.trials import Trials
+from drop_physics.stages.verbs.taken import takes_those_of
 from drop_physics.trace.history import Seen, body_named
 
 if TYPE_CHECKING:
-    from drop_physics.recording.falling import Progress  # its module loads Rerun
+    pass  # its module loads Rerun
 
 ANALYZING = Message("analyzing")
 _PARTS = 3
@@ -47,48 +49,9 @@ DEFAULT_AT_S = (0.3,)
 """Times at which flights are broken down, besides at their ends, unless other times are given."""
 
 
-def analyze(
-    recording: Path | str,
-    *,
-    at_s: Sequence[float] = (),
-    body: str | None = None,
-    out: Path | str | None = None,
-    table: Path | str | None = None,
-    choice: Choice = EVERY,
-    script: Path | None = None,
-    explain: WhatToExplain = BY_DEFAULT,
-    python: str | None = None,
-    force: bool = False,
-    progress: Progress = lambda *_: None,
-) -> Analysis:
+@takes_those_of(verbs.Analyze)
+def analyze(asked: verbs.Analyze) -> Analysis:
     """Analyze a recording, and write the layer that shows the analysis beside it.
-
-    Parameters
-    ----------
-    recording
-        The recording to read.
-    at_s
-        Times at which the error is broken down [s], of a script that of flights under way, besides
-        at their ends; by default 0.3 s.
-    body
-        Of a script: the only body to report, by name or number; None for all. The layer shows all.
-    out
-        The layer recording to write; None puts it beside the recording.
-    table
-        A `.parquet` or `.csv` file for the table of all samples, or None.
-    choice
-        Which findings are reported.
-    script
-        Where the recorded script is, if known: its comments leave findings out.
-    explain
-        Which steps are explained, of a run whose engine can take them again and that was too long
-        to be explained when it was recorded; those around `at_s` in any case.
-    python
-        The interpreter to do that in; None for the script's, or ours.
-    force
-        Whether existing files may be replaced; a layer under its default name always is.
-    progress
-        Called while it runs.
 
     Raises
     ------
@@ -99,30 +62,35 @@ def analyze(
     OutputError
         If a file cannot be written, or would replace what the same command reads or writes.
     """
-    path = Path(recording)
-    read_only = out is None and not os.access(path.parent, os.W_OK | os.X_OK)
-    layer, tables = outputs_of(path, out, table, force=force, read_only=read_only)
-    if not is_script(path) and body is not None:
+    path = Path(asked.recording)
+    read_only = asked.out is None and not os.access(path.parent, os.W_OK | os.X_OK)
+    layer, tables = outputs_of(path, asked.out, asked.table, force=asked.force, read_only=read_only)
+    if not is_script(path) and asked.body is not None:
         raise ScenarioError(
             "--body is for recordings of scripts, and a drop has only one body; omit it"
         )
-    progress(ANALYZING, 0, _PARTS)
+    asked.progress(ANALYZING, 0, _PARTS)
     read_back = read(path)
-    progress(ANALYZING, 1, _PARTS)
+    asked.progress(ANALYZING, 1, _PARTS)
     later = explained(
-        read_back, replace(explain, at_s=at_s), layer=layer or layer_of(path), python=python
+        read_back,
+        replace(asked.explain or BY_DEFAULT, at_s=asked.at_s),
+        layer=layer or layer_of(path),
+        python=asked.python,
     )
     read_back = later.recording
-    sources = Sources.of(read_back, script)
+    sources = Sources.of(read_back, asked.script)
     analysis = analysis_of(
         read_back,
-        at_s,
+        asked.at_s,
         whole=bool(tables),
-        reports=lambda finding: choice.reports(finding, sources.ignored_at(finding.site)),
+        reports=lambda finding: (asked.choice or EVERY).reports(
+            finding, sources.ignored_at(finding.site)
+        ),
     )
     trials = Trials(path, read_back.recording_id)
     analysis = replace(analysis, findings=[*map(trials.with_verdict, analysis.findings)])
-    progress(ANALYZING, 2, _PARTS)
+    asked.progress(ANALYZING, 2, _PARTS)
     _give_memory_back()
     if layer is not None:
         write_layer(
@@ -133,16 +101,16 @@ def analyze(
             findings=analysis.markdown(),
             look=_shown(analysis, read_back.seen),
             sums=later.sums,
-            force=force,
-            ours=out is None,
+            force=asked.force,
+            ours=asked.out is None,
         )
     for file in tables:
         from drop_physics.files.table import write_table  # with Polars, which few need
 
-        write_table(file, analysis.table, force=force)
-    progress(ANALYZING, _PARTS, _PARTS)
-    if body is not None:
-        analysis = analysis.of_body(body_named(read_back.seen.bodies.values(), body).number)
+        write_table(file, analysis.table, force=asked.force)
+    asked.progress(ANALYZING, _PARTS, _PARTS)
+    if asked.body is not None:
+        analysis = analysis.of_body(body_named(read_back.seen.bodies.values(), asked.body).number)
     sites = [finding.site.rpartition(":")[0] for finding in analysis.findings if finding.site]
     notes = [*listed((read_back.ended or {}).get("notes"))]
     notes += [later.note] if later.note is not None else []

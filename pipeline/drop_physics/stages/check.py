@@ -25,6 +25,8 @@ from drop_physics.recording import sealing
 from drop_physics.recording.damage import damaged
 from drop_physics.recording.frames import frames, frames_of_cameras
 from drop_physics.recording.reader import Recording, is_recording, read
+from drop_physics.stages import verbs
+from drop_physics.stages.verbs.taken import takes_those_of
 
 Image = tuple[int, int, int]
 """Step, camera, and the number of earlier images of this camera in this step."""
@@ -88,27 +90,9 @@ class Check(Printable, reported_by="drop_physics.report.check"):
         return self.first is None and (self.comparison is None or self.comparison.same)
 
 
-def check(
-    recording: Path | str,
-    against: Path | str,
-    *,
-    tolerance_m: float = 0.0,
-    update: bool = False,
-) -> Check:
+@takes_those_of(verbs.Check)
+def check(asked: verbs.Check) -> Check:
     """Compare a recording with a golden one: inputs, then samples, then pictures.
-
-    Parameters
-    ----------
-    recording
-        The recording to check.
-    against
-        The golden recording, of the same kind: of a drop or of a script.
-    tolerance_m
-        Largest difference in motion that passes [m]: of a velocity the distance in one step, of an
-        angle the way of the body's surface. 0 is bit for bit, but 1e-9 m for a drop in contact.
-        Above 0, pictures and, in scripts, joints and contact points count only through the motion.
-    update
-        Whether to make the recording the golden one, in place of the previous one.
 
     Raises
     ------
@@ -121,20 +105,20 @@ def check(
         With `update`, if the golden recording cannot be written, is the recording itself, or is a
         file that is not a recording of the same kind.
     """
-    path, golden = Path(recording), Path(against)
-    if not (math.isfinite(tolerance_m) and tolerance_m >= 0):
+    path, golden = Path(asked.recording), Path(asked.against)
+    if not (math.isfinite(asked.tolerance_m) and asked.tolerance_m >= 0):
         domain = Message("finite and at least {low:g}", low=0)
-        raise outside("--tolerance", domain, tolerance_m)
+        raise outside("--tolerance", domain, asked.tolerance_m)
     run = _whole(path)
-    if not update:
+    if not asked.update:
         if not os.path.lexists(golden):
             raise _no_golden(path, golden)
-        return _checked(run, _whole(golden), tolerance_m)
+        return _checked(run, _whole(golden), asked.tolerance_m)
     _check_replaceable(golden, run)
     try:
-        before = _checked(run, _whole(golden), tolerance_m)
+        before = _checked(run, _whole(golden), asked.tolerance_m)
     except RecordingError:  # there is none yet, or it cannot be read
-        before = Check(path, golden, tolerance_m, None, None)
+        before = Check(path, golden, asked.tolerance_m, None, None)
     _make_golden(run, golden)
     _describe(golden)
     return replace(before, updated=True)

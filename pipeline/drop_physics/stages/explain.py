@@ -9,6 +9,8 @@ from drop_physics.errors import ScenarioError
 from drop_physics.messages import Message
 from drop_physics.printable import Printable
 from drop_physics.rules.reference import Blank, CodeReference, reference_of, references
+from drop_physics.stages import verbs
+from drop_physics.stages.verbs.taken import takes_those_of
 
 
 @dataclass(frozen=True)
@@ -19,7 +21,8 @@ class CodeManual(Printable, reported_by="drop_physics.report.explain"):
     """The code that was asked for, or all codes."""
 
 
-def explain(code: str | None = None, *, every: bool = False) -> CodeManual:
+@takes_those_of(verbs.Explain)
+def explain(asked: verbs.Explain) -> CodeManual:
     """Return the meaning of a code or a reason, or of all codes.
 
     Raises
@@ -27,9 +30,9 @@ def explain(code: str | None = None, *, every: bool = False) -> CodeManual:
     ScenarioError
         If there is no such code, or neither or both are asked for.
     """
-    if (code is None) is not every:
+    if (asked.code is None) is not asked.every:
         raise ScenarioError("give one code of a finding, such as off-target, or --list")
-    codes = [*references().values()] if code is None else [reference_of(code)]
+    codes = [*references().values()] if asked.code is None else [reference_of(asked.code)]
     return CodeManual([_with_calls(each) for each in codes])
 
 

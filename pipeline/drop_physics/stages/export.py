@@ -21,6 +21,8 @@ from drop_physics.files.table import write_table
 from drop_physics.physics.tree import places
 from drop_physics.printable import Printable
 from drop_physics.recording.reader import Recording, read
+from drop_physics.stages import verbs
+from drop_physics.stages.verbs.taken import takes_those_of
 from drop_physics.trace.events import Body, Joint
 from drop_physics.trace.history import Piece, Seen
 from drop_physics.trace.states import BASE, CONTACT, Joints, poses_of
@@ -53,18 +55,9 @@ class Export(Printable, reported_by="drop_physics.report.export"):
     """Each file, and its number of rows or messages."""
 
 
-def export(recording: Path | str, out: Path | str | None = None, *, force: bool = False) -> Export:
+@takes_those_of(verbs.Export)
+def export(asked: verbs.Export) -> Export:
     """Write a recording's states, joints and contact points for other tools.
-
-    Parameters
-    ----------
-    recording
-        The recording to read.
-    out
-        The file to write: `.mcap`, for Foxglove and PlotJuggler; or `.csv` or `.parquet`, of which
-        three are written, `NAME.states.csv` and so on. None for CSV beside the recording.
-    force
-        Whether existing files may be replaced.
 
     Raises
     ------
@@ -77,8 +70,8 @@ def export(recording: Path | str, out: Path | str | None = None, *, force: bool 
     DropError
         For `.mcap`, if the package mcap is not installed.
     """
-    path = Path(recording)
-    target = path.with_suffix(".csv") if out is None else Path(out)
+    path = Path(asked.recording)
+    target = path.with_suffix(".csv") if asked.out is None else Path(asked.out)
     check_suffix("--out", target, SUFFIXES)
     is_mcap = target.suffix == ".mcap"
     files = [target]
@@ -86,14 +79,14 @@ def export(recording: Path | str, out: Path | str | None = None, *, force: bool 
         files = [target.with_name(f"{target.stem}.{name}{target.suffix}") for name in TABLES]
     check_apart(files, inputs=[path])
     for file in files:
-        check_target(file, force=force)
+        check_target(file, force=asked.force)
     if is_mcap:
-        with written_mcap(target, force=force) as write:
+        with written_mcap(target, force=asked.force) as write:
             return Export(path, {str(target): _messages(read(path), write)})
     read_back = read(path)
     tables = _named(read_back, read_back.states), _joints(read_back), _contacts(read_back)
     for file, table in zip(files, tables, strict=True):
-        write_table(file, table, force=force)
+        write_table(file, table, force=asked.force)
     return Export(path, dict(zip(map(str, files), map(len, tables), strict=True)))
 
 

@@ -21,8 +21,10 @@ from drop_physics.recording.inputs import Drop
 from drop_physics.recording.layer_file import is_layer, layer_of
 from drop_physics.recording.reader import Recording, listed, read, recording_id
 from drop_physics.scenario import Scenario
+from drop_physics.stages import verbs
 from drop_physics.stages.found import Origin
 from drop_physics.stages.program import command_of
+from drop_physics.stages.verbs.taken import takes_those_of
 from drop_physics.sweeping.plan import replay_command
 from drop_physics.trace.events import ENDED, Body, Dynamics
 from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
@@ -91,7 +93,8 @@ def versions() -> str:
     return f"{drop} ({', '.join([*engines, f'recordings of schema {schema.SCHEMA_VERSION}'])})"
 
 
-def info(recording: Path | str) -> Info:
+@takes_those_of(verbs.Info)
+def info(asked: verbs.Info) -> Info:
     """Describe a recording, which is read and checked completely.
 
     Raises
@@ -99,7 +102,7 @@ def info(recording: Path | str) -> Info:
     RecordingError
         If it is missing, damaged, a layer, or not one of ours.
     """
-    held = read(Path(recording))
+    held = read(Path(asked.recording))
     seen, path, ended = held.seen, held.path, held.ended or {}
     what, command, engine = _of_drop(held.drop) if held.drop else _of_script(held)
     samples = ended.get("samples", len(np.unique(seen.bases["step"])))

@@ -15,7 +15,7 @@ import sys
 import threading
 import time
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import metadata
@@ -35,6 +35,7 @@ from drop_physics.printable import Printable
 from drop_physics.recording import schema
 from drop_physics.recording.about import about_script
 from drop_physics.recording.layer_file import layer_of
+from drop_physics.stages import verbs
 from drop_physics.stages.again import Again, again_of
 from drop_physics.stages.found import name_of, path_digest
 from drop_physics.stages.interpreter import interpreter_of
@@ -48,6 +49,7 @@ from drop_physics.stages.program import (
     texts_of,
 )
 from drop_physics.stages.record_target import Target, target_of
+from drop_physics.stages.verbs.taken import takes_those_of
 from drop_physics.trace.events import Ending
 
 if TYPE_CHECKING:
@@ -119,71 +121,9 @@ def forget(recorded: Recorded) -> None:
         path.unlink(missing_ok=True)
 
 
-def record_script(
-    target: str,
-    arguments: Sequence[str] = (),
-    *,
-    is_module: bool = False,
-    out: Path | str | None = None,
-    steps: int | None = None,
-    duration_s: float | None = None,
-    seed: int | None = None,
-    twice: bool = False,
-    again: bool = False,
-    python: str | None = None,
-    keep_sleeping: bool = False,
-    force: bool = False,
-    keep: bool = False,
-    explain: bool = True,
-    listens: bool = False,
-    stdout: int = 1,
-    note: Callable[[str], None] = lambda _: None,
-    progress: Callable[[float, int], None] | None = None,
-) -> Recorded:
+@takes_those_of(verbs.Record)
+def record_script(asked: verbs.Record) -> Recorded:
     """Run an unchanged script without a window, and record it.
-
-    Parameters
-    ----------
-    target
-        The script's path, or a module's name.
-    arguments
-        Its arguments.
-    is_module
-        Whether it is run as `python -m` does.
-    out
-        The recording to write; None puts it into `recordings`, under the script's name, where it
-        replaces an earlier one of the same script if it has a step.
-    steps, duration_s
-        Number of steps, and simulated time [s], after which it is stopped; None for never.
-    seed
-        The seed of `random`, `numpy.random`, and numpy's `SeedSequence`; the script's clock then
-        starts at a fixed time. None leaves them alone.
-    twice
-        Whether to run it again, with other leftovers in fresh memory, and compare every state.
-    again
-        Whether a script that connects, opens devices or writes where it cannot be kept from doing
-        so is run a second time all the same.
-    python
-        The interpreter that runs it; None for that of an active virtual environment, else of a
-        `.venv` beside the script or above it, else the current one.
-    keep_sleeping
-        Whether its sleeps take time.
-    force
-        Whether an existing recording may be replaced, whatever it is of.
-    keep
-        Whether an earlier recording of the script stays, if this one is given no name.
-    explain
-        Whether steps of MuJoCo are replayed in the script's interpreter, and what acted in them is
-        recorded; without, they cannot be explained.
-    listens
-        Whether to note what it reaches beside its simulation: sockets, programs, files elsewhere.
-    stdout
-        File descriptor of its standard output.
-    note
-        Called with a sentence worth knowing that is not an error.
-    progress
-        Called ten times a second with the simulated time [s] and the number of steps. Without it,
-        a script without a limit that runs for a minute gets a note that says how to stop it.
 
     Raises
     ------
@@ -194,59 +134,74 @@ def record_script(
     DropError
         If the interpreter cannot be started.
     """
+    arguments, duration_s, seed, steps = asked.arguments, asked.duration_s, asked.seed, asked.steps
     began = time.perf_counter()
-    digest, arguments = digest_of_script(target, is_module=is_module), texts_of(arguments)
+    digest, arguments = (
+        digest_of_script(asked.target, is_module=asked.is_module),
+        texts_of(arguments),
+    )
     steps, duration_s, seed = checked_limits(steps, duration_s, seed)
-    interpreter = interpreter_of(target, is_module=is_module, given=python, note=note)
+    interpreter = interpreter_of(
+        asked.target, is_module=asked.is_module, given=asked.python, note=asked.note
+    )
     # A script may compute with the time of day: a second run must see the same.
     begins_s = time.time() if seed is None else SEEDED_CLOCK_S
     program = Program(
-        target,
+        asked.target,
         arguments,
         interpreter,
-        is_module,
+        asked.is_module,
         steps,
         duration_s,
-        keep_sleeping,
+        asked.keep_sleeping,
         seed,
         begins_s,
-        explain=explain,
-        listens=listens or twice,
+        explain=asked.explain,
+        listens=asked.listens or asked.twice,
     )
     recording_id = uuid.uuid4().hex
-    placed = target_of(target, out, is_module=is_module, keep=keep, force=force)
+    placed = target_of(
+        asked.target, asked.out, is_module=asked.is_module, keep=asked.keep, force=asked.force
+    )
     with placed as place:
-        if not is_module:
-            check_apart([place.path], inputs=[Path(target)])
+        if not asked.is_module:
+            check_apart([place.path], inputs=[Path(asked.target)])
         endless = steps is None and duration_s is None
-        tell = progress or (_named_later(note) if endless else _silent)
+        tell = asked.progress or (_named_later(asked.note) if endless else _silent)
         with (
-            running.Script(program, stdout=stdout, progress=tell) as process,
+            running.Script(program, stdout=asked.stdout, progress=tell) as process,
             _interrupts(process.interrupt),
         ):
             from drop_physics.recording.recorder import Recorder
 
-            recorder = Recorder({schema.ORIGIN_PROPERTY: _origin(program, digest)}, compared=twice)
+            recorder = Recorder(
+                {schema.ORIGIN_PROPERTY: _origin(program, digest)}, compared=asked.twice
+            )
             ended = written(
                 process,
                 recorder,
                 place.path,
                 name=place.name,
                 recording_id=recording_id,
-                force=force,
-                note=note,
+                force=asked.force,
+                note=asked.note,
                 full=lambda: process.stop("disk"),
             )
             placed_beside = partial(
-                target_of, target, out, is_module=is_module, keep=keep, force=force
+                target_of,
+                asked.target,
+                asked.out,
+                is_module=asked.is_module,
+                keep=asked.keep,
+                force=asked.force,
             )
-            beside = recorded_beside(process, recorder, target, placed_beside)
+            beside = recorded_beside(process, recorder, asked.target, placed_beside)
         path = place.settled(stepped=process.decoder.steps > 0)
         path.touch()  # the newest of the script
-    for sentence in _worth_knowing(process, recorder, ended, keep_sleeping=keep_sleeping):
-        note(sentence)
+    for sentence in _worth_knowing(process, recorder, ended, keep_sleeping=asked.keep_sleeping):
+        asked.note(sentence)
     compared, differs = False, None
-    if twice:
+    if asked.twice:
         first = {process.decoder.engine: recorder}
         last = process.decoder.steps, ended.how
         if beside is not None:
@@ -254,20 +209,22 @@ def record_script(
             last = process.decoder.steps + beside.steps, ended.how
         try:
             rerun = again_of(
-                target,
+                asked.target,
                 process.reached(),
-                is_module=is_module,
+                is_module=asked.is_module,
                 took_s=time.perf_counter() - began,
-                anyway=again,
+                anyway=asked.again,
             )
         except DropError as error:  # the recording is whole
-            note(error.in_options)
+            asked.note(error.in_options)
         else:
-            compared, differs = _again(program, rerun, last, first, note, progress or _silent)
-    recorded = recorded_of(recorder, ended, path, recording_id=recording_id, name=target)
+            compared, differs = _again(
+                program, rerun, last, first, asked.note, asked.progress or _silent
+            )
+    recorded = recorded_of(recorder, ended, path, recording_id=recording_id, name=asked.target)
     return replace(
         recorded,
-        replay=_replay(process.decoder) if explain else None,
+        replay=_replay(process.decoder) if asked.explain else None,
         wall_s=time.perf_counter() - began,
         beside=None if beside is None else beside.recorded,
         twice=compared,

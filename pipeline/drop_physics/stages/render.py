@@ -29,8 +29,10 @@ from drop_physics.recording.contents import is_script
 from drop_physics.recording.damage import damaged
 from drop_physics.recording.reader import Recording, read
 from drop_physics.scenario import View
+from drop_physics.stages import verbs
 from drop_physics.stages.film import Film, beside_film, frames_film, poses_film
 from drop_physics.stages.sources import Sources
+from drop_physics.stages.verbs.taken import takes_those_of
 from drop_physics.workers import Worker, cores
 
 if TYPE_CHECKING:
@@ -62,57 +64,11 @@ class Rendering(Printable, reported_by="drop_physics.report.run"):
     """Simulated seconds per second of the animation."""
 
 
-def render(
-    recording: Path | str,
-    *,
-    out: Path | str | None = None,
-    animation: Animation = EVERY_FRAME,
-    plot: Path | str | None = None,
-    dark: bool = False,
-    view: View | None = None,
-    body: str | None = None,
-    choice: Choice | None = None,
-    script: Path | None = None,
-    force: bool = False,
-    progress: Progress = lambda *_: None,
-    assistant: Worker | None = None,
-    meanwhile: Callable[[], None] = lambda: None,
-) -> Rendering:
+@takes_those_of(verbs.Render)
+def render(asked: verbs.Render) -> Rendering:
     """Make a gif of a recording's frames, and a plot.
 
     That of a drop shows heights and errors, that of a script what its findings are about.
-
-    Parameters
-    ----------
-    recording
-        The recording to read.
-    out
-        The `.gif`, `.webp`, `.apng` or `.mp4` file to write; None puts a gif beside the recording
-        under the recording's name.
-    animation
-        How it plays, and what is shown beside the frames.
-    plot
-        A `.png` or `.svg` file for the plot; None puts a .png beside the recording.
-    dark
-        Whether plots and captions are for a dark page.
-    view
-        The camera that looks at the recorded poses, as for `poses_film`; None for the frames that
-        were recorded, or of a script that took none, for `standard`.
-    body
-        The body of a script that it looks at; None for the one that moves farthest.
-    choice
-        Which findings the plot of a script is about; None for all.
-    script
-        Where the recorded script is, if known: its comments leave findings out.
-    force
-        Whether existing files may be replaced; a gif and a plot under their default names are
-        replaced anyway if drop made them.
-    progress
-        Called while it runs.
-    assistant
-        A worker to draw the plot while the gif is written.
-    meanwhile
-        Called once other processes draw what there is to draw.
 
     Returns
     -------
@@ -129,51 +85,59 @@ def render(
     DropError
         If PyAV is missing for an .mp4.
     """
-    path = Path(recording)
+    animation = asked.animation or EVERY_FRAME
+    path = Path(asked.recording)
     of_drop = not is_script(path)
     if not of_drop and animation.caption:
         raise ScenarioError("--caption needs a theory, which only a drop has; omit it")
-    if of_drop and body is not None:
+    if of_drop and asked.body is not None:
         raise ScenarioError(
             "--body is for recordings of scripts, and a drop has only one body; omit it"
         )
-    gif, plotted = _targets(path, out, plot, animation, force=force)
+    gif, plotted = _targets(path, asked.out, asked.plot, animation, force=asked.force)
     held = read(path)
     if of_drop:
         analysis, shown = _of_drop(held, whole=animation.caption or animation.with_plot)
     else:
-        analysis, shown = _of_script(held, choice, Sources.of(held, script))
+        analysis, shown = _of_script(held, asked.choice, Sources.of(held, asked.script))
     with ExitStack() as running:
         made = _film(
             held,
             analysis.table if of_drop else None,
             animation,
             MAX_FPS[gif.suffix],
-            view,
-            body,
-            dark,
-            _hiring(running, assistant),
-            asked=out is not None or view is not None,
+            asked.view,
+            asked.body,
+            asked.dark,
+            _hiring(running, asked.assistant),
+            asked=asked.out is not None or asked.view is not None,
         )
-        if made is None and out is not None:
+        if made is None and asked.out is not None:
             raise RecordingError(
                 "{path} has no frames to make {gif} from; record it without --no-camera",
                 path=path,
                 gif=gif,
             )
-        if assistant is not None:  # it has time for that while the gif is written
-            assistant.ask(DRAW_PLOT, shown, plotted.suffix[1:], dark)
-        meanwhile()
+        if asked.assistant is not None:  # it has time for that while the gif is written
+            asked.assistant.ask(DRAW_PLOT, shown, plotted.suffix[1:], asked.dark)
+        asked.meanwhile()
         pictured = 0
         if made is not None:
             check_animation(gif, made.played.fps)
             beside = shown if animation.with_plot and shown.panels else None
-            pictures = _composed(made, beside, _captions(analysis, animation), dark, progress, gif)
-            with written_whole(gif, force=force, ours=out is None) as file, _refused(path):
+            pictures = _composed(
+                made, beside, _captions(analysis, animation), asked.dark, asked.progress, gif
+            )
+            with (
+                written_whole(gif, force=asked.force, ours=asked.out is None) as file,
+                _refused(path),
+            ):
                 pictured = write_animation(pictures, file, suffix=gif.suffix, fps=made.played.fps)
-    with written_whole(plotted, force=force, ours=plot is None) as file:
+    with written_whole(plotted, force=asked.force, ours=asked.plot is None) as file:
         kind = plotted.suffix[1:]
-        file.write(_drawn(shown, kind, dark) if assistant is None else assistant.answer())
+        file.write(
+            _drawn(shown, kind, asked.dark) if asked.assistant is None else asked.assistant.answer()
+        )
     return Rendering(
         gif=gif if pictured else None,
         frames=pictured,

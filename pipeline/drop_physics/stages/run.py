@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drop_physics.figures.playback import EVERY_FRAME, Animation
 from drop_physics.files.outputs import make_folder, reserved
 from drop_physics.installed import PYBULLET, is_installed
 from drop_physics.printable import Printable
-from drop_physics.scenario import STANDARD_CAMERA, Camera, Scenario
+from drop_physics.stages import verbs
+from drop_physics.stages.verbs.taken import takes_those_of
 from drop_physics.workers import Worker
 
 if TYPE_CHECKING:
     from drop_physics.analysis.results import Analysis
     from drop_physics.drop.results import DropAnalysis
-    from drop_physics.recording.falling import Progress
     from drop_physics.stages.render import Rendering
     from drop_physics.stages.simulate import Simulation
 
@@ -39,17 +37,8 @@ class Run(Printable, reported_by="drop_physics.report.run"):
         return {verb: made.as_json() for verb, made in parts.items()}
 
 
-def run(
-    scenario: Scenario,
-    out_dir: Path | str = "recordings",
-    *,
-    camera: Camera | None = STANDARD_CAMERA,
-    at_s: Sequence[float] = (),
-    animation: Animation = EVERY_FRAME,
-    dark: bool = False,
-    note: Callable[[str], None] = lambda _: None,
-    progress: Progress = lambda *_: None,
-) -> Run:
+@takes_those_of(verbs.Run)
+def run(asked: verbs.Run) -> Run:
     """Simulate, analyze and render into a folder; more runs there, even concurrent, are numbered.
 
     Another process draws the frames and the plot, while the stages load and run.
@@ -61,22 +50,23 @@ def run(
     OutputError
         If the folder or a file cannot be written.
     """
+    camera = asked.camera
     if camera is not None and not is_installed(PYBULLET):
         camera = None  # PyBullet draws the frames
-    make_folder(Path(out_dir))
-    free = reserved(Path(out_dir), "run", also=_DERIVED)
+    make_folder(Path(asked.out_dir))
+    free = reserved(Path(asked.out_dir), "run", also=_DERIVED)
     analysis: Analysis | None = None
 
     def analyze_it() -> None:
         nonlocal analysis
         from drop_physics.stages.analyze import analyze  # with all rules
 
-        analysis = analyze(path, at_s=at_s, progress=progress)
+        analysis = analyze(path, at_s=asked.at_s, progress=asked.progress)
 
     with free as path, Worker() as assistant:
         if camera is not None:
             assistant.ask(
-                "drop_physics.engines.pybullet.camera_frames:draw_ahead", scenario, camera
+                "drop_physics.engines.pybullet.camera_frames:draw_ahead", asked.scenario, camera
             )
         assistant.load("drop_physics.figures.panel_plot")
         from drop_physics.drop.results import DropAnalysis
@@ -84,16 +74,21 @@ def run(
         from drop_physics.stages.simulate import simulate
 
         simulation = simulate(
-            scenario, path, camera=camera, note=note, progress=progress, assistant=assistant
+            asked.scenario,
+            path,
+            camera=camera,
+            note=asked.note,
+            progress=asked.progress,
+            assistant=assistant,
         )
         # In the standard camera's frames, which golden recordings have, the body is a dot.
         near = camera is not None and camera.view == "standard"
         rendering = render(
             path,
-            animation=animation,
-            dark=dark,
+            animation=asked.animation,
+            dark=asked.dark,
             view="standard" if near else None,
-            progress=progress,
+            progress=asked.progress,
             assistant=assistant,
             meanwhile=analyze_it,
         )

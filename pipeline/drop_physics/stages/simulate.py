@@ -16,12 +16,12 @@ from drop_physics.installed import PYBULLET, is_installed, next_step
 from drop_physics.messages import Message
 from drop_physics.printable import Printable
 from drop_physics.recording import writer
-from drop_physics.recording.falling import Progress
 from drop_physics.recording.layout import layout, look_of_drop
 from drop_physics.recording.live import shown
-from drop_physics.scenario import BYTES_PER_SAMPLE, STANDARD_CAMERA, Camera, Scenario
+from drop_physics.scenario import BYTES_PER_SAMPLE, Scenario
+from drop_physics.stages import verbs
 from drop_physics.stages.recorded import BATCH, recorded
-from drop_physics.workers import Worker
+from drop_physics.stages.verbs.taken import takes_those_of
 
 LIVE_EVERY_S = 1 / 30
 """Simulated time between two pictures of a live view [s]."""
@@ -47,37 +47,9 @@ class Simulation(Printable, reported_by="drop_physics.report.run"):
     """How long it took [s]."""
 
 
-def simulate(
-    scenario: Scenario,
-    out: Path | str,
-    *,
-    camera: Camera | None = STANDARD_CAMERA,
-    force: bool = False,
-    viewer: Callable[[], str] | None = None,
-    note: Callable[[str], None] = lambda _: None,
-    progress: Progress = lambda *_: None,
-    assistant: Worker | None = None,
-) -> Simulation:
+@takes_those_of(verbs.Simulate)
+def simulate(asked: verbs.Simulate) -> Simulation:
     """Drop the body of a scenario and record it, the state before each step and after the last.
-
-    Parameters
-    ----------
-    scenario
-        What to drop, and how.
-    out
-        The recording to write; it gets this name only when it is complete and verified.
-    camera
-        How to take frames of the fall, or None for no frames.
-    force
-        Whether an existing file may be replaced.
-    viewer
-        Called before the fall, to return the URL of a viewer to show it live; or None.
-    note
-        Called with a sentence worth knowing that is not an error.
-    progress
-        Called while it runs.
-    assistant
-        A worker to draw frames; more are started if there are many frames.
 
     Raises
     ------
@@ -88,54 +60,61 @@ def simulate(
     ViewerError
         If no viewer can be reached.
     """
+    camera = asked.camera
     began = time.perf_counter()
-    path = Path(out)
+    path = Path(asked.out)
     if camera is not None and not is_installed(PYBULLET):
         camera = None
-        note(
+        asked.note(
             Message(
                 "no frames are taken: PyBullet draws them, which is not installed; {next}",
                 next=next_step(),
             )
         )
-    body = find_body(scenario.body)
-    check_target(path, force=force)
+    body = find_body(asked.scenario.body)
+    check_target(path, force=asked.force)
     check_suffix("--out", path, (".rrd",))
-    _check_size(path, scenario.steps + 1, note)
-    _note_gravity(scenario, note)
+    _check_size(path, asked.scenario.steps + 1, asked.note)
+    _note_gravity(asked.scenario, asked.note)
     check_apart([path], inputs=[body])
     recording_id = uuid.uuid4().hex
-    frames = 0 if camera is None else camera.frames_of(scenario.steps)
-    url = None if viewer is None else viewer()
-    batch = BATCH if url is None else max(1, round(LIVE_EVERY_S / scenario.timestep_s))
-    look = look_of_drop(scenario.height_m, camera.view if camera else None)
+    frames = 0 if camera is None else camera.frames_of(asked.scenario.steps)
+    url = None if asked.viewer is None else asked.viewer()
+    batch = BATCH if url is None else max(1, round(LIVE_EVERY_S / asked.scenario.timestep_s))
+    look = look_of_drop(asked.scenario.height_m, camera.view if camera else None)
     with contextlib.ExitStack() as stack:
         photographer = None
         if camera is not None:
             from drop_physics.engines.pybullet.camera_frames import Photographer
 
             photographer = stack.enter_context(
-                Photographer(scenario, camera, frames=frames, note=note, assistant=assistant)
+                Photographer(
+                    asked.scenario,
+                    camera,
+                    frames=frames,
+                    note=asked.note,
+                    assistant=asked.assistant,
+                )
             )
-        world = world_of(scenario)
+        world = world_of(asked.scenario)
         stack.enter_context(world)
         for sentence in world.notes():
-            note(sentence)
-        chunks = writer.named(recorded(world, photographer, batch, progress), path.stem)
+            asked.note(sentence)
+        chunks = writer.named(recorded(world, photographer, batch, asked.progress), path.stem)
         if url is not None:
-            chunks = shown(chunks, url=url, recording_id=recording_id, look=look, note=note)
+            chunks = shown(chunks, url=url, recording_id=recording_id, look=look, note=asked.note)
         writer.record(
             path,
             chunks,
             recording_id=recording_id,
             blueprint=layout(look),
-            force=force,
-            note=note,
+            force=asked.force,
+            note=asked.note,
         )
     return Simulation(
         recording=path,
         recording_id=recording_id,
-        samples=scenario.steps + 1,
+        samples=asked.scenario.steps + 1,
         frames=frames,
         bytes=path.stat().st_size,
         wall_s=time.perf_counter() - began,

@@ -7,7 +7,7 @@ import hashlib
 import json
 import math
 import platform
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from importlib.util import find_spec
@@ -16,7 +16,6 @@ from typing import Any
 
 import polars as pl
 
-from drop_physics.drop.one_sample import DEFAULT_AT_S
 from drop_physics.engines.worlds import body_digest, engine_versions, find_body, verdicts
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.fields import counted, outside
@@ -24,9 +23,11 @@ from drop_physics.files.outputs import check_room, make_folder
 from drop_physics.messages import Message
 from drop_physics.printable import Printable
 from drop_physics.scenario import Camera, Scenario
+from drop_physics.stages import verbs
 from drop_physics.stages.runs import Progress, run_all
 from drop_physics.stages.sweep_drop import RunDrop, name_of_run
 from drop_physics.stages.trust_runs import RunFolder
+from drop_physics.stages.verbs.taken import takes_those_of
 from drop_physics.sweeping import engines
 from drop_physics.sweeping.plan import Plan, label_of, name_of, plan_of
 from drop_physics.sweeping.rows import SCHEMA, Row, kept_rows, write_rows
@@ -85,42 +86,9 @@ class Sweep(Printable, reported_by="drop_physics.report.sweep"):
         return pl.read_parquet(self.results)
 
 
-def sweep(
-    plan: Plan | Mapping[str, Any],
-    out: Path | str,
-    *,
-    at_s: float = DEFAULT_AT_S,
-    record: bool = True,
-    camera: Camera | None = None,
-    jobs: int | None = None,
-    ray: str | None = None,
-    force: bool = False,
-    progress: Progress = lambda *_: None,
-) -> Sweep:
+@takes_those_of(verbs.Sweep)
+def sweep(asked: verbs.Sweep) -> Sweep:
     """Run the scenarios of a plan that are not yet in the folder.
-
-    Parameters
-    ----------
-    plan
-        Which scenarios: lists of values by field of `Scenario`, as {"timestep_s": [1/240, 1/480]},
-        or a plan, which `plan_of` makes of lists and of what is drawn.
-    out
-        The folder for results and recordings; created if missing. The same plan resumes in it,
-        another plan is rejected.
-    at_s
-        Time at which to break the error down [s].
-    record
-        Whether each run's recording is kept.
-    camera
-        How to take frames of the recorded falls, or None for no frames.
-    jobs
-        Processes on this machine; None for one per core where that pays off.
-    ray
-        Address of a Ray cluster to run on instead, `auto`, or `local`.
-    force
-        Whether all is run again, and what is in the folder is replaced.
-    progress
-        Called while it runs.
 
     Raises
     ------
@@ -131,27 +99,38 @@ def sweep(
     DropError
         If all runs fail, workers die repeatedly, or Ray does not answer.
     """
+    plan = asked.plan
     if not isinstance(plan, Plan):
         plan = plan_of(plan)
-    if jobs is not None and jobs < 1:
-        raise outside("--jobs", Message("at least {low}", low=1), jobs)
-    if not 0 <= at_s < math.inf:
-        raise outside("--at", Message("finite and at least {low:g}", low=0), at_s)
+    if asked.jobs is not None and asked.jobs < 1:
+        raise outside("--jobs", Message("at least {low}", low=1), asked.jobs)
+    if not 0 <= asked.at_s < math.inf:
+        raise outside("--at", Message("finite and at least {low:g}", low=0), asked.at_s)
     for body in plan.bodies:  # each is tried once, here
         with contextlib.suppress(ScenarioError):
             find_body(body)
-    make_folder(Path(out))
+    make_folder(Path(asked.out))
     folder = RunFolder(
-        Path(out).resolve(), _identity(plan, at_s, record, camera), force, "sweep.json", reads=True
+        Path(asked.out).resolve(),
+        _identity(plan, asked.at_s, asked.record, asked.camera),
+        asked.force,
+        "sweep.json",
+        reads=True,
     )
-    results = Path(out) / "results.parquet"
-    work = RunDrop(plan, folder.path, folder.id, at_s, record, camera, verdicts())
-    with folder.claimed(map(name_of_run, range(plan.runs)) if record else ()):
+    results = Path(asked.out) / "results.parquet"
+    work = RunDrop(plan, folder.path, folder.id, asked.at_s, asked.record, asked.camera, verdicts())
+    with folder.claimed(map(name_of_run, range(plan.runs)) if asked.record else ()):
         rows, computed = _run(
-            work, folder, shown=Path(out), jobs=jobs, ray=ray, force=force, progress=progress
+            work,
+            folder,
+            shown=Path(asked.out),
+            jobs=asked.jobs,
+            ray=asked.ray,
+            force=asked.force,
+            progress=asked.progress,
         )
         write_rows(results, rows, SCHEMA)
-    swept = Sweep(plan, at_s, computed, rows, results)
+    swept = Sweep(plan, asked.at_s, computed, rows, results)
     if swept.failed == swept.runs == 1:
         raise DropError("the run failed with: {error}", error=rows[0]["error"])
     if swept.failed == swept.runs:

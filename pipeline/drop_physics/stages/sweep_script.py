@@ -7,7 +7,7 @@ import itertools
 import math
 import operator
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,13 +18,14 @@ from drop_physics.engines.script import Program
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.experiments.interventions import Intervention
 from drop_physics.printable import Printable
+from drop_physics.stages import verbs
 from drop_physics.stages.asked import cures_of
 from drop_physics.stages.interpreter import interpreter_of
 from drop_physics.stages.program import SEEDED_CLOCK_S, checked_limits
 from drop_physics.stages.proposals import Candidate
-from drop_physics.stages.runs import Progress
 from drop_physics.stages.trust import candidates_of
 from drop_physics.stages.trust_runs import BASE, RunFolder, RunKept, identity_of, made_of, run_kept
+from drop_physics.stages.verbs.taken import takes_those_of
 from drop_physics.sweeping.rows import Row, write_rows
 from drop_physics.trace.cures import Cure
 
@@ -92,49 +93,9 @@ class RunSwept(RunKept[Row]):
         }
 
 
-def sweep_script(
-    target: str,
-    arguments: Sequence[str] = (),
-    *,
-    tries: Sequence[str],
-    out: Path | str,
-    duration_s: float | None = None,
-    seed: int = 0,
-    jobs: int | None = None,
-    ray: str | None = None,
-    force: bool = False,
-    again: bool = False,
-    stdout: int = 1,
-    note: Callable[[str], None] = lambda _: None,
-    progress: Progress = lambda *_: None,
-) -> ScriptSweep:
+@takes_those_of(verbs.SweepScript)
+def sweep_script(asked: verbs.SweepScript) -> ScriptSweep:
     """Run a script as it is, and with each combination of interventions.
-
-    Parameters
-    ----------
-    target, arguments
-        The script's path, and its arguments.
-    tries
-        What is tried: texts such as `friction=0.2,0.4`, as `--try` takes them; the runs are their
-        product, the last one changing fastest.
-    out
-        The folder for the table and the recordings. What is there of the same call is not run
-        again.
-    duration_s, seed
-        As of `record_script`, for all runs.
-    jobs, ray
-        Processes on this machine, None for one per core; or a Ray cluster's address.
-    force
-        Whether all is run again, and what is in the folder is replaced.
-    again
-        Whether a script that connects, opens devices or writes where it cannot be kept from doing
-        so is run again all the same.
-    stdout
-        File descriptor of the script's standard output, in its own run.
-    note
-        Called with a sentence worth knowing that is not an error.
-    progress
-        Called while it runs.
 
     Raises
     ------
@@ -145,8 +106,9 @@ def sweep_script(
     DropError
         If the script makes no step, or all runs fail.
     """
-    _, duration_s, _ = checked_limits(None, duration_s, seed)
-    lists = [cures_of([text], "--try", whole=True) for text in tries]
+    duration_s = asked.duration_s
+    _, duration_s, _ = checked_limits(None, duration_s, asked.seed)
+    lists = [cures_of([text], "--try", whole=True) for text in asked.tries]
     names = [_given(cures[0])[0] for cures in lists]
     if len({*names}) < len(names):
         raise ScenarioError("--try must name an intervention once, got {names}", names=names)
@@ -158,31 +120,31 @@ def sweep_script(
             runs=runs,
         )
     program = Program(
-        target,
-        tuple(map(str, arguments)),
-        interpreter_of(target, is_module=False, given=None, note=note),
+        asked.target,
+        tuple(map(str, asked.arguments)),
+        interpreter_of(asked.target, is_module=False, given=None, note=asked.note),
         duration_s=duration_s,
-        seed=seed,
+        seed=asked.seed,
         begins_s=SEEDED_CLOCK_S,
         explain=True,
     )
-    identity = {**identity_of(program), "tries": [*tries]}
-    folder = RunFolder(Path(out).resolve(), identity, force, "sweep.json", reads=True)
+    identity = {**identity_of(program), "tries": [*asked.tries]}
+    folder = RunFolder(Path(asked.out).resolve(), identity, asked.force, "sweep.json", reads=True)
     combined = [", ".join(each.call for each in one) for one in itertools.product(*lists)]
     with folder.claimed((BASE, *combined)):
-        base, limited, rerun = folder.begun(program, anyway=again, stdout=stdout)
+        base, limited, rerun = folder.begun(program, anyway=asked.again, stdout=asked.stdout)
         known = [candidates_of(base.seen, cures, "--try", usual=False) for cures in lists]
         all_of = [*itertools.product(*known)]
         candidates = [_together(each) for each in all_of]
         work = RunSwept(limited, candidates, folder.path, base.path, base, rerun, runs=folder.runs)
-        found = run_kept(work, jobs=jobs, ray=ray, progress=progress)
+        found = run_kept(work, jobs=asked.jobs, ray=asked.ray, progress=asked.progress)
         rows = [
             {"run": n, **dict(_given(each.intervention.cure) for each in one), **row}
             for n, (one, row) in enumerate(zip(all_of, found, strict=True))
         ]
-        results = Path(out) / "results.parquet"
+        results = Path(asked.out) / "results.parquet"
         write_rows(results, rows)
-    swept = ScriptSweep(target, base.path, names, rows, results)
+    swept = ScriptSweep(asked.target, base.path, names, rows, results)
     if swept.failed == runs and (base.ended or {}).get("ended") != "failed":
         raise DropError(
             "all {runs:,} runs failed, the first with: {error}", runs=runs, error=rows[0]["error"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,11 +14,11 @@ from drop_physics.errors import ScenarioError
 from drop_physics.fields import shown
 from drop_physics.option_types import number
 from drop_physics.printable import Printable
+from drop_physics.stages import verbs
 from drop_physics.stages.asked import cures_of
 from drop_physics.stages.interpreter import interpreter_of
 from drop_physics.stages.program import SEEDED_CLOCK_S, checked_limits
 from drop_physics.stages.proposals import Candidate, Proposals
-from drop_physics.stages.runs import Progress
 from drop_physics.stages.trust_runs import (
     BASE,
     Made,
@@ -29,6 +29,7 @@ from drop_physics.stages.trust_runs import (
     made_of,
     run_kept,
 )
+from drop_physics.stages.verbs.taken import takes_those_of
 from drop_physics.trace.cures import NUDGE, Cure
 from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 
@@ -90,63 +91,9 @@ class Trust(Printable, reported_by="drop_physics.report.trust"):
         )
 
 
-def trust(
-    target: str,
-    arguments: Sequence[str] = (),
-    *,
-    out: Path | str | None = None,
-    vary: Sequence[str] | None = None,
-    is_module: bool = False,
-    steps: int | None = None,
-    duration_s: float | None = None,
-    seed: int = 0,
-    python: str | None = None,
-    jobs: int | None = None,
-    ray: str | None = None,
-    force: bool = False,
-    again: bool = False,
-    stdout: int = 1,
-    table: Path | str | None = None,
-    plot: Path | str | None = None,
-    dark: bool = False,
-    note: Callable[[str], None] = lambda _: None,
-    progress: Progress = lambda *_: None,
-) -> Trust:
+@takes_those_of(verbs.Trust)
+def trust(asked: verbs.Trust) -> Trust:
     """Run a script as it is and with variations, and compare them.
-
-    Parameters
-    ----------
-    target, arguments, is_module
-        The script's path or a module's name, and its arguments.
-    out
-        The folder for the recordings; None for one in `recordings`, under the script's name. What
-        an interrupted call of the same has finished there is not run again.
-    vary
-        In place of the usual variations: texts such as `timestep/8`, `nudge` or `mass=0.9,1.1`, as
-        `--vary` takes them.
-    steps, duration_s, seed
-        As of `record_script`; all runs but `seed` have the same seed.
-    python
-        The interpreter that runs it; None for the current one.
-    jobs, ray
-        Processes on this machine, None for one per core; or a Ray cluster's address.
-    force
-        Whether all is run again, and what is in the folder is replaced.
-    again
-        Whether a script that connects, opens devices or writes where it cannot be kept from doing
-        so is run again all the same.
-    stdout
-        File descriptor of the script's standard output, in its own run.
-    table
-        A `.csv` or `.parquet` file for all distances, a row per variation and position, or None.
-    plot
-        A `.png` or `.svg` file for a plot of the distances over time, or None.
-    dark
-        Whether the plot is for a dark page.
-    note
-        Called with a sentence worth knowing that is not an error.
-    progress
-        Called while it runs.
 
     Raises
     ------
@@ -157,36 +104,45 @@ def trust(
     DropError
         If the interpreter cannot be started, or the script makes no step.
     """
-    steps, duration_s, _ = checked_limits(steps, duration_s, seed)
-    asked = cures_of(vary or USUAL, "--vary", whole=True)
-    outputs = [None if each is None else Path(each) for each in (table, plot)]
+    duration_s, steps = asked.duration_s, asked.steps
+    steps, duration_s, _ = checked_limits(steps, duration_s, asked.seed)
+    cures = cures_of(asked.vary or USUAL, "--vary", whole=True)
+    outputs = [None if each is None else Path(each) for each in (asked.table, asked.plot)]
     if any(outputs):
         from drop_physics.stages.trust_outputs import check_outputs, write_outputs
 
-        check_outputs(target, *outputs, is_module=is_module, force=force)
+        check_outputs(asked.target, *outputs, is_module=asked.is_module, force=asked.force)
     program = Program(
-        target,
-        tuple(map(str, arguments)),
-        interpreter_of(target, is_module=is_module, given=python, note=note),
-        is_module,
+        asked.target,
+        tuple(map(str, asked.arguments)),
+        interpreter_of(
+            asked.target, is_module=asked.is_module, given=asked.python, note=asked.note
+        ),
+        asked.is_module,
         steps,
         duration_s,
-        seed=seed,
+        seed=asked.seed,
         begins_s=SEEDED_CLOCK_S,
         explain=True,
     )
-    place = Path("recordings") / f"{Path(target).stem}-trust" if out is None else Path(out)
-    folder = RunFolder(place.resolve(), identity_of(program), force)
-    with folder.claimed((BASE, *(each.call for each in asked))):
-        base, limited, rerun = folder.begun(program, anyway=again, stdout=stdout, note=note)
-        candidates = candidates_of(base.seen, asked, "--vary", usual=not vary)
+    place = (
+        Path("recordings") / f"{Path(asked.target).stem}-trust"
+        if asked.out is None
+        else Path(asked.out)
+    )
+    folder = RunFolder(place.resolve(), identity_of(program), asked.force)
+    with folder.claimed((BASE, *(each.call for each in cures))):
+        base, limited, rerun = folder.begun(
+            program, anyway=asked.again, stdout=asked.stdout, note=asked.note
+        )
+        candidates = candidates_of(base.seen, cures, "--vary", usual=not asked.vary)
         work = RunVariation(
             limited, candidates, folder.path, base.path, base, rerun, runs=folder.runs
         )
-        varied = run_kept(work, jobs=jobs, ray=ray, progress=progress)
-    result = _trust(target, work, varied)
+        varied = run_kept(work, jobs=asked.jobs, ray=asked.ray, progress=asked.progress)
+    result = _trust(asked.target, work, varied)
     if any(outputs):
-        write_outputs(result, *outputs, dark=dark, force=force)
+        write_outputs(result, *outputs, dark=asked.dark, force=asked.force)
     return result
 
 

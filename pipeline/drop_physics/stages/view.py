@@ -25,7 +25,9 @@ from drop_physics.recording.reader import read, recording_id
 from drop_physics.recording.viewer import Viewer
 from drop_physics.recording.writer import Chunk
 from drop_physics.scenario import ENGINES, Engine, Scenario
+from drop_physics.stages import verbs
 from drop_physics.stages.check import check
+from drop_physics.stages.verbs.taken import takes_those_of
 from drop_physics.trace.history import Seen
 
 
@@ -50,23 +52,13 @@ class View(Printable, reported_by="drop_physics.report.view"):
     """Bodies whose motion is not recorded; if there are any, the two do not count as the same."""
 
 
+@takes_those_of(verbs.View)
 @contextmanager
-def view(
-    recordings: Sequence[Path | str], *, against: Path | str | None = None, web: bool = False
-) -> Iterator[View]:
+def view(asked: verbs.View) -> Iterator[View]:
     """Yield what the viewer shows of some recordings; its files exist until the block ends.
 
     Recordings of the same drop in different engines are shown as one, with a colour per engine; of
     two of one script the second is shown in grey.
-
-    Parameters
-    ----------
-    recordings
-        The recordings to show.
-    against
-        A golden recording to show in grey beside the only one, at the first difference.
-    web
-        Whether to show them in a browser.
 
     Raises
     ------
@@ -77,18 +69,20 @@ def view(
     ViewerError
         If there is no screen.
     """
-    paths = list(dict.fromkeys(map(Path, recordings)))
-    if against is not None and len(recordings) > 1:
-        raise ScenarioError("--against takes one recording to compare, got {n}", n=len(recordings))
+    paths = list(dict.fromkeys(map(Path, asked.recordings)))
+    if asked.against is not None and len(asked.recordings) > 1:
+        raise ScenarioError(
+            "--against takes one recording to compare, got {n}", n=len(asked.recordings)
+        )
     with tempfile.TemporaryDirectory(prefix="drop-") as folder:
-        if against is not None:
-            yield _with_golden(paths[0], Path(against), Path(folder), web=web)
+        if asked.against is not None:
+            yield _with_golden(paths[0], Path(asked.against), Path(folder), web=asked.web)
         elif _of_one_script(paths):
-            yield _with_golden(paths[0], paths[1], Path(folder), web=web)
+            yield _with_golden(paths[0], paths[1], Path(folder), web=asked.web)
         elif scenarios := _of_one_drop(paths):
-            yield _of_engines(scenarios, Path(folder), web=web)
+            yield _of_engines(scenarios, Path(folder), web=asked.web)
         else:
-            yield _view(paths, web=web)
+            yield _view(paths, web=asked.web)
 
 
 def _view(paths: Sequence[Path], *, web: bool, more: Sequence[Path] = ()) -> View:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,6 +21,7 @@ from drop_physics.files.whole import written_whole
 from drop_physics.messages import Message
 from drop_physics.printable import Printable
 from drop_physics.recording.layer_file import VERDICTS, forget_trials, trials_of
+from drop_physics.stages import verbs
 from drop_physics.stages.again import LONGEST, again_of
 from drop_physics.stages.asked import cures_of as cures_asked
 from drop_physics.stages.changed_runs import run_changed
@@ -29,7 +30,8 @@ from drop_physics.stages.interpreter import interpreter_of
 from drop_physics.stages.program import SEEDED_CLOCK_S, STOPPED
 from drop_physics.stages.proposals import Candidate, Proposals
 from drop_physics.stages.record import record_script
-from drop_physics.stages.runs import Progress, only_of
+from drop_physics.stages.runs import only_of
+from drop_physics.stages.verbs.taken import takes_those_of
 from drop_physics.stages.why_shares import shares
 from drop_physics.stages.why_trials import RunTrial, TrialRun, first_tried
 from drop_physics.workers import cores
@@ -40,7 +42,6 @@ if TYPE_CHECKING:
     from drop_physics.experiments.verdicts import Outcome, TrialVerdict, Verdict
     from drop_physics.recording.reader import Recording
     from drop_physics.rules.answer import Finding
-    from drop_physics.rules.choice import Choice
 
 MOST = 8
 """Most things that are told of a script."""
@@ -114,66 +115,9 @@ class Why(Printable, reported_by="drop_physics.report.why"):
         return max(cures or tried, key=lambda e: e.moved.value if e.moved else 0.0, default=None)
 
 
-def why(
-    target: str,
-    arguments: Sequence[str] = (),
-    *,
-    about: str | None = None,
-    tries: Sequence[str] = (),
-    ablate: bool = False,
-    again: bool = False,
-    budget_s: float = BUDGET_S,
-    is_module: bool = False,
-    out: Path | str | None = None,
-    steps: int | None = None,
-    duration_s: float | None = None,
-    seed: int = 0,
-    python: str | None = None,
-    jobs: int | None = None,
-    ray: str | None = None,
-    force: bool = False,
-    drawn: bool = False,
-    choice: Choice | None = None,
-    stdout: int = 1,
-    note: Callable[[str], None] = lambda _: None,
-    progress: Progress = lambda *_: None,
-) -> Why:
+@takes_those_of(verbs.Why)
+def why(asked: verbs.Why) -> Why:
     """Record a script, try what its findings propose, each in a run of its own, and compare.
-
-    Parameters
-    ----------
-    target, arguments, is_module
-        The script's path or a module's name, and its arguments.
-    about
-        A code, body or joint: only findings about it are tried; None for all.
-    tries
-        In place of what findings propose: names such as `force=70`, as `--try` takes them.
-    ablate
-        Whether each call of a setter and each of its optional arguments is left out in turn.
-    again
-        Whether a script that connects, opens devices or writes where it cannot be kept from doing
-        so is run again all the same.
-    budget_s
-        So long [s] after the script's own run no trial begins; the first one always does.
-    out
-        A folder for the recording and its trials, where that of the same script is replaced; None
-        for `recordings`.
-    steps, duration_s, seed, python
-        As of `record_script`; all runs have the same seed.
-    jobs, ray
-        Processes at once on this machine, None for one per core; or a Ray cluster's address.
-    force
-        Whether an existing recording is replaced, whatever it is of.
-    drawn
-        Whether trials are recorded with what is only for looking, too, to film them.
-    choice
-        Which findings are reported; None for all.
-    stdout
-        File descriptor of the script's standard output, in its own run.
-    note
-        Called with a sentence worth knowing that is not an error.
-    progress
-        Called while it runs.
 
     Raises
     ------
@@ -184,31 +128,34 @@ def why(
     DropError
         If the interpreter cannot be started, the script makes no step, or is not run again.
     """
+    force, python = asked.force, asked.python
     began = time.monotonic()
-    if not 0 < budget_s < float("inf"):
-        raise outside("--budget", Message("finite and above {low:g}", low=0), budget_s)
-    if jobs is not None and jobs < 1:
-        raise outside("--jobs", Message("at least {low}", low=1), jobs)
-    asked = cures_asked(tries, "--try", whole=False)
-    placed = None if out is None else Path(out) / f"{Path(target).stem}.rrd"
+    if not 0 < asked.budget_s < float("inf"):
+        raise outside("--budget", Message("finite and above {low:g}", low=0), asked.budget_s)
+    if asked.jobs is not None and asked.jobs < 1:
+        raise outside("--jobs", Message("at least {low}", low=1), asked.jobs)
+    cures = cures_asked(asked.tries, "--try", whole=False)
+    placed = None if asked.out is None else Path(asked.out) / f"{Path(asked.target).stem}.rrd"
     if placed is not None:
         make_folder(placed.parent)
         origin = origin_of(placed) if placed.is_file() else None
-        force = force or (origin is not None and is_of(origin, target, is_module=is_module))
-    python = interpreter_of(target, is_module=is_module, given=python, note=note)
+        force = force or (
+            origin is not None and is_of(origin, asked.target, is_module=asked.is_module)
+        )
+    python = interpreter_of(asked.target, is_module=asked.is_module, given=python, note=asked.note)
     recorded = record_script(
-        target,
-        arguments,
-        is_module=is_module,
+        asked.target,
+        asked.arguments,
+        is_module=asked.is_module,
         out=placed,
-        steps=steps,
-        duration_s=duration_s,
-        seed=seed,
+        steps=asked.steps,
+        duration_s=asked.duration_s,
+        seed=asked.seed,
         python=python,
         force=force,
         listens=True,
-        stdout=stdout,
-        note=note,
+        stdout=asked.stdout,
+        note=asked.note,
     )
     made_steps = recorded.samples - 1
     if recorded.ended == "interrupted":
@@ -217,29 +164,29 @@ def why(
         raise DropError(
             "{script} makes no step, so there is nothing to compare; give it the arguments "
             "with which it steps",
-            script=target,
+            script=asked.target,
         )
     from drop_physics.recording.reader import read
 
     base = read(recorded.recording)
     if recorded.beside is not None:
-        note(only_of(base.seen.engine))
+        asked.note(only_of(base.seen.engine))
     rerun = again_of(
-        target,
+        asked.target,
         recorded.reached,
-        is_module=is_module,
+        is_module=asked.is_module,
         took_s=recorded.wall_s,
-        anyway=again,
+        anyway=asked.again,
     )
     from drop_physics.rules.choice import EVERY
     from drop_physics.stages.analyze import analyze
 
-    analysis = analyze(recorded.recording, choice=choice or EVERY, script=Path(target))
+    analysis = analyze(recorded.recording, choice=asked.choice or EVERY, script=Path(asked.target))
     findings = analysis.findings
     proposals = Proposals(base.seen, findings, cures_of(base.seen.engine))
-    chosen = _about(findings, about)
-    if tries:
-        candidates = proposals.asked(asked, chosen)
+    chosen = _about(findings, asked.about)
+    if asked.tries:
+        candidates = proposals.asked(cures, chosen)
     else:
         candidates = [each for each in proposals.of_findings() if {*each.findings} & {*chosen}]
         known = {each.intervention for each in candidates}
@@ -252,18 +199,18 @@ def why(
         if any(each.cure.name == "damping" for each in known):
             usual = [each for each in usual if each.intervention.name != "damping"]
         candidates += [each for each in usual if each.intervention not in known]
-    ablated = proposals.left_out() if ablate else []
+    ablated = proposals.left_out() if asked.ablate else []
     folder = trials_of(recorded.recording)
     forget_trials(recorded.recording)
     folder.mkdir(exist_ok=True)
     all_steps = sum(samples - 1 for samples in base.seen.samples.values())
     program = Program(
-        target,
-        tuple(map(str, arguments)),
+        asked.target,
+        tuple(map(str, asked.arguments)),
         python,
-        is_module,
+        asked.is_module,
         all_steps + 2 * (recorded.ended not in STOPPED),  # may make one more, and end by itself
-        seed=seed,
+        seed=asked.seed,
         of_first=True,
         begins_s=SEEDED_CLOCK_S,
         explain=True,
@@ -276,8 +223,8 @@ def why(
         recorded.recording,
         base,
         rerun,
-        drawn,
-        until=time.time() + budget_s,
+        asked.drawn,
+        until=time.time() + asked.budget_s,
         best=next(iter(order), None),
     )
 
@@ -285,9 +232,9 @@ def why(
         return run_changed(
             which,
             numbers,
-            jobs=jobs or cores(),
-            ray=ray,
-            progress=progress,
+            jobs=asked.jobs or cores(),
+            ray=asked.ray,
+            progress=asked.progress,
         )
 
     own = _own(base, findings)
@@ -298,7 +245,15 @@ def why(
         forget_trials(recorded.recording)
         raise
     result = _why(
-        target, base.path, recorded.ended, own, work, done, chosen, summed, time.monotonic() - began
+        asked.target,
+        base.path,
+        recorded.ended,
+        own,
+        work,
+        done,
+        chosen,
+        summed,
+        time.monotonic() - began,
     )
     _keep(folder, result, base.recording_id)
     lacking = {
@@ -308,7 +263,7 @@ def why(
     }
     stopped = [name for name, slow in lacking.items() if slow]
     if stopped:
-        note(
+        asked.note(
             Message(
                 "stopped, as a run took over {times:g} times the script's own: {names}",
                 times=LONGEST,
@@ -317,20 +272,20 @@ def why(
         )
     untried = [name for name in lacking if name not in stopped]
     if untried:
-        enough_s = budget_s + TAKES * max(recorded.wall_s, 1.0) * len(untried)
-        note(
+        enough_s = asked.budget_s + TAKES * max(recorded.wall_s, 1.0) * len(untried)
+        asked.note(
             Message(
                 "not tried within {budget:g} s: {names}; for all: drop why --budget {enough:.0f} "
                 "{script}",
-                budget=budget_s,
+                budget=asked.budget_s,
                 names=", ".join(untried),
                 enough=enough_s,
-                script=target,
+                script=asked.target,
             )
         )
     held = sum(path.stat().st_size for path in folder.glob("*.rrd"))
     if held > LARGE_BYTES:
-        note(
+        asked.note(
             Message(
                 "the recordings of trials in {folder} take {size}",
                 folder=folder,

@@ -1,0 +1,141 @@
+"""How a verb's dataclass says what it takes: an argument in Python, an option on the command line.
+
+A field's type is annotated with its option, whose text serves both. What only the command line
+takes, such as how to print, is a class variable; what only Python takes has a text and no option.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import textwrap
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import MISSING, dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Literal, ParamSpec, TypeVar, get_args, get_origin
+
+P = ParamSpec("P")
+Asked = TypeVar("Asked")
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """The option, or argument, of a field."""
+
+    help: str
+    metavar: str = ""
+    """The placeholder of its value; empty of a flag."""
+    names: tuple[str, ...] = ()
+    """Its names; by default that of the field without its unit."""
+    is_argument: bool = False
+    read: Callable[[Any], Any] | None = None
+    """Reads what was typed, where its type does not say how."""
+    default: Any = ...
+    """The value on the command line where nothing is typed, if Python has another."""
+
+
+def takes(metavar: str, text: str, *names: str, **how: Any) -> Option:  # noqa: ANN401
+    """Return an option that takes a value."""
+    return Option(text, metavar, names, **how)
+
+
+def flag(text: str, *names: str) -> Option:
+    """Return an option without one."""
+    return Option(text, "", names)
+
+
+def argument(metavar: str, text: str, **how: Any) -> Option:  # noqa: ANN401
+    """Return an argument."""
+    return Option(text, metavar, is_argument=True, **how)
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A field of a verb."""
+
+    name: str
+    option: Option
+    """Of what only Python takes, its text."""
+    is_typed: bool
+    """Whether the command line takes it."""
+    in_python: bool
+    kind: Any
+    """The type of its value, or of each: `bool`, `int`, `float`, `str`, `Path` or a `Literal`."""
+    several: bool
+    default: Any
+    """`MISSING` if it has none."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of its option."""
+        plain = self.name.removesuffix("_s").removesuffix("_m").replace("_", "-")
+        return () if self.option.is_argument else self.option.names or (f"--{plain}",)
+
+    @property
+    def is_inverse(self) -> bool:
+        """Whether giving the flag means False."""
+        return self.names != () and self.names[0].startswith("--no-")
+
+
+def parameters_of(verb: type) -> dict[str, Parameter]:
+    """Return the parameters of a verb, by name: its own, then those that it shares with others."""
+    hints: dict[str, Any] = {}
+    for each in verb.__mro__:
+        hints |= {n: h for n, h in inspect.get_annotations(each).items() if n not in hints}
+    return {name: _parameter(verb, name, hint) for name, hint in hints.items() if name != "_"}
+
+
+def _parameter(verb: type, name: str, hint: Any) -> Parameter:  # noqa: ANN401
+    in_python = get_origin(hint) is not ClassVar
+    annotated = hint if in_python else get_args(hint)[0]
+    of, (said,) = annotated.__origin__, annotated.__metadata__
+    is_typed = isinstance(said, Option)
+    kinds = [*_kinds(of)]
+    return Parameter(
+        name,
+        said if is_typed else Option(said),
+        is_typed,
+        in_python,
+        next((kind for kind in (Path, float, int, bool) if kind in kinds), kinds[0]),
+        Sequence in (get_origin(of), *map(get_origin, get_args(of))),
+        getattr(verb, name, MISSING),
+    )
+
+
+def _kinds(hint: Any) -> Iterator[Any]:  # noqa: ANN401
+    """Yield the types of a value within a type."""
+    if get_origin(hint) is Literal or not get_args(hint):
+        yield hint
+    else:
+        for each in get_args(hint):
+            yield from _kinds(each)
+
+
+def takes_those_of(
+    verb: Callable[P, Asked],
+) -> Callable[[Callable[[Asked], Result]], Callable[P, Result]]:
+    """Return a decorator: a function of a verb's dataclass takes its fields as arguments."""
+
+    def decorated(do: Callable[[Asked], Result]) -> Callable[P, Result]:
+        @functools.wraps(do)
+        def asked(*given: P.args, **options: P.kwargs) -> Result:
+            return do(verb(*given, **options))
+
+        asked.__signature__ = inspect.signature(verb)  # type: ignore[attr-defined]
+        asked.__doc__ = "\n".join(_documented(do.__doc__ or "", verb))
+        return asked
+
+    return decorated
+
+
+def _documented(text: str, verb: Any) -> Iterator[str]:  # noqa: ANN401
+    """Yield a function's description, its parameters, and the errors that it raises."""
+    about, errors, raised = inspect.cleandoc(text).partition("\n\nRaises\n")
+    yield from (about, "", "Parameters", "----------")
+    for each in parameters_of(verb).values():
+        if each.in_python:
+            yield each.name
+            yield textwrap.indent(textwrap.fill(each.option.help, 92), "    ")
+    if errors:
+        yield f"{errors}{raised}".removeprefix("\n")
