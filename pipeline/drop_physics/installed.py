@@ -28,9 +28,10 @@ def next_step() -> Message:
     if has_wheel():
         return Message("install it with: pip install pybullet=={version}", version=VERSION)
     return Message(
-        "with Python {python} on Linux (x86-64) pip installs it; elsewhere pip install "
-        "'drop-physics[pybullet]' compiles it",
+        "with Python {python} on Linux (x86-64) pip installs it; here pip install "
+        "pybullet=={version} compiles it",
         python="{}.{}".format(*LAST_PYTHON),
+        version=VERSION,
     )
 
 
