@@ -28,8 +28,8 @@ from asked import told_whole
 from drop_physics.engines.cures import cures_of
 from drop_physics.recording.reader import read
 from drop_physics.rules.answer import Finding
-from drop_physics.stages.proposals import Proposals
 from drop_physics.stages.record import record_script
+from drop_physics.stages.rerun.proposals import Proposals
 from drop_physics.trace.cures import ChangedRun
 from drop_physics.trace.history import Seen
 from forked import fork_scripts

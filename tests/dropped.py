@@ -12,7 +12,7 @@ from drop_physics.drop.results import DropAnalysis
 from drop_physics.drop.story import drop_analysis_of
 from drop_physics.engines.other_world import OtherWorld
 from drop_physics.recording.reader import Recording
-from drop_physics.stages.recorded import BATCH, case_of
+from drop_physics.stages.simulate.recorded import BATCH, case_of
 from drop_physics.trace.events import Samples
 from drop_physics.trace.history import Seen
 

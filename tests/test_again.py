@@ -16,9 +16,11 @@ from typing import Any
 
 import pytest
 from conftest import some
-from drop_physics.stages import again, record, trust_runs, why
+from drop_physics.stages import record, why
 from drop_physics.stages.record import record_script
-from drop_physics.stages.sweep_script import sweep_script
+from drop_physics.stages.rerun import again
+from drop_physics.stages.sweep.script import sweep_script
+from drop_physics.stages.trust import runs as trust_runs
 from drop_physics.stages.trust import trust
 
 pytestmark = pytest.mark.pybullet

@@ -16,7 +16,7 @@ from drop_physics.drop.mechanics import Drift, mechanics_of_part
 from drop_physics.explain.decomposition import decompose
 from drop_physics.physics.base import Motion
 from drop_physics.recording.reader import Recording
-from drop_physics.stages.events import events
+from drop_physics.stages.analyze.events import events
 from drop_physics.trace.history import HeldSamples
 from drop_physics.trace.states import between
 from iterated import law_of, thrown_as

@@ -25,7 +25,7 @@ from drop_physics.messages import Message
 from drop_physics.rules.answer import LEVELS, Finding, Level
 from drop_physics.rules.choice import Choice, minor
 from drop_physics.rules.codes import CODES
-from drop_physics.stages.sources import Sources, comments_in
+from drop_physics.stages.analyze.sources import Sources, comments_in
 
 PACKAGE = Path(drop_physics.__file__).parent
 # Two arms that cannot hold their pose, driven on lines of their own.

@@ -25,7 +25,7 @@ from drop_physics.errors import ScenarioError
 from drop_physics.recording import other_layer, writer
 from drop_physics.recording.reader import Recording, read, recording_id
 from drop_physics.stages.check import check
-from drop_physics.stages.recorded import case_of
+from drop_physics.stages.simulate.recorded import case_of
 from drop_physics.stages.view import view
 from drop_physics.trace.tables import table_of
 from dropped import departs, seen_with

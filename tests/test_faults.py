@@ -43,7 +43,7 @@ from drop_physics.recording.reader import Recording, read
 from drop_physics.scenario import BYTES_PER_SAMPLE
 from drop_physics.stages import run as run_stage
 from drop_physics.stages.record import record_script
-from drop_physics.stages.recorded import BATCH
+from drop_physics.stages.simulate.recorded import BATCH
 from drop_physics.stages.sweep import sweep
 from drop_physics.sweeping.plan import plan_of
 from drop_physics.workers import cores

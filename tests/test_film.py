@@ -23,7 +23,7 @@ from drop_physics.recording.scene import parts_of
 from drop_physics.scenario import STANDARD_CAMERA
 from drop_physics.stages.analyze import analyze
 from drop_physics.stages.film import AXES
-from drop_physics.stages.film_of_drop import FallScene
+from drop_physics.stages.film.of_drop import FallScene
 from drop_physics.stages.render import film_beside, render
 from drop_physics.stages.run import Run
 from numpy.typing import NDArray

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from drop_physics.stages.missing_file import missing_file
 from drop_physics.stages.record import record_script
+from drop_physics.stages.record.missing_file import missing_file
 
 pytestmark = pytest.mark.pybullet
 

@@ -23,7 +23,7 @@ from drop_physics.recording.frames import frames
 from drop_physics.recording.reader import Recording, read
 from drop_physics.scenario import INTEGRATORS
 from drop_physics.stages.check import check
-from drop_physics.stages.recorded import case_of
+from drop_physics.stages.simulate.recorded import case_of
 from dropped import case_with, departs
 
 STATE = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "vx_m_s", "vy_m_s", "vz_m_s"]

@@ -16,8 +16,7 @@ import pytest
 from drop_physics.analysis.results import Analysis, BodyAnalysis
 from drop_physics.explain.replayed import Replayed
 from drop_physics.recording.reader import read
-from drop_physics.stages import explaining
-from drop_physics.stages.analyze import analyze
+from drop_physics.stages.analyze import analyze, explaining
 from drop_physics.stages.record import Recorded, record_script
 from drop_physics.trace.history import Piece, Sampled
 from mujoco_scripts import MACHINE

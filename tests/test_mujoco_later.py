@@ -19,8 +19,8 @@ from drop_physics.recording import digest
 from drop_physics.recording.layer_file import is_layer, layer_of
 from drop_physics.recording.layer_sums import sums_in
 from drop_physics.recording.reader import read
-from drop_physics.stages import explaining
-from drop_physics.stages.explaining import WhatToExplain, explained
+from drop_physics.stages.analyze import explaining
+from drop_physics.stages.analyze.explaining import WhatToExplain, explained
 from drop_physics.trace.history import Seen
 from mujoco_scripts import MACHINE
 

@@ -16,7 +16,7 @@ from drop_physics.engines.mujoco.interventions import (  # noqa: E402
 )
 from drop_physics.engines.mujoco.watch.intervene import ModelChanges  # noqa: E402
 from drop_physics.errors import ScenarioError  # noqa: E402
-from drop_physics.stages.asked import cures_of  # noqa: E402
+from drop_physics.stages.rerun.asked import cures_of  # noqa: E402
 from drop_physics.stages.trust import USUAL, candidates_of, trust  # noqa: E402
 from drop_physics.stages.why import why  # noqa: E402
 from drop_physics.trace.cures import Cure, Scope  # noqa: E402

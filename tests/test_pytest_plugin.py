@@ -14,8 +14,9 @@ from command import wait_for
 from drop_physics import analyze
 from drop_physics.recording.other_layer import is_drawn
 from drop_physics.recording.reader import read
-from drop_physics.stages import check, record_block  # noqa: F401  # what a project's tests import
-from drop_physics.stages.record_block import BlockWriter
+from drop_physics.stages import block as record_block
+from drop_physics.stages import check  # noqa: F401  # what a project's tests import
+from drop_physics.stages.block import BlockWriter
 from drop_physics.trace.tables import table_of
 from test_faults import is_alive
 
@@ -120,7 +121,7 @@ def test_one_process_records_all_tests_of_a_run_and_ends_with_it(
 
     monkeypatch.setattr(record_block, "BlockWriter", Counted)
     monkeypatch.setattr(record_block, "kill", lambda: started[-1]._process.kill(), raising=False)
-    kill = "from drop_physics.stages import record_block; record_block.kill(); "
+    kill = "from drop_physics.stages import block; block.kill(); "
     blocks = ["box.drop(1)", "box.drop(1); 1 / 0", "pass", "box.drop(1)", kill + "box.drop(1)"]
     tests = {f"number_{number}": block(body) for number, body in enumerate([*blocks, blocks[0]])}
     monkeypatch.setenv("COLUMNS", "200")

@@ -36,9 +36,9 @@ from drop_physics.errors import DropError, OutputError, ScenarioError
 from drop_physics.recording import schema, writer
 from drop_physics.recording.reader import read
 from drop_physics.stages.analyze import analyze
+from drop_physics.stages.block import record
 from drop_physics.stages.info import info
 from drop_physics.stages.record import Recorded, record_script
-from drop_physics.stages.record_block import record
 from rerun.chunk import RrdReader
 
 BANNER = "pybullet build time"

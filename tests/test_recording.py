@@ -15,8 +15,8 @@ from drop_physics.explain.decomposition import TERMS
 from drop_physics.files.whole import renamed
 from drop_physics.recording import schema, sealing
 from drop_physics.recording.reader import read
-from drop_physics.stages.recorded import case_of
 from drop_physics.stages.run import Run
+from drop_physics.stages.simulate.recorded import case_of
 from drop_physics.trace.tables import columns_of
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 

@@ -21,7 +21,7 @@ from drop_physics.engines.pybullet.world import World
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.recording.frames import frames
 from drop_physics.recording.reader import read
-from drop_physics.stages.sweep_drop import RunDrop
+from drop_physics.stages.sweep.drop import RunDrop
 from drop_physics.sweeping.plan import plan_of
 from drop_physics.trace.events import Samples
 from drop_physics.trace.states import BODY, FLOOR

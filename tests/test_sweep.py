@@ -31,7 +31,7 @@ from drop_physics.errors import DropError, OutputError
 from drop_physics.files.outputs import part_of
 from drop_physics.recording.reader import read
 from drop_physics.stages.sweep import Sweep, sweep
-from drop_physics.stages.sweep_drop import RunDrop
+from drop_physics.stages.sweep.drop import RunDrop
 from drop_physics.sweeping import engines
 from drop_physics.sweeping.plan import plan_of
 from drop_physics.sweeping.rows import TERMS, Row

@@ -14,7 +14,7 @@ from drop_physics import analyze
 from drop_physics.errors import OutputError, ScenarioError
 from drop_physics.experiments import run_distance as comparing
 from drop_physics.recording.reader import read
-from drop_physics.stages.asked import cures_of
+from drop_physics.stages.rerun.asked import cures_of
 from drop_physics.stages.trust import Trust, lengths_of, trust
 from drop_physics.trace.tables import table_of
 

@@ -42,7 +42,7 @@ from drop_physics.report.annotations import github_of, sarif_of
 from drop_physics.report.html import CURVES, html_of
 from drop_physics.rules.answer import Effect, Finding
 from drop_physics.stages.record import record_script
-from drop_physics.stages.reruns import Reruns
+from drop_physics.stages.rerun.reruns import Reruns
 from drop_physics.stages.view import view
 from drop_physics.stages.why import Proved, Why, why
 from drop_physics.trace.acts import Act
@@ -349,7 +349,7 @@ def test_what_reaches_outside_is_not_run_again_unasked(
     connects = "import socket\nsocket.socket(type=socket.SOCK_DGRAM).connect(('127.0.0.1', 9))\n"
     with pytest.raises(DropError, match=r"connects to .*127.*again"):
         proved(tmp_path / "here", HELD + connects, tries=["damping"], force=True)
-    monkeypatch.setattr("drop_physics.stages.again.is_offered", lambda _: False)
+    monkeypatch.setattr("drop_physics.stages.rerun.again.is_offered", lambda _: False)
     with pytest.raises(DropError, match=r"writes \S+other\.txt.*again"):
         proved(tmp_path / "here", text, tries=["damping"], force=True)
     assert (tmp_path / "other.txt").read_text() == "xx"
@@ -408,7 +408,7 @@ def test_trials_that_part_from_one_run_are_runs_of_their_own_to_the_bit(
     with monkeypatch.context() as patched:
         patched.setattr(Reruns, "_from_start", None)
         parted = digests()
-    monkeypatch.setattr("drop_physics.stages.reruns.FORKS", False)
+    monkeypatch.setattr("drop_physics.stages.rerun.reruns.FORKS", False)
     assert parted == digests()
     assert len(set(parted.values())) == len(tries)
 

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from drop_physics.scenario import Camera as Camera
     from drop_physics.scenario import Scenario as Scenario
     from drop_physics.stages.analyze import analyze as analyze
+    from drop_physics.stages.block import record as record
     from drop_physics.stages.check import Check as Check
     from drop_physics.stages.check import check as check
     from drop_physics.stages.export import Export as Export
@@ -42,7 +43,6 @@ if TYPE_CHECKING:
     from drop_physics.stages.info import info as info
     from drop_physics.stages.record import Recorded as Recorded
     from drop_physics.stages.record import record_script as record_script
-    from drop_physics.stages.record_block import record as record
     from drop_physics.stages.render import Rendering as Rendering
     from drop_physics.stages.render import render as render
     from drop_physics.stages.run import Run as Run
@@ -76,7 +76,7 @@ _HOMES = {
     "Export": "drop_physics.stages.export",
     "info": "drop_physics.stages.info",
     "Info": "drop_physics.stages.info",
-    "record": "drop_physics.stages.record_block",
+    "record": "drop_physics.stages.block",
     "record_script": "drop_physics.stages.record",
     "Recorded": "drop_physics.stages.record",
     "render": "drop_physics.stages.render",

@@ -170,7 +170,7 @@ def _analyzer(
 
     def analyzed(recording: Path, script: Path | None) -> tuple[Any, int]:
         from drop_physics.stages.analyze import analyze
-        from drop_physics.stages.explaining import WhatToExplain
+        from drop_physics.stages.analyze.explaining import WhatToExplain
 
         explain = WhatToExplain(given["windows"], whole=given["whole"])
         of = {"recording": recording, "choice": choice, "script": script, "explain": explain}
@@ -298,7 +298,7 @@ def _sweep_script(given: Given) -> None:
         )
     from drop_physics.option_types import number
     from drop_physics.stages.program import digest_of_script
-    from drop_physics.stages.sweep_script import sweep_script
+    from drop_physics.stages.sweep.script import sweep_script
 
     digest_of_script(given["target"], is_module=False)
     duration = given["lists"]["duration_s"]
@@ -462,7 +462,7 @@ def why(given: Given) -> None:
         result = why(**asked, **_told(), progress=report)
     write_page(result, film_of=result.recording, every=given["every"])
     if film is not None:
-        from drop_physics.stages.why_film import write_film
+        from drop_physics.stages.why.film import write_film
 
         with progress() as drawing:
             write_film(result, film, force=force, progress=drawing)

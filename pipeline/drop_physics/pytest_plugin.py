@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from drop_physics.stages.record_block import BlockWriter
+    from drop_physics.stages.block import BlockWriter
 
 GoldenRecording = Callable[..., AbstractContextManager[None]]
 WRITERS: pytest.StashKey[list[BlockWriter]] = pytest.StashKey()
@@ -47,7 +47,7 @@ def golden_recording(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator
     the first block, as by fixtures after this one, belongs to its recording.
     """
     from drop_physics.errors import DropError
-    from drop_physics.stages.record_block import Block, BlockWriter, record
+    from drop_physics.stages.block import Block, BlockWriter, record
     from drop_physics.stages.settings import settings
 
     folder = request.path.parent / "golden"

@@ -8,10 +8,10 @@ from drop_physics.explain.jsonable import jsonable
 from drop_physics.fields import counted
 from drop_physics.messages import Message, shell_command
 from drop_physics.report.blocks import Column, DataTable, Facts, File, Report, Section, Words
-from drop_physics.stages.trust_findings import readable
+from drop_physics.stages.trust.findings import readable
 
 if TYPE_CHECKING:
-    from drop_physics.stages.sweep_script import ScriptSweep
+    from drop_physics.stages.sweep.script import ScriptSweep
     from drop_physics.sweeping.rows import Row
 
 MOST_ROWS = 30

@@ -27,8 +27,8 @@ from drop_physics.report.blocks import (
     Words,
 )
 from drop_physics.report.words import MISSING
-from drop_physics.stages.trust_findings import BY_STEP, TERMS, part_of, readable
-from drop_physics.stages.trust_outputs import distances_of
+from drop_physics.stages.trust.findings import BY_STEP, TERMS, part_of, readable
+from drop_physics.stages.trust.outputs import distances_of
 from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from drop_physics.experiments.run_distance import Distance
     from drop_physics.rules.answer import Finding
     from drop_physics.stages.trust import Trust
-    from drop_physics.stages.trust_runs import Varied
+    from drop_physics.stages.trust.runs import Varied
 
     Again = Callable[[str], str]
 

@@ -29,7 +29,7 @@ from drop_physics.report.blocks import (
     Words,
 )
 from drop_physics.stages.analyze import plot_of_recording
-from drop_physics.stages.trust_findings import part_of, readable
+from drop_physics.stages.trust.findings import part_of, readable
 from drop_physics.trace.events import ENDED
 
 if TYPE_CHECKING:

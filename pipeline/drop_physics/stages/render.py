@@ -30,8 +30,8 @@ from drop_physics.recording.damage import damaged
 from drop_physics.recording.reader import Recording, read
 from drop_physics.scenario import View
 from drop_physics.stages import verbs
+from drop_physics.stages.analyze.sources import Sources
 from drop_physics.stages.film import Film, beside_film, frames_film, poses_film
-from drop_physics.stages.sources import Sources
 from drop_physics.stages.verbs.taken import takes_those_of
 from drop_physics.workers import Worker, cores
 
@@ -171,7 +171,7 @@ def _targets(
 
 def _of_drop(held: Recording, *, whole: bool) -> tuple[Analysis | FallAnalysis, Plot]:
     """Return the fall of a drop, and its plot; `whole`: whether its table has all samples."""
-    from drop_physics.stages.drop_plot import plot_of_drop
+    from drop_physics.stages.panels.of_drop import plot_of_drop
 
     case = Case(held.scenario, held.engine, held.seen)
     fall = fall_of(case, whole=whole or case.samples <= MOST_ROWS)
@@ -185,7 +185,7 @@ def _of_script(
     # With all rules, which a drop can do without until its film is being drawn.
     from drop_physics.analysis.story import Story
     from drop_physics.rules.choice import EVERY
-    from drop_physics.stages.explaining import explained
+    from drop_physics.stages.analyze.explaining import explained
     from drop_physics.stages.panels import plot_of
 
     given = choice or EVERY

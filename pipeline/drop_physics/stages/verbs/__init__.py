@@ -16,7 +16,7 @@ from drop_physics.stages.verbs.taken import argument, flag, takes
 if TYPE_CHECKING:
     from drop_physics.figures.playback import Animation
     from drop_physics.rules.choice import Choice
-    from drop_physics.stages.explaining import WhatToExplain
+    from drop_physics.stages.analyze.explaining import WhatToExplain
     from drop_physics.sweeping.plan import Plan
     from drop_physics.workers import Worker
 

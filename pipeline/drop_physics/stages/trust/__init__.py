@@ -15,11 +15,11 @@ from drop_physics.fields import shown
 from drop_physics.option_types import number
 from drop_physics.printable import Printable
 from drop_physics.stages import verbs
-from drop_physics.stages.asked import cures_of
 from drop_physics.stages.interpreter import interpreter_of
 from drop_physics.stages.program import SEEDED_CLOCK_S, checked_limits
-from drop_physics.stages.proposals import Candidate, Proposals
-from drop_physics.stages.trust_runs import (
+from drop_physics.stages.rerun.asked import cures_of
+from drop_physics.stages.rerun.proposals import Candidate, Proposals
+from drop_physics.stages.trust.runs import (
     BASE,
     Made,
     RunFolder,
@@ -109,7 +109,7 @@ def trust(asked: verbs.Trust) -> Trust:
     cures = cures_of(asked.vary or USUAL, "--vary", whole=True)
     outputs = [None if each is None else Path(each) for each in (asked.table, asked.plot)]
     if any(outputs):
-        from drop_physics.stages.trust_outputs import check_outputs, write_outputs
+        from drop_physics.stages.trust.outputs import check_outputs, write_outputs
 
         check_outputs(asked.target, *outputs, is_module=asked.is_module, force=asked.force)
     program = Program(
@@ -186,7 +186,7 @@ def candidates_of(
 
 def _trust(target: str, work: RunVariation, varied: Sequence[Varied]) -> Trust:
     from drop_physics.experiments.robustness import converging, geometric, growth, standing
-    from drop_physics.stages.trust_findings import findings_of
+    from drop_physics.stages.trust.findings import findings_of
 
     base = made_of(BASE, work.own)
     made = [

@@ -25,10 +25,10 @@ from drop_physics.errors import DropError, OutputError, RecordingError
 from drop_physics.files.outputs import make_folder
 from drop_physics.files.whole import lock, opened, written_whole
 from drop_physics.messages import Message
-from drop_physics.stages.again import Again, again_of
-from drop_physics.stages.changed_runs import RunChanged, plain, run_changed
 from drop_physics.stages.program import STOPPED, digest_of_script
-from drop_physics.stages.runs import Ended, Progress, RunsUnderWay, only_of
+from drop_physics.stages.rerun.again import Again, again_of
+from drop_physics.stages.rerun.changed import RunChanged, plain, run_changed
+from drop_physics.stages.rerun.runs import Ended, Progress, RunsUnderWay, only_of
 from drop_physics.workers import cores
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ class RunVariation(RunKept[Varied]):
         """Return the comparison of a variation's recording with the script's own run."""
         from drop_physics.experiments.first_term import first_term
         from drop_physics.experiments.run_distance import apart
-        from drop_physics.stages.explaining import WhatToExplain, explained
+        from drop_physics.stages.analyze.explaining import WhatToExplain, explained
 
         base, finer = self.own, self.finer(number)
         with np.errstate(all="ignore"):  # of states that are not finite

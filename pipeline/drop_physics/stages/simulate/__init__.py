@@ -20,7 +20,7 @@ from drop_physics.recording.layout import layout, look_of_drop
 from drop_physics.recording.live import shown
 from drop_physics.scenario import BYTES_PER_SAMPLE, Scenario
 from drop_physics.stages import verbs
-from drop_physics.stages.recorded import BATCH, recorded
+from drop_physics.stages.simulate.recorded import BATCH, recorded
 from drop_physics.stages.verbs.taken import takes_those_of
 
 LIVE_EVERY_S = 1 / 30

@@ -19,12 +19,12 @@ from drop_physics.errors import DropError, ScenarioError
 from drop_physics.experiments.interventions import Intervention
 from drop_physics.printable import Printable
 from drop_physics.stages import verbs
-from drop_physics.stages.asked import cures_of
 from drop_physics.stages.interpreter import interpreter_of
 from drop_physics.stages.program import SEEDED_CLOCK_S, checked_limits
-from drop_physics.stages.proposals import Candidate
+from drop_physics.stages.rerun.asked import cures_of
+from drop_physics.stages.rerun.proposals import Candidate
 from drop_physics.stages.trust import candidates_of
-from drop_physics.stages.trust_runs import BASE, RunFolder, RunKept, identity_of, made_of, run_kept
+from drop_physics.stages.trust.runs import BASE, RunFolder, RunKept, identity_of, made_of, run_kept
 from drop_physics.stages.verbs.taken import takes_those_of
 from drop_physics.sweeping.rows import Row, write_rows
 from drop_physics.trace.cures import Cure
@@ -71,7 +71,7 @@ class RunSwept(RunKept[Row]):
         """Return the row of a run, by its recording."""
         from drop_physics.analysis.story import Story
         from drop_physics.experiments.run_distance import apart
-        from drop_physics.stages.explaining import explained
+        from drop_physics.stages.analyze.explaining import explained
 
         finer = self.finer(number)
         with np.errstate(all="ignore"):  # of states that are not finite

@@ -23,7 +23,7 @@ from drop_physics.recording.frames import frames, frames_of_cameras
 from drop_physics.recording.reader import Recording
 from drop_physics.recording.scene import Part, parts_of
 from drop_physics.scenario import STANDARD_CAMERA, Camera, View
-from drop_physics.stages.film_of_drop import FallScene
+from drop_physics.stages.film.of_drop import FallScene
 from drop_physics.trace.history import Seen, body_named
 from drop_physics.trace.states import BODY
 from drop_physics.workers import Worker, WorkerDiedError

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from drop_physics.experiments.interventions import Intervention
 from drop_physics.experiments.shares import FINER, TIMESTEP, Shares, coordinate_of, shares_of
 from drop_physics.experiments.verdicts import Outcome, judged, moved
-from drop_physics.stages.proposals import Candidate
-from drop_physics.stages.why_trials import RunTrial, TrialRun
+from drop_physics.stages.rerun.proposals import Candidate
+from drop_physics.stages.why.trials import RunTrial, TrialRun
 from drop_physics.trace.cures import ChangedRun, Cure
 
 if TYPE_CHECKING:

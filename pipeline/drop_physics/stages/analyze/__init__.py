@@ -30,11 +30,11 @@ from drop_physics.recording.writer import Times
 from drop_physics.rules.answer import Finding
 from drop_physics.rules.choice import EVERY
 from drop_physics.stages import verbs
-from drop_physics.stages.events import events
-from drop_physics.stages.explaining import BY_DEFAULT, explained
+from drop_physics.stages.analyze.events import events
+from drop_physics.stages.analyze.explaining import BY_DEFAULT, explained
+from drop_physics.stages.analyze.sources import Sources
 from drop_physics.stages.panels import plot_of, viewed
-from drop_physics.stages.sources import Sources
-from drop_physics.stages.trials import Trials
+from drop_physics.stages.rerun.trials import Trials
 from drop_physics.stages.verbs.taken import takes_those_of
 from drop_physics.trace.history import Seen, body_named
 

@@ -84,7 +84,7 @@ class BlockWriter(Worker):
 
     def begin(self, reading: int, memory: int, *how: object) -> None:
         """Let it write what comes through a pipe; both file descriptors become its own, too."""
-        self.ask("drop_physics.stages.block_writer:write", self._place, *how)
+        self.ask("drop_physics.stages.block.writer:write", self._place, *how)
         both = array("i", [reading, memory])
         self._handing.sendmsg([b"\0"], [(_socket.SOL_SOCKET, _socket.SCM_RIGHTS, both)])
 

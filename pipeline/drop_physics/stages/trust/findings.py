@@ -11,7 +11,7 @@ from drop_physics.messages import Message
 from drop_physics.rules.answer import Finding
 
 if TYPE_CHECKING:
-    from drop_physics.stages.trust_runs import Made, Varied
+    from drop_physics.stages.trust.runs import Made, Varied
 
 TERMS = {
     "gravity": Message("gravity"), "bias": Message("Coriolis and gyroscopic forces"),

@@ -17,7 +17,7 @@ from drop_physics.errors import NO_MEMORY, DropError
 from drop_physics.recording import schema
 from drop_physics.recording.recorder import Recorder
 from drop_physics.stages.record import recorded_beside, recorded_of, written
-from drop_physics.stages.record_target import target_of
+from drop_physics.stages.record.target import target_of
 
 
 def write(

@@ -24,9 +24,9 @@ from drop_physics.messages import Message
 from drop_physics.printable import Printable
 from drop_physics.scenario import Camera, Scenario
 from drop_physics.stages import verbs
-from drop_physics.stages.runs import Progress, run_all
-from drop_physics.stages.sweep_drop import RunDrop, name_of_run
-from drop_physics.stages.trust_runs import RunFolder
+from drop_physics.stages.rerun.runs import Progress, run_all
+from drop_physics.stages.sweep.drop import RunDrop, name_of_run
+from drop_physics.stages.trust.runs import RunFolder
 from drop_physics.stages.verbs.taken import takes_those_of
 from drop_physics.sweeping import engines
 from drop_physics.sweeping.plan import Plan, label_of, name_of, plan_of

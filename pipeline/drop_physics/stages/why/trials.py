@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drop_physics.experiments.verdicts import Outcome
-from drop_physics.stages.changed_runs import RunChanged
-from drop_physics.stages.proposals import Candidate
-from drop_physics.stages.runs import Ended
+from drop_physics.stages.rerun.changed import RunChanged
+from drop_physics.stages.rerun.proposals import Candidate
+from drop_physics.stages.rerun.runs import Ended
 from drop_physics.trace.cures import NUDGED, ChangedRun
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ class RunTrial(RunChanged[TrialRun]):
         """
         from drop_physics.analysis.story import Story
         from drop_physics.experiments.run_distance import paired
-        from drop_physics.stages.explaining import explained
+        from drop_physics.stages.analyze.explaining import explained
 
         if number != self.nudge and not self.candidates[number].findings:
             return []

@@ -36,10 +36,8 @@ from drop_physics.recording import schema
 from drop_physics.recording.about import about_script
 from drop_physics.recording.layer_file import layer_of
 from drop_physics.stages import verbs
-from drop_physics.stages.again import Again, again_of
 from drop_physics.stages.found import name_of, path_digest
 from drop_physics.stages.interpreter import interpreter_of
-from drop_physics.stages.missing_file import missing_file
 from drop_physics.stages.program import (
     SEEDED_CLOCK_S,
     STOPPED,
@@ -48,7 +46,9 @@ from drop_physics.stages.program import (
     encodable,
     texts_of,
 )
-from drop_physics.stages.record_target import Target, target_of
+from drop_physics.stages.record.missing_file import missing_file
+from drop_physics.stages.record.target import Target, target_of
+from drop_physics.stages.rerun.again import Again, again_of
 from drop_physics.stages.verbs.taken import takes_those_of
 from drop_physics.trace.events import Ending
 

@@ -22,18 +22,18 @@ from drop_physics.messages import Message
 from drop_physics.printable import Printable
 from drop_physics.recording.layer_file import VERDICTS, forget_trials, trials_of
 from drop_physics.stages import verbs
-from drop_physics.stages.again import LONGEST, again_of
-from drop_physics.stages.asked import cures_of as cures_asked
-from drop_physics.stages.changed_runs import run_changed
 from drop_physics.stages.found import is_of, origin_of
 from drop_physics.stages.interpreter import interpreter_of
 from drop_physics.stages.program import SEEDED_CLOCK_S, STOPPED
-from drop_physics.stages.proposals import Candidate, Proposals
 from drop_physics.stages.record import record_script
-from drop_physics.stages.runs import only_of
+from drop_physics.stages.rerun.again import LONGEST, again_of
+from drop_physics.stages.rerun.asked import cures_of as cures_asked
+from drop_physics.stages.rerun.changed import run_changed
+from drop_physics.stages.rerun.proposals import Candidate, Proposals
+from drop_physics.stages.rerun.runs import only_of
 from drop_physics.stages.verbs.taken import takes_those_of
-from drop_physics.stages.why_shares import shares
-from drop_physics.stages.why_trials import RunTrial, TrialRun, first_tried
+from drop_physics.stages.why.shares import shares
+from drop_physics.stages.why.trials import RunTrial, TrialRun, first_tried
 from drop_physics.workers import cores
 
 if TYPE_CHECKING:

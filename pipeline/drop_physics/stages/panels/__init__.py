@@ -9,7 +9,7 @@ from drop_physics.analysis.results import Analysis
 from drop_physics.fields import counted
 from drop_physics.figures.plot import Panel, Plot
 from drop_physics.messages import Message
-from drop_physics.stages.panel_kinds import (
+from drop_physics.stages.panels.kinds import (
     KINDS,
     Drawable,
     Kind,
@@ -32,7 +32,7 @@ def plot_of(analysis: Analysis | FallAnalysis) -> Plot:
     """Return the plot of a recording."""
     if not isinstance(analysis, Analysis) or analysis.kind == "drop":
         from drop_physics.drop.results import FallAnalysis
-        from drop_physics.stages.drop_plot import plot_of_drop
+        from drop_physics.stages.panels.of_drop import plot_of_drop
 
         assert isinstance(analysis, FallAnalysis)
         return plot_of_drop(analysis)

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 from drop_physics.engines.fork_server import Fork
 from drop_physics.engines.script import Program, Script
-from drop_physics.stages.again import Again
-from drop_physics.stages.proposals import Candidate
-from drop_physics.stages.reruns import Reruns
-from drop_physics.stages.runs import Ended, Progress, RunsUnderWay, run_all
+from drop_physics.stages.rerun.again import Again
+from drop_physics.stages.rerun.proposals import Candidate
+from drop_physics.stages.rerun.reruns import Reruns
+from drop_physics.stages.rerun.runs import Ended, Progress, RunsUnderWay, run_all
 from drop_physics.trace.cures import ChangedRun
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from drop_physics.explain.decomposition import TERMS
 from drop_physics.installed import PYBULLET, is_installed
 from drop_physics.recording import writer
 from drop_physics.scenario import Camera, Scenario
-from drop_physics.stages.recorded import BATCH, case_of, recorded
+from drop_physics.stages.simulate.recorded import BATCH, case_of, recorded
 from drop_physics.sweeping.plan import Plan, replay_command
 from drop_physics.sweeping.rows import SCHEMA, Row
 from drop_physics.trace.events import Samples

@@ -26,7 +26,7 @@ from drop_physics.engines.script import Program
 from drop_physics.errors import DropError
 from drop_physics.fields import all_of
 from drop_physics.messages import Message
-from drop_physics.stages.scratch import scratch_copy
+from drop_physics.stages.rerun.scratch import scratch_copy
 from drop_physics.workers import under_load
 
 LONGEST = 10.0

@@ -25,7 +25,7 @@ from typing import Self
 from drop_physics.engines.fork_server import Fork, ForkServer
 from drop_physics.engines.script import TRIES, Program, Script
 from drop_physics.engines.watching.forks import FIRST_USE
-from drop_physics.stages.again import Again
+from drop_physics.stages.rerun.again import Again
 
 FORKS = sys.platform.startswith("linux")
 """Whether a process can be forked that shares nothing: only Linux shows what it has open."""

@@ -1,0 +1,1 @@
+"""Run a script again with something changed: what may be changed, and how the runs are made."""
