@@ -258,6 +258,18 @@ mujoco.mj_forward(seen, mujoco.MjData(seen))
     assert run.steps.clients == [0, 1]
 
 
+def test_models_of_one_colour_are_recorded(tmp_path: Path) -> None:
+    """100 models of a megabyte, most of whose bytes are alike."""
+    flat = '<texture name="t" type="2d" builtin="flat" width="600" height="600"/>'
+    body = '<body><freejoint/><geom size="%f"/></body>'
+    xml = f"<mujoco><asset>{flat}</asset><worldbody>{body}</worldbody></mujoco>"
+    made = f"    m = mujoco.MjModel.from_xml_string('{xml}' % (0.1 + k / 1000))\n"
+    stepped = "    mujoco.mj_step(m, mujoco.MjData(m))\n"
+    run = recorded(tmp_path, f"for k in range(100):\n{made}{stepped}")
+    assert len(run.steps.models) == 100
+    models_of(run)
+
+
 def test_frames_are_covered_by_a_digest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run = recorded(tmp_path, "mujoco.mj_step(m, d)")
     from drop_physics.recording import digest

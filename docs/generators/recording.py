@@ -151,7 +151,8 @@ SAMPLED = {
     f"{schema.CONTROLS}/CLIENT": "what actuators were given in the steps that led to a sample, a "
     "row where that changes; of MuJoCo",
     schema.MODELS: "a compiled model that was stepped, as MuJoCo saves it, in parts of 1 MB: "
-    "`json` has its number, its engine and version, and its digest; `data` the bytes",
+    "`json` has its number, its engine and version, and its digest; `data` the bytes, compressed "
+    "by zlib",
     schema.STEPS: "a piece of a simulation's steps, a row each: with its model and state before "
     "each step, MuJoCo takes it again; `json` says what the `numbers` are (what is not in the "
     "series of joints), and `at` the steps of those that only some steps have",

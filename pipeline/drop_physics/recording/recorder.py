@@ -28,7 +28,7 @@ from drop_physics.recording.falling import Falling
 from drop_physics.recording.gathering import Gathering
 from drop_physics.recording.joints import Commands, joint_names
 from drop_physics.recording.layout import Look, eye_around, series_of
-from drop_physics.recording.step_frames import packed
+from drop_physics.recording.step_frames import deflated, packed
 from drop_physics.recording.writer import Chunk, Times
 from drop_physics.trace.events import (
     Appearance,
@@ -220,8 +220,9 @@ class Recorder:
             case Controls():
                 yield from self._on_controls(event)
             case ModelPart():
-                self._made.add_model(event.number, event.at, event.data)
-                yield writer.model_chunk(event)
+                part = deflated(event)
+                self._made.add_model(part.number, part.at, part.data)
+                yield writer.model_chunk(part)
             case Frames():
                 self._on_frames(event)
             case ContactRows():
@@ -298,7 +299,7 @@ class Recorder:
 
     def _on_frames(self, seen: Frames) -> None:
         """Take the frames of steps whose samples were taken before."""
-        row = packed(seen, {number: body.label for number, body in self.bodies.items()})
+        row = packed(seen, self.bodies)
         self._made.add_steps(row)
         at = Times(np.array([seen.first + 1]), seen.clock_s[:1])
         self._frames.hold(schema.STEPS, at, row)

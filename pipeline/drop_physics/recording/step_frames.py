@@ -7,19 +7,32 @@ is a timestep later.
 from __future__ import annotations
 
 import json
+import zlib
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.arrays import Float64, Int64
-from drop_physics.trace.frames import CLOCK, Column, Frames, ModelEdit, SharedColumns
+from drop_physics.trace.events import Body
+from drop_physics.trace.frames import (
+    CLOCK,
+    Column,
+    Frames,
+    ModelEdit,
+    ModelPart,
+    SharedColumns,
+)
 
 T = TypeVar("T", bound=np.generic)
 
 SPARSE = ("before", "inputs", "posed")
 """The groups of columns that have rows at some steps only."""
+
+MOST_PART_BYTES = 1 << 24
+"""Most bytes that a part of a model is inflated to."""
 
 Series = Callable[[str, str], Float64]
 """Returns a series of a body's joints in the samples that the steps led to, by its label and what
@@ -37,8 +50,8 @@ class PackedFrames(NamedTuple):
     answers: bytes
 
 
-def packed(frames: Frames, labels: Mapping[int, str]) -> PackedFrames:
-    """Return frames as a row; `labels` has those of bodies by number."""
+def packed(frames: Frames, bodies: Mapping[int, Body]) -> PackedFrames:
+    """Return frames as a row; `bodies` are by number."""
     other = np.flatnonzero(frames.clock_s != _starts_s(frames) + frames.timestep_s)
     numbers: list[Float64] = [frames.clock_s[other], frames.functions.astype(np.float64)]
     at: list[Int64] = [other]
@@ -51,7 +64,7 @@ def packed(frames: Frames, labels: Mapping[int, str]) -> PackedFrames:
         after[name] = {
             "width": rows.shape[1],
             "joints": [
-                [labels[each.body], each.of, each.columns.tolist(), each.places.tolist()]
+                [bodies[each.body].label, each.of, each.columns.tolist(), each.places.tolist()]
                 for each in shared
             ],
         }
@@ -81,6 +94,29 @@ def packed(frames: Frames, labels: Mapping[int, str]) -> PackedFrames:
         np.concatenate(at),
         b"".join(payload for _, payload in frames.answers),
     )
+
+
+def deflated(part: ModelPart) -> ModelPart:
+    """Return a part of a model compressed: its textures may be all of one colour."""
+    return replace(part, data=zlib.compress(part.data, 1))
+
+
+def inflated(data: bytes) -> bytes:
+    """Return the bytes of a compressed part of a model.
+
+    Raises
+    ------
+    ValueError
+        If it is not compressed, or too large.
+    """
+    inflating = zlib.decompressobj()
+    try:
+        found = inflating.decompress(data, MOST_PART_BYTES)
+    except zlib.error as error:
+        raise ValueError(str(error)) from None
+    if not inflating.eof:
+        raise ValueError("too large")
+    return found
 
 
 class Span(NamedTuple):

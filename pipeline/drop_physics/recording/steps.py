@@ -13,7 +13,7 @@ from drop_physics.recording import columns, schema
 from drop_physics.recording.damage import damaged
 from drop_physics.recording.rrd import Chunk
 from drop_physics.recording.sampled import RecordedSamples
-from drop_physics.recording.step_frames import PackedFrames, edits_of, span_of, unpacked
+from drop_physics.recording.step_frames import PackedFrames, edits_of, inflated, span_of, unpacked
 from drop_physics.trace.frames import Frames, ModelEdit, ModelPart
 
 
@@ -83,7 +83,11 @@ class RecordedSteps:
             for part in columns.model_parts(chunk, self.samples.path)
             if part.number == number
         }
-        return b"".join(data for _, data in sorted(parts.items()))
+        try:
+            return b"".join(inflated(data) for _, data in sorted(parts.items()))
+        except ValueError:
+            what = Message("{entity} is not in drop's format", entity=schema.MODELS)
+            raise damaged(self.samples.path, what) from None
 
     def model_of(self, client: int) -> int:
         """Return the number of the model of a simulation."""

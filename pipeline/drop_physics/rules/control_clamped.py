@@ -203,7 +203,9 @@ def reset_clears(actuators: ActuatorColumns) -> Match:
     for call in scene.piece.calls.of(Act.SET_CONTROL, Act.RESET_STATE) if resets else ():
         if call.client != actuators.client or call.at.step not in resets:
             continue
-        rows, wrote = actuators.step - 1 == call.at.step, written.setdefault(call.at.step, {})
+        row = int(np.searchsorted(actuators.step, call.at.step + 1))
+        there = row < len(given) and actuators.step[row] == call.at.step + 1
+        rows, wrote = slice(row, row + there), written.setdefault(call.at.step, {})
         if call.act is Act.SET_CONTROL:
             indices, values, _ = written_by(call)
             wrote |= zip(indices.tolist(), values.tolist(), strict=True)
@@ -211,7 +213,7 @@ def reset_clears(actuators: ActuatorColumns) -> Match:
         for k, each in enumerate(actuators.actuators):
             before[rows, k] = wrote.get(each.number, before[rows, k])
             cleared[rows, k] = began[k] != 0 or each.number in wrote
-        began = given[rows][0] if rows.any() else began
+        began = given[row] if there else began
     scene.carried["began", actuators.number] = began
     cleared &= (before != 0) & (given == 0)
     return Match(given == 0, np.ones(given.shape), firsts={"was": before * cleared}, begins=cleared)

@@ -191,6 +191,8 @@ def _(worst: Worst) -> Said:
 def _follows(bodies: BodyColumns) -> Iterator[tuple[Equality, int, int]]:
     """Yield what holds a body to one that calls move: the number of that, and the link here."""
     scene, number = bodies.scene, bodies.batch.bodies[0].body.number
+    if not scene.seen.equalities:
+        return
     moved = {each.body.number for each in scene.seen.puts}
     for each in scene.seen.equalities:
         for lead, body, link in (

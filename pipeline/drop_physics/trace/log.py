@@ -39,6 +39,7 @@ class Log:
     ) -> None:
         self.sites = sites or {}
         self._rows = [(row, widths_of(row, self.sites)) for row in rows]
+        self._known: dict[frozenset[int], list[Call]] = {}
         self._errors = {each.at.call: each.error for each in raised}
         self._came: dict[tuple[int, int], list[Appearance]] = {}
         """The bodies that had an id, by client and the engine's id."""
@@ -90,6 +91,13 @@ class Log:
                 yield each.only(~np.isin(each.calls, failed)) if failed else each
 
     def _made(self, sites: set[int]) -> list[Call]:
+        """Return the calls of some sites in order; a piece's are asked for by many rules."""
+        key = frozenset(sites)
+        if key not in self._known:
+            self._known[key] = self._calls_of(sites)
+        return self._known[key]
+
+    def _calls_of(self, sites: set[int]) -> list[Call]:
         made = []
         for row, widths in self._rows:
             which = np.flatnonzero(np.isin(row.sites, [*sites]))
