@@ -44,7 +44,7 @@ def told(tmp_path: Path) -> Told:
         model = MODEL.format(world=world, more=more)
         script = tmp_path / "script.py"
         script.write_text(RUN.format(model=model, steps=steps, before=before))
-        recorded = record_script(str(script), out=tmp_path / "script.rrd")
+        recorded = record_script(str(script), out=tmp_path / "script.rrd", force=True)
         return [*analyze(recorded.recording).account]
 
     return rows
@@ -234,3 +234,82 @@ def test_rows_are_ranked_and_their_numbers_are_finite(told: Told) -> None:
     assert [row.salience for row in rows] == sorted((row.salience for row in rows), reverse=True)
     assert {row.kind for row in rows} <= set(KINDS)
     assert all(math.isfinite(term.value) for row in rows for term in row.terms)
+
+
+FLOOR = "<geom name='floor' type='plane' size='5 5 1'/>"
+CART = """<body name="cart" pos="0 0 0.05"><freejoint/>
+<geom type="box" size="0.1 0.05 0.02" mass="1"/>
+<body name="left" pos="0 0.08 0"><joint name="l" axis="0 1 0"/>
+<geom type="cylinder" size="0.05 0.01" pos="{off} 0 0" euler="90 0 0" mass="0.1"/></body>
+<body name="right" pos="0 -0.08 0"><joint name="r" axis="0 -1 0"/>
+<geom type="cylinder" size="0.05 0.01" euler="90 0 0" mass="0.1"/></body></body>"""
+WHEELS = """<actuator><velocity joint="l" kv="1"/><velocity joint="r" kv="1"/></actuator>"""
+
+
+def test_wheels_that_do_as_asked_rank_with_the_body_that_they_turn(told: Told) -> None:
+    rows = told(FLOOR + CART.format(off=0), WHEELS, "data.ctrl[:] = 3", steps=800)
+    turned = the(rows, "turned", "1_cart")
+    wheels = [the(rows, "asked", name) for name in "lr"]  # about y and -y: not alike
+    assert {str(row.told).rpartition(" ")[2] for row in wheels} == {"y", "-y"}
+    assert all(row.salience > 0.2 * turned.salience for row in wheels)
+    assert rows.index(wheels[1]) < 4
+
+
+def test_a_wheel_off_its_axle_is_told(told: Told) -> None:
+    rows = told(FLOOR + CART.format(off=0.004), WHEELS, "data.ctrl[:] = 3", steps=50)
+    assert "its cylinder of radius 50 mm is 4 mm off its axle" in the(rows, "asked", "l").told
+    assert "off its axle" not in the(rows, "asked", "r").told
+
+
+def test_a_centre_of_mass_outside_its_shape_is_told(told: Told) -> None:
+    body = """<body name="plate" pos="0 0 0.3" euler="60 0 0"><freejoint/>
+    <inertial pos="0 0 {z}" mass="1" diaginertia="0.01 0.01 0.01"/>
+    <geom type="box" size="0.1 0.1 0.01"/></body>"""
+    assert "110 mm outside" not in the(told(FLOOR + body.format(z=0)), "turned", "1_plate").told
+    row = the(told(FLOOR + body.format(z=-0.12)), "turned", "1_plate")
+    assert "its centre of mass is 0.11 m outside its shape" in row.told
+
+
+def test_a_push_that_reaches_a_joint_no_more_is_told_with_the_axis_that_turned(told: Told) -> None:
+    world = """<body name="arm"><joint name="pan" axis="0 0 1" damping="10"/>
+    <geom type="capsule" size="0.02" fromto="0 0 0 0.3 0 0"/>
+    <body name="roller" pos="0.3 0 0"><joint name="roll" axis="1 0 0" damping="0.01"/>
+    <geom type="sphere" size="0.05" mass="0.2"/></body></body>"""
+    more = "<actuator><position joint='pan' kp='200' kv='20' ctrlrange='-2 2'/></actuator>"
+    turns = "data.xfrc_applied[2, 3] = 0.05; data.ctrl[0] = 1.5708 if step > 300 else 0"
+    rows = told(world, "<option gravity='0 0 0'/>" + more, turns, steps=1500)
+    row = the(rows, "moved", "roll")
+    assert "the applied force gives it +0.05 N m at first" in row.told
+    assert "its axis is x at first, y at the end" in row.told
+
+
+@pytest.mark.parametrize(("condim", "told_of"), [(3, True), (6, False)])
+def test_what_turns_for_ever_lacks_torsional_friction(
+    told: Told, condim: int, told_of: bool
+) -> None:
+    ball = f"""<body name="ball" pos="0 0 0.1"><freejoint/>
+    <geom type="sphere" size="0.1" condim="{condim}" friction="1 0.05 0.001"/></body>"""
+    spun = "data.qvel[5] = 2 if step == 200 else data.qvel[5]"
+    rows = told(FLOOR + ball, before=spun, steps=900)
+    found = [row for row in rows if row.kind == "idle"]
+    assert bool(found) is told_of
+    if told_of:
+        assert found[0].got == pytest.approx(2, rel=0.05)
+
+
+def test_a_fixed_base_carries_what_contacts_do_not(told: Told) -> None:
+    arm = """<body name="mount" pos="0 0 {height}"><geom size="0.01" contype="0" conaffinity="0"/>
+    <body name="leg"><joint name="lift" type="slide" axis="0 0 1" damping="20"/>
+    <geom type="sphere" size="0.1" mass="2"/></body></body>"""
+    hold = "<actuator><position joint='lift' kp='2000' kv='200'/></actuator>"
+    row = the(told(arm.format(height=1), hold, steps=2000), "held", "0_mount")
+    assert row.got == pytest.approx(2 * G, rel=1e-2)
+    stands = the(told(FLOOR + arm.format(height=0.1), steps=2000), "held", "1_mount")
+    assert stands.got == pytest.approx(0, abs=0.05 * 2 * G)
+
+
+def test_a_base_is_not_said_to_carry_what_gravity_compensation_does(told: Told) -> None:
+    arm = """<body name="mount" pos="0 0 1"><geom size="0.01" contype="0" conaffinity="0"/>
+    <body name="leg" gravcomp="1"><joint name="lift" type="slide" axis="0 0 1" damping="20"/>
+    <geom type="sphere" size="0.1" mass="2"/></body></body>"""
+    assert not [row for row in told(arm) if row.kind == "held"]

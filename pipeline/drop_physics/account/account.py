@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from drop_physics.account import asked, moved
+from drop_physics.account.carried import Carried
 from drop_physics.account.constrained import Held
 from drop_physics.account.idle import Overlaps, idle_actuator_rows, weightless_row
 from drop_physics.account.ledger import Ledger, bins_for
@@ -50,6 +51,7 @@ class Account:
         """The controls of a body's actuators, shape (n, actuators) for each piece."""
         self._tracks: dict[int, BaseTrack] = {}
         self._written: dict[int, Written] = {}
+        self._carried: dict[int, Carried] = {}
         self._gravity: dict[int, Float64] = {}
         """The strongest gravity that acted on each body, shape (3,)."""
         self._last: dict[int, int] = {}
@@ -123,10 +125,13 @@ class Account:
                 self._last[number],
             )
             yield from filter(None, (written.row(subject, words), idle))
+            if number in self._carried:
+                carried = self._carried[number].row(subject, self._gravity[number], words)
+                yield from filter(None, (carried,))
         if self._seen.windows:  # what touched, and held, is known of some steps only
             return
         yield from self._held.rows(subjects, words)
-        yield from self._touching.rows(subjects, words)
+        yield from self._touching.rows(subjects, self._seen, words)
         touched = {
             frozenset(key[:2]) for key, pair in self._touching.pairs.items() if pair.normal_n > 0
         }
@@ -174,6 +179,8 @@ class Account:
         ledger.tree, ledger.last = tree, int(steps.steps[-1])
         if steps.covered:
             ledger.add(steps, impulses_by_term(steps, normals, self._servos[number]))
+            if tree.fixed:
+                self._carried.setdefault(number, Carried()).add(steps)
         self._written.setdefault(number, Written()).add(steps)
         self._last[number] = int(steps.steps[-1])
         pull = steps.reported.gravity_m_s2

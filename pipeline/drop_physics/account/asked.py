@@ -10,6 +10,7 @@ import numpy as np
 from drop_physics.account.ledger import OWN
 from drop_physics.account.rows import Row
 from drop_physics.account.series import JointSeries
+from drop_physics.account.shaped import off_axle
 from drop_physics.account.subjects import Subject
 from drop_physics.account.terms import GAP, GIVEN, RATE, Term
 from drop_physics.account.words import Words
@@ -109,7 +110,7 @@ def position_row(
         if needs is not None and abs(needs) > series.limit[at, k]:
             holding = quantity(abs(needs), axis.force_unit)
             told = told + Message(", holding its target takes {needs}", needs=holding)
-    told = told + _turned(subject, axis)
+    told = told + (turned_axis(subject, axis) if axis.unit == "m" else Message(""))
     salience = float(gap[at]) / axis.scale / (asked / axis.scale + 0.1)
     return Row(
         kind="asked",
@@ -127,6 +128,7 @@ def position_row(
         salience=salience,
         subject=subject.body,
         group=("position", subject.kind, words.opposing(forces), magnitude(salience)),
+        gives_j=given_j(subject, axis, words),
     )
 
 
@@ -161,7 +163,8 @@ def rate_row(subject: Subject, axis: Axis, series: JointSeries, words: Words) ->
     )
     if at_limit:
         told = told + Message("; its drive at its limit")
-    told = told + Message("; about {axis}", axis=_axis_at_end(subject, axis))
+    along, off = _axis_at_end(subject, axis), off_axle(subject, axis.joint)
+    told = told + Message("; about {axis}", axis=along) + off
     return Row(
         kind="asked",
         body=subject.body.label,
@@ -177,7 +180,8 @@ def rate_row(subject: Subject, axis: Axis, series: JointSeries, words: Words) ->
         terms=words.terms(subject, forces, axis.force_unit, drives=DRIVES),
         salience=float(np.abs(lost).max()) / (float(np.abs(wanted).max()) + 0.1 * axis.scale),
         subject=subject.body,
-        group=("rate", subject.kind, round(aim, 3), words.opposing(forces)),
+        group=("rate", subject.kind, round(aim, 3), along, str(off), words.opposing(forces)),
+        gives_j=given_j(subject, axis, words),
     )
 
 
@@ -249,7 +253,15 @@ def torque_row(
         salience=max(min(way / axis.scale, 1.0) * 0.6, cancelled * 0.7 if still else 0.0),
         subject=subject.body,
         group=("torque", subject.kind, words.opposing(forces)),
+        gives_j=given_j(subject, axis, words),
     )
+
+
+def given_j(subject: Subject, axis: Axis, words: Words) -> float:
+    """Return the energy that the drives of a joint gave in all explained steps [J]."""
+    works = subject.ledger.work
+    driven = (works[term][:, axis.rate] for term in works if words.drives(term, DRIVES))
+    return sum((float(work[work > 0].sum()) for work in driven), start=0.0)
 
 
 def _controls(actuators: Mapping[Actuator, Float64]) -> Message:
@@ -364,16 +376,16 @@ def _axis_at_end(subject: Subject, axis: Axis) -> str:
     return "?" if axes is None else main_axis(axes[1])
 
 
-def _turned(subject: Subject, axis: Axis) -> Message:
-    """Return the world axes of a slide that has turned by more than half a radian, or nothing."""
-    axes = _axes_in_world(subject, axis) if axis.unit == "m" else None
+def turned_axis(subject: Subject, axis: Axis) -> Message:
+    """Return the world axes of a joint whose axis turned by more than half a radian, or nothing."""
+    axes = _axes_in_world(subject, axis)
     if axes is None:
         return Message("")
     first, end = axes
     if np.arccos(np.clip(first @ end, -1.0, 1.0)) < 0.5:
         return Message("")
     return Message(
-        "; along {first} at first, {end} at the end",
+        "; its axis is {first} at first, {end} at the end",
         first=main_axis(first),
         end=main_axis(end),
     )

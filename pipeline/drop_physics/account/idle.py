@@ -190,7 +190,7 @@ def _why(
         (type_a, with_a), (type_b, with_b) = shape_a.bits, shape_b.bits
         if not (type_a & with_b or type_b & with_a):
             return Message(
-                "contype and conaffinity {a} and {b} share no bit",
+                "collision groups and masks {a} and {b} share no bit",
                 a=f"{type_a}/{with_a}",
                 b=f"{type_b}/{with_b}",
             )

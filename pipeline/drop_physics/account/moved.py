@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from drop_physics.account.asked import Axis
+from drop_physics.account.asked import Axis, magnitude, turned_axis
 from drop_physics.account.ledger import given_and_taken
 from drop_physics.account.rows import Row, RowTerm
 from drop_physics.account.series import BaseTrack, JointSeries
-from drop_physics.account.subjects import Subject
+from drop_physics.account.shaped import mass_outside
+from drop_physics.account.subjects import Subject, turning_rad_s
 from drop_physics.account.terms import Term
 from drop_physics.account.words import Words
 from drop_physics.arrays import Float64
@@ -55,9 +56,14 @@ def joint_row(subject: Subject, axis: Axis, series: JointSeries, words: Words) -
     elif np.isfinite(series.asked_rate[:, k]).any():
         why = Message("told to stand")
     elif held:
-        why = Message("held by the engine's own motor")
+        limit = float(np.nanmax(series.limit[:, k]))
+        why = Message(
+            "no call commands it: the engine's own motor holds its rate at 0 with {limit} at most",
+            limit=quantity(limit, axis.force_unit),
+        )
     else:
         why = Message("nothing commands it")
+    why = why + _reached(subject, axis)
     return Row(
         kind="moved",
         body=subject.body.label,
@@ -80,6 +86,25 @@ def joint_row(subject: Subject, axis: Axis, series: JointSeries, words: Words) -
         subject=subject.body,
         group=("moved", subject.kind, _most(gave)),
     )
+
+
+def _reached(subject: Subject, axis: Axis) -> Message:
+    """Return what of a push reaches a joint at first and at last, where that changes."""
+    ledger, pushed = subject.ledger, Term("applied")
+    if pushed not in ledger.impulse:
+        return Message("")
+    acting = np.flatnonzero(ledger.impulse[pushed].any(axis=1))
+    few = max(1, len(acting) // 20)
+    ends = [slice(int(part[0]), int(part[-1]) + 1) for part in (acting[:few], acting[-few:])]
+    first, last = (ledger.forces(axis.rate, end).get(pushed, 0.0) for end in ends)
+    if abs(first - last) <= 0.5 * max(abs(first), abs(last)):
+        return Message("")
+    told = Message(
+        "; the applied force gives it {first} at first, {last} in the last steps in which it acts",
+        first=quantity(first, axis.force_unit, "+"),
+        last=quantity(last, axis.force_unit, "+"),
+    )
+    return told + turned_axis(subject, axis)
 
 
 def _pushed(subject: Subject, axis: Axis, way: float, step: int, words: Words) -> Row | None:
@@ -169,7 +194,7 @@ def _way(subject: Subject, track: BaseTrack, way: Float64, main: Float64, words:
         time_s=words.seconds(subject, step),
         terms=_works(subject, gave, took, words),
         subject=subject.body,
-        group=("base", subject.kind, _most(gave), int(np.argmax(np.abs(main)))),
+        group=("base", subject.kind, _most(gave), int(np.argmax(np.abs(main))), magnitude(far)),
     )
 
 
@@ -180,10 +205,7 @@ def _turn(subject: Subject, track: BaseTrack, words: Words) -> Row:
     works = {term: values[window, :3].sum(axis=1) for term, values in covered.items()}
     gave, took = given_and_taken({term: each for term, each in works.items() if each.any()})
     turned = ledger.way[window, :3].sum(axis=0)
-    known = np.flatnonzero(ledger.counts)
-    late = known[-max(1, len(known) // 10) :]
-    seconds = float(ledger.seconds[late].sum())
-    spin = float(np.linalg.norm(ledger.way[late, :3].sum(axis=0))) / max(seconds, 1e-12)
+    spin = turning_rad_s(subject)
     told = Message(
         "by {angle:.3g}°, mostly about {axis}, by {time}",
         angle=float(np.degrees(track.most_turned_rad)),
@@ -192,6 +214,7 @@ def _turn(subject: Subject, track: BaseTrack, words: Words) -> Row:
     )
     if spin > 0.05:
         told = told + Message("; still {spin} rad/s at the end", spin=number(spin))
+    told = told + mass_outside(subject)
     return Row(
         kind="turned",
         body=subject.body.label,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Hashable, Iterable
+from collections.abc import Collection, Hashable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from drop_physics.account.rows import Row
@@ -12,6 +12,8 @@ MOST = 2.5
 """The largest salience: beyond 1 it grows with the logarithm."""
 READ = 1.3
 """Factor for the rows of a body that the script reads, where it does not read all."""
+RAISED = 0.9
+"""The only joint that drives a body counts so much of how far that came."""
 
 
 def ranked(rows: Iterable[Row], read: Collection[int], about: str | None = None) -> list[Row]:
@@ -21,6 +23,7 @@ def ranked(rows: Iterable[Row], read: Collection[int], about: str | None = None)
     `about` names a body or a joint whose rows come first.
     """
     weighed = [replace(row, salience=_salience(row, read)) for row in rows]
+    weighed = [*_raised(weighed)]
     weighed.sort(key=lambda row: (not is_about(row, about), -row.salience))
     first: dict[Hashable, int] = {}
     found: list[Row] = []
@@ -42,6 +45,20 @@ def is_about(row: Row, about: str | None) -> bool:
         return False
     names = {row.body, row.joint, row.actuator, row.constraint, *(row.pair or ())}
     return about in names or (row.subject is not None and about == row.subject.name)
+
+
+def _raised(rows: Sequence[Row]) -> Iterator[Row]:
+    """Yield rows, those of joints raised by their share in what drives gave a body that moves."""
+    moves: dict[str | None, float] = {}
+    gave_j: dict[str | None, float] = {}
+    for row in rows:
+        if row.kind in ("moved", "turned") and row.joint is None:
+            moves[row.body] = max(moves.get(row.body, 0.0), row.salience)
+        gave_j[row.body] = gave_j.get(row.body, 0.0) + row.gives_j
+    for row in rows:
+        raised = moves.get(row.body, 0.0) * RAISED if row.gives_j else 0.0
+        share = row.gives_j / gave_j[row.body] if raised else 0.0
+        yield replace(row, salience=max(row.salience, raised * share))
 
 
 def _salience(row: Row, read: Collection[int]) -> float:

@@ -83,6 +83,9 @@ class Row:
     """How many further bodies or joints it stands for."""
     subject: Body | None = field(default=None, repr=False, metadata={"json": False})
     """The body itself."""
+    gives_j: float = field(default=0.0, repr=False, metadata={"json": False})
+    """Energy that the drive of its joint gave: rows of a body that moves raise those of what
+    moves it."""
     group: Hashable = field(default=None, repr=False, metadata={"json": False})
     """Rows of equal groups are alike: the first stands for all."""
 

@@ -51,6 +51,17 @@ def subject_of(body: Body, ledger: Ledger, gravity_m_s2: Float64) -> Subject:
     return Subject(body, ledger, _size_m(body, tree), mass_kg, max(mass_kg * pull, 1e-9))
 
 
+def turning_rad_s(subject: Subject) -> float:
+    """Return how fast a free base turns in the last tenth of its steps, in the mean [rad/s]."""
+    ledger = subject.ledger
+    known = np.flatnonzero(ledger.counts)
+    late = known[-max(1, len(known) // 10) :]
+    seconds = float(ledger.seconds[late].sum())
+    if subject.tree.fixed or not seconds:
+        return 0.0
+    return float(np.linalg.norm(ledger.way[late, :3].sum(axis=0))) / seconds
+
+
 def _size_m(body: Body, tree: Tree) -> float:
     shapes = [(each.kind, each.size_m) for each in body.collisions]
     shapes += [(each.kind, each.size_m) for each in body.shapes]

@@ -20,6 +20,8 @@ contact; the inertia that couples a rate to another one's acceleration; the torq
 two parts of a position servo, its stiffness times the gap and its damping times the rate."""
 ROUNDED = 1e-9
 """A part of a term below this share of it is rounding."""
+SINGLE = 1e-6
+"""The same of contacts, whose points an engine may report in single precision."""
 MOST_PARTNERS = 24
 """Most pairs of links whose contacts are told apart in one piece; the weakest others are summed."""
 
@@ -128,12 +130,13 @@ def _contacts(steps: BodySteps, normals: Float64, impulse: Float64) -> Impulses:
     for kind in np.argsort(-strength, kind="stable")[:MOST_PARTNERS].tolist():
         its = which == kind
         link, other, other_link = kinds[kind].tolist()
+        least = SINGLE * float(np.abs(whole[its]).max())
         for cause, values in ((CONTACT, normal_only), (FRICTION, whole - normal_only)):
             part = np.zeros_like(impulse)
             np.add.at(part, contacts.step[its], values[its])
-            if np.abs(part).max() > ROUNDED * max(strength[kind], 1e-300):
+            if np.abs(part).max() > least:
                 found[Term(cause, link=link, other=other, other_link=other_link)] = part
             left -= part
-    if np.abs(left).max() > ROUNDED * np.abs(impulse).max():
+    if np.abs(left).max() > SINGLE * np.abs(impulse).max():
         found[Term("contacts")] = left
     return found

@@ -8,12 +8,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drop_physics.account.rows import Row
-from drop_physics.account.subjects import Subject
+from drop_physics.account.subjects import Subject, turning_rad_s
 from drop_physics.account.words import Words
 from drop_physics.arrays import Float64
 from drop_physics.explain.contact_points import Pairs
 from drop_physics.messages import Message
-from drop_physics.quantities import number, quantity
+from drop_physics.quantities import number as number_of
+from drop_physics.quantities import quantity
+from drop_physics.trace.history import Seen
 
 PairKey = tuple[int, int, int, int]
 """The numbers of two bodies, and their links."""
@@ -22,6 +24,9 @@ MOST_PAIRS = 1 << 12
 WEIGHTS, DEEP, SLID = 8.0, 0.03, 0.03
 """A press is told from WEIGHTS weights of the lighter body on; an overlap, and a slide, from these
 shares of the smaller body's size on."""
+SLIDING = 3
+"""Dimensions of the force of a contact that has sliding friction alone."""
+TURNING_RAD_S = 0.05
 LIMIT = 0.98
 """Share of its limit from which friction counts as at its limit."""
 
@@ -98,12 +103,59 @@ class Touching:
             most_n = float(points.normal_n[its].max())
             touched.rubs |= bool((tangential_n[its] > 1e-6 * most_n).any())
 
-    def rows(self, subjects: Mapping[int, Subject], words: Words) -> Iterator[Row]:
+    def rows(self, subjects: Mapping[int, Subject], seen: Seen, words: Words) -> Iterator[Row]:
         """Yield the rows of all pairs."""
         for key, touched in self.pairs.items():
             its = [subjects[number] for number in dict.fromkeys(key[:2]) if number in subjects]
             if its:
                 yield from _rows(key, touched, its, words)
+        for subject in subjects.values():
+            row = self._turning_row(subject, seen, words)
+            if row is not None:
+                yield row
+
+    def _turning_row(self, subject: Subject, seen: Seen, words: Words) -> Row | None:
+        """Return the row of a body of one link that turns for ever on what it touches."""
+        number, ledger = subject.body.number, subject.ledger
+        late = ledger.last - max(1, (ledger.last - ledger.first) // 10)
+        keys = [key for key in self.pairs if number in key[:2] and self.pairs[key].last_step > late]
+        spin = turning_rad_s(subject)
+        if subject.tree.links or spin <= TURNING_RAD_S or not keys:
+            return None
+        if any(_resists_turning(key, seen) for key in keys):
+            return None
+        key = keys[0]
+        names = (str(words.names.link(key[0], key[2])), str(words.names.link(key[1], key[3])))
+        return Row(
+            kind="idle",
+            body=subject.body.label,
+            pair=names,
+            told=Message(
+                "it still turns at {spin} rad/s at the end; their contact has no torsional and no "
+                "rolling friction, and only sliding would brake it",
+                spin=number_of(spin),
+            ),
+            got=spin,
+            unit="rad/s",
+            step=ledger.last,
+            time_s=words.seconds(subject, ledger.last),
+            salience=0.6,
+            subject=subject.body,
+            group=("turning", subject.kind),
+        )
+
+
+def _resists_turning(key: PairKey, seen: Seen) -> bool:
+    """Return whether a contact of two links has torsional or rolling friction."""
+    if seen.condim(key[:2], key[2:])[0] > SLIDING:
+        return True
+    return any(
+        each.reported[name][link + 1] > 0
+        for body, link in (key[::2], key[1::2])
+        for each in seen.dynamics
+        for name in ("rolling_friction", "spinning_friction")
+        if each.body.number == body and name in each.reported
+    )
 
 
 def _rows(key: PairKey, touched: Touched, its: list[Subject], words: Words) -> Iterator[Row]:
@@ -119,7 +171,7 @@ def _rows(key: PairKey, touched: Touched, its: list[Subject], words: Words) -> I
         told = Message(
             "{force} in the median, {weights} weights, in {steps:,} steps",
             force=quantity(normal_n, "N"),
-            weights=number(weights),
+            weights=number_of(weights),
             steps=touched.steps,
         )
         if depth > 1e-3:
@@ -145,7 +197,7 @@ def _rows(key: PairKey, touched: Touched, its: list[Subject], words: Words) -> I
                 "slid {slid} in {steps:,} steps; no friction acts: the coefficient is {friction}",
                 slid=quantity(touched.slid_m, "m"),
                 steps=touched.steps,
-                friction=number(touched.friction),
+                friction=number_of(touched.friction),
             )
             salience = 0.8
         else:
@@ -155,7 +207,7 @@ def _rows(key: PairKey, touched: Touched, its: list[Subject], words: Words) -> I
                 "in {share:.0%}",
                 slid=quantity(touched.slid_m, "m"),
                 steps=touched.steps,
-                friction=number(touched.friction),
+                friction=number_of(touched.friction),
                 share=share,
             )
             salience = 0.35 * min(slid, 1.0) * max(share, 0.3)

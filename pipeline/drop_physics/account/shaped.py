@@ -1,0 +1,78 @@
+"""What the shapes of a body say of how it turns: wheels off their axles, masses outside shapes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drop_physics.account.subjects import UNBOUNDED, Subject
+from drop_physics.arrays import Float64
+from drop_physics.messages import Message
+from drop_physics.physics.columns import rotation
+from drop_physics.quantities import quantity
+from drop_physics.trace.events import Collision, Joint
+
+ROUND = ("sphere", "cylinder", "capsule")
+"""Kinds of shapes that turn about their axle without a change of contact, where they are on it."""
+ALONG = 0.99
+"""Cosine from which the axis of a shape is that of a joint."""
+OFF = 0.01
+"""Share of its radius, and of a shape's size, from which an offset is told."""
+
+
+def off_axle(subject: Subject, joint: Joint) -> Message:
+    """Return how far the round shape of a link is off the axle that it turns about, or nothing."""
+    if joint.kind != "revolute":
+        return Message("")
+    axis, place = np.array(joint.axis), subject.tree.centres_m[joint.link]
+    its = [each for each in subject.body.collisions if each.link == joint.link]
+    if len(its) != 1 or its[0].kind not in ROUND or not axis.any():
+        return Message("")
+    (shape,), along = its, axis / np.linalg.norm(axis)
+    radius_m = shape.size_m[0] if shape.kind == "sphere" else shape.size_m[1]
+    if shape.kind != "sphere" and abs(_axes(shape)[:, 2] @ along) < ALONG:
+        return Message("")
+    centre = place + np.array(shape.position_m)
+    off_m = float(np.linalg.norm(centre - (centre @ along) * along))
+    if not OFF * radius_m < off_m < radius_m:  # farther out, it is no wheel
+        return Message("")
+    return Message(
+        "; its {shape} of radius {radius} is {off} off its axle",
+        shape=shape.kind,
+        radius=quantity(radius_m, "m"),
+        off=quantity(off_m, "m"),
+    )
+
+
+def mass_outside(subject: Subject) -> Message:
+    """Return how far the centre of mass of a body of one link is outside its shapes, or nothing."""
+    shapes = subject.body.collisions
+    if subject.tree.links or not shapes or any(each.kind in UNBOUNDED for each in shapes):
+        return Message("")
+    boxes = [_box(each) for each in shapes]
+    low = np.min([box[0] for box in boxes], axis=0)
+    high = np.max([box[1] for box in boxes], axis=0)
+    out_m = float(np.linalg.norm(np.maximum(np.maximum(low, -high), 0.0)))
+    if out_m <= OFF * float(np.max(high - low)):
+        return Message("")
+    return Message("; its centre of mass is {out} outside its shape", out=quantity(out_m, "m"))
+
+
+def _axes(shape: Collision) -> Float64:
+    return np.asarray(rotation(np.array(shape.orientation)[:, None])[..., 0])
+
+
+def _box(shape: Collision) -> tuple[Float64, Float64]:
+    """Return the corners of the box around a shape, from the centre of mass, in its axes [m]."""
+    centre, axes = np.array(shape.position_m), _axes(shape)
+    if shape.hull_m:
+        corners = centre + np.reshape(shape.hull_m, (-1, 3)) @ axes.T
+        return corners.min(axis=0), corners.max(axis=0)
+    size = np.array(shape.size_m)
+    if shape.kind == "sphere":
+        half = np.full(3, size[0])
+    elif shape.kind in ("cylinder", "capsule"):
+        half = np.array([size[1], size[1], size[0] / 2 + size[1] * (shape.kind == "capsule")])
+    else:
+        half = size / 2
+    reach = np.abs(axes) @ half
+    return centre - reach, centre + reach
