@@ -12,7 +12,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from sys import _getframe
-from threading import get_ident
+from threading import active_count, get_ident
 from types import ModuleType
 from typing import Any
 
@@ -361,7 +361,7 @@ def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
             if state is None:
                 return original(*args, **kwargs)
             outer = None
-            for _ in range(count):
+            for made in range(count):
                 if state.lost:
                     original(m, d, *rest)
                     continue
@@ -369,7 +369,9 @@ def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
                 try:
                     if host.stopped or pipe.gone:
                         host.check()
-                    state.before(d, site)
+                    # Between the steps of one call, nobody else can have written.
+                    if not made or callbacks or active_count() > 1:
+                        state.before(d, site)
                     if number:
                         function = number | state.staleness(everything=number > 1)
                     if callbacks:
