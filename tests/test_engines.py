@@ -5,7 +5,6 @@ MuJoCo has more in `test_mujoco`.
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -290,68 +289,6 @@ def test_an_option_that_it_does_not_have(options: dict[str, object], message: st
 
 
 # -- side by side ---------------------------------------------------------------------------------
-
-
-def swept(drop: Drop, *options: str, out: str = "swept") -> dict[str, Any]:
-    done = drop("sweep", "--out", out, "--no-record", "--json", *options)
-    assert done.returncode == 0, done.stderr
-    printed: dict[str, Any] = json.loads(done.stdout)
-    return printed
-
-
-def test_a_sweep_says_what_each_does_on_the_floor(tmp_path: Path, drop: Drop) -> None:
-    printed = swept(drop, "--engine", "bullet,mujoco", "--plot", "engines.svg")
-    bullet, mujoco = printed["engines"]
-    assert (bullet["engine"], mujoco["engine"]) == ("bullet", "mujoco")
-    assert bullet["rest_error_m"] == pytest.approx(-11.98e-6, abs=1e-8)
-    assert (bullet["rest_cause"], mujoco["rest_cause"]) == ("slop, solver", "soft contact")
-    assert mujoco["penetration_m"] == pytest.approx(25.41e-3, abs=1e-5)
-    assert mujoco["contact_j"] == pytest.approx(-0.9566, abs=1e-4)
-    assert bullet["contact_j"] == pytest.approx(-0.9090, abs=1e-4)
-    assert min(bullet["step_us"], mujoco["step_us"]) > 0
-    drawn = (tmp_path / "engines.svg").read_text()
-    assert all(name in drawn for name in (">PyBullet<", ">MuJoCo<", "around the first impact"))
-    for engine in ("bullet", "mujoco"):
-        assert f"stroke: {colours.ENGINES[engine]}" in drawn
-
-
-def test_a_sweep_of_a_spinning_body_says_what_drifts_and_its_order(drop: Drop) -> None:
-    spinning = ("--spin", "1,9,1", "--gravity", "zero", "--no-floor", "--body", "block.urdf")
-    runs = swept(
-        drop,
-        *spinning,
-        "--engine",
-        "mujoco",
-        "--integrator",
-        "euler,rk4",
-        "--timestep",
-        "1/500,1/1000",
-        "--duration",
-        "1",
-    )["engines"]
-    drifts = {(run["timestep_s"], run["order"] is None): run for run in runs}
-    assert len(drifts) == 2
-    orders = [run["order"] for run in runs if run["order"] is not None]
-    assert orders == [pytest.approx(1, abs=0.01), pytest.approx(4, abs=0.05)]
-
-
-def test_what_damping_or_rounding_takes_has_no_order(drop: Drop) -> None:
-    options = ("--timestep", "1/240,1/480", "--spin", "1,2,3", "--velocity", "1,0,2")
-    runs = swept(drop, *options, "--engine", "mujoco", "--integrator", "rk4")["engines"]
-    assert max(run["angular_momentum_drift"] for run in runs) < 1e-13
-    assert [run["order"] for run in runs] == [None, None]
-    damped = swept(drop, "--timestep", "1/240,1/480", "--spin", "5,0,0", out="damped")["engines"]
-    assert damped[0]["angular_momentum_drift"] > 0.01
-    assert [run["order"] for run in damped] == [None, None]
-
-
-def test_an_engine_that_fails_is_a_row_and_the_others_are_compared(drop: Drop) -> None:
-    options = ("--engine", "bullet,mujoco", "--restitution", "0.5")
-    done = drop("sweep", "--out", "swept", "--no-record", "--json", *options)
-    assert done.returncode == 1
-    printed = json.loads(done.stdout)
-    assert printed["failed"] == 1
-    assert [run["engine"] for run in printed["engines"]] == ["bullet"]
 
 
 def test_recordings_of_one_drop_open_as_one_a_colour_for_each(tmp_path: Path) -> None:

@@ -173,8 +173,6 @@ def test_mujoco_does_not_start_again_from_zero(
         list(world.samples(10_000))
     step = int(str(raised.value).split("at step ")[1].split(",")[0])
     assert {"acceleration": 3, "position": 142}[too_large] == step
-    with other_world.OtherWorld(scenario) as world, pytest.raises(DropError, match=f"step {step},"):
-        world.skip(10_000)
     assert not list(tmp_path.iterdir())
 
 

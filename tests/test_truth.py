@@ -1428,6 +1428,12 @@ def _finding_proposed(said: Said) -> None:
     hold(said.value is False, "a proposal")
 
 
+@checks("findings[].proof")
+def _finding_proof(said: Said) -> None:
+    """Hold that a drop's findings are proved: by theory, or by the scenario."""
+    hold(said.value in ("sum", "call"), "another proof")
+
+
 @checks(*(f"findings[].cure.{name}" for name in ("name", "target", "value", "call")))
 def _finding_cure(said: Said) -> None:
     """Hold that it is an option of the scenario, with the value that the cure has."""

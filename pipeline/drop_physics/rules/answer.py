@@ -109,7 +109,7 @@ class Finding:
     site: str | None = None
     """File and line of the call that caused it; of a notebook, cell and line."""
 
-    terms: tuple[RowTerm, ...] = ()
+    terms: tuple[RowTerm, ...] = field(default=(), compare=False)
     """The terms of the sum of its joint, of the row of the account whose place it takes."""
     verdict: str | None = None
     """The best result of its trials, where `drop why` was run on this recording."""
