@@ -21,6 +21,7 @@ from drop_physics.physics.servo import Servos
 from drop_physics.rules.answer import Finding
 from drop_physics.rules.rule import RULES
 from drop_physics.stages.analyze import analyze
+from drop_physics.stages.analyze.explaining import WhatToExplain
 from drop_physics.stages.record import record_script
 from drop_physics.trace.events import Collision
 
@@ -314,7 +315,7 @@ def analyzed(folder: Path, *arguments: str) -> Analysis:
         recorded = record_script(
             str(script), list(arguments), out=folder / "run.rrd", stdout=printed.fileno()
         )
-    return analyze(recorded.recording)
+    return analyze(recorded.recording, explain=WhatToExplain(whole=True))
 
 
 @pytest.fixture(scope="module")

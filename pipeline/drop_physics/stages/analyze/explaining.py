@@ -54,7 +54,7 @@ class LaterExplained:
     sums: LaterSums | None
     """What was explained after it was made; None if nothing was."""
     note: Message | None
-    """Which of its steps are not explained, and what explains them."""
+    """The steps that are not explained, and the command that explains them."""
 
 
 def explained(
