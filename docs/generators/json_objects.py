@@ -36,6 +36,7 @@ from drop_physics.drop.results import (
 from drop_physics.engine_report import EngineReport
 from drop_physics.experiments import robustness, run_distance
 from drop_physics.experiments.shares import Shares
+from drop_physics.experiments.swap.answer import Cause, Class, End, First, Nudges, Proved
 from drop_physics.experiments.verdicts import Verdict
 from drop_physics.explain.actuators import ActuatorRow
 from drop_physics.explain.decomposition import VectorTerms
@@ -567,6 +568,57 @@ WHY = Object(
     frozenset({"script", "recording", "ended", "runs", "seconds", "noise", "findings", "hangs_on",
                "no_effect", "shares"}),
 )  # fmt: skip
+DIFF_CAUSE = _object(
+    Cause,
+    {"what", "field", "element", "a", "b", "site_a", "site_b", "step", "stage", "pair", "feature"},
+    a=Any,
+    b=Any,
+    pair=list[str] | None,
+)
+DIFF = Object(
+    {
+        "a": str,
+        "b": str,
+        "steps": list[int],
+        "same_until": int,
+        "first": (_object(First, {"step", "time_s", "bodies", "size", "unit"}),),
+        "class": Class | None,
+        "because": [DIFF_CAUSE],
+        "also": [DIFF_CAUSE],
+        "proved": (_object(Proved, {"by", "steps", "of", "exact"}),),
+        "end": (_object(End, {"value", "unit", "body"}),),
+        "nudges": (_object(Nudges, {"size", "ends"}),),
+        "no_effect": list[str],
+        "runs": int,
+        "cause_text": list[str],
+    },
+    {
+        "a": "What tells the first run from the second: the script, a version, arguments.",
+        "b": "Likewise, of the second.",
+        "steps": "The number of steps of each.",
+        "same_until": "The last step, from 0, after which every position and velocity is the same; "
+        "-1 where they are apart from the first step on.",
+        "first": "The first difference; null where there is none.",
+        "class": "The kind of cause: `none` where they are the same, `length` where one only ends "
+        "earlier, the state at the `start` or as the script set it, an `input`, one that the "
+        "same script computed otherwise (`host`), the compiled `model`, `settings` of the engine, "
+        "the engine's `step`, or two `engines`; null where nothing is proved.",
+        "because": "What makes them part, at the first difference.",
+        "also": "What makes them part in other steps.",
+        "proved": "Which swap proves it; null where none does.",
+        "end": "How far apart they are in the last step that both make; null where they are the "
+        "same.",
+        "nudges": "How far three other nudges of the first difference's size go; null where that "
+        "is no rounding.",
+        "no_effect": "What differs besides, and changes no step of this run.",
+        "runs": "How often steps were made again.",
+        "cause_text": "The printed lines of `because` and `also`, without their labels.",
+    },
+    frozenset(
+        {"a", "b", "steps", "same_until", "first", "class", "because", "also", "proved", "end",
+         "nudges", "no_effect", "runs", "cause_text"}
+    ),
+)  # fmt: skip
 VIEW = Object(
     {
         "recordings": list[Path],
@@ -605,6 +657,7 @@ COMMANDS: dict[str, Object] = {
     "record": RECORD,
     "trust": TRUST,
     "why": WHY,
+    "diff": DIFF,
     "info": _object(Info, {"recording", "recording_id", "kind", "complete", "samples", "bodies",
                            "frames", "bytes"}),
     "explain": _object(CodeManual, {"codes"}),

@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from drop_physics.stages.block import record as record
     from drop_physics.stages.check import Check as Check
     from drop_physics.stages.check import check as check
+    from drop_physics.stages.diff import Diff as Diff
+    from drop_physics.stages.diff import diff as diff
     from drop_physics.stages.export import Export as Export
     from drop_physics.stages.export import export as export
     from drop_physics.stages.info import Info as Info
@@ -72,6 +74,8 @@ _HOMES = {
     "DropAnalysis": "drop_physics.drop.results",
     "check": "drop_physics.stages.check",
     "Check": "drop_physics.stages.check",
+    "diff": "drop_physics.stages.diff",
+    "Diff": "drop_physics.stages.diff",
     "export": "drop_physics.stages.export",
     "Export": "drop_physics.stages.export",
     "info": "drop_physics.stages.info",

@@ -17,7 +17,7 @@ from drop_physics.console.help import BOX, OWN, RECORDINGS, SCRIPT, App, HelpedC
 from drop_physics.console.progress import progress, sweep_progress
 from drop_physics.console.running import main as main
 from drop_physics.errors import DropError, ScenarioError
-from drop_physics.fields import all_of
+from drop_physics.fields import all_of, counted
 from drop_physics.messages import Message
 from drop_physics.options import Given, command_of
 from drop_physics.scenario import Scenario
@@ -468,6 +468,30 @@ def why(given: Given) -> None:
             write_film(result, film, force=force, progress=drawing)
     shown = {"every": given["every"], "again": _again(given)}
     raise typer.Exit(_show(result, as_json=given["json"], **shown))
+
+
+@_verb(
+    verbs.Diff,
+    group=OWN,
+    short="Why is one run not the same as another?",
+    example="drop diff --with mujoco==3.3.7 --with mujoco==4.0.0 my_script.py",
+    context_settings={"ignore_unknown_options": True},  # of the script
+)
+def diff(given: Given) -> None:
+    """Say why one run is not another."""
+    if given["forget"]:
+        from drop_physics.stages.diff import wheels
+
+        output.note(Message("forgotten: {count}", count=counted(wheels.forget(), "version")))
+        return
+    from drop_physics.console.progress import script_progress, swap_progress
+    from drop_physics.stages.diff import diff
+
+    with script_progress() as (shown, note), swap_progress() as tell:
+        stdout, shows = output.descriptor(sys.stderr), shown or verbs.quiet
+        asked = given.of(verbs.Diff)
+        result = diff(**asked, note=note, stdout=stdout, tell=tell, progress=shows)
+    raise typer.Exit(_show(result, as_json=given["json"]))
 
 
 @_verb(

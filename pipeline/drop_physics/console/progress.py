@@ -122,6 +122,29 @@ def script_progress() -> Iterator[
             line("")
 
 
+@contextlib.contextmanager
+def swap_progress() -> Iterator[Callable[[int], None]]:
+    """Yield a function that shows how often steps were made again; in a pipe it does nothing."""
+    if not sys.stderr.isatty():
+        yield lambda _: None
+        return
+    columns, begins = width(sys.stderr) - 1, time.monotonic() + LINE_AFTER_S
+
+    def line(words: str) -> None:
+        print(f"\r{left(cut(words, columns), columns)}\r", end="", file=sys.stderr, flush=True)
+
+    def show(swaps: int) -> None:
+        if time.monotonic() > begins:
+            words = Message("{swaps:,} swaps; Ctrl-C says what is known", swaps=swaps)
+            line(translated(words))
+
+    try:
+        yield show
+    finally:
+        if time.monotonic() > begins:
+            line("")
+
+
 def rate(per_second: float | None) -> str:
     """Return a rate per second, or per minute where it is below one per second."""
     if per_second is None:

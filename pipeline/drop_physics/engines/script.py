@@ -111,6 +111,8 @@ class Program:
     """What `watching.limits.keep` takes; None if it is not limited, as in its first run."""
     streams: bool = True
     """Whether it sends what happens; else only how it ends, and what is evaluated."""
+    environment: Mapping[str, str] | None = None
+    """Variables that it has besides the user's."""
     evaluator: Mapping[str, Any] | None = None
     """What is evaluated in its process: `file` and `name` of a class, and its `arguments`."""
 
@@ -381,6 +383,7 @@ class Script(Listener):
                     "MALLOC_PERTURB_": program.perturb,
                     **users_environment(),
                     **_seeded(program.seed),
+                    **(program.environment or {}),
                 },
             )
         except (OSError, ValueError) as error:  # ValueError: the path has a null character

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import contextlib
 import subprocess
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +55,8 @@ class Stepper:
     version
         The version of MuJoCo that made the frames: it must have the same. None takes any, as for a
         step of one version from a state of another.
+    environment
+        Variables that its process has besides the user's.
 
     Raises
     ------
@@ -62,18 +64,26 @@ class Stepper:
         On leaving, and while it answers: if the process ended before it was through.
     """
 
-    def __init__(self, python: str, version: str | None) -> None:
+    module = MODULE
+    """What runs in it."""
+    group: int | None = None
+    """0 if Ctrl-C does not reach it."""
+
+    def __init__(
+        self, python: str, version: str | None, environment: Mapping[str, str] | None = None
+    ) -> None:
         self._python, self._version = python, version
+        self._environment = environment or {}
         self._known: dict[int, Vocabulary] = {}
         self._next: tuple[Path, int, int] | None = None
         """Model, simulation and step that are next, if nothing is left out."""
 
-    def __enter__(self) -> Stepper:
-        command = [self._python, str(WATCHING), MODULE]
-        pipe = subprocess.PIPE
+    def __enter__(self) -> Self:
+        command = [self._python, str(WATCHING), self.module]
+        pipe, environment = subprocess.PIPE, {**users_environment(), **self._environment}
         try:
             self._process = subprocess.Popen(
-                command, stdin=pipe, stdout=pipe, env=users_environment()
+                command, stdin=pipe, stdout=pipe, env=environment, process_group=self.group
             )
         except (OSError, ValueError) as error:
             raise DropError(
@@ -135,7 +145,7 @@ class Stepper:
         first = its.first + wanted.begin
         if self._next != (wanted.model, its.client, first):
             earlier = [*wanted.edits, *(each for each in its.edits if each.step < wanted.begin)]
-            arrays, listed = _edits(earlier)
+            arrays, listed = packed_edits(earlier)
             simulation = {"world": its.client, "path": str(wanted.model), "edits": listed}
             self._send(
                 frames.arrays_bytes("simulation", arrays, version=self._version, **simulation)
@@ -176,8 +186,8 @@ class Stepper:
             )
 
 
-def request_of(what: str, wanted: StepsWanted) -> bytes:
-    """Return a request for steps, as `explain.asked` reads it."""
+def request_of(what: str, wanted: StepsWanted, more: Mapping[str, NDArray[Any]] = {}) -> bytes:
+    """Return a request for steps, as `explain.asked` reads it; `more` are arrays besides."""
     its = wanted.frames
     arrays: Arrays = {"functions": its.functions, "clock_s": its.clock_s}
     arrays |= {f"after/{name}": rows for name, rows in its.after.items()}
@@ -187,10 +197,10 @@ def request_of(what: str, wanted: StepsWanted) -> bytes:
             arrays[f"{group}/{name}"], arrays[f"{group}@{name}"] = column.rows, column.at
     answers = b"".join(payload for _, payload in its.answers)
     arrays["answers"] = np.frombuffer(answers, np.uint8)
-    changed, edits = _edits(its.edits)
+    changed, edits = packed_edits(its.edits)
     return frames.arrays_bytes(
         what,
-        arrays | changed,
+        {**arrays, **changed, **more},
         first=its.first,
         begin=wanted.begin,
         end=wanted.end,
@@ -199,7 +209,7 @@ def request_of(what: str, wanted: StepsWanted) -> bytes:
     )
 
 
-def _edits(edits: Sequence[ModelEdit]) -> tuple[Arrays, list[list[Any]]]:
+def packed_edits(edits: Sequence[ModelEdit]) -> tuple[Arrays, list[list[Any]]]:
     """Return the elements of edits, and step, field and count of each."""
     none = np.empty(0)
     arrays = {

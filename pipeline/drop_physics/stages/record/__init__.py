@@ -170,12 +170,12 @@ def record_script(asked: verbs.Record) -> Recorded:
         tell = asked.progress or (_named_later(asked.note) if endless else _silent)
         with (
             running.Script(program, stdout=asked.stdout, progress=tell) as process,
-            _interrupts(process.interrupt),
+            interrupts(process.interrupt),
         ):
             from drop_physics.recording.recorder import Recorder
 
             recorder = Recorder(
-                {schema.ORIGIN_PROPERTY: _origin(program, digest)}, compared=asked.twice
+                {schema.ORIGIN_PROPERTY: origin_of(program, digest)}, compared=asked.twice
             )
             ended = written(
                 process,
@@ -292,7 +292,7 @@ def _replay(decoder: Decoder) -> ReplayedSteps | None:
     return ReplayedSteps(mujoco.steps, mujoco.replayed, mujoco.explains, mujoco.remainder)
 
 
-def _origin(program: Program, digest: str | None) -> dict[str, Any]:
+def origin_of(program: Program, digest: str | None) -> dict[str, Any]:
     """Return the properties that say which script was run, and how."""
     target = program.target
     return {
@@ -501,7 +501,7 @@ def _again(
         with (
             rerun.ready(again) as ready,
             running.Script(ready, stdout=null, stderr=null, progress=tell) as process,
-            _interrupts(process.interrupt),
+            interrupts(process.interrupt),
         ):
             take_in(process)
             beside = process.other()
@@ -541,7 +541,7 @@ def _again(
 
 
 @contextlib.contextmanager
-def _interrupts(then: Callable[[], None]) -> Iterator[None]:
+def interrupts(then: Callable[[], None]) -> Iterator[None]:
     """Have Ctrl-C end the script but not this process, which completes the recording.
 
     Where it is ignored, as `nohup` and `&` have it, it stays ignored: the script inherits that.

@@ -139,7 +139,7 @@ def again_of(
     DropError
         If it would not be, and `anyway` is not given.
     """
-    folders = _folders(None if is_module else Path(target), reached)
+    folders = folders_of(None if is_module else Path(target), reached)
     private = is_offered(folders)
     refused = BEYOND_FILES if private else tuple(WORDS)
     beyond = [each for each in reached.noted if each[0] in refused]
@@ -168,7 +168,7 @@ def again_of(
     return replace(limited, copied=copied, parts=not reached.writes, alone=bool(beyond))
 
 
-def _folders(script: Path | None, reached: Reached) -> list[str]:
+def folders_of(script: Path | None, reached: Reached) -> list[str]:
     """Return the folders that a script may write to, as far as they are there."""
     written = reached.names("writes", "removes", THERE)
     found = [

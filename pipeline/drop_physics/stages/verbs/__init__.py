@@ -267,6 +267,63 @@ class Why(OfScript):
     progress: Progress = quiet
 
 
+@dataclass(frozen=True)
+class Diff(Printed):
+    """Say until when two runs are the same, what makes them part, and prove it; exit with 3.
+
+    A and B are scripts or recordings; or one script, run in two ways: options that may be given
+    twice are for one side each, in order. What is given once is for the second side.
+    """
+
+    words: Annotated[
+        Sequence[str],
+        argument(
+            "A B", "Two scripts or recordings; or one script, and its arguments.", default=None
+        ),
+    ]
+    _: KW_ONLY
+    packages: Annotated[
+        Sequence[str],
+        takes(
+            "PACKAGE==VERSION",
+            "Run one side with this version, fetched once; repeatable.",
+            "--with",
+        ),
+    ] = ()
+    arguments: Annotated[
+        Sequence[str], takes('"ARG …"', "Arguments of the script; repeatable.", "--args")
+    ] = ()
+    variables: Annotated[
+        Sequence[str], takes("NAME=VALUE", "A variable of one side; repeatable.", "--env")
+    ] = ()
+    pythons: Annotated[
+        Sequence[str], takes("PATH", "The interpreter of one side; repeatable.", "--python")
+    ] = ()
+    twice: Annotated[bool, flag("Compare the script with itself, run twice.")] = False
+    tolerance: Annotated[
+        float,
+        takes(
+            "NUMBER",
+            "Largest difference of a position or velocity that passes [m, rad, m/s, rad/s].",
+        ),
+    ] = 0.0
+    steps: Steps = None
+    out: Annotated[File | None, takes("DIR", "Keep both recordings in this folder.", *OUT)] = None
+    forget: ClassVar[
+        Annotated[bool, flag("Delete the versions that --with has fetched, and do nothing else.")]
+    ] = False
+    force: Force = False
+    stdout: Stdout = 1
+    note: Note = quiet
+    progress: Annotated[
+        Callable[[float, int], None],
+        "Called with the simulated time [s] and the number of steps of a script.",
+    ] = quiet
+    tell: Annotated[
+        Callable[[int], None], "Called with the number of times that steps were made again."
+    ] = quiet
+
+
 # -- a recording ----------------------------------------------------------------------------------
 
 

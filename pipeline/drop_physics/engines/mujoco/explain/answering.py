@@ -10,8 +10,13 @@ from .replay import Replay
 
 
 def main() -> None:
+    """Replay and explain until there are no more requests."""
+    answer(Replay())
+
+
+def answer(replay: Replay) -> None:
     """Answer until there are no more requests."""
-    replay, requests = Replay(), sys.stdin.buffer
+    requests = sys.stdin.buffer
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what MuJoCo prints must not get into the answer
     while len(head := requests.read(LENGTH.size)) == LENGTH.size:

@@ -251,7 +251,7 @@ class Replay:
         begin = asked.begin
         if begin and asked.functions[begin] & UNPOSED and state.reached != asked.first + begin:
             state.reach(asked, begin - 1)  # positions are those of the step before
-            _take(state.model.m, state, int(asked.functions[begin - 1]) & 15)
+            take(state.model.m, state, int(asked.functions[begin - 1]) & 15)
             state.reached = asked.first + begin
         state.step = state.first = asked.first + begin
         for step in range(begin, asked.end):
@@ -277,12 +277,12 @@ class Replay:
             state.reach(asked, step)
             answers = asked.answers(step, m.nv)
             self._set_callbacks(frozenset(which for which, _ in answers))
-            self._now, self._calls = state, _by_callback(answers)
+            self._now, self._calls = state, by_callback(answers)
             function = int(asked.functions[step])
             if function & STALE:
-                _take_stale(state, state.state(), asked.posed(step), function & 15)
+                take_stale(state, state.state(), asked.posed(step), function & 15)
             else:
-                _take(m, state, function & 15)
+                take(m, state, function & 15)
             self._now = None
             rows.setdefault(CLOCK, []).append(d.time)
             for name in STATE:
@@ -348,8 +348,8 @@ class Replay:
         self._set_callbacks(
             frozenset(which for which, _ in answers) | ({CONTROL} if stepping else set())
         )
-        self._now, self._calls, self._stages = state, _by_callback(answers), stages
-        _take(m, state, which)
+        self._now, self._calls, self._stages = state, by_callback(answers), stages
+        take(m, state, which)
         self._now = self._stages = None
         same = d.time == time_s and _equal(state.core, core)
         state.reached = asked.first + step + 1 if same else -1
@@ -357,8 +357,8 @@ class Replay:
         if not same:
             status, reason = OTHER, "unknown"
             if before is not None and flags & STALE:
-                self._now, self._calls = state, _by_callback(answers)
-                _take_stale(state, before, asked.posed(step), which)
+                self._now, self._calls = state, by_callback(answers)
+                take_stale(state, before, asked.posed(step), which)
                 self._now = None
                 if d.time == time_s and _equal(state.core, core):
                     reason = "stale"
@@ -405,7 +405,7 @@ class Replay:
         m, other = state.model.m, state.other
         core, user = memory.core_of(other), memory.user_of(other)
         sparse = state.model.sparse
-        calls = _by_callback(answers)
+        calls = by_callback(answers)
         if user.size:
             user.view[:] = before[2]
         for stage in stages:
@@ -485,7 +485,7 @@ class _Elsewhere:
 _NOTHING = np.empty(0)
 
 
-def _by_callback(answers: list[tuple[int, Any]]) -> dict[int, deque[Any]]:
+def by_callback(answers: list[tuple[int, Any]]) -> dict[int, deque[Any]]:
     """Return the answers of each callback, in order."""
     found: dict[int, deque[Any]] = {}
     for which, answer in answers:
@@ -493,7 +493,7 @@ def _by_callback(answers: list[tuple[int, Any]]) -> dict[int, deque[Any]]:
     return found
 
 
-def _take(m: Any, state: ReplayedData, which: int) -> None:
+def take(m: Any, state: ReplayedData, which: int) -> None:
     """Take a step as the script did."""
     d = state.d
     if which == 0:
@@ -505,7 +505,7 @@ def _take(m: Any, state: ReplayedData, which: int) -> None:
     _finish_step(m, d, which)
 
 
-def _take_stale(
+def take_stale(
     state: ReplayedData, before: tuple[float, bytes, bytes], posed: dict[str, Any], which: int
 ) -> None:
     """Take the second half of a step from a state, with positions computed for another one."""

@@ -1,0 +1,181 @@
+"""The elements of compiled models by name, and which of two models correspond."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Arrays = Mapping[str, NDArray[Any]]
+Key = tuple[object, ...]
+
+KINDS = (
+    *("body", "jnt", "geom", "site", "tendon", "actuator", "eq", "mesh", "hfield", "pair"),
+    *("exclude", "sensor"),
+)
+"""Kinds of elements, as the names of their fields begin (`mjtObj`)."""
+OF_BODIES = ("jnt", "geom", "site")
+"""Kinds whose elements are parts of bodies."""
+WORDS = {"jnt": "joint", "eq": "equality", "hfield": "height field"}
+FREE, BALL = 0, 1
+"""Kinds of joints that turn about a point (`mjtJoint`)."""
+
+
+class Elements:
+    """The elements of a model.
+
+    Parameters
+    ----------
+    arrays
+        All fields of the model, by MuJoCo's names.
+    """
+
+    def __init__(self, arrays: Arrays) -> None:
+        self.arrays = arrays
+        self._names = {kind: [*self._named(kind)] for kind in KINDS}
+
+    def _named(self, kind: str) -> Iterator[str]:
+        held = bytes(self.arrays["names"])
+        for address in np.atleast_1d(self.arrays.get(f"name_{kind}adr", ())).tolist():
+            yield held[address : held.index(b"\0", address)].decode("utf-8", "replace")
+
+    def count(self, kind: str) -> int:
+        """Return the number of elements of a kind; of `dof`, the degrees of freedom."""
+        return len(self.dof_joints) if kind == "dof" else len(self._names.get(kind, ()))
+
+    @cached_property
+    def dof_joints(self) -> list[tuple[int, int]]:
+        """The joint of each degree of freedom, and its number there."""
+        joints = np.atleast_1d(self.arrays.get("dof_jntid", ())).tolist()
+        first = np.atleast_1d(self.arrays.get("jnt_dofadr", ())).tolist()
+        return [(joint, dof - first[joint]) for dof, joint in enumerate(joints)]
+
+    def body_of(self, kind: str, index: int) -> int:
+        """Return the body of an element that is part of one."""
+        return int(self.arrays[f"{kind}_bodyid"][index])
+
+    def is_free(self, joint: int) -> bool:
+        """Return whether a joint lets a body move freely."""
+        return int(self.arrays["jnt_type"][joint]) == FREE
+
+    # -- keys -------------------------------------------------------------------------------------
+
+    @cached_property
+    def keys(self) -> Mapping[str, Sequence[Key]]:
+        """What elements are matched by: a name, else the place among others without one."""
+        found: dict[str, Sequence[Key]] = {"body": self._body_keys()}
+        for kind in KINDS[1:]:
+            owners: list[object] = [""] * len(self._names[kind])
+            if kind in OF_BODIES:
+                owners = [found["body"][self.body_of(kind, each)] for each in range(len(owners))]
+            found[kind] = [*_placed(self._names[kind], owners)]
+        found["dof"] = [(found["jnt"][joint], number) for joint, number in self.dof_joints]
+        return found
+
+    def _body_keys(self) -> list[Key]:
+        keys: list[Key] = []
+        before = Counter[object]()
+        for name, parent in zip(self._names["body"], self.arrays["body_parentid"], strict=True):
+            owner = keys[int(parent)] if keys else ()
+            keys.append((name,) if name else ("", owner, before[owner]))
+            before[owner] += not name
+        return keys
+
+    def label(self, kind: str, index: int) -> str:
+        """Return what an element is called for a reader."""
+        if kind == "dof":
+            return self.label("jnt", self.dof_joints[index][0])
+        name = self._names[kind][index]
+        if name:
+            return name
+        if kind == "jnt" and self.is_free(index):
+            return self.label("body", self.body_of(kind, index))
+        word = WORDS.get(kind, kind)
+        if kind in OF_BODIES:
+            body = self.body_of(kind, index)
+            which = sum(self.body_of(kind, each) == body for each in range(index))
+            return f"{word} {which} of {self.label('body', body)}"
+        return f"{word} {index}"
+
+    def body_label(self, kind: str, index: int) -> str:
+        """Return the name of an element's body; empty of the world, or where it is no part."""
+        kind, index = ("jnt", self.dof_joints[index][0]) if kind == "dof" else (kind, index)
+        if kind not in OF_BODIES:
+            return ""
+        body = self.body_of(kind, index)
+        return self.label("body", body) if body else ""
+
+
+def _placed(names: Sequence[str], owners: Sequence[object]) -> Iterator[Key]:
+    before = Counter[object]()
+    for name, owner in zip(names, owners, strict=True):
+        yield (name,) if name else ("", owner, before[owner])
+        before[owner] += not name
+
+
+class Matched:
+    """Which elements of two models correspond: by name, and what is left in order, if as many."""
+
+    def __init__(self, a: Elements, b: Elements) -> None:
+        self.a, self.b = a, b
+        self._pairs: dict[str, list[tuple[int, int]]] = {}
+        for kind in (*KINDS, "dof"):
+            mine, theirs = a.keys[kind], {key: n for n, key in enumerate(b.keys[kind])}
+            pairs = [(n, theirs[key]) for n, key in enumerate(mine) if key in theirs]
+            lost = _without(len(mine), (n for n, _ in pairs))
+            new = _without(len(theirs), (n for _, n in pairs))
+            if len(lost) == len(new):
+                pairs += zip(lost, new, strict=True)
+            self._pairs[kind] = sorted(each for each in pairs if self._alike(kind, *each))
+
+    def _alike(self, kind: str, mine: int, theirs: int) -> bool:
+        """Return whether two elements can stand for each other: joints of one type can."""
+        if kind == "dof":
+            mine, theirs = self.a.dof_joints[mine][0], self.b.dof_joints[theirs][0]
+        if kind not in ("jnt", "dof"):
+            return True
+        return bool(self.a.arrays["jnt_type"][mine] == self.b.arrays["jnt_type"][theirs])
+
+    def pairs(self, kind: str) -> list[tuple[int, int]]:
+        """Return the numbers of elements that correspond."""
+        return self._pairs[kind]
+
+    def only(self) -> dict[str, list[str]]:
+        """Return the elements that only one model has, `a` and `b`."""
+        return {
+            side: [
+                elements.label(kind, each)
+                for kind in KINDS
+                for each in _without(elements.count(kind), (p[which] for p in self._pairs[kind]))
+            ]
+            for which, (side, elements) in enumerate((("a", self.a), ("b", self.b)))
+        }
+
+    def is_identity(self, kind: str) -> bool:
+        """Return whether both have the same elements of a kind in the same order."""
+        count = self.a.count(kind)
+        same = count == self.b.count(kind) == len(self._pairs[kind])
+        return same and all(mine == theirs for mine, theirs in self._pairs[kind])
+
+    @property
+    def is_same_layout(self) -> bool:
+        """Whether both have the same elements in the same order."""
+        return all(map(self.is_identity, KINDS))
+
+    @property
+    def is_reordered(self) -> bool:
+        """Whether bodies or joints that both have come in another order."""
+        return any(
+            [theirs for _, theirs in self._pairs[kind]]
+            != sorted(theirs for _, theirs in self._pairs[kind])
+            for kind in ("body", "jnt", "geom", "actuator", "eq", "tendon")
+        )
+
+
+def _without(count: int, taken: Iterator[int]) -> list[int]:
+    left = {*range(count)} - {*taken}
+    return sorted(left)

@@ -1,0 +1,207 @@
+"""Single steps of this MuJoCo from states of another run, with fields of its model swapped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from .. import frames
+from ..frames import STALE, STATE
+from .answering import answer
+from .asked import StepsAsked, edits_of
+from .replay import TAKEN, Replay, ReplayedData, ReplayedModel, by_callback, take, take_stale
+
+FORCES = ("passive", "actuator", "bias", "constraint")
+ROWS = ("pos", "aref", "R", "type")
+"""Arrays of a constraint's rows."""
+FEATURES = {
+    **{name[7:].lower(): ("disable", int(bit)) for name, bit in vars(mujoco.mjtDisableBit).items()
+       if name.startswith("mjDSBL_")},
+    **{name[7:].lower(): ("enable", int(bit)) for name, bit in vars(mujoco.mjtEnableBit).items()
+       if name.startswith("mjENBL_")},
+}  # fmt: skip
+"""What can be switched off, by MuJoCo's names."""
+_NOTHING = np.empty(0)
+
+
+def main() -> None:
+    """Answer until there are no more requests."""
+    answer(Swaps())
+
+
+class SwappedModel(ReplayedModel):
+    """A model some of whose fields have other values, until it is `restore`d."""
+
+    def __init__(self, number: int, path: str) -> None:
+        super().__init__(number, path)
+        self._before: dict[str, Any] = {}
+
+    def edit(self, name: str, indices: Any, values: Any) -> None:
+        """Change elements of a field."""
+        self.put(name, indices, values)
+
+    def put(self, name: str, indices: Any, values: Any) -> None:
+        """Change elements of any field."""
+        owner, last = owner_of(self.m, name)
+        held = getattr(owner, last)
+        if isinstance(held, np.ndarray):
+            self._before.setdefault(name, held.copy())
+            held.reshape(-1)[indices] = values
+        else:
+            self._before.setdefault(name, held)
+            setattr(owner, last, type(held)(values[0]))
+
+    def switch_off(self, name: str) -> None:
+        """Switch a feature off."""
+        kind, bit = FEATURES[name]
+        flags = int(getattr(self.m.opt, f"{kind}flags"))
+        now = flags | bit if kind == "disable" else flags & ~bit
+        self.put(f"opt.{kind}flags", slice(None), [now])
+
+    def restore(self) -> None:
+        """Give all fields the values that they were loaded with."""
+        for name, held in self._before.items():
+            owner, last = owner_of(self.m, name)
+            if isinstance(held, np.ndarray):
+                getattr(owner, last)[:] = held
+            else:
+                setattr(owner, last, held)
+        self._before.clear()
+
+
+def owner_of(m: Any, name: str) -> tuple[Any, str]:
+    """Return the object that has a field, and its name there: `opt.timestep`, `geom_size`."""
+    first, _, last = name.rpartition(".")
+    return (getattr(m, first) if first else m), last
+
+
+class Swaps(Replay):
+    """Takes requests of steps with fields swapped; it has one model at a time."""
+
+    _swapped: SwappedModel | None = None
+
+    def _on_version(self, _: dict[str, Any]) -> Iterator[bytes]:
+        """Answer which version of MuJoCo this is."""
+        yield frames.arrays_bytes("version", {}, version=mujoco.__version__)
+        yield TAKEN
+
+    def _on_fields(self, _: dict[str, Any], path: str) -> Iterator[bytes]:
+        """Answer all fields of the model in a file, and the features of this version."""
+        m, found = mujoco.MjModel.from_binary_path(path), dict[str, Any]()
+        for name in dir(m):
+            value = None if name.startswith("_") else getattr(m, name)
+            if isinstance(value, (np.ndarray, int, float)):
+                found[name] = np.array(value)
+        found["names"] = np.frombuffer(m.names, np.uint8)
+        found["stat.meaninertia"] = np.array(m.stat.meaninertia)
+        for name in dir(m.opt):
+            value = getattr(m.opt, name)
+            if not name.startswith("_") and isinstance(value, (int, float, np.ndarray)):
+                found[f"opt.{name}"] = np.array(value)
+        yield frames.arrays_bytes("fields", found, features=[*FEATURES])
+        yield TAKEN
+
+    def _on_put(
+        self, arrays: dict[str, Any], path: str, edits: list[Any], off: list[str]
+    ) -> Iterator[bytes]:
+        """Load the model in a file, change elements of its fields, and switch features off."""
+        model = self._swapped
+        if model is None or self._path != path:
+            self._data = self._model = self._swapped = None
+            model = self._swapped = SwappedModel(0, path)
+            self._path, self._data = path, ReplayedData(0, model)
+        model.restore()
+        for edit in edits_of(arrays, edits):
+            model.put(edit.name, edit.indices, edit.values)
+        for name in off:
+            model.switch_off(name)
+        yield from ()
+
+    def _on_stages(self, arrays: dict[str, Any], **head: Any) -> Iterator[bytes]:
+        """Take each step from its own frame; answer with what its stages have computed."""
+        asked = StepsAsked(arrays, **head)
+        rows: dict[str, list[Any]] = {}
+        for step in range(asked.begin, asked.end):
+            self._cross(asked, step)
+            for name, row in self._computed().items():
+                rows.setdefault(name, []).append(np.array(row, np.float64))  # MuJoCo's own memory
+        yield frames.arrays_bytes("stages", {name: _gathered(each) for name, each in rows.items()})
+        yield TAKEN
+
+    def _on_swapped(self, arrays: dict[str, Any], **head: Any) -> Iterator[bytes]:
+        """Take each step from its own frame; answer with the states that they lead to."""
+        asked = StepsAsked(arrays, **head)
+        rows: dict[str, list[Any]] = {}
+        for step in range(asked.begin, asked.end):
+            d = self._cross(asked, step)
+            for name in STATE:
+                row = np.ravel(getattr(d, name, _NOTHING)).astype(np.float64)
+                rows.setdefault(name, []).append(row)
+        yield frames.arrays_bytes("states", {name: np.array(each) for name, each in rows.items()})
+        yield TAKEN
+
+    def _on_rolled(self, arrays: dict[str, Any], **head: Any) -> Iterator[bytes]:
+        """Go on from the first step, its velocities nudged; answer with the last positions."""
+        nudges, asked, state = arrays.pop("nudges"), StepsAsked(arrays, **head), self._data
+        assert state is not None
+        ends = []
+        for nudge in nudges:
+            for step in range(asked.begin, asked.end):
+                for edit in asked.edits.get(step, ()):
+                    state.model.edit(edit.name, edit.indices, edit.values)
+                state.reached = -1 if step == asked.begin else asked.first + step
+                state.reach(asked, step)
+                if step == asked.begin:
+                    state.d.qvel[:] += nudge
+                self._take(state, asked, step)
+            ends.append(state.d.qpos.copy())
+        yield frames.arrays_bytes("ends", {"qpos": np.array(ends)})
+        yield TAKEN
+
+    def _cross(self, asked: StepsAsked, step: int) -> Any:
+        """Take a step from its own frame; return the data."""
+        state = self._data
+        assert state is not None
+        for edit in asked.edits.get(step, ()):
+            state.model.edit(edit.name, edit.indices, edit.values)
+        state.reached = -1
+        state.reach(asked, step)
+        self._take(state, asked, step)
+        return state.d
+
+    def _take(self, state: ReplayedData, asked: StepsAsked, step: int) -> None:
+        """Take a step from the state as it is."""
+        answers = asked.answers(step, state.model.m.nv)
+        self._set_callbacks(frozenset(which for which, _ in answers))
+        self._now, self._calls = state, by_callback(answers)
+        function = int(asked.functions[step])
+        if function & STALE:
+            take_stale(state, state.state(), asked.posed(step), function & 15)
+        else:
+            take(state.model.m, state, function & 15)
+        self._now = None
+
+    def _computed(self) -> dict[str, Any]:
+        """Return what the stages of the last step have computed."""
+        assert self._data is not None
+        d = self._data.d
+        contact = d.contact
+        found = {
+            "xpos": d.xpos.ravel(),
+            "geoms": np.asarray(contact.geom, np.float64).reshape(-1, 2),
+            "dist": np.asarray(contact.dist).reshape(-1, 1),
+            "pos": np.asarray(contact.pos).reshape(-1, 3),
+            "frame": np.asarray(contact.frame).reshape(-1, 9)[:, :3],
+        }
+        found |= {f"qfrc_{name}": getattr(d, f"qfrc_{name}") for name in FORCES}
+        return found | {f"efc_{name}": getattr(d, f"efc_{name}").reshape(-1, 1) for name in ROWS}
+
+
+def _gathered(rows: list[Any]) -> Any:
+    """Return rows of any lengths as one array: how many, their lengths, then all numbers."""
+    lengths = [len(row) for row in rows]
+    numbers = [row.ravel() for row in rows]
+    return np.concatenate([np.array([len(rows), *lengths], np.float64), *numbers])

@@ -1,0 +1,108 @@
+"""MuJoCo in a run's interpreter, which takes single steps with fields of its model swapped."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.engines.mujoco import frames
+from drop_physics.engines.mujoco.stepping import Stepper, StepsWanted, packed_edits, request_of
+from drop_physics.trace.frames import Frames, ModelEdit
+
+Float64 = NDArray[np.float64]
+Arrays = Mapping[str, NDArray[Any]]
+
+
+class Swapper(Stepper):
+    """A process that takes single steps of a model; use it in a `with` statement.
+
+    Parameters
+    ----------
+    python
+        Its interpreter.
+    environment
+        Variables that its process has besides the user's.
+    model
+        The file of the compiled model.
+    """
+
+    module = "mujoco.explain.swapped"
+    group = 0
+
+    def __init__(self, python: str, environment: Mapping[str, str], model: Path) -> None:
+        super().__init__(python, None, environment)
+        self._model = model
+        self.jobs = self.steps = 0
+        """Requests, and the steps that they took."""
+
+    def fields(self) -> tuple[Arrays, list[str]]:
+        """Return all fields of the model, and the features of this version of MuJoCo."""
+        self._send(frames.arrays_bytes("fields", {}, path=str(self._model)))
+        ((said, arrays),) = self._answers()
+        return arrays, said["features"]
+
+    def engine(self) -> str:
+        """Return name and version of the engine that the process has; empty if it has none."""
+        self._send(frames.arrays_bytes("version", {}))
+        ((said, _),) = self._answers()
+        return f"MuJoCo {said['version']}"
+
+    def states(
+        self, wanted: StepsWanted | Frames, edits: Sequence[ModelEdit] = (), off: Sequence[str] = ()
+    ) -> dict[str, Float64]:
+        """Return the states that steps lead to, each from its own frame: parts by name, (n, width).
+
+        Parameters
+        ----------
+        wanted
+            The steps.
+        edits
+            The fields that have other values, for all of them.
+        off
+            The features that are switched off.
+        """
+        if isinstance(wanted, StepsWanted):
+            return super().states(wanted)
+        return self._asked("swapped", wanted, edits, off)
+
+    def stages(self, wanted: Frames, edits: Sequence[ModelEdit] = ()) -> dict[str, list[Float64]]:
+        """Return what the stages of each step have computed: a flat array of each name."""
+        answer = self._asked("stages", wanted, edits)
+        return {name: _apart(numbers) for name, numbers in answer.items()}
+
+    def rolled(self, wanted: Frames, begin: int, nudges: Float64) -> Float64:
+        """Go on from a step to the end, with each nudge of the velocities in turn.
+
+        Returns the last positions, shape (nudges, width).
+        """
+        ends: Float64 = self._asked("rolled", wanted, begin=begin, nudges=nudges)["qpos"]
+        return ends
+
+    def _asked(
+        self,
+        what: str,
+        wanted: Frames,
+        edits: Sequence[ModelEdit] = (),
+        off: Sequence[str] = (),
+        begin: int = 0,
+        **more: NDArray[Any],
+    ) -> dict[str, Any]:
+        arrays, listed = packed_edits(edits)
+        put = {"path": str(self._model), "edits": listed, "off": [*off]}
+        self._send(frames.arrays_bytes("put", arrays, **put))
+        self._send(request_of(what, StepsWanted(self._model, wanted, begin, len(wanted)), more))
+        self.jobs, self.steps = self.jobs + 1, self.steps + len(wanted) - begin
+        ((_, answer),) = self._answers()
+        return answer
+
+
+def _apart(numbers: Float64) -> list[Float64]:
+    """Return arrays that were gathered: how many, their lengths in rows, then all numbers."""
+    count = int(numbers[0])
+    lengths, flat = numbers[1 : count + 1].astype(np.int64), numbers[count + 1 :]
+    width = len(flat) // max(int(lengths.sum()), 1)
+    return np.split(flat, np.cumsum(lengths)[:-1] * width)

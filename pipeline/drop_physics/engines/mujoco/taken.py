@@ -1,0 +1,144 @@
+"""A recorded run of MuJoCo as arrays over all steps: what each started from, and what it led to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.engines.mujoco.frames import USER
+from drop_physics.trace.frames import CLOCK, Column, Frames, ModelEdit
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Rows = Mapping[str, Float64]
+
+
+@dataclass(frozen=True, eq=False)
+class TakenSteps:
+    """The steps of a run, n of them."""
+
+    whole: Frames
+    """All frames as one piece."""
+    before: Rows
+    """The state before each step, shape (n, width) each."""
+    inputs: Rows
+    """What acts in each step, likewise."""
+    edited: Mapping[str, tuple[Int64, Float64]]
+    """The elements of each field that are written while it runs, and their values in each step:
+    shapes (k,) and (n, k)."""
+
+    def __len__(self) -> int:
+        """Return the number of steps."""
+        return len(self.whole)
+
+    @property
+    def after(self) -> Rows:
+        """The state after each step."""
+        return self.whole.after
+
+    @property
+    def starts_s(self) -> Float64:
+        """The clock before each step [s], shape (n,)."""
+        starts_s = np.concatenate(([0.0], self.whole.clock_s[:-1]))
+        before = self.whole.before[CLOCK]
+        starts_s[before.at] = before.rows[:, 0]
+        return starts_s
+
+    def wrote(self, step: int) -> bool:
+        """Return whether the state was written before a step other than the first."""
+        return step > 0 and bool(np.isin(step, self.whole.before[CLOCK].at))
+
+
+def taken(pieces: Iterable[Frames], fields: Mapping[str, NDArray[Any]]) -> TakenSteps:
+    """Return the steps of a run.
+
+    Parameters
+    ----------
+    pieces
+        Its frames, in order.
+    fields
+        The fields of its model as it was compiled.
+    """
+    whole = joined([*pieces])
+    names = {each.name for each in whole.edits}
+    return TakenSteps(
+        whole,
+        {name: whole.starts(name) for name in whole.after},
+        {name: _held(each, len(whole)) for name, each in whole.inputs.items() if name in USER},
+        {name: edited_of(whole, name, fields[name]) for name in sorted(names) if name in fields},
+    )
+
+
+def edited_of(whole: Frames, name: str, compiled: NDArray[Any]) -> tuple[Int64, Float64]:
+    """Return the elements of a field that are written, and their values in each step."""
+    edits = [each for each in whole.edits if each.name == name]
+    indices = np.unique(np.concatenate([each.indices for each in edits]))
+    start = np.ravel(compiled).astype(np.float64)[indices]
+    rows = np.repeat(start[None], len(whole), axis=0)
+    for each in edits:
+        rows[each.step :, np.searchsorted(indices, each.indices)] = each.values
+    return indices, rows
+
+
+def joined(pieces: list[Frames]) -> Frames:
+    """Return the pieces of a run as one; an empty piece where there is none."""
+    first = pieces[0]
+    starts = np.cumsum([0, *map(len, pieces)])[:-1].tolist()
+    both = [*zip(starts, pieces, strict=True)]
+
+    def columns(group: str) -> dict[str, Column]:
+        found: dict[str, list[tuple[int, Column]]] = {}
+        for start, piece in both:
+            for name, column in getattr(piece, group).items():
+                found.setdefault(name, []).append((start, column))
+        return {
+            name: Column(
+                np.concatenate([start + each.at for start, each in its]),
+                np.concatenate([each.rows for _, each in its]),
+            )
+            for name, its in found.items()
+        }
+
+    # The first step of a piece has its state told again: only one that was written counts.
+    before = columns("before")
+    again = [start for start, piece in both[1:] if _continues(pieces, starts, start)]
+    before = {
+        name: Column(each.at[~np.isin(each.at, again)], each.rows[~np.isin(each.at, again)])
+        for name, each in before.items()
+    }
+    return replace(
+        first,
+        clock_s=np.concatenate([each.clock_s for each in pieces]),
+        functions=np.concatenate([each.functions for each in pieces]),
+        after={name: np.concatenate([each.after[name] for each in pieces]) for name in first.after},
+        before=before,
+        inputs=columns("inputs"),
+        posed=columns("posed"),
+        edits=[
+            ModelEdit(start + each.step, each.name, each.indices, each.values)
+            for start, piece in both
+            for each in piece.edits
+        ],
+        answers=[(start + step, told) for start, piece in both for step, told in piece.answers],
+        shared={},
+    )
+
+
+def _continues(pieces: list[Frames], starts: list[int], start: int) -> bool:
+    """Return whether a piece begins with the state that the one before has left."""
+    number = starts.index(start)
+    before, piece = pieces[number - 1], pieces[number]
+    return all(
+        np.array_equal(piece.before[name].rows[0], rows[-1]) for name, rows in before.after.items()
+    ) and bool(piece.before[CLOCK].rows[0, 0] == before.clock_s[-1])
+
+
+def _held(column: Column, count: int) -> Float64:
+    """Return the row that holds in each step."""
+    which = np.searchsorted(column.at, np.arange(count), side="right") - 1
+    rows: Float64 = column.rows[np.maximum(which, 0)]
+    return rows

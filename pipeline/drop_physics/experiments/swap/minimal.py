@@ -1,0 +1,36 @@
+"""The smallest set of changes that still has an effect, by delta debugging.
+
+A. Zeller and R. Hildebrandt, Simplifying and Isolating Failure-Inducing Input, IEEE Transactions on
+Software Engineering 28 (2002): halves are left out first, then ever smaller parts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+T = TypeVar("T")
+
+MOST_TRIALS = 300
+"""Trials after which what is left is taken for the smallest set."""
+
+
+def minimal(units: Sequence[T], holds: Callable[[list[T]], bool]) -> list[T]:
+    """Return the smallest set that was found for which `holds`; it holds for all of them.
+
+    Units that come first are left out first.
+    """
+    left, parts, trials = list(units), 2, 0
+    while len(left) > 1 and trials < MOST_TRIALS:
+        size = max(1, len(left) // parts)
+        for begin in range(0, len(left), size):
+            rest = left[:begin] + left[begin + size :]
+            trials += 1
+            if rest and holds(rest):
+                left, parts = rest, max(2, parts - 1)
+                break
+        else:
+            if size == 1:
+                break
+            parts = min(len(left), 2 * parts)
+    return left

@@ -1,0 +1,210 @@
+"""Compare two runs, and say why one is not the other: what differs is swapped, one step is made."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from drop_physics.engines.mujoco.crossed import CrossedRuns
+from drop_physics.engines.mujoco.crossed import Side as CrossedSide
+from drop_physics.engines.mujoco.swapping import Swapper
+from drop_physics.engines.mujoco.taken import taken
+from drop_physics.errors import DropError, RecordingError
+from drop_physics.experiments.swap.answer import Answer
+from drop_physics.experiments.swap.cause import Alike, Why
+from drop_physics.experiments.swap.first import first_apart
+from drop_physics.files.outputs import check_target, make_folder
+from drop_physics.printable import Printable
+from drop_physics.recording.reader import Recording
+from drop_physics.stages import verbs
+from drop_physics.stages.diff.sides import RunSide, recorded_side, sides_of
+from drop_physics.stages.record import interrupts
+from drop_physics.stages.verbs.taken import takes_those_of
+
+MOST_SIMULATIONS = 32
+"""Simulations of a script that are looked at for the one that is apart first."""
+
+
+@dataclass(frozen=True)
+class Diff(Printable, reported_by="drop_physics.report.diff"):
+    """Why one run is not another."""
+
+    a: str
+    b: str
+    answer: Answer
+    tolerance: float
+    engines: tuple[str, str]
+    runs: int
+    """Number of times that steps were made again, one at a time or to the end."""
+    recordings: tuple[Path, Path] | None
+    """The recordings of both, where they are kept."""
+    host: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    """What differs between the machines or environments of both, by name."""
+    ended: tuple[str, str] = ("finished", "finished")
+    """How each run ended."""
+    unseeded: Sequence[str] = ()
+    """The lines of the scripts that drew unseeded random numbers."""
+
+
+@takes_those_of(verbs.Diff)
+def diff(asked: verbs.Diff) -> Diff:
+    """Run two scripts, or one in two ways, or take recordings, and say why they are not the same.
+
+    Raises
+    ------
+    ScenarioError
+        If what is asked for makes no two sides.
+    DropError
+        If a side cannot be run or read, or holds nothing to compare.
+    """
+    a, b = sides_of(
+        asked.words,
+        packages=asked.packages,
+        arguments=asked.arguments,
+        variables=asked.variables,
+        pythons=asked.pythons,
+        twice=asked.twice,
+    )
+    names = a.named(b) or "a", b.named(a) or "b"
+    if names[0] == names[1]:
+        names = f"{names[0]} (a)", f"{names[1]} (b)"
+    with ExitStack() as stack:
+        if asked.out is not None:
+            folder = Path(asked.out)
+            make_folder(folder)
+        else:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="drop-")))
+        paths = folder / "a.rrd", folder / "b.rrd"
+        for each, side in zip(paths, (a, b), strict=True):
+            if not side.is_recording:
+                check_target(each, force=asked.force)
+        mine, theirs = (
+            recorded_side(side, path, asked, name=name)
+            for side, path, name in zip((a, b), paths, names, strict=True)
+        )
+        answer, engines, runs = _answered(mine, theirs, asked.tolerance, asked.tell)
+    return Diff(
+        *names,
+        answer,
+        asked.tolerance,
+        engines,
+        runs,
+        None if asked.out is None else (mine.recording.path, theirs.recording.path),
+        _host(mine.recording, theirs.recording),
+        (_ending(mine.recording), _ending(theirs.recording)),
+        [*dict.fromkeys((*mine.recording.seen.unseeded, *theirs.recording.seen.unseeded))],
+    )
+
+
+def _ending(held: Recording) -> str:
+    return str((held.ended or {}).get("ended", "unfinished"))
+
+
+HOST = ("hash_seed", "numpy", "blas", "blas_threads", "machine", "version")
+"""What numbers may depend on besides the script, as a recording's closing property names it."""
+
+
+def _host(a: Recording, b: Recording) -> dict[str, tuple[str, str]]:
+    mine, theirs = (
+        {name: str((each.ended or {}).get(f"made_with_{name}", "")) for name in HOST}
+        for each in (a, b)
+    )
+    return {
+        name: (mine[name], theirs[name])
+        for name in HOST
+        if mine[name] != theirs[name] or (name == "hash_seed" and mine[name] == "random")
+    }
+
+
+def _answered(
+    a: RunSide, b: RunSide, tolerance: float, tell: Callable[[int], None]
+) -> tuple[Answer, tuple[str, str], int]:
+    """Return the answer, both engines, and how often steps were made again."""
+    engines = a.recording.seen.engine, b.recording.seen.engine
+    for side in (a, b):
+        if not side.recording.steps.clients:
+            raise RecordingError(
+                "{path} has no step that can be made again: it is of an earlier version of drop, "
+                "or the script made none",
+                path=side.recording.path,
+            )
+    with ExitStack() as stack:
+        crossed, swappers = _earliest(stack, a, b, tolerance)
+        alike = Alike(_is_same_script(a.recording, b.recording), engines[0] == engines[1])
+        sites, halted = _sites(a.recording, b.recording), threading.Event()
+
+        def halts() -> bool:
+            tell(sum(each.jobs for each in swappers))
+            return halted.is_set()
+
+        with interrupts(halted.set):
+            answer = Why(crossed, alike, tolerance, sites, halts).answer()
+        return answer, engines, sum(each.jobs for each in swappers)
+
+
+def _earliest(
+    stack: ExitStack, a: RunSide, b: RunSide, tolerance: float
+) -> tuple[CrossedRuns, Sequence[Swapper]]:
+    """Return the simulations that are apart first, as what takes single steps of them."""
+    both = [*zip(a.recording.steps.clients, b.recording.steps.clients, strict=False)]
+    firsts = []
+    for number, clients in enumerate(both[:MOST_SIMULATIONS] if len(both) > 1 else ()):
+        with ExitStack() as one:
+            crossed, _ = _crossed(one, a, b, clients, tolerance)
+            first = first_apart(crossed.common, tolerance)
+            firsts.append((first.time_s if first is not None else math.inf, number))
+    return _crossed(stack, a, b, both[min(firsts, default=(0.0, 0))[1]], tolerance)
+
+
+def _crossed(
+    stack: ExitStack, a: RunSide, b: RunSide, clients: tuple[int, int], tolerance: float
+) -> tuple[CrossedRuns, Sequence[Swapper]]:
+    """Return what takes single steps of one simulation of each; `stack` ends its processes."""
+    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="drop-")))
+    sides: list[CrossedSide] = []
+    swappers: list[Swapper] = []
+    for n, (side, client) in enumerate(zip((a, b), clients, strict=True)):
+        steps, engine = side.recording.steps, side.recording.seen.engine
+        pieces = [*steps.pieces(client, 0, 1 << 62)]
+        model = folder / f"{n}.mjb"
+        model.write_bytes(steps.model(pieces[0].model))
+        swapper = stack.enter_context(Swapper(side.python, side.environment, model))
+        if (has := swapper.engine()) != engine:
+            raise DropError(
+                "{path} was made with {engine}, and {python} has {has}; give: --with {package}",
+                path=side.recording.path,
+                engine=engine,
+                python=side.python,
+                has=has,
+                package=engine.lower().replace(" ", "=="),
+            )
+        fields, features = swapper.fields()
+        sides.append(CrossedSide(engine, swapper, fields, features, taken(pieces, fields)))
+        swappers.append(swapper)
+    return CrossedRuns(sides[0], sides[1], tolerance), swappers
+
+
+def _is_same_script(a: Recording, b: Recording) -> bool:
+    """Return whether both ran the same text with the same arguments."""
+    names = ("script_sha256", "arguments", "seed")
+    mine, theirs = ([each.origin_and_end.get(name) for name in names] for each in (a, b))
+    return mine == theirs and mine[0] is not None
+
+
+def _sites(a: Recording, b: Recording) -> Callable[[str, int], tuple[str | None, str | None]]:
+    """Return what finds the lines of both scripts that set something before a step."""
+
+    def site(name: str, step: int) -> tuple[str | None, str | None]:
+        found: list[str | None] = []
+        for each in (a, b):
+            calls = [*each.seen.sampled.piece(step, step + 1).calls]
+            its = [call for call in calls if call.function == name] or calls
+            found.append(its[-1].site.place if its else None)
+        return found[0], found[1]
+
+    return site

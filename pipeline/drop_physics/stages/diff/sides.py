@@ -1,0 +1,213 @@
+"""The two sides of a comparison: a script with what it is run with, or a recording."""
+
+from __future__ import annotations
+
+import shlex
+import uuid
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from drop_physics.engines import script as running
+from drop_physics.engines.reached import Reached
+from drop_physics.engines.script import OTHER_PERTURB, PERTURB, Program
+from drop_physics.errors import ScenarioError
+from drop_physics.recording import schema
+from drop_physics.recording.reader import Recording, read
+from drop_physics.stages import verbs
+from drop_physics.stages.diff.wheels import checked, unpacked
+from drop_physics.stages.interpreter import interpreter_of
+from drop_physics.stages.program import checked_limits, digest_of_script, texts_of
+from drop_physics.stages.record import interrupts, origin_of, written
+from drop_physics.stages.rerun.again import Again, folders_of, is_offered
+
+RECORDING = ".rrd"
+
+
+@dataclass(frozen=True)
+class Asked:
+    """One side as it was asked for."""
+
+    target: str
+    arguments: Sequence[str] = ()
+    packages: Sequence[str] = ()
+    """Versions of packages, as `mujoco==3.3.7`."""
+    variables: Mapping[str, str] = field(default_factory=dict)
+    python: str | None = None
+    revision: str | None = None
+    """The revision of Git whose text of the script is run; None for the file as it is."""
+    is_second: bool = False
+    """Whether it has other leftovers in fresh memory than the other side."""
+
+    @property
+    def is_recording(self) -> bool:
+        """Whether it has been recorded already."""
+        return self.target.endswith(RECORDING)
+
+    def named(self, other: Asked) -> str:
+        """Return what tells it from the other side, in few characters."""
+        if self.target != other.target:
+            return Path(self.target).name
+        words = [each.replace("==", " ") for each in self.packages]
+        words += [f"{name}={value}" for name, value in self.variables.items()]
+        words += [shlex.join(self.arguments)] if self.arguments != other.arguments else []
+        words += [self.python] if self.python and self.python != other.python else []
+        words += [self.revision] if self.revision else []
+        return ", ".join(words)
+
+
+def sides_of(
+    words: Sequence[str],
+    *,
+    packages: Sequence[str] = (),
+    arguments: Sequence[str] = (),
+    variables: Sequence[str] = (),
+    pythons: Sequence[str] = (),
+    twice: bool = False,
+    revision: str | None = None,
+) -> tuple[Asked, Asked]:
+    """Return both sides of a command line.
+
+    A list of values is for both sides: what follows the first repeated name is the second's; where
+    no name is repeated, all of it is.
+
+    Parameters
+    ----------
+    words
+        Two scripts or recordings; or one script, and its arguments.
+    packages, variables
+        `NAME==VERSION` and `NAME=VALUE`.
+    arguments, pythons
+        Arguments of the script, and interpreters: one or two.
+    twice
+        Whether the script is compared with itself.
+    revision
+        The revision of Git whose text of the script is the first side.
+
+    Raises
+    ------
+    ScenarioError
+        If they do not make two sides.
+    """
+    scripts = [n for n, word in enumerate(words) if word.endswith((".py", RECORDING))]
+    changed = any((packages, arguments, variables, pythons, twice, revision))
+    if not scripts or scripts[0]:
+        raise ScenarioError(
+            "diff takes two scripts or recordings, or one script and what differs: drop diff a.py "
+            "b.py, or drop diff --with mujoco==3.3.7 --with mujoco==4.0.0 a.py; got {given!r}",
+            given=" ".join(words),
+        )
+    if len(scripts) > 1 and (words[0].endswith(RECORDING) or not changed or not _is_one(words)):
+        second = scripts[1]
+        both = words[:second], words[second:]
+    elif changed:
+        both = words, words
+    else:
+        raise ScenarioError(
+            "diff needs something to compare {script} with: another script or recording, or one of "
+            "--with, --args, --env, --python, --twice, --rev",
+            script=words[0],
+        )
+    packages_of = _divided(packages, lambda each: checked(each)[0])
+    for each in variables:
+        if "=" not in each:
+            raise ScenarioError("--env must be NAME=VALUE, got {given!r}", given=each)
+    variables_of = _divided(variables, lambda each: each.partition("=")[0])
+    pythons_of = _divided(pythons, lambda _: "")
+    sides = []
+    for n, (target, *given) in enumerate(both):
+        extra = arguments[n] if len(arguments) == 2 else arguments[0] if arguments and n else None
+        sides.append(
+            Asked(
+                target,
+                [*given, *shlex.split(extra or "")],
+                packages_of[n],
+                dict(each.split("=", 1) for each in variables_of[n]),
+                next(iter(pythons_of[n]), None),
+                revision if not n else None,
+                is_second=bool(n) and twice,
+            )
+        )
+    return sides[0], sides[1]
+
+
+def _is_one(words: Sequence[str]) -> bool:
+    """Return whether the words after a script are its arguments rather than another script."""
+    return not any(Path(word).is_file() for word in words[1:] if word.endswith(".py"))
+
+
+def _divided(
+    values: Sequence[str], name_of: Callable[[str], str]
+) -> tuple[Sequence[str], Sequence[str]]:
+    """Return the values of each side."""
+    names = [name_of(each) for each in values]
+    for n, name in enumerate(names):
+        if name in names[:n]:
+            return values[:n], values[n:]
+    return [], values
+
+
+@dataclass(frozen=True)
+class RunSide:
+    """One side, recorded."""
+
+    name: str
+    """What tells it from the other."""
+    recording: Recording
+    python: str
+    """The interpreter that has its engine."""
+    environment: Mapping[str, str]
+    """Variables with which that has it."""
+
+
+def recorded_side(asked: Asked, path: Path, how: verbs.Diff, *, name: str) -> RunSide:
+    """Record a side, or read it where it is a recording.
+
+    Parameters
+    ----------
+    asked
+        The side.
+    path
+        The recording to write.
+    how
+        The steps after which the script is stopped, and what is told meanwhile.
+    name
+        What tells the side from the other.
+
+    Raises
+    ------
+    DropError
+        If it cannot be run or read.
+    """
+    note = how.note
+    note_python = (lambda _: None) if asked.is_recording else note
+    python = interpreter_of(asked.target, is_module=False, given=asked.python, note=note_python)
+    environment = {**unpacked(asked.packages, python, note), **asked.variables}
+    if asked.is_recording:
+        held = read(Path(asked.target))
+        its = (held.ended or {}).get("interpreter")
+        return RunSide(name, held, asked.python or str(its or python), environment)
+    digest = digest_of_script(asked.target, is_module=False)
+    steps, *_ = checked_limits(how.steps, None, None)
+    program = Program(
+        asked.target,
+        texts_of(asked.arguments),
+        python,
+        steps=steps,
+        perturb=OTHER_PERTURB if asked.is_second else PERTURB,
+        environment=environment,
+    )
+    folders = folders_of(Path(asked.target), Reached())
+    again = Again(folders=tuple(folders)) if is_offered(folders) else Again()
+    from drop_physics.recording.recorder import Recorder
+
+    recorder = Recorder({schema.ORIGIN_PROPERTY: origin_of(program, digest)}, drawn=False)
+    with (
+        again.ready(program) as ready,
+        running.Script(ready, stdout=how.stdout, progress=how.progress) as process,
+        interrupts(process.interrupt),
+    ):
+        ended = written(process, recorder, path, recording_id=uuid.uuid4().hex, force=True)
+    for sentence in ended.notes:
+        note(sentence)
+    return RunSide(name, read(path), python, environment)
