@@ -101,6 +101,9 @@ def test_analyze_finds_the_same_in_them(pair: tuple[Path, Path]) -> None:
         for name in [name for name in each["engine"] if name.endswith("_version")]:
             del each["engine"][name]
         each["origin"] = {"script": (each["origin"] or {}).get("script")}
+        # Rows of what the script reads come first, and the first schemas hold no readings.
+        rows = [{**row, "salience": None} for row in each.get("account", ())]
+        each["account"] = sorted(rows, key=json.dumps)
     assert now == then
 
 
