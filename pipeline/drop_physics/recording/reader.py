@@ -32,6 +32,7 @@ from drop_physics.recording.json_rows import Told
 from drop_physics.recording.sampled import RecordedSamples, is_series
 from drop_physics.recording.steps import RecordedModel, RecordedSteps
 from drop_physics.recording.versions import lacking
+from drop_physics.recording.whole_steps import last_whole_step
 from drop_physics.scenario import Camera, Scenario
 from drop_physics.trace.events import (
     Appearance,
@@ -151,9 +152,10 @@ def read(path: Path) -> Recording:
     held = contents(path)
     closing = closing_of(held.properties, path)
     check_inputs(held.properties, path)
-    held.sampled.partial = closing is None
     try:
         told = held.told
+        if closing is None:
+            told = _whole(told, held)
         seen = _seen(told, held.sampled, closing or {}, held.steps.models)
     except (KeyError, ValueError, TypeError, IndexError, AttributeError):
         what = Message("its bodies and calls are not in drop's format")
@@ -297,6 +299,8 @@ def _seen(
         (each.body_a, each.link_a, each.body_b, each.link_b): each
         for each in json_rows.events(told, PairFriction)
     }
+    causes = {each.number: each for each in json_rows.events(told, ImpulseCause)}
+    sampled.causes = causes
     return Seen(
         bodies=bodies,
         appearances=appearances,
@@ -311,7 +315,7 @@ def _seen(
         real_time=bool(closing.get("made_with_real_time", False)),
         unseeded=tuple(listed(closing.get("made_with_unseeded"))),
         machine=str(closing.get("made_with_machine", "")),
-        causes={each.number: each for each in json_rows.events(told, ImpulseCause)},
+        causes=causes,
         frictions={key: each.friction for key, each in pairs.items()},
         softness={key: (each.solref, each.solimp) for key, each in pairs.items() if each.solref},
         condims={key: (each.condim, each.rolling) for key, each in pairs.items()},
@@ -319,6 +323,23 @@ def _seen(
         warnings=json_rows.events(told, EngineWarning),
         equalities=json_rows.events(told, Equality),
     )
+
+
+def _whole(told: Told, held: Contents) -> Told:
+    """Leave out what an unfinished recording holds of steps that are not whole; return the rest."""
+    held.sampled.sites = _sites(told)
+    engines = [each.engine for each in json_rows.events(told, Settings)]
+    last = last_whole_step(
+        held.sampled,
+        held.steps,
+        json_rows.events(told, Appearance),
+        efforts=not any(engines),  # PyBullet, which is not named, reports them
+    )
+    held.sampled.whole = last
+    return {
+        entity: [(at, values) for at, values in rows if at.step <= max(last, 0)]
+        for entity, rows in told.items()
+    }
 
 
 def _sites(told: Told) -> dict[int, Site]:

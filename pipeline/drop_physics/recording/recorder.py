@@ -216,6 +216,7 @@ class Recorder:
                 yield from self._on_image(event)
             case Impulses():
                 self._made.add_impulses(event)
+                yield from self._rows.flush()  # their causes
                 yield writer.impulses_chunk(event)
             case Controls():
                 yield from self._on_controls(event)
@@ -406,6 +407,7 @@ class Recorder:
         at = Times(seen.steps, seen.times_s)
         self._calls.hold(schema.CALLS, at, (seen, widths), kind=seen.client)
         if not self._is_held(len(seen.steps)):
+            yield from self._rows.flush()  # their sites
             yield from self._calls.flush()
         yield from self._commands.on_calls(seen, self.sites, widths)
         if self.drawn:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -69,15 +69,17 @@ class RecordedSamples:
         self.appearances: list[Appearance] = []
         self.numbers: Mapping[str, int] = {}
         """The bodies' numbers, by label."""
-        self.partial = False
-        """Whether contacts may be of later steps than the last state."""
+        self.whole: int | None = None
+        """The last whole step of an unfinished recording; None of a finished one."""
+        self.causes: Collection[int] = ()
+        """The numbers of the causes of impulses."""
 
     @property
     def last(self) -> int:
-        """The last step of which there is anything but contacts of a partial one; -1 if none."""
-        ahead = {schema.CONTACTS.entity} if self.partial else set()
-        counted = (each for name, each in self.entities.items() if name not in ahead)
-        return max((max(each.last, default=-1) for each in counted), default=-1)
+        """The last whole step of which there is anything; -1 if there is none."""
+        if self.whole is not None:
+            return self.whole
+        return max((max(each.last, default=-1) for each in self.entities.values()), default=-1)
 
     @property
     def first(self) -> int:
@@ -124,11 +126,9 @@ class RecordedSamples:
 
     def piece(self, first: int, end: int) -> Piece:
         """Return what was sampled of the steps from `first` to before `end`."""
+        end = min(end, self.last + 1)
         bases = self.table(schema.STATES.entity, first, end)
         contacts = self.table(schema.CONTACTS.entity, first, end)
-        if self.partial and schema.STATES.entity in self.entities:
-            newest = max(self.entities[schema.STATES.entity].last)
-            contacts = contacts[contacts["step"] <= newest]
         joints = {}
         forces: dict[tuple[int, int], list[tuple[Int64, Float64]]] = {}
         for label, number in self.numbers.items():
@@ -171,8 +171,15 @@ class RecordedSamples:
                 read = [
                     columns.impulses(each, self.path) for each in self.chunks(entity, first, end)
                 ]
-                found[int(entity.rpartition("/")[2])] = [each.between(first, end) for each in read]
+                known = read if self.whole is None else [*filter(self._is_known, read)]
+                if known:
+                    client = int(entity.rpartition("/")[2])
+                    found[client] = [each.between(first, end) for each in known]
         return found
+
+    def _is_known(self, acted: Impulses) -> bool:
+        """Return whether all causes of some impulses are known."""
+        return bool(np.isin(acted.causes, [*self.causes]).all())
 
     def _controls(self, first: int, end: int) -> dict[int, tuple[Int64, Float64]]:
         """Return what actuators were given, by client: from the last row before on."""

@@ -57,6 +57,10 @@ class RecordedSteps:
         """The simulations that have frames."""
         return sorted(self._places)
 
+    def ends(self, client: int) -> list[int]:
+        """Return the samples that the pieces of a simulation lead to."""
+        return [place.end for place in self._places.get(client, ())]
+
     def add_model(self, chunk: Chunk, part: ModelPart) -> None:
         """Add a part of a model to the index."""
         self.models[part.number] = RecordedModel(part.engine, part.sha256, part.size)
@@ -136,7 +140,7 @@ class RecordedSteps:
             try:
                 yield unpacked(self._row(place), numbers, series)
             except (ValueError, LookupError, TypeError):
-                if self.samples.partial:  # its last samples may be missing
+                if self.samples.whole is not None:  # its last samples may be missing
                     return
                 what = Message("{entity} is not in drop's format", entity=schema.STEPS)
                 raise damaged(path, what) from None

@@ -1,0 +1,106 @@
+"""The whole steps of an unfinished recording, which ends wherever its writer was stopped.
+
+Rows are written in groups. Within a group each body's series come before the states of bases, and
+these before the frames; calls come before all of them, and what a call refers to before the call.
+So a simulation is whole up to the end of the last group that has all of its parts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import product
+
+import numpy as np
+
+from drop_physics.recording import columns, schema
+from drop_physics.recording.sampled import RecordedSamples
+from drop_physics.recording.steps import RecordedSteps
+from drop_physics.trace.events import Appearance, Body
+
+NONE, LAST = -1, 2**62
+"""Steps before the first one, and after all."""
+BASE = -1
+"""The number of the base among the links of a body."""
+
+
+def last_whole_step(
+    sampled: RecordedSamples,
+    steps: RecordedSteps,
+    appearances: Sequence[Appearance],
+    *,
+    efforts: bool,
+) -> int:
+    """Return the last step of which an unfinished recording holds all; -1 if there is none.
+
+    Parameters
+    ----------
+    sampled, steps
+        Its samples, with their sites, and its frames.
+    appearances
+        When its bodies appeared.
+    efforts
+        Whether the engine reports those of joints.
+    """
+    bodies = {each.body.number: each.body for each in appearances}
+    appeared = {each.body.number: each.at.step for each in reversed(appearances)}
+    newest_of, whole = [NONE], [*_unknown_calls(sampled)]
+    for client in {body.client for body in bodies.values()}:
+        own = [body for body in bodies.values() if body.client == client]
+        parts = [*_joints(sampled, own, efforts=efforts), *_others(sampled, steps, client, own)]
+        newest = max((end for _, ends in parts for end in ends), default=NONE)
+        before = max((end for _, ends in parts for end in ends if end < newest), default=NONE)
+        newest_of.append(newest)
+        for of, ends in parts:
+            last = max(ends, default=NONE)
+            # What has ended earlier is gone, as a body that was removed; or it has not begun.
+            has_begun = min(appeared[number] for number in of) < newest
+            if last == before or (last == NONE and has_begun):
+                whole.append(before)
+    return min(max(newest_of), *whole, LAST)
+
+
+Part = tuple[list[int], list[int]]
+"""The bodies that a part of a simulation is of, and the last steps of its groups."""
+
+
+def _joints(sampled: RecordedSamples, bodies: Sequence[Body], *, efforts: bool) -> Iterator[Part]:
+    """Yield the series of joints."""
+    moving = [body for body in bodies if any(any(joint.widths) for joint in body.joints)]
+    for body, of in product(moving, schema.OF_JOINTS if efforts else schema.OF_JOINTS[:-1]):
+        yield [body.number], _series(sampled, body, of)
+
+
+def _others(
+    sampled: RecordedSamples, steps: RecordedSteps, client: int, bodies: Sequence[Body]
+) -> Iterator[Part]:
+    """Yield the forces of constraints, the states of bases, and the frames."""
+    all_of = [body.number for body in bodies]
+    for entity, held in sampled.entities.items():
+        if entity.startswith(f"{schema.CONSTRAINTS}/{client}_"):
+            yield all_of, held.last
+    if bases := [body.number for body in bodies if BASE in body.moving]:
+        yield bases, [*_states(sampled, bases)]
+    if steps.models:
+        yield all_of, steps.ends(client)
+
+
+def _series(sampled: RecordedSamples, body: Body, of: str) -> list[int]:
+    held = sampled.entities.get(f"{schema.JOINTS}/{body.label}/{of}")
+    return [] if held is None else held.last
+
+
+def _states(sampled: RecordedSamples, bodies: Sequence[int]) -> Iterator[int]:
+    for chunk in sampled.chunks(schema.STATES.entity, 0, sampled.last + 1):
+        rows = columns.rows(chunk, schema.STATES, sampled.path)
+        own = np.isin(rows["body"], bodies)
+        if own.any():
+            yield int(rows["step"][own].max())
+
+
+def _unknown_calls(sampled: RecordedSamples) -> Iterator[int]:
+    """Yield the step of the first call whose place in the script is not known, if there is one."""
+    for chunk in sampled.chunks(schema.CALLS, 0, sampled.last + 1):
+        calls = columns.calls(chunk, sampled.path)
+        unknown = ~np.isin(calls.sites, [*sampled.sites])
+        if unknown.any():
+            yield int(calls.steps[unknown].min()) - 1
