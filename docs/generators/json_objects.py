@@ -18,6 +18,7 @@ from types import UnionType
 from typing import Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import polars as pl
+from drop_physics.account import episodes
 from drop_physics.account import rows as account
 from drop_physics.analysis import results as script
 from drop_physics.compare.calls import OtherCall
@@ -116,6 +117,9 @@ CONTRACT: dict[type, set[str]] = {
     ActuatorRow: {field.name for field in fields(ActuatorRow)},
     ReplayedSteps: {field.name for field in fields(ReplayedSteps)},
     account.Row: {field.name for field in fields(account.Row) if field.metadata.get("json", True)},
+    episodes.AtEnd: {field.name for field in fields(episodes.AtEnd)},
+    episodes.EpisodeRow: {field.name for field in fields(episodes.EpisodeRow)},
+    episodes.FirstContact: {field.name for field in fields(episodes.FirstContact)},
     account.RowTerm: {field.name for field in fields(account.RowTerm)},
     Touch: {"with", *(field.name for field in fields(Touch) if field.name != "other")},
 }  # fmt: skip
@@ -291,6 +295,8 @@ SCRIPT_ANALYSIS = _object(
         "bodies",
         "findings",
         "account",
+        "episodes",
+        "episode",
     },
     origin=dict[str, Any],
     engine=dict[str, Any],

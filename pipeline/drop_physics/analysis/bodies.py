@@ -116,7 +116,7 @@ class BodyStory:
             momentum=_momentum(totals, all_causes=not self._is_replayed)
             if body.base_moves
             else None,
-            joints=scene.joints.rows(body.number),
+            joints=[],
             actuators=scene.actuators.rows(body),
             touches=scene.touches.rows(body.number),
             at=self._sums,

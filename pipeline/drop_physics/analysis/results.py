@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
+from drop_physics.account.episodes import EpisodeRow
 from drop_physics.account.rows import Row
 from drop_physics.arrays import Vector
 from drop_physics.engine_report import EngineReport
@@ -239,6 +240,11 @@ class Analysis(Printable, reported_by=REPORT):
     """What was asked and what happened instead, and why; the gravest first."""
     account: Sequence[Row] = ()
     """What was asked, given, moved and held, with the terms of the sum; the most salient first."""
+    episodes: Sequence[EpisodeRow] = ()
+    """The episodes of all simulations, in the order in which they ended."""
+    episode: int | None = None
+    """Number of the episode whose last two seconds the account and the joints are of; None if they
+    are of the whole run."""
     left_out: int = 0
     """How many more were found, and left out: by the command, the script or the project."""
     by_body: dict[int, Explained]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from drop_physics.account.account import Account
+from drop_physics.account.episodes import EpisodeTable
 from drop_physics.account.rows import Row
 from drop_physics.analysis.bodies import BodyStory
 from drop_physics.analysis.phases import runs_of
@@ -17,6 +18,7 @@ from drop_physics.analysis.results import Analysis, Explained
 from drop_physics.explain import recording
 from drop_physics.explain.curves import CurveTable
 from drop_physics.explain.joints import JointTable
+from drop_physics.explain.moments import end_of
 from drop_physics.explain.recording import Explanation
 from drop_physics.explain.replayed import Replayed
 from drop_physics.explain.rows import MOST_ROWS, SHOWN_PER_S, SampleRows, joined
@@ -27,6 +29,7 @@ from drop_physics.physics.laws.lookup import step_law
 from drop_physics.rules.answer import Finding, Scene
 from drop_physics.rules.every import Rules, ranked, told_apart
 from drop_physics.trace.cures import Cure
+from drop_physics.trace.episodes import Episode, episodes_of
 from drop_physics.trace.history import Piece, Seen
 
 
@@ -45,6 +48,8 @@ class Story:
         Times [s] whose steps are reported as sums.
     whole
         Whether the table has all rows of a long recording too, and columns for joints and terms.
+    episode
+        The episode whose end the account and the tables of joints are of; None for the whole run.
     asked
         Whether rules are asked what they find.
     other
@@ -65,6 +70,7 @@ class Story:
         at_s: Sequence[float] = (),
         sums_at_s: Sequence[float] = (),
         whole: bool = False,
+        episode: Episode | None = None,
         asked: bool = True,
         other: Law | None = None,
         call_of: Callable[[Cure], str] = lambda cure: cure.call,
@@ -72,20 +78,31 @@ class Story:
         also: Callable[[Piece], None] | None = None,
     ) -> None:
         clients = {each.client for each in seen.settings}
+        times = {client: StepTimes(seen, client) for client in clients}
+        self._window = None if episode is None else end_of(episode, times[episode.client])
+        if self._window is not None:
+            _, first, last = self._window
+            seen = replace(seen, cuts=(first + 1, last + 1))
         self.explanation: Explanation | Replayed = (
             Replayed(seen) if step_law(seen.engine) is None else Explanation(seen, other)
         )
         self.scene = Scene(
             seen=seen,
             origin=origin,
-            times={client: StepTimes(seen, client) for client in clients},
+            times=times,
             joints=JointTable(seen),
             touches=TouchTable(seen),
             call_of=call_of,
         )
         self.curves = CurveTable(seen, self.scene.times)
         self._rules = Rules(self.scene) if asked else None
-        self._account = Account(seen, self.scene.times) if asked else None
+        self._account = Account(seen, times) if asked else None
+        self._joints = self.scene.joints if episode is None else JointTable(seen)
+        """The joints that are told: in all steps, or as the episode ends."""
+        episodes = episodes_of(seen) if asked else []
+        shown = episodes[0] if len(episodes) == 1 else episode
+        self._episodes = EpisodeTable(seen, times, episodes, shown)
+        self._episode = episode
         self._seen, self._origin = seen, origin
         self._whole, self._also, self._reports = whole, also, reports
         self._rows: list[SampleRows] = []
@@ -109,8 +126,11 @@ class Story:
         self.curves.add(explained, self.scene.joints, self.scene.touches)
         if self._rules is not None:
             self._rules.see()
-        if self._account is not None:
-            self._account.see(explained, self.scene.joints, self.scene.touches)
+        self._episodes.see(explained, self.scene.joints, self.scene.touches)
+        if self._account is not None and self._is_told(explained.piece):
+            if self._joints is not self.scene.joints:
+                self._joints.add(explained)
+            self._account.see(explained, self._joints, self.scene.touches)
         touched = runs_of(explained)
         for number, judged in explained.bodies.items():
             history = explained.histories[number]
@@ -120,22 +140,35 @@ class Story:
             self._rows.append(rows.shown(per_s=self._shown_per_s))
         self.scene.forget()
 
+    def _is_told(self, piece: Piece) -> bool:
+        """Return whether the account is of a piece: all of it is, or nothing."""
+        if self._window is None:
+            return True
+        _, first, last = self._window
+        return first < piece.first and piece.end <= last + 1
+
     @np.errstate(all="ignore")  # of states that are not finite: reported
     def analysis(self) -> Analysis:
         """Go through all pieces, each freed before the next is made; return what was found."""
         for _ in map(self.see, self.explanation.pieces()):
             pass
         totals = self.explanation.totals
-        account = [] if self._account is None else self._account.rows(self.scene.joints, totals)
+        of_run = totals if self._window is None else {}
+        account = [] if self._account is None else self._account.rows(self._joints, of_run)
         by_body = {n: body.explained(totals.get(n)) for n, body in self.bodies.items()}
         return Analysis(
             origin=dict(self._origin),
             engine=_engine(self._seen),
             samples=max(self._seen.samples.values(), default=0),
             explained=_together([*by_body.values()]),
-            bodies=[body.result(totals.get(n)) for n, body in self.bodies.items()],
+            bodies=[
+                replace(body.result(totals.get(n)), joints=self._joints.rows(n))
+                for n, body in self.bodies.items()
+            ],
             findings=[*citing(self.findings(), account)],
             account=account,
+            episodes=self._episodes.rows(),
+            episode=None if self._episode is None else self._episode.number,
             left_out=len(self.findings(reported=False)),
             by_body=by_body,
             rows=joined(self._rows),

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from drop_physics.arrays import Float64, Int64
+from drop_physics.explain.times import StepTimes
+from drop_physics.trace.episodes import Episode
 from drop_physics.trace.history import Piece, Seen
 from drop_physics.trace.states import by_body
 from drop_physics.trace.sums import Window
@@ -15,8 +17,17 @@ MOST_CLIENTS = 4
 """Simulations that get windows, the longest first."""
 SPAN, LEAST_SPAN, FREEDOMS = 200, 20, 30
 """Most and least steps around a moment, and degrees of freedom up to which it is the most."""
+LAST_S = 2.0
+"""How much of an episode's end is looked at [s]."""
 STATES = 1 << 22
 """Most numbers of states that are held at once."""
+
+
+def end_of(episode: Episode, times: StepTimes) -> Window:
+    """Return the window of an episode's last two seconds, or of all of a shorter one."""
+    begin_s = times.of(episode.last) - LAST_S
+    first = times.nearest(begin_s, episode.first, episode.last)
+    return episode.client, episode.first if first is None else first, episode.last
 
 
 def moments_of(seen: Seen, steps: Mapping[int, int]) -> list[Window]:

@@ -27,6 +27,7 @@ from drop_physics.trace.events import (
     Body,
     Dynamics,
     EngineWarning,
+    EpisodeEnd,
     Equality,
     Event,
     ImpulseCause,
@@ -60,6 +61,7 @@ ENTITIES: Mapping[type[Any], str] = {
     PairFriction: schema.PAIRS,
     EngineWarning: schema.WARNINGS,
     Equality: schema.EQUALITIES,
+    EpisodeEnd: schema.EPISODES,
 }
 """Where the rows of each kind of event are."""
 MESH, ARRAYS = "mesh", ("corners_m", "triangles")

@@ -39,6 +39,7 @@ from drop_physics.trace.events import (
     At,
     Dynamics,
     EngineWarning,
+    EpisodeEnd,
     Equality,
     ImpulseCause,
     Joint,
@@ -322,6 +323,7 @@ def _seen(
         can_replay=bool(models),
         warnings=json_rows.events(told, EngineWarning),
         equalities=json_rows.events(told, Equality),
+        episode_ends=json_rows.events(told, EpisodeEnd),
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from drop_physics.trace.states import BASE_STATE, CONTACT
 
 APPLICATION_ID = "drop"
-SCHEMA_VERSION = 6
+SCHEMA_VERSION = 7
 
 STEP_TIMELINE = "sim_step"
 TIME_TIMELINE = "sim_time"
@@ -103,12 +103,14 @@ WARNINGS = "warnings"
 """A row per kind of warning of the engine, written at the end: how often, and when."""
 EQUALITIES = "equalities"
 """A row per two links that are held together from the beginning on."""
+EPISODES = "episodes"
+"""A row per episode that an environment of gymnasium's has ended: how, why, length and return."""
 
 JSON = "json"
 """The column of their rows."""
 TOLD = (
     *(BODIES, SURFACES, SET, DYNAMICS, SETTINGS, SOLVER, READINGS, SITES, RAISED, CAUSES, PAIRS),
-    *(WARNINGS, EQUALITIES),
+    *(WARNINGS, EQUALITIES, EPISODES),
 )
 """Entities with rows of JSON, covered by one digest."""
 

@@ -38,6 +38,7 @@ ADDED: Mapping[int, Addition] = {
         of_drops=False,
         of_replayed=True,
     ),
+    7: Addition(Message("the episodes of its environments"), of_drops=False),
 }
 """What each schema added."""
 

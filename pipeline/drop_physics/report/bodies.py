@@ -23,6 +23,7 @@ from drop_physics.report.blocks import (
     Section,
     Words,
 )
+from drop_physics.report.episodes import episode_lines
 from drop_physics.report.flights import contact_by, contacts, falls, flights, momentum
 from drop_physics.report.words import MISSING, SEGMENTS, kinds_of_samples
 from drop_physics.rules.choice import minor
@@ -65,7 +66,8 @@ def report_of_bodies(analysis: Analysis, *, verbose: bool = False) -> Report:
         analysis.sources,
         looked_at=None if failed or analysis.samples < 2 else looked_at(analysis),
     )
-    sections = [Section([found], apart=False)]
+    episodes = [*episode_lines(analysis.episodes, analysis.episode, verbose=verbose)]
+    sections = [*episodes, Section([found], apart=False)]
     rows = len(analysis.account) if verbose else account.FEW if shown else account.MANY
     sections += account.account_of(analysis.account, shown[:most], rows)
     verbose = verbose or alone

@@ -614,6 +614,26 @@ class Equality:
     """Whether it holds them as the run begins."""
 
 
+@dataclass(frozen=True)
+class EpisodeEnd:
+    """The end of an episode, as an environment of gymnasium's returned it."""
+
+    at: At
+    client: int
+    first: int
+    """Number of steps of the simulation before its first one."""
+    how: str
+    """`terminated` or `truncated`, `reset` before it ended, or `run`: the run ended first."""
+    why: str
+    """Why it was terminated, as far as the environment says: `z 0.98 < 1`, `fell`; else empty."""
+    length: int
+    """Number of calls of the environment's `step`."""
+    reward: float
+    """Sum of the rewards."""
+    success: bool | None
+    """Whether the environment's goal was reached; None if it says nothing of one."""
+
+
 Event = (
     Appearance
     | Surface
@@ -631,6 +651,7 @@ Event = (
     | PairFriction
     | EngineWarning
     | Equality
+    | EpisodeEnd
     | Impulses
     | Controls
     | ContactRows

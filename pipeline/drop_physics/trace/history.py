@@ -18,6 +18,7 @@ from drop_physics.trace.events import (
     Body,
     Dynamics,
     EngineWarning,
+    EpisodeEnd,
     Equality,
     Event,
     ImpulseCause,
@@ -178,6 +179,10 @@ class Seen:
     from, if not all were."""
     warnings: Sequence[EngineWarning] = ()
     equalities: Sequence[Equality] = ()
+    episode_ends: Sequence[EpisodeEnd] = ()
+    """The ends of episodes that environments of gymnasium's have told."""
+    cuts: Sequence[int] = ()
+    """Samples that begin a piece."""
 
     @property
     def engine(self) -> str:
@@ -208,7 +213,7 @@ class Seen:
         steps = steps or self.piece_steps()
         first, last = self.sampled.first, self.sampled.last
         # A piece is all explained, or not at all.
-        edges = {edge + 1 for _, *both in self.windows for edge in both}
+        edges = {edge + 1 for _, *both in self.windows for edge in both} | {*self.cuts}
         bounds = [first, *sorted(edge for edge in edges if first < edge <= last), last + 1]
         for begin, end in pairwise(bounds):
             for at in range(begin, end, steps):

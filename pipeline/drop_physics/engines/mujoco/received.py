@@ -94,6 +94,17 @@ class Edited(NamedTuple):
     since: int
 
 
+class EndedEpisode(NamedTuple):
+    """An episode that an environment of the script has ended."""
+
+    first: int
+    """Number of steps of the simulation before it."""
+    end: int
+    """Number of steps of the simulation up to its end."""
+    told: dict[str, Any]
+    """What the environment told of it."""
+
+
 @dataclass(frozen=True)
 class StepPiece:
     """Steps of one simulation, without a gap."""
@@ -118,6 +129,7 @@ class StepPiece:
     edited: list[Edited]
     warnings: list[tuple[int, int, int, int]]
     """Warnings: step, kind, how often in that step, and last info."""
+    episodes: list[EndedEpisode]
     answers: list[tuple[int, bytes]]
     """What callbacks did within a step, as `frames` has it."""
 
@@ -139,6 +151,9 @@ class _World:
     written: list[Written] = field(default_factory=list)
     edited: list[Edited] = field(default_factory=list)
     warnings: list[tuple[int, int, int, int]] = field(default_factory=list)
+    episodes: list[EndedEpisode] = field(default_factory=list)
+    episode: int = 0
+    """Number of steps before the current episode."""
     answers: list[tuple[int, bytes]] = field(default_factory=list)
     counts: dict[int, int] = field(default_factory=dict)
 
@@ -170,10 +185,11 @@ class _World:
             written=self.written,
             edited=self.edited,
             warnings=self.warnings,
+            episodes=self.episodes,
             answers=self.answers,
         )
         self.payloads, self.written, self.edited = [], [], []
-        self.warnings, self.answers = [], []
+        self.warnings, self.episodes, self.answers = [], [], []
         return found
 
 
@@ -355,6 +371,12 @@ class Received:
 
     def _on_idle(self, world: int) -> None:
         self.idle.append((world, self._worlds[world].model))
+
+    def _on_episode(self, world: int, how: str, **told: Any) -> None:  # noqa: ANN401
+        its = self._worlds[world]
+        if how != "begins":
+            its.episodes.append(EndedEpisode(its.episode, its.step, {"how": how, **told}))
+        its.episode = its.step
 
     def _on_uncaught(self, **what: Any) -> None:  # noqa: ANN401
         self.uncaught.append(what)

@@ -47,6 +47,7 @@ from drop_physics.trace.events import (
     Controls,
     Dynamics,
     EngineWarning,
+    EpisodeEnd,
     Event,
     Put,
     Samples,
@@ -358,6 +359,11 @@ class MujocoDecoder:
         frames = simulation.frames.of_piece(piece, simulation.timestep_s, shared)
         self._frames.add(frames)
         yield frames
+        for each in piece.episodes:
+            step = each.end - simulation.first
+            at = At(step, float(simulation.times_then_s(np.array([step]))[0]), self._calls)
+            first = max(each.first - simulation.first, 0)
+            yield EpisodeEnd(at, simulation.client, first, **each.told)
 
     def _warned(self, its: MujocoSimulation, piece: StepPiece) -> None:
         """Count MuJoCo's warnings in a piece."""

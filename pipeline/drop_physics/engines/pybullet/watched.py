@@ -24,6 +24,7 @@ from drop_physics.trace.events import (
     Appearance,
     At,
     Dynamics,
+    EpisodeEnd,
     Event,
     Image,
     Put,
@@ -37,7 +38,7 @@ from drop_physics.trace.events import (
 NOTES = frozenset(
     (
         *("world", "site", "raised", "solver", "over", "engine", "body", "look", "gone", "reset"),
-        *("reading", "read", "dynamics", "carried", "layout", "real_time", "fault"),
+        *("reading", "read", "dynamics", "carried", "layout", "real_time", "fault", "episode"),
     )
 )
 """Kinds of notes about its simulations."""
@@ -72,6 +73,8 @@ class BulletDecoder:
         self._bodies: dict[int, Known] = {}
         self._numbering = Numbering()
         self._solvers: dict[tuple[int, int], SolverStop] = {}
+        self._episodes: dict[int, int] = {}
+        """Steps of each simulation before its current episode."""
         self._reads = Reads()
         self._caller: GatheredWorld | None = None
         """The simulation of the last call."""
@@ -271,6 +274,13 @@ class BulletDecoder:
         yield from its.gathered()
         layout = [(self._bodies[number], has_base) for number, has_base in bodies]
         its.lay_out(layout, constraints)
+
+    def _on_episode(self, world: int, how: str, **told: Any) -> Iterator[Event]:  # noqa: ANN401
+        its = self._worlds[world]
+        first, self._episodes[world] = self._episodes.get(world, 0), its.step
+        if how != "begins":
+            yield from its.gathered()
+            yield EpisodeEnd(self._at(its), its.client, first, how, **told)
 
     def _on_real_time(self, **_: object) -> None:
         self.real_time = True

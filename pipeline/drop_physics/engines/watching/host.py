@@ -17,6 +17,7 @@ from typing import Any
 from weakref import ref
 
 from .clock import Clock
+from .environments import Environments
 from .evaluating import evaluator_of
 from .forks import Forks
 from .hidden import hide
@@ -51,6 +52,8 @@ class EngineWatch(ABC):
 
     def __init__(self, host: ScriptWatch) -> None:
         self.host, self.pipe = host, host.pipe
+        self.stepped = -1
+        """The number of the simulation that was stepped last."""
         host.engines.append(self)
 
     def guarded(self, world: Any, do: Callable[..., object], *arguments: Any) -> None:
@@ -80,6 +83,10 @@ class EngineWatch(ABC):
         """Return the single changes of rows of the table, in a run that was seen for them."""
         del rows
         return []
+
+    def tell_episode(self, **what: Any) -> None:
+        """Tell that an episode begins or ends in a simulation, given its number as `world`."""
+        self.host.tell("episode", **what)
 
     def catch_up(self) -> None:  # noqa: B027
         """Make the steps that simulations in real time owe; the caller holds the turn."""
@@ -137,6 +144,9 @@ class ScriptWatch:
         self.on = True
         self.lock, self.sites = Turn(), Sites(pipe)
         self.engines: list[EngineWatch] = []
+        self.engine: EngineWatch | None = None
+        """The engine that has stepped last."""
+        self.environments = Environments(self)
         self.is_parting = False
         """Whether a trial forks: its child is watched, too."""
         self.forks: Forks | None = None if asks is None else Forks(self, **asks)
@@ -278,6 +288,7 @@ class ScriptWatch:
     def count(self, time_s: float, engine: EngineWatch) -> None:
         """Count a step that leads to a time [s]; end the script where that is its limit."""
         self.steps_made += 1
+        self.engine = engine
         if engine is not self._first:
             self._first = self._first or engine
             self._beside += self._of_first and engine is not self._first
@@ -350,6 +361,7 @@ class ScriptWatch:
         """Send what is left of all simulations, as far as the script has come."""
         with self.lock:
             self._look_outside()
+            self.environments.settle()
             for engine in self.engines:
                 engine.settle()
             self.pipe.flush()

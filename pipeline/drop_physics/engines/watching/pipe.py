@@ -92,7 +92,7 @@ class Pipe:
         self.open = True
         self.gone = False
         """Whether the recorder is."""
-        self._muted = False
+        self.muted = False
         """Whether only notes are sent."""
         self._closed = False
         """Whether the script has closed it: then the block takes what still fits."""
@@ -109,7 +109,7 @@ class Pipe:
     def note(self, what: str, **values: Any) -> None:
         """Send a JSON object."""
         payload = encoded({"what": what, **values})
-        if self._muted:
+        if self.muted:
             self._hand_over(frame(NOTE, payload))
         else:
             self.send(NOTE, payload)
@@ -117,7 +117,7 @@ class Pipe:
     def mute(self) -> None:
         """Send notes only from now on: what else is put into the block goes nowhere."""
         self.flush()
-        self._muted, self.counts = True, [0, 0]
+        self.muted, self.counts = True, [0, 0]
 
     def send(self, kind: bytes, payload: bytes) -> None:
         """Send a frame."""
@@ -132,7 +132,7 @@ class Pipe:
         if at + size <= BLOCK_BYTES:
             self.memory[at : at + size] = data
             self.sent(at + size)
-        elif self.open and not self._muted:
+        elif self.open and not self.muted:
             self._hand_over(data)
             if self._closed:
                 self.make_room(size)
@@ -159,7 +159,7 @@ class Pipe:
 
     def flush(self) -> None:
         """Send what is in the block."""
-        if not self.open or self._muted:
+        if not self.open or self.muted:
             self.end = BLOCK.size
         elif self.end > BLOCK.size and not self._closed:
             self._hand_over(self.memory[BLOCK.size : self.end])

@@ -91,6 +91,7 @@ def watch(
     draws.begin()
     started.on_removal(draws.remove)
     started.on_import("numpy.random", draws.on_numpy)
+    started.environments.listen()
     for engine in ENGINES:
         its = import_module(f"..{engine}.watch", __package__)
         its.begin(started, interventions, variation)

@@ -16,6 +16,7 @@ from drop_physics.analysis.results import Analysis
 from drop_physics.analysis.story import Story
 from drop_physics.engines.cures import call_of
 from drop_physics.errors import ScenarioError, check_suffix
+from drop_physics.explain.moments import end_of
 from drop_physics.explain.step_status import SEGMENTS
 from drop_physics.explain.times import StepTimes
 from drop_physics.figures.plot import Plot
@@ -36,6 +37,7 @@ from drop_physics.stages.analyze.sources import Sources
 from drop_physics.stages.panels import plot_of, viewed
 from drop_physics.stages.rerun.trials import Trials
 from drop_physics.stages.verbs.taken import takes_those_of
+from drop_physics.trace.episodes import Episode, episodes_of, looked_at
 from drop_physics.trace.history import Seen, body_named
 
 if TYPE_CHECKING:
@@ -72,9 +74,14 @@ def analyze(asked: verbs.Analyze) -> Analysis:
     asked.progress(ANALYZING, 0, _PARTS)
     read_back = read(path)
     asked.progress(ANALYZING, 1, _PARTS)
+    what = asked.explain or BY_DEFAULT
+    episode = _episode(read_back, asked.episode, every=what.whole)
+    window = None
+    if episode is not None:
+        window = end_of(episode, StepTimes(read_back.seen, episode.client))
     later = explained(
         read_back,
-        replace(asked.explain or BY_DEFAULT, at_s=asked.at_s),
+        replace(what, at_s=asked.at_s, window=window),
         layer=layer or layer_of(path),
         python=asked.python,
     )
@@ -84,6 +91,7 @@ def analyze(asked: verbs.Analyze) -> Analysis:
         read_back,
         asked.at_s,
         whole=bool(tables),
+        episode=episode,
         reports=lambda finding: (asked.choice or EVERY).reports(
             finding, sources.ignored_at(finding.site)
         ),
@@ -130,6 +138,19 @@ def analyze(asked: verbs.Analyze) -> Analysis:
     )
 
 
+def _episode(read_back: Recording, number: int | None, *, every: bool) -> Episode | None:
+    """Return the episode that the account is of; None for the whole run."""
+    if read_back.drop is not None:
+        if number is not None:
+            raise ScenarioError(
+                "--episode is for recordings of scripts, and a drop has no episodes"
+            )
+        return None
+    if number is None and every:
+        return None
+    return looked_at(episodes_of(read_back.seen), number)
+
+
 def _give_memory_back() -> None:
     """Return freed memory to the system: what is written next uses other allocators."""
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc's
@@ -148,6 +169,7 @@ def analysis_of(
     at_s: Sequence[float] = (),
     *,
     whole: bool = False,
+    episode: Episode | None = None,
     reports: Callable[[Finding], bool] = lambda _: True,
 ) -> Analysis:
     """Return the analysis of a recording, as `analyze`, but without the files around it."""
@@ -167,6 +189,7 @@ def analysis_of(
         at_s=at_s or DEFAULT_AT_S,
         sums_at_s=at_s,
         whole=whole,
+        episode=episode,
         call_of=call_of(seen.engine),
         reports=reports,
     ).analysis()

@@ -39,6 +39,8 @@ class WhatToExplain:
     """Samples, from the first to before the last of each window, of all simulations."""
     at_s: Sequence[float] = ()
     """Times around which steps are explained [s]."""
+    window: Window | None = None
+    """The steps that the account is of, explained with those that states name."""
     whole: bool = False
     """Whether all are."""
 
@@ -165,7 +167,9 @@ def _windows(seen: Seen, count: Mapping[int, int], what: WhatToExplain) -> list[
             step = times.nearest(time_s, 0, n)
             if step is not None:
                 windows.append((client, max(step - AROUND, 0), min(step + AROUND, n)))
-    return windows or moments_of(seen, count)
+    if windows:
+        return windows
+    return [*moments_of(seen, count), *([] if what.window is None else [what.window])]
 
 
 def _interpreter(

@@ -339,6 +339,14 @@ class Analyze(Printed):
     recording: Read
     _: KW_ONLY
     at_s: At = ()
+    episode: Annotated[
+        int | None,
+        takes(
+            "N",
+            "Tell the account and the joints of the end of this episode. [default: the last one "
+            "that failed; without one, of the whole run]",
+        ),
+    ] = None
     windows: ClassVar[
         Annotated[
             Sequence[tuple[int, int]],
@@ -351,7 +359,10 @@ class Analyze(Printed):
         ]
     ] = ()
     whole: ClassVar[
-        Annotated[bool, flag("Explain all steps of a long run of MuJoCo.", "--all")]
+        Annotated[
+            bool,
+            flag("Explain all steps of a long run of MuJoCo, and tell the whole run.", "--all"),
+        ]
     ] = False
     python: Annotated[
         str | None,

@@ -183,6 +183,10 @@ class MujocoWatch(EngineWatch):
         with self.host.lock:
             self.send(note_bytes(what, **values))
 
+    def tell_episode(self, **what: Any) -> None:
+        """Tell that an episode begins or ends in a simulation, given its number as `world`."""
+        self.tell("episode", **what)
+
     def tell_uncaught(self, name: str, place: Any) -> None:
         """Name something that steps models and is not recorded."""
         file, line = (
@@ -390,6 +394,7 @@ def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
                 acquire()
                 try:
                     state.after(d, site, function)
+                    watch.stepped = state.number
                     if not uncounted or get_ident() not in uncounted:
                         host.count(state.elapsed_s, watch)
                 except Exception as error:  # noqa: BLE001 - likewise

@@ -285,6 +285,7 @@ class BulletWatch(EngineWatch):
         made = self.host.steps_made + 1
         if made >= self.readings.next_turn:
             self.readings.turn(made)
+        self.stepped = world.number
         self.host.count(world.time_s, self)
         return result
 

@@ -1,0 +1,309 @@
+"""The episodes of a run, one row each: how it ended, what was at its limit, and what touched."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drop_physics.account.names import Names
+from drop_physics.account.touching import LIMIT
+from drop_physics.arrays import Flags, Float64, Int64
+from drop_physics.explain.contact_points import Pairs, Points
+from drop_physics.explain.driving import clamped, control_of
+from drop_physics.explain.joints import JointTable, JointTelemetry
+from drop_physics.explain.recording import ExplainedPiece
+from drop_physics.explain.times import StepTimes
+from drop_physics.explain.touches import TouchTable
+from drop_physics.trace.episodes import Episode
+from drop_physics.trace.history import Seen
+
+SLIPS_M_S = 0.01
+"""A contact whose friction is at its limit slips from this speed on."""
+LASTING, MOSTLY = 0.05, 0.9
+"""A joint that is at its limit to the end is named if that is so for this share of the episode, in
+MOSTLY of the steps."""
+PairKey = tuple[int, int, int, int]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AtEnd:
+    """A joint that is at a limit as an episode ends, and has been for a while."""
+
+    body: str
+    """The label of its body."""
+    joint: str
+    """Its name, with its axis where it has three."""
+    at_stop: bool
+    """Whether that is its stop; else the limit of what drives it."""
+    limit: float | None
+    """The largest torque [N m] or force [N] that drives it; None where that is unknown, and of a
+    stop."""
+    unit: str
+    """The unit of the limit."""
+    since_s: float
+    """Simulated time from which it is there, in nine of ten steps."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FirstContact:
+    """A contact of two links that had none before in an episode."""
+
+    links: tuple[str, str]
+    """Names of the links."""
+    step: int
+    """The first sample that it led to."""
+    time_s: float
+    """Simulated time of that sample."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodeRow:
+    """One episode of a run."""
+
+    number: int
+    """Its number, from 1."""
+    client: int
+    """The number of its simulation."""
+    first_step: int
+    """The sample that it starts from."""
+    last_step: int
+    """The sample that it ends with."""
+    start_s: float
+    """Simulated time of the first, which goes on from episode to episode."""
+    end_s: float
+    """Simulated time of the last."""
+    ended: str
+    """`terminated` or `truncated`, as its environment returned; `reset`, by a call or by a start
+    state that was written; or `run`: the run ended."""
+    why: str | None
+    """Why it was terminated, as far as the environment says."""
+    failed: bool
+    """Whether it was terminated, or, where the environment says so, its goal was not reached."""
+    success: bool | None
+    """Whether the environment's goal was reached; None if it says nothing of one."""
+    length: int | None
+    """Number of calls of the environment's `step`; None without an environment."""
+    reward: float | None
+    """Return: the sum of the rewards; None without an environment."""
+    at_limit: float | None
+    """Share of its steps in which something that drives a joint is at its limit; None if nothing
+    drives."""
+    at_stop: float | None
+    """Share of its steps in which a joint is at its stop; None without joints."""
+    slipping: float | None
+    """Share of its explained steps in which a contact slips with its friction at its limit; None
+    if none are."""
+    at_end: Sequence[AtEnd]
+    """The joints that are at a limit or a stop as it ends; of the episode that the account is of,
+    and empty for others."""
+    first_contact: FirstContact | None
+    """The first contact in its second half of two links that did not touch in its first."""
+
+
+@dataclass(eq=False)
+class _Counts:
+    """What is counted of an episode."""
+
+    driven: int = 0
+    jointed: int = 0
+    at_limit: int = 0
+    at_stop: int = 0
+    touching: int = 0
+    slipping: int = 0
+    touched: dict[PairKey, int] = field(default_factory=dict)
+    """The first sample of each pair of links that touch."""
+
+
+@dataclass(eq=False)
+class _Held:
+    """A joint's limit and stop in the steps of the episode that is looked at."""
+
+    steps: list[Int64] = field(default_factory=list)
+    at_limit: list[Flags] = field(default_factory=list)
+    at_stop: list[Flags] = field(default_factory=list)
+    limit: float = np.inf
+
+
+class EpisodeTable:
+    """The table of episodes; grows piece by piece.
+
+    Parameters
+    ----------
+    seen
+        What was recorded.
+    times
+        Times of steps by client.
+    episodes
+        The episodes.
+    looked_at
+        The episode whose joints are told one by one; None for none.
+    """
+
+    def __init__(
+        self,
+        seen: Seen,
+        times: Mapping[int, StepTimes],
+        episodes: Sequence[Episode],
+        looked_at: Episode | None,
+    ) -> None:
+        self._seen, self._times, self._episodes = seen, times, episodes
+        self._looked_at, self._names = looked_at, Names(seen.bodies)
+        self._counts = [_Counts() for _ in episodes]
+        self._held: dict[tuple[int, int], _Held] = {}
+        """By body and rate."""
+        self._of_client: dict[int, list[int]] = {}
+        for k, episode in enumerate(episodes):
+            self._of_client.setdefault(episode.client, []).append(k)
+
+    def see(self, explained: ExplainedPiece, joints: JointTable, touches: TouchTable) -> None:
+        """Add a piece."""
+        for number, parts in joints.latest.items():
+            client = self._seen.bodies[number].client
+            for driven in parts:
+                for k, its in self._within(client, driven.steps.steps):
+                    self._joints(k, driven, its, explained)
+        self._contacts(touches.pairs)
+
+    def rows(self) -> list[EpisodeRow]:
+        """Return the row of each episode, in order."""
+        return [*map(self._row, self._episodes, self._counts)]
+
+    def _within(self, client: int, steps: Int64) -> Iterator[tuple[int, slice]]:
+        """Yield the episodes that steps are of, by index, and which steps."""
+        for k in self._of_client.get(client, ()):
+            episode = self._episodes[k]
+            if episode.first < steps[-1] and steps[0] <= episode.last:
+                first, end = np.searchsorted(steps, (episode.first + 1, episode.last + 1))
+                if first < end:
+                    yield k, slice(int(first), int(end))
+
+    def _joints(
+        self, k: int, driven: JointTelemetry, its: slice, explained: ExplainedPiece
+    ) -> None:
+        counts, steps = self._counts[k], driven.steps.steps[its]
+        at_limit, limits = _limited(driven, explained)
+        counts.jointed += len(steps)
+        counts.at_stop += int(driven.at_stop[its].any(axis=1).sum())
+        if np.isfinite(limits).any():
+            counts.driven += len(steps)
+            counts.at_limit += int(at_limit[its].any(axis=1).sum())
+        if self._episodes[k] != self._looked_at:
+            return
+        for rate in range(at_limit.shape[1]):
+            held = self._held.setdefault((driven.body.number, rate), _Held())
+            held.steps.append(steps.copy())
+            held.at_limit.append(at_limit[its, rate].copy())
+            held.at_stop.append(driven.at_stop[its, rate].copy())
+            held.limit = float(limits[rate])
+
+    def _contacts(self, pairs: Pairs) -> None:
+        points = pairs.points
+        if not len(points):
+            return
+        pressed = points.normal_n > 1e-9
+        rubs_n = np.linalg.norm(points.tangential_n, axis=1)
+        slips = pressed & (rubs_n >= LIMIT * points.friction * points.normal_n)
+        slips &= np.linalg.norm(points.slip_m_s, axis=1) > SLIPS_M_S
+        for client in self._of_client:
+            mine = [each.number for each in self._seen.bodies.values() if each.client == client]
+            rows = np.flatnonzero(pressed & np.isin(points.body, mine).any(axis=1))
+            if not len(rows):
+                continue
+            for k, its in self._within(client, points.step[rows]):
+                self._touch(self._counts[k], points, rows[its], slips)
+
+    def _touch(self, counts: _Counts, points: Points, rows: Int64, slips: Flags) -> None:
+        counts.touching += len(np.unique(points.step[rows]))
+        counts.slipping += len(np.unique(points.step[rows[slips[rows]]]))
+        keys = np.concatenate((points.body[rows], points.link[rows]), axis=1)
+        kinds, first = np.unique(keys, axis=0, return_index=True)
+        for (a, b, i, j), at in zip(kinds.tolist(), first.tolist(), strict=True):
+            counts.touched.setdefault((a, b, i, j), int(points.step[rows[at]]))
+
+    def _row(self, episode: Episode, counts: _Counts) -> EpisodeRow:
+        times, told = self._times[episode.client], episode.told
+        return EpisodeRow(
+            number=episode.number,
+            client=episode.client,
+            first_step=episode.first,
+            last_step=episode.last,
+            start_s=times.of(episode.first),
+            end_s=times.of(episode.last),
+            ended=episode.ended,
+            why=None if told is None or not told.why else told.why,
+            failed=episode.failed,
+            success=None if told is None else told.success,
+            length=None if told is None else told.length,
+            reward=None if told is None else told.reward,
+            at_limit=counts.at_limit / counts.driven if counts.driven else None,
+            at_stop=counts.at_stop / counts.jointed if counts.jointed else None,
+            slipping=counts.slipping / counts.touching if counts.touching else None,
+            at_end=[*self._at_end(episode)] if episode == self._looked_at else [],
+            first_contact=self._first_contact(episode, counts),
+        )
+
+    def _first_contact(self, episode: Episode, counts: _Counts) -> FirstContact | None:
+        late = (episode.first + episode.last) / 2
+        new = [(step, key) for key, step in counts.touched.items() if step > late]
+        if not new:
+            return None
+        step, (a, b, i, j) = min(new)
+        links = str(self._names.link(a, i)), str(self._names.link(b, j))
+        return FirstContact(links=links, step=step, time_s=self._times[episode.client].of(step))
+
+    def _at_end(self, episode: Episode) -> Iterator[AtEnd]:
+        """Yield the joints that are at a limit to the end of the episode that is looked at."""
+        times, least = self._times[episode.client], LASTING * (episode.last - episode.first)
+        for (number, rate), held in self._held.items():
+            body, steps = self._seen.bodies[number], np.concatenate(held.steps)
+            joint = next(
+                joint
+                for joint, place in zip(body.joints, body.rates, strict=True)
+                if place.start <= rate < place.stop
+            )
+            for at_stop, parts in ((False, held.at_limit), (True, held.at_stop)):
+                since = _since(np.concatenate(parts))
+                if len(steps) - since > max(least, 1):
+                    yield AtEnd(
+                        body=body.label,
+                        joint=self._names.rate(body, rate),
+                        at_stop=at_stop,
+                        limit=held.limit if np.isfinite(held.limit) and not at_stop else None,
+                        unit="N" if joint.kind == "prismatic" else "N m",
+                        since_s=times.of(int(steps[since])),
+                    )
+
+
+def _since(flags: Flags) -> int:
+    """Return the first row from which on a flag is set mostly, up to the end; else the length."""
+    n = len(flags)
+    after = np.cumsum(flags[::-1])[::-1] >= MOSTLY * np.arange(n, 0, -1)
+    found = np.flatnonzero(after & flags)
+    return int(found[0]) if len(found) and flags[-1] else n
+
+
+def _limited(driven: JointTelemetry, explained: ExplainedPiece) -> tuple[Flags, Float64]:
+    """Return where drives of joints are at their limits, and the largest torque of each.
+
+    A drive is a motor, or an actuator whose control or force is at an end of its range.
+    """
+    body, ends = driven.body, driven.steps.steps
+    at_limit = driven.at_limit.copy()
+    limits = np.where(driven.limit[-1] > 0, driven.limit[-1], np.inf)
+    rates = {
+        joint.name: place.start
+        for joint, place in zip(body.joints, body.rates, strict=True)
+        if joint.widths[1] == 1
+    }
+    for actuator in body.actuators:
+        rate = rates.get(actuator.target) if actuator.acts_on == "joint" else None
+        if rate is None or actuator.ctrl_range is None or actuator.kind == "position":
+            continue
+        given = clamped(actuator, control_of(actuator, body, explained.piece, ends))
+        low, high = actuator.ctrl_range
+        at_limit[:, rate] |= (given <= low) | (given >= high)
+        most = max(abs(low), abs(high)) * abs(actuator.gear) * abs(actuator.kp)
+        limits[rate] = min(limits[rate], most)
+    return at_limit, limits

@@ -1,0 +1,241 @@
+"""Episodes of gymnasium's environments, as the environments' `reset` and `step` tell them.
+
+The two methods of each class of environments are replaced by ones that call them. Where they call
+each other, through wrappers, only the outermost counts: a time limit around an environment is part
+of it, and belongs to the same episode as the environment itself (`unwrapped`).
+"""
+
+from __future__ import annotations
+
+import operator
+import threading
+from contextlib import suppress
+from functools import partial, update_wrapper
+from types import FunctionType, MethodType, ModuleType
+from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
+
+from .hidden import hide
+
+if TYPE_CHECKING:
+    from .host import EngineWatch, ScriptWatch
+
+MODULES = ("gymnasium", "gym")
+RANGES = ("z", "angle", "state")
+"""Quantities of which gymnasium's environments of MuJoCo have a healthy range."""
+LONGEST = 100
+"""Most characters of a reason."""
+
+
+class Episode:
+    """What an environment's `step` has returned since its `reset`."""
+
+    def __init__(self) -> None:
+        self.length = 0
+        """Number of calls of `step`."""
+        self.reward = 0.0
+        """Sum of the rewards."""
+        self.how = ""
+        """How it ended: `terminated`, `truncated`, `reset` or `run`; empty while it goes on."""
+        self.engine: EngineWatch | None = None
+        self.world = -1
+        """The simulation that its last step stepped, and the engine."""
+
+
+class _Inside(threading.local):
+    """The methods that a thread is in, and the environments that a step has reset."""
+
+    def __init__(self) -> None:
+        self.methods: list[Any] = []
+        self.resets: list[Any] = []
+
+
+class Environments:
+    """The environments of a watched script.
+
+    Parameters
+    ----------
+    host
+        What watches the script.
+    """
+
+    def __init__(self, host: ScriptWatch) -> None:
+        self._host = host
+        self._inside = _Inside()
+        self._now: WeakKeyDictionary[Any, Episode] = WeakKeyDictionary()
+        """The latest episode of each environment."""
+        self.episodes: list[Episode] = []
+        """All episodes, in the order of their first steps."""
+
+    def listen(self) -> None:
+        """Replace the methods of environments, from their module's import on."""
+        for name in MODULES:
+            self._host.on_import(name, self._install)
+
+    def settle(self) -> None:
+        """Tell the episodes that the script's end leaves unfinished."""
+        for episode in self.episodes:
+            if not episode.how:
+                self._end(episode, "run")
+
+    def _install(self, module: ModuleType) -> None:
+        base, host = module.Env, self._host
+        known = [base]
+        for each in known:
+            self._replace(each)
+            known += each.__subclasses__()
+
+        def init_subclass(cls: Any, /, **given: Any) -> None:
+            super(base, cls).__init_subclass__(**given)
+            if host.on:
+                self._replace(cls)
+
+        if "__init_subclass__" not in vars(base):
+            base.__init_subclass__ = classmethod(init_subclass)
+            host.on_removal(lambda: delattr(base, "__init_subclass__"))
+
+    def _replace(self, cls: type) -> None:
+        for name, then in (("step", self._stepped), ("reset", self._reset)):
+            original = vars(cls).get(name)
+            if isinstance(original, FunctionType):
+                setattr(cls, name, _Method(self, original, then))
+                self._host.on_removal(partial(setattr, cls, name, original))
+
+    def call(self, original: Any, then: Any, args: Any, kwargs: Any) -> Any:
+        """Call a method of an environment; tell what the outermost returned."""
+        inside = self._inside
+        if not self._host.on or not args or then in inside.methods or self._reset in inside.methods:
+            return original(*args, **kwargs)
+        if inside.methods:  # a reset within a step, which ends the episode first
+            result = original(*args, **kwargs)
+            inside.resets.append(args[0])
+            return result
+        inside.methods.append(then)
+        try:
+            result = original(*args, **kwargs)
+        except BaseException as error:
+            hide(error)
+            raise
+        finally:
+            inside.methods.pop()
+        self._guarded(then, args[0], result)
+        while inside.resets:
+            self._guarded(self._reset, inside.resets.pop(0), None)
+        return result
+
+    def _guarded(self, then: Any, environment: Any, result: Any) -> None:
+        try:
+            then(environment, result)
+        except Exception:  # noqa: BLE001 - one that returns something else is not followed
+            self._now.pop(getattr(environment, "unwrapped", None), None)
+
+    def _reset(self, environment: Any, _: Any) -> None:
+        inner = environment.unwrapped
+        episode = self._now.get(inner)
+        if episode is not None and episode.length and not episode.how:
+            self._end(episode, "reset")
+        begun = Episode()
+        if episode is not None and episode.engine is not None:
+            begun.engine, begun.world = episode.engine, episode.world
+            self._tell(begun, how="begins")
+        self._now[inner] = begun
+
+    def _stepped(self, environment: Any, result: Any) -> None:
+        inner = environment.unwrapped
+        episode = self._now.get(inner)
+        if episode is None or episode.how:
+            return
+        reward, info = float(result[1]), result[-1]
+        terminated = bool(result[2])
+        truncated = bool(result[3]) if len(result) == 5 else False
+        if len(result) == 4 and terminated and info.get("TimeLimit.truncated"):  # gym before 0.26
+            terminated, truncated = False, True
+        if not episode.length:
+            self.episodes.append(episode)
+        episode.length += 1
+        episode.reward += reward
+        engine = self._host.engine
+        if engine is not None:
+            episode.engine, episode.world = engine, engine.stepped
+        if terminated or truncated:
+            self._end(
+                episode,
+                "terminated" if terminated else "truncated",
+                why=_why(inner, info)[:LONGEST] if terminated else "",
+                success=_success(info),
+            )
+
+    def _end(
+        self, episode: Episode, how: str, why: str = "", *, success: bool | None = None
+    ) -> None:
+        episode.how = how
+        self._tell(
+            episode,
+            how=how,
+            why=why,
+            length=episode.length,
+            reward=episode.reward,
+            success=success,
+        )
+
+    def _tell(self, episode: Episode, **what: Any) -> None:
+        if episode.engine is not None and not self._host.pipe.muted:
+            episode.engine.tell_episode(world=episode.world, **what)
+
+
+class _Method:
+    """Stands for a method of environments; pickled by value, it is the method alone."""
+
+    def __init__(self, environments: Environments, original: Any, then: Any) -> None:
+        update_wrapper(self, original)
+        self._environments, self._original, self._then = environments, original, then
+
+    def __get__(self, instance: Any, owner: Any = None) -> Any:
+        return self if instance is None else MethodType(self, instance)
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        return self._environments.call(self._original, self._then, args, kwargs)
+
+    def __reduce__(self) -> Any:
+        return operator.itemgetter(0), ((self._original,),)
+
+
+def _success(info: Any) -> bool | None:
+    """Return whether an environment says that its goal is reached; None if it says nothing."""
+    for name in ("is_success", "success"):
+        if name in info:
+            return bool(info[name])
+    return None
+
+
+def _why(environment: Any, info: Any) -> str:
+    """Return why an environment ended its episode, as far as its ranges and `info` say it."""
+    said = [name for name, value in info.items() if _is_true(value)]
+    with suppress(Exception):  # another kind of environment
+        said += _unhealthy(environment)
+    return ", ".join(said)
+
+
+def _is_true(value: Any) -> bool:
+    return type(value).__name__ in ("bool", "bool_") and bool(value)
+
+
+def _unhealthy(environment: Any) -> list[str]:
+    """Return the quantities that are outside of their healthy ranges, as gymnasium has them."""
+    model, data = environment.model, environment.data
+    rooted = int(model.jnt_type[0]) == 0  # mjJNT_FREE: x, y and z; else x, z and the pitch
+    values = {
+        "z": [data.qpos[2 if rooted else 1]],
+        "angle": [] if rooted else [data.qpos[2]],
+        "state": [*data.qpos[2:], *data.qvel],
+    }
+    said = []
+    for name in RANGES:
+        bounds: Any = getattr(environment, f"_healthy_{name}_range", None)
+        for number in map(float, values[name] if bounds else ()):
+            low, high = bounds
+            if not low < number < high:
+                below = number <= low or number != number
+                bound = f"< {float(low):.3g}" if below else f"> {float(high):.3g}"
+                said.append(f"{name} {number:.3g} {bound}")
+    return said[:3]

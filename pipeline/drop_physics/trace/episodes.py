@@ -1,0 +1,155 @@
+"""The episodes of a run: from a reset, or from a start state that was written, to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from drop_physics.errors import ScenarioError
+from drop_physics.trace.events import Appearance, At, EpisodeEnd, Put, order
+from drop_physics.trace.history import Seen
+from drop_physics.trace.states import by_body, motion_of
+
+OFTEN = 0.2
+"""A simulation whose bodies calls put elsewhere before more than this share of its steps is led by
+them."""
+MOVED = 1e-9
+"""A put that changes positions by less [m, rad] changes rates only."""
+
+MOST_LOOKED = 64
+"""The first starts of a simulation are looked at; the others are alike."""
+
+
+@dataclass(frozen=True)
+class Episode:
+    """Steps of a simulation from one start state to the next."""
+
+    number: int
+    """Its number, from 1."""
+    client: int
+    first: int
+    """The sample that it starts from."""
+    last: int
+    """The sample that it ends with."""
+    ended: str
+    """`terminated` or `truncated`, as an environment told; `reset`; or `run`: the run ended."""
+    told: EpisodeEnd | None = None
+    """What an environment told of it."""
+
+    @property
+    def failed(self) -> bool:
+        """Whether it ended short of its goal, as far as an environment says."""
+        told = self.told
+        if told is None or told.success is not None:
+            return told is not None and not told.success and self.ended in ENDS
+        return self.ended == "terminated"
+
+
+ENDS = "terminated", "truncated"
+"""How an environment ends an episode."""
+
+
+def looked_at(episodes: Sequence[Episode], number: int | None) -> Episode | None:
+    """Return the episode of a number; of none, the last that failed, if any has.
+
+    Raises
+    ------
+    ScenarioError
+        If there is no such episode.
+    """
+    if number is None:
+        return next((each for each in reversed(episodes) if each.failed), None)
+    if not 1 <= number <= len(episodes):
+        raise ScenarioError(
+            "--episode must be from 1 to {count}, got {number}",
+            count=len(episodes),
+            number=number,
+        )
+    return episodes[number - 1]
+
+
+def episodes_of(seen: Seen) -> list[Episode]:
+    """Return the episodes of all simulations in the order in which they end.
+
+    Where environments tell episodes, these are they; else an episode begins where everything was
+    removed, or where all that can move in a simulation was put elsewhere, at once and not all the
+    time.
+    """
+    told: dict[int, list[EpisodeEnd]] = {}
+    for each in seen.episode_ends:
+        told.setdefault(each.client, []).append(each)
+    found = [
+        (each.at, Episode(0, each.client, each.first, each.at.step, each.how, each))
+        for ends in told.values()
+        for each in ends
+    ]
+    for client, samples in seen.samples.items():
+        if client not in told and samples > 1:
+            found += _between(seen, client, samples - 1)
+    found.sort(key=lambda each: order(each[0]))
+    return [replace(episode, number=k) for k, (_, episode) in enumerate(found, 1)]
+
+
+def _between(seen: Seen, client: int, end: int) -> Iterator[tuple[At, Episode]]:
+    """Yield the episodes of a simulation by its starts."""
+    starts = [At(0, 0.0, 0), *_starts(seen, client, end)]
+    last = At(end, np.inf, 1 << 62)
+    for first, then in pairwise([*starts, last]):
+        how = "run" if then is last else "reset"
+        yield then, Episode(0, client, first.step, then.step, how)
+
+
+def _starts(seen: Seen, client: int, end: int) -> list[At]:
+    """Return where a simulation begins anew after its first step."""
+    mine = [each for each in seen.appearances if each.body.client == client]
+    came = {each.at.step for each in mine if each.came}
+    found = {
+        each.at.step: each.at
+        for each in mine
+        if not each.there and 0 < each.at.step < end and each.at.step in came
+        if not _there(mine, each.at)  # everything was removed, and something came in its place
+    }
+    puts: dict[int, list[Put]] = {}
+    for put in seen.puts:
+        if put.counts and 0 < put.at.step < end and put.body.client == client:
+            puts.setdefault(put.at.step, []).append(put)
+    if len(puts) > OFTEN * end:
+        return [found[step] for step in sorted(found)]
+    for number, (step, here) in enumerate(sorted(puts.items())):
+        all_there = _there(mine, here[-1].at) <= {put.body.number for put in here}
+        if all_there and (number >= MOST_LOOKED or _moves(seen, step, here)):
+            found.setdefault(step, here[0].at)
+    return [found[step] for step in sorted(found)]
+
+
+def _there(appearances: Iterable[Appearance], at: At) -> set[int]:
+    """Return the numbers of the bodies that can move and are there at a moment."""
+    there: set[int] = set()
+    for each in appearances:
+        if order(each.at) > order(at):
+            break
+        body = each.body
+        if each.there and body.moving and not body.soft:
+            there.add(body.number)
+        elif not each.there:
+            there.discard(body.number)
+    return there
+
+
+def _moves(seen: Seen, step: int, puts: Iterable[Put]) -> bool:
+    """Return whether calls put bodies elsewhere than where a step has left them."""
+    piece = seen.sampled.piece(step, step + 1)
+    bases = by_body(piece.bases)
+    for put in puts:
+        number = put.body.number
+        if number in bases and np.abs(motion_of(bases[number])[0] - put.base)[:7].max() > MOVED:
+            return True
+        joints = piece.joints.get(number)
+        if joints is None or joints.position.shape[1:] != put.position.shape:
+            continue
+        if np.abs(joints.position[0] - put.position).max(initial=0.0) > MOVED:
+            return True
+    return False

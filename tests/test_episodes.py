@@ -1,0 +1,228 @@
+"""Episodes: where they begin and end, how, and what is told of them.
+
+Verification: against what the script itself counts and sums.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from drop_physics.account.episodes import EpisodeRow
+from drop_physics.stages.analyze import analyze
+from drop_physics.stages.record import record_script
+
+Told = Callable[..., tuple[list[EpisodeRow], Any]]
+
+TIMESTEP_S = 0.01
+ENVIRONMENT = f"""
+import json, sys
+import gymnasium, mujoco
+XML = '''<mujoco><option timestep="{TIMESTEP_S}"/><worldbody><geom type="plane" size="5 5 1"/>
+<body name="ball" pos="0 0 0.55"><freejoint/><geom size="0.05"/></body></worldbody></mujoco>'''
+class Falling(gymnasium.Env):
+    observation_space = gymnasium.spaces.Box(-9, 9, (7,))
+    action_space = gymnasium.spaces.Discrete(2)
+    def __init__(self, low=0.3):
+        self.low = low
+        self.model = mujoco.MjModel.from_xml_string(XML)
+        self.data = mujoco.MjData(self.model)
+    def reset(self, seed=None, options=None):
+        super().reset(seed=seed)
+        mujoco.mj_resetData(self.model, self.data)
+        return self.data.qpos.astype("f"), {{}}
+    def step(self, action):
+        mujoco.mj_step(self.model, self.data, 5)
+        z = float(self.data.qpos[2])
+        fell = z < self.low
+        return self.data.qpos.astype("f"), z, fell, False, {{"fell": fell}}
+said = []
+"""
+END = "print(json.dumps(said))"
+
+
+@pytest.fixture
+def told(tmp_path: Path) -> Told:
+    """Return the episodes of a script that prints what it knows of them, and that."""
+
+    def rows(script: str, **how: Any) -> tuple[list[EpisodeRow], Any]:
+        file, printed = tmp_path / "script.py", tmp_path / "printed.txt"
+        file.write_text(script)
+        with printed.open("wb") as out:
+            recorded = record_script(
+                str(file), out=tmp_path / "run.rrd", force=True, stdout=out.fileno()
+            )
+        text = printed.read_text()
+        found = analyze(recorded.recording, **how).episodes
+        return [*found], json.loads(text) if text else None
+
+    return rows
+
+
+ROLLED = """
+env = gymnasium.wrappers.TimeLimit(Falling(), 100)
+for low, most in ((0.3, 100), (0.5, 100), (-1.0, 100), (-1.0, 7)):
+    env.unwrapped.low = low
+    env.reset()
+    length, total = 0, 0.0
+    for _ in range(most):
+        *_, reward, terminated, truncated, _ = env.step(0)
+        length, total = length + 1, total + reward
+        if terminated or truncated:
+            break
+    said.append([length, total])
+"""
+
+
+def test_an_environment_tells_how_each_episode_ended(told: Told) -> None:
+    rows, said = told(ENVIRONMENT + ROLLED + END)
+    assert [row.ended for row in rows] == ["terminated", "terminated", "truncated", "run"]
+    assert [[row.length, row.reward] for row in rows] == said
+    assert [row.last_step - row.first_step for row in rows] == [5 * length for length, _ in said]
+    assert [row.first_step for row in rows] == [0, *(row.last_step for row in rows[:-1])]
+    assert [row.end_s for row in rows] == pytest.approx([TIMESTEP_S * r.last_step for r in rows])
+    assert [row.why for row in rows] == ["fell", "fell", None, None]
+    assert [row.failed for row in rows] == [True, True, False, False]
+    assert [row.first_contact for row in rows[:2]] == [None, None]
+    last = rows[3].first_contact  # it has fallen by 0.5 m
+    assert last is not None
+    assert last.time_s - rows[3].start_s == pytest.approx((2 * 0.5 / 9.81) ** 0.5, abs=0.02)
+    assert sorted(last.links) == ["ball", "world"]
+
+
+def test_a_reset_before_the_end_ends_an_episode(told: Told) -> None:
+    script = (
+        "env = Falling()\nfor n in (3, 4):\n    env.reset()\n    [env.step(0) for _ in range(n)]"
+    )
+    rows, _ = told(ENVIRONMENT + script)
+    assert [(row.ended, row.length) for row in rows] == [("reset", 3), ("run", 4)]
+
+
+def test_environments_that_step_in_turn_have_episodes_of_their_own(told: Told) -> None:
+    script = """
+many = gymnasium.vector.SyncVectorEnv([lambda: Falling(0.3), lambda: Falling(0.5)])
+many.reset()
+for _ in range(12):
+    many.step([0, 0])
+"""
+    rows, _ = told(ENVIRONMENT + script)
+    alone, _ = told(ENVIRONMENT + ROLLED)
+    first = {row.client: row for row in reversed(rows)}
+    assert len(first) == 2
+    assert sorted(row.length or 0 for row in first.values()) == sorted(
+        row.length or 0 for row in alone[:2]
+    )
+    ended = [row for row in rows if row.ended == "terminated"]
+    assert {(row.client, row.length) for row in ended} == {
+        (r.client, r.length) for r in first.values()
+    }
+
+
+def test_a_wrapper_that_resets_within_a_step_begins_the_next_episode(told: Told) -> None:
+    script = """
+env = gymnasium.wrappers.Autoreset(Falling())
+env.reset()
+for _ in range(15):
+    env.step(0)
+"""
+    rows, _ = told(ENVIRONMENT + script)
+    alone, _ = told(ENVIRONMENT + ROLLED)
+    assert [row.ended for row in rows] == ["terminated", "terminated", "run"]
+    assert [row.length for row in rows[:2]] == [alone[0].length] * 2
+
+
+def test_an_environment_is_pickled_without_us(told: Told) -> None:
+    script = """
+import cloudpickle, inspect
+env = Falling()
+env.reset()
+env.step(0)
+said = [len(cloudpickle.dumps(Falling)) > 0, str(inspect.signature(env.reset))]
+"""
+    _, said = told(ENVIRONMENT + script + END)
+    assert said == [True, "(seed=None, options=None)"]
+
+
+LOOP = """
+import mujoco
+model = mujoco.MjModel.from_xml_string('''<mujoco><worldbody><body pos="0 0 1"><freejoint/>
+<geom size="0.05"/></body></worldbody></mujoco>''')
+data = mujoco.MjData(model)
+for step in range(60):
+    {before}
+    mujoco.mj_step(model, data)
+"""
+
+
+@pytest.mark.parametrize(
+    ("before", "lasts"),
+    [
+        ("if step in (20, 50): mujoco.mj_resetData(model, data)", [20, 50, 60]),
+        ("if step == 20: data.qpos[:3] = 0, 0, 2", [20, 60]),
+        ("if step == 20: data.qvel[2] = 3", [60]),
+        ("data.qpos[:3] = 0, 0, 2", [60]),
+        ("pass", [60]),
+    ],
+    ids=["reset", "state", "kick", "led", "none"],
+)
+def test_a_start_state_that_is_written_begins_an_episode(
+    told: Told, before: str, lasts: list[int]
+) -> None:
+    rows, _ = told(LOOP.format(before=before))
+    assert [row.last_step for row in rows] == lasts
+    assert [row.ended for row in rows] == ["reset"] * (len(lasts) - 1) + ["run"]
+
+
+POSE = "[0, 0, 2], [0, 0, 0, 1]"
+BULLET = """
+import pybullet as p
+p.connect(p.DIRECT)
+p.setGravity(0, 0, -9.81)
+def load():
+    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.1)
+    return p.createMultiBody(1, shape, basePosition=[0, 0, 1])
+ball = load()
+state = p.saveState()
+for step in range(60):
+    {before}
+    p.stepSimulation()
+"""
+
+
+@pytest.mark.pybullet
+@pytest.mark.parametrize(
+    ("before", "lasts"),
+    [
+        ("if step == 20: p.restoreState(state)", [20, 60]),
+        ("if step == 20: p.resetSimulation(); ball = load()", [20, 60]),
+        (
+            "if step == 20: p.resetBasePositionAndOrientation(ball, [0, 0, 2], [0, 0, 0, 1])",
+            [20, 60],
+        ),
+        ("if step == 20: p.resetBaseVelocity(ball, [0, 0, 2])", [60]),
+    ],
+    ids=["restored", "cleared", "placed", "kick"],
+)
+def test_a_reset_begins_an_episode(told: Told, before: str, lasts: list[int]) -> None:
+    rows, _ = told(BULLET.format(before=before))
+    assert [row.last_step for row in rows] == lasts
+
+
+def test_the_account_is_of_the_end_of_what_failed(tmp_path: Path) -> None:
+    file = tmp_path / "script.py"
+    file.write_text(ENVIRONMENT + ROLLED)
+    recorded = record_script(str(file), out=tmp_path / "run.rrd")
+    failed = analyze(recorded.recording)
+    assert failed.episode == 2
+    second = failed.episodes[1]
+    (fell,) = [row for row in failed.account if row.kind == "moved"]
+    assert fell.step is not None
+    assert second.first_step < fell.step <= second.last_step
+    third = analyze(recorded.recording, episode=3)
+    assert third.episode == 3
+    begins = third.episodes[2].last_step - round(2 / TIMESTEP_S)
+    assert all(row.step is None or row.step > begins for row in third.account)
+    assert not [row for row in third.account if row.kind == "moved"]  # by then it lies
