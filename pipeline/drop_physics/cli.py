@@ -19,7 +19,7 @@ from drop_physics.console.running import main as main
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.fields import all_of, counted
 from drop_physics.messages import Message
-from drop_physics.options import Given, command_of
+from drop_physics.options import TypedLine, command_of
 from drop_physics.scenario import Scenario
 from drop_physics.stages import verbs
 from drop_physics.stages.verbs.taken import parameters_of
@@ -56,7 +56,7 @@ def _choice(*given: str | None) -> Any:  # noqa: ANN401 - handed on
     return settings().choice(*given)
 
 
-def _page(given: Given, *inputs: Path) -> Callable[..., None]:
+def _page(given: TypedLine, *inputs: Path) -> Callable[..., None]:
     """Return what writes a result as a page; that it can be written is checked before any work."""
     html, force = given["html"], given["force"]
     if html is None:
@@ -81,12 +81,12 @@ def _verb(
     example: str = "",
     name: str | None = None,
     **how: Any,  # noqa: ANN401 - handed on
-) -> Callable[[Callable[[Given], None]], Callable[[Given], None]]:
+) -> Callable[[Callable[[TypedLine], None]], Callable[[TypedLine], None]]:
     """Return a decorator: a function of what was typed becomes a command."""
     if "target" in parameters_of(kinds[-1]):  # all after a script is its own
         how["context_settings"] = {"allow_interspersed_args": False}
 
-    def declared(do: Callable[[Given], None]) -> Callable[[Given], None]:
+    def declared(do: Callable[[TypedLine], None]) -> Callable[[TypedLine], None]:
         epilog = f"Example: {example}" if example else None
         declare = app.command(name, rich_help_panel=group, short_help=short, epilog=epilog, **how)
         declare(command_of(do, *kinds))
@@ -110,16 +110,16 @@ def _drop(
 
 
 @_verb(
-    verbs.Simulate,
+    verbs.SimulateArguments,
     group=BOX,
     short="Drop the body and record it.",
     example="drop simulate --out moon.rrd --gravity moon --duration 2",
 )
-def simulate(given: Given) -> None:
+def simulate(given: TypedLine) -> None:
     """Drop the body and record it."""
     from drop_physics.stages.simulate import simulate
 
-    asked, viewer = given.of(verbs.Simulate), None
+    asked, viewer = given.of(verbs.SimulateArguments), None
     if given["spawn"] and given["connect"] is not None:
         raise ScenarioError("--spawn and --connect exclude each other; give one of them")
     if given["spawn"] or given["connect"] is not None:
@@ -132,12 +132,12 @@ def simulate(given: Given) -> None:
 
 
 @_verb(
-    verbs.Analyze,
+    verbs.AnalyzeArguments,
     group=RECORDINGS,
     short="Say what happened and why, the worst first.",
     example="drop analyze recordings/run.rrd --at 0.1 --at 0.3 --table run.csv",
 )
-def analyze(given: Given) -> None:
+def analyze(given: TypedLine) -> None:
     """Analyze a recording."""
     recording = _recording(given["recording"])
     analysis, code = _analyzer(given, recording)(recording, given["recording"])
@@ -146,12 +146,12 @@ def analyze(given: Given) -> None:
     raise typer.Exit(code)
 
 
-def _as_json(given: Given) -> bool:
+def _as_json(given: TypedLine) -> bool:
     return bool(given["json"] or given["output_format"] == "json")
 
 
 def _analyzer(
-    given: Given,
+    given: TypedLine,
     read: Path,
     **instead: Any,  # noqa: ANN401 - handed on
 ) -> Callable[[Path, Path | None], tuple[Any, int]]:
@@ -163,7 +163,7 @@ def _analyzer(
     choice = _choice(given["select"], given["ignore"], given["fail_on"])
     from drop_physics.files.outputs import check_table
 
-    asked = given.of(verbs.Analyze) | instead
+    asked = given.of(verbs.AnalyzeArguments) | instead
     if asked["table"] is not None:
         check_table(asked["table"], force=asked["force"])
     write_page, verbose = _page(given, read), given["verbose"]
@@ -188,12 +188,12 @@ def _analyzer(
 
 
 @_verb(
-    verbs.Render,
+    verbs.RenderArguments,
     group=RECORDINGS,
     short="Make a gif of the frames, and a plot.",
     example="drop render recordings/run.rrd --with-plot --out fall.webp",
 )
-def render(given: Given) -> None:
+def render(given: TypedLine) -> None:
     """Render a recording."""
     recording = _recording(given["recording"])
     choice = _choice(given["select"], given["ignore"])
@@ -201,46 +201,50 @@ def render(given: Given) -> None:
 
     of = {"recording": recording, "animation": _animation(given), "choice": choice}
     with progress() as report:
-        made = render(**given.of(verbs.Render) | of, script=given["recording"], progress=report)
+        made = render(
+            **given.of(verbs.RenderArguments) | of, script=given["recording"], progress=report
+        )
     _show(made, as_json=given["json"], recording=recording)
 
 
-def _animation(given: Given) -> Any:  # noqa: ANN401 - handed on
+def _animation(given: TypedLine) -> Any:  # noqa: ANN401 - handed on
     from drop_physics.figures.playback import Animation
 
     return Animation(**{name: given[name] for name in ("fps", "speed", "caption", "with_plot")})
 
 
 @_verb(
-    verbs.Run,
+    verbs.RunArguments,
     group=BOX,
     short="Simulate, analyze and render: the whole story.",
     example="drop run --timestep 1/480",
 )
-def run(given: Given) -> None:
+def run(given: TypedLine) -> None:
     """Simulate, analyze and render a drop."""
     animation = _animation(given)
     from drop_physics.stages.run import run
 
     with progress() as report:
-        made = run(**given.of(verbs.Run), animation=animation, note=output.note, progress=report)
+        made = run(
+            **given.of(verbs.RunArguments), animation=animation, note=output.note, progress=report
+        )
     _show(made, as_json=given["json"])
 
 
 @_verb(
-    verbs.Check,
+    verbs.CheckArguments,
     group=RECORDINGS,
     short="Compare with a golden recording.",
     example="drop check run.rrd --against recordings/golden/standard.rrd",
 )
-def check(given: Given) -> None:
+def check(given: TypedLine) -> None:
     """Compare a recording with a golden one."""
     from drop_physics.files.outputs import check_apart, check_target
     from drop_physics.report.check import append_summary
     from drop_physics.stages.check import check
     from drop_physics.stages.settings import settings
 
-    asked, summary = given.of(verbs.Check), given["summary"]
+    asked, summary = given.of(verbs.CheckArguments), given["summary"]
     inputs = asked["recording"], asked["against"]
     if summary is not None:
         check_target(summary, force=True)
@@ -256,13 +260,13 @@ def check(given: Given) -> None:
 
 
 @_verb(
-    verbs.Sweep,
-    verbs.SweepScript,
+    verbs.SweepArguments,
+    verbs.SweepScriptArguments,
     group=BOX,
     short="Run many scenarios, or a script with many interventions.",
     example="drop sweep --timestep 1/240,1/480,1/960 --out sweep",
 )
-def sweep(given: Given) -> None:
+def sweep(given: TypedLine) -> None:
     """Run many scenarios, or a script with many interventions."""
     if given["target"] or given["tries"]:
         _sweep_script(given)
@@ -272,11 +276,11 @@ def sweep(given: Given) -> None:
     drawn = {"samples": given["samples"], "seed": given["seed"], "vary": given["vary"] or []}
     plan = plan_of(given["lists"], **drawn)
     with sweep_progress() as report:
-        result = sweep(plan, **given.of(verbs.Sweep), progress=report)
+        result = sweep(plan, **given.of(verbs.SweepArguments), progress=report)
     raise typer.Exit(_show(result, as_json=given["json"]))
 
 
-def _sweep_script(given: Given) -> None:
+def _sweep_script(given: TypedLine) -> None:
     lists = {
         Scenario.options()[name].name: None if each is True else each
         for name, each in given["lists"].items()
@@ -304,7 +308,7 @@ def _sweep_script(given: Given) -> None:
     duration = given["lists"]["duration_s"]
     with sweep_progress() as report:
         result = sweep_script(
-            **given.of(verbs.SweepScript),
+            **given.of(verbs.SweepScriptArguments),
             duration_s=number(duration) if isinstance(duration, str) else None,
             **_told(),
             progress=report,
@@ -313,12 +317,12 @@ def _sweep_script(given: Given) -> None:
 
 
 @_verb(
-    verbs.Record,
+    verbs.RecordArguments,
     group=OWN,
     short="Record a PyBullet or MuJoCo script, unchanged.",
     example="drop record --duration 10 my_script.py --its-own option",
 )
-def record(given: Given) -> None:
+def record(given: TypedLine) -> None:
     """Record a script."""
     recorded = _recorded(given, to_stderr=given["json"])
     if recorded.never_began:
@@ -333,14 +337,14 @@ def record(given: Given) -> None:
 
 
 @_verb(
-    verbs.Analyze,
-    verbs.Record,
+    verbs.AnalyzeArguments,
+    verbs.RecordArguments,
     group=OWN,
     short="Record and analyze it; options of both come before it.",
     name=SCRIPT,
     add_help_option=False,
 )
-def script(given: Given) -> None:
+def script(given: TypedLine) -> None:
     """Record a script, and analyze the recording; `--out` names the recording."""
     target = given["target"]
     commands = given.context.find_root().command.commands  # type: ignore[attr-defined]
@@ -368,7 +372,7 @@ def script(given: Given) -> None:
     raise typer.Exit(next(filter(None, codes), 0))
 
 
-def _note_ours(given: Given) -> None:
+def _note_ours(given: TypedLine) -> None:
     """Say which of a script's arguments are options of ours, too: perhaps they were meant so."""
     ours = {name for each in given.context.command.params for name in each.opts}
     names = dict.fromkeys(argument.partition("=")[0] for argument in given["arguments"])
@@ -384,7 +388,7 @@ def _note_ours(given: Given) -> None:
         )
 
 
-def _again(given: Given) -> Callable[[str], str]:
+def _again(given: TypedLine) -> Callable[[str], str]:
     """Return the command that does the same with another verb; 0 is a seed that verbs set."""
     from drop_physics.stages.program import command_of
 
@@ -395,7 +399,7 @@ def _again(given: Given) -> Callable[[str], str]:
     return lambda verb: command_of(verb, script, given["arguments"], **options)
 
 
-def _recorded(given: Given, *, to_stderr: bool) -> Recorded:
+def _recorded(given: TypedLine, *, to_stderr: bool) -> Recorded:
     """Record a script, whose standard output goes to ours, or to standard error."""
     from drop_physics.stages.program import digest_of_script
 
@@ -407,16 +411,18 @@ def _recorded(given: Given, *, to_stderr: bool) -> Recorded:
     sys.stdout.flush()
     stdout = output.descriptor(sys.stderr if to_stderr else sys.stdout)
     with script_progress() as (progress, note):
-        return record_script(**given.of(verbs.Record), stdout=stdout, note=note, progress=progress)
+        return record_script(
+            **given.of(verbs.RecordArguments), stdout=stdout, note=note, progress=progress
+        )
 
 
 @_verb(
-    verbs.Trust,
+    verbs.TrustArguments,
     group=OWN,
     short="How far can a script's result be trusted?",
     example="drop trust --duration 10 my_script.py --its-own option",
 )
-def trust(given: Given) -> None:
+def trust(given: TypedLine) -> None:
     """Run a script again with variations."""
     from drop_physics.stages.trust import lengths_of, trust
 
@@ -424,7 +430,7 @@ def trust(given: Given) -> None:
     write_page = _page(given, Path(given["target"]))
     _note_ours(given)
     with sweep_progress() as report:
-        result = trust(**given.of(verbs.Trust), **_told(), progress=report)
+        result = trust(**given.of(verbs.TrustArguments), **_told(), progress=report)
     write_page(result)
     outputs = [each for name in ("table", "plot", "html") if (each := given[name]) is not None]
     shown = {"within": lengths, "outputs": outputs, "again": _again(given)}
@@ -437,12 +443,12 @@ def _told() -> dict[str, Any]:
 
 
 @_verb(
-    verbs.Why,
+    verbs.WhyArguments,
     group=OWN,
     short="Prove causes: change one thing, and run it again.",
     example="drop why --about arm my_script.py --its-own option",
 )
-def why(given: Given) -> None:
+def why(given: TypedLine) -> None:
     """Run a script again with one thing changed at a time."""
     from drop_physics.stages.program import digest_of_script
 
@@ -457,7 +463,7 @@ def why(given: Given) -> None:
 
         check_film(film, inputs=[target], force=force)
     _note_ours(given)
-    asked = given.of(verbs.Why) | {"drawn": film is not None, "choice": choice}
+    asked = given.of(verbs.WhyArguments) | {"drawn": film is not None, "choice": choice}
     with sweep_progress() as report:
         result = why(**asked, **_told(), progress=report)
     write_page(result, film_of=result.recording, every=given["every"])
@@ -477,7 +483,7 @@ def why(given: Given) -> None:
     example="drop diff --with mujoco==3.3.7 --with mujoco==4.0.0 my_script.py",
     context_settings={"ignore_unknown_options": True},  # of the script
 )
-def diff(given: Given) -> None:
+def diff(given: TypedLine) -> None:
     """Say why one run is not another."""
     if given["forget"]:
         from drop_physics.stages.diff import wheels
@@ -495,12 +501,12 @@ def diff(given: Given) -> None:
 
 
 @_verb(
-    verbs.Info,
+    verbs.InfoArguments,
     group=RECORDINGS,
     short="Describe a recording.",
     example="drop info recordings/run.rrd",
 )
-def info(given: Given) -> None:
+def info(given: TypedLine) -> None:
     """Describe a recording."""
     recording = _recording(given["recording"])
     from drop_physics.stages.info import info
@@ -509,44 +515,44 @@ def info(given: Given) -> None:
 
 
 @_verb(
-    verbs.Explain,
+    verbs.ExplainArguments,
     group=OWN,
     short="Say what a finding's code means.",
     example="drop explain off-target",
 )
-def explain(given: Given) -> None:
+def explain(given: TypedLine) -> None:
     """Say what a finding's code means."""
     from drop_physics.stages.explain import explain
 
-    _show(explain(**given.of(verbs.Explain)), as_json=given["json"])
+    _show(explain(**given.of(verbs.ExplainArguments)), as_json=given["json"])
 
 
 @_verb(
-    verbs.Export,
+    verbs.ExportArguments,
     group=RECORDINGS,
     short="Write states, joints, contacts for other tools.",
     example="drop export recordings/run.rrd --out run.mcap",
 )
-def export(given: Given) -> None:
+def export(given: TypedLine) -> None:
     """Write a recording for other tools."""
     recording = _recording(given["recording"])
     from drop_physics.stages.export import export
 
-    asked = given.of(verbs.Export) | {"recording": recording}
+    asked = given.of(verbs.ExportArguments) | {"recording": recording}
     _show(export(**asked), as_json=given["json"])
 
 
 @_verb(
-    verbs.View,
+    verbs.ViewArguments,
     group=RECORDINGS,
     short="Open recordings in the Rerun viewer.",
     example="drop view recordings/run.rrd",
 )
-def view(given: Given) -> None:
+def view(given: TypedLine) -> None:
     """Open recordings in the viewer."""
     recordings = [_recording(each) for each in given["recordings"] or [None]]
     from drop_physics.stages import view
 
-    with view.view(**given.of(verbs.View) | {"recordings": recordings}) as shown:
+    with view.view(**given.of(verbs.ViewArguments) | {"recordings": recordings}) as shown:
         _show(shown, as_json=given["json"])
         view.show(shown)

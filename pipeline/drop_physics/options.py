@@ -15,7 +15,7 @@ from drop_physics.installed import PYBULLET, is_installed, needs_pybullet, next_
 from drop_physics.messages import Message
 from drop_physics.option_types import integer, number
 from drop_physics.scenario import Camera, Scenario
-from drop_physics.stages.verbs.taken import Parameter, parameters_of
+from drop_physics.stages.verbs.taken import VerbParameter, parameters_of
 
 Texts = dict[str, str | bool | None]
 """The values of options by field, as typed."""
@@ -35,7 +35,7 @@ def an_integer(given: Any) -> Any:  # noqa: ANN401
     return integer(given) if isinstance(given, str) else given
 
 
-class Given:
+class TypedLine:
     """What was typed for a verb, or for several of one line.
 
     Parameters
@@ -58,7 +58,7 @@ class Given:
         return {name: self._values[name] for name in taken if name in self._values}
 
 
-def command_of(do: Callable[[Given], None], *verbs: type) -> Callable[..., None]:
+def command_of(do: Callable[[TypedLine], None], *verbs: type) -> Callable[..., None]:
     """Return a command that takes what some verbs take, and does something with it.
 
     Of equal names the last verb's counts; the arguments are those of the last verb.
@@ -83,7 +83,7 @@ def command_of(do: Callable[[Given], None], *verbs: type) -> Callable[..., None]
             values["target"], *values["arguments"] = values["target"] or [None]
         for _, made in parts:
             values |= made(given)
-        do(Given(context, values))
+        do(TypedLine(context, values))
 
     command.__signature__ = inspect.Signature(signature)  # type: ignore[attr-defined]
     command.__name__, command.__doc__ = do.__name__, verbs[0].__doc__
@@ -94,7 +94,7 @@ _KEYWORD = inspect.Parameter.KEYWORD_ONLY
 PARSERS = {float: a_number, int: an_integer}
 
 
-def _taken(each: Parameter) -> inspect.Parameter:
+def _taken(each: VerbParameter) -> inspect.Parameter:
     """Return a parameter as Typer takes it."""
     option = each.option
     how: dict[str, Any] = {"help": option.help, "metavar": option.metavar or None}
@@ -117,7 +117,7 @@ def _taken(each: Parameter) -> inspect.Parameter:
     return inspect.Parameter(each.name, _KEYWORD, default=default, annotation=Annotated[hint, info])
 
 
-def _read(each: Parameter, given: Any) -> Any:  # noqa: ANN401
+def _read(each: VerbParameter, given: Any) -> Any:  # noqa: ANN401
     """Return the value of a parameter, as Python takes it."""
     if each.is_inverse:
         return not given

@@ -90,8 +90,8 @@ class Check(Printable, reported_by="drop_physics.report.check"):
         return self.first is None and (self.comparison is None or self.comparison.same)
 
 
-@takes_those_of(verbs.Check)
-def check(asked: verbs.Check) -> Check:
+@takes_those_of(verbs.CheckArguments)
+def check(asked: verbs.CheckArguments) -> Check:
     """Compare a recording with a golden one: inputs, then samples, then pictures.
 
     Raises

@@ -21,8 +21,8 @@ class CodeManual(Printable, reported_by="drop_physics.report.explain"):
     """The code that was asked for, or all codes."""
 
 
-@takes_those_of(verbs.Explain)
-def explain(asked: verbs.Explain) -> CodeManual:
+@takes_those_of(verbs.ExplainArguments)
+def explain(asked: verbs.ExplainArguments) -> CodeManual:
     """Return the meaning of a code or a reason, or of all codes.
 
     Raises

@@ -55,8 +55,8 @@ class Export(Printable, reported_by="drop_physics.report.export"):
     """Each file, and its number of rows or messages."""
 
 
-@takes_those_of(verbs.Export)
-def export(asked: verbs.Export) -> Export:
+@takes_those_of(verbs.ExportArguments)
+def export(asked: verbs.ExportArguments) -> Export:
     """Write a recording's states, joints and contact points for other tools.
 
     Raises

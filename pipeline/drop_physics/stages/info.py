@@ -93,8 +93,8 @@ def versions() -> str:
     return f"{drop} ({', '.join([*engines, f'recordings of schema {schema.SCHEMA_VERSION}'])})"
 
 
-@takes_those_of(verbs.Info)
-def info(asked: verbs.Info) -> Info:
+@takes_those_of(verbs.InfoArguments)
+def info(asked: verbs.InfoArguments) -> Info:
     """Describe a recording, which is read and checked completely.
 
     Raises

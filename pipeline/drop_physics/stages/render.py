@@ -64,8 +64,8 @@ class Rendering(Printable, reported_by="drop_physics.report.run"):
     """Simulated seconds per second of the animation."""
 
 
-@takes_those_of(verbs.Render)
-def render(asked: verbs.Render) -> Rendering:
+@takes_those_of(verbs.RenderArguments)
+def render(asked: verbs.RenderArguments) -> Rendering:
     """Make a gif of a recording's frames, and a plot.
 
     That of a drop shows heights and errors, that of a script what its findings are about.

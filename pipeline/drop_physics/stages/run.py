@@ -37,8 +37,8 @@ class Run(Printable, reported_by="drop_physics.report.run"):
         return {verb: made.as_json() for verb, made in parts.items()}
 
 
-@takes_those_of(verbs.Run)
-def run(asked: verbs.Run) -> Run:
+@takes_those_of(verbs.RunArguments)
+def run(asked: verbs.RunArguments) -> Run:
     """Simulate, analyze and render into a folder; more runs there, even concurrent, are numbered.
 
     Another process draws the frames and the plot, while the stages load and run.

@@ -52,9 +52,9 @@ class View(Printable, reported_by="drop_physics.report.view"):
     """Bodies whose motion is not recorded; if there are any, the two do not count as the same."""
 
 
-@takes_those_of(verbs.View)
+@takes_those_of(verbs.ViewArguments)
 @contextmanager
-def view(asked: verbs.View) -> Iterator[View]:
+def view(asked: verbs.ViewArguments) -> Iterator[View]:
     """Yield what the viewer shows of some recordings; its files exist until the block ends.
 
     Recordings of the same drop in different engines are shown as one, with a colour per engine; of

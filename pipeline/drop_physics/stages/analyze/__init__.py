@@ -51,8 +51,8 @@ DEFAULT_AT_S = (0.3,)
 """Times at which flights are broken down, besides at their ends, unless other times are given."""
 
 
-@takes_those_of(verbs.Analyze)
-def analyze(asked: verbs.Analyze) -> Analysis:
+@takes_those_of(verbs.AnalyzeArguments)
+def analyze(asked: verbs.AnalyzeArguments) -> Analysis:
     """Analyze a recording, and write the layer that shows the analysis beside it.
 
     Raises

@@ -121,8 +121,8 @@ def forget(recorded: Recorded) -> None:
         path.unlink(missing_ok=True)
 
 
-@takes_those_of(verbs.Record)
-def record_script(asked: verbs.Record) -> Recorded:
+@takes_those_of(verbs.RecordArguments)
+def record_script(asked: verbs.RecordArguments) -> Recorded:
     """Run an unchanged script without a window, and record it.
 
     Raises

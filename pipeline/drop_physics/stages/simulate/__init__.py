@@ -47,8 +47,8 @@ class Simulation(Printable, reported_by="drop_physics.report.run"):
     """How long it took [s]."""
 
 
-@takes_those_of(verbs.Simulate)
-def simulate(asked: verbs.Simulate) -> Simulation:
+@takes_those_of(verbs.SimulateArguments)
+def simulate(asked: verbs.SimulateArguments) -> Simulation:
     """Drop the body of a scenario and record it, the state before each step and after the last.
 
     Raises

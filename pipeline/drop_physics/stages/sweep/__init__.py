@@ -86,8 +86,8 @@ class Sweep(Printable, reported_by="drop_physics.report.sweep"):
         return pl.read_parquet(self.results)
 
 
-@takes_those_of(verbs.Sweep)
-def sweep(asked: verbs.Sweep) -> Sweep:
+@takes_those_of(verbs.SweepArguments)
+def sweep(asked: verbs.SweepArguments) -> Sweep:
     """Run the scenarios of a plan that are not yet in the folder.
 
     Raises

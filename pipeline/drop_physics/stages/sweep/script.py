@@ -93,8 +93,8 @@ class RunSwept(RunKept[Row]):
         }
 
 
-@takes_those_of(verbs.SweepScript)
-def sweep_script(asked: verbs.SweepScript) -> ScriptSweep:
+@takes_those_of(verbs.SweepScriptArguments)
+def sweep_script(asked: verbs.SweepScriptArguments) -> ScriptSweep:
     """Run a script as it is, and with each combination of interventions.
 
     Raises

@@ -91,8 +91,8 @@ class Trust(Printable, reported_by="drop_physics.report.trust"):
         )
 
 
-@takes_those_of(verbs.Trust)
-def trust(asked: verbs.Trust) -> Trust:
+@takes_those_of(verbs.TrustArguments)
+def trust(asked: verbs.TrustArguments) -> Trust:
     """Run a script as it is and with variations, and compare them.
 
     Raises

@@ -129,7 +129,7 @@ class OfScript(Printed):
 
 
 @dataclass(frozen=True)
-class Record(OfScript):
+class RecordArguments(OfScript):
     """Run a script that uses PyBullet or MuJoCo, and record everything that happens.
 
     It runs until it ends, or until Ctrl-C, which keeps everything up to there. Options of drop
@@ -169,7 +169,7 @@ class Record(OfScript):
 
 
 @dataclass(frozen=True)
-class Trust(OfScript):
+class TrustArguments(OfScript):
     """Run a script again with variations, and say how much of its result stands.
 
     Variations: half and a quarter of the timestep, four times the solver's iterations, everything
@@ -213,7 +213,7 @@ class Trust(OfScript):
 
 
 @dataclass(frozen=True)
-class Why(OfScript):
+class WhyArguments(OfScript):
     """Record a script, then run it again with one thing changed at a time.
 
     It tries what the findings propose: a motor's force, damping, friction, gains. A change that
@@ -328,7 +328,7 @@ class Diff(Printed):
 
 
 @dataclass(frozen=True)
-class Analyze(Printed):
+class AnalyzeArguments(Printed):
     """Say what happened in a recording, and why.
 
     Of a script: what went wrong, the worst first, with the call that changes it; then its joints
@@ -416,7 +416,7 @@ class Analyze(Printed):
 
 
 @dataclass(frozen=True)
-class Render(Printed):
+class RenderArguments(Printed):
     """Make a gif of the recorded frames, and a plot of heights and errors.
 
     With --camera, or if a script took no images, the gif shows the recorded poses; the plot of a
@@ -453,7 +453,7 @@ class Render(Printed):
 
 
 @dataclass(frozen=True)
-class Check(Printed):
+class CheckArguments(Printed):
     """Compare a recording with a golden one; exit with 3 if the physics differs.
 
     Both must be of a drop, or both of a script.
@@ -483,14 +483,14 @@ class Check(Printed):
 
 
 @dataclass(frozen=True)
-class Info(Printed):
+class InfoArguments(Printed):
     """Describe a recording: what made it, its length, its bodies, and whether it is complete."""
 
     recording: Read
 
 
 @dataclass(frozen=True)
-class Explain(Printed):
+class ExplainArguments(Printed):
     """Say what a finding's code means, what is measured, its threshold, an example and the cure."""
 
     code: Annotated[str | None, argument("CODE", "A finding's code, or its reason.")] = None
@@ -499,7 +499,7 @@ class Explain(Printed):
 
 
 @dataclass(frozen=True)
-class Export(Printed):
+class ExportArguments(Printed):
     """Write states, joints and contact points of a recording for other tools.
 
     As tables, or as MCAP for Foxglove and PlotJuggler: joints as /joint_states, poses of centres of
@@ -521,7 +521,7 @@ class Export(Printed):
 
 
 @dataclass(frozen=True)
-class View(Printed):
+class ViewArguments(Printed):
     """Open recordings and their analyses in the Rerun viewer; ends when that is closed."""
 
     recordings: Annotated[
@@ -545,7 +545,7 @@ class View(Printed):
 
 
 @dataclass(frozen=True)
-class Simulate(Printed):
+class SimulateArguments(Printed):
     """Drop the body and record everything that happens."""
 
     scenario: Dropped
@@ -567,7 +567,7 @@ class Simulate(Printed):
 
 
 @dataclass(frozen=True)
-class Run(Printed):
+class RunArguments(Printed):
     """Simulate, analyze and render: the whole story of one drop."""
 
     scenario: Dropped
@@ -588,7 +588,7 @@ class Run(Printed):
 
 
 @dataclass(frozen=True)
-class Sweep(Printed):
+class SweepArguments(Printed):
     """Run many scenarios, or a script with many interventions: a row for each run.
 
     Every scenario option takes a list A,B,C; vectors are separated by semicolons: "0,0,0;0,0,1".
@@ -635,7 +635,7 @@ class Sweep(Printed):
 
 
 @dataclass(frozen=True)
-class SweepScript:
+class SweepScriptArguments:
     """Run a script as it is, and with each combination of interventions."""
 
     target: Annotated[

@@ -20,7 +20,7 @@ Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, slots=True)
-class Option:
+class TypedOption:
     """The option, or argument, of a field."""
 
     help: str
@@ -35,27 +35,27 @@ class Option:
     """The value on the command line where nothing is typed, if Python has another."""
 
 
-def takes(metavar: str, text: str, *names: str, **how: Any) -> Option:  # noqa: ANN401
+def takes(metavar: str, text: str, *names: str, **how: Any) -> TypedOption:  # noqa: ANN401
     """Return an option that takes a value."""
-    return Option(text, metavar, names, **how)
+    return TypedOption(text, metavar, names, **how)
 
 
-def flag(text: str, *names: str) -> Option:
+def flag(text: str, *names: str) -> TypedOption:
     """Return an option without one."""
-    return Option(text, "", names)
+    return TypedOption(text, "", names)
 
 
-def argument(metavar: str, text: str, **how: Any) -> Option:  # noqa: ANN401
+def argument(metavar: str, text: str, **how: Any) -> TypedOption:  # noqa: ANN401
     """Return an argument."""
-    return Option(text, metavar, is_argument=True, **how)
+    return TypedOption(text, metavar, is_argument=True, **how)
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class VerbParameter:
     """A field of a verb."""
 
     name: str
-    option: Option
+    option: TypedOption
     """Of what only Python takes, its text."""
     is_typed: bool
     """Whether the command line takes it."""
@@ -78,7 +78,7 @@ class Parameter:
         return self.names != () and self.names[0].startswith("--no-")
 
 
-def parameters_of(verb: type) -> dict[str, Parameter]:
+def parameters_of(verb: type) -> dict[str, VerbParameter]:
     """Return the parameters of a verb, by name: its own, then those that it shares with others."""
     hints: dict[str, Any] = {}
     for each in verb.__mro__:
@@ -86,15 +86,15 @@ def parameters_of(verb: type) -> dict[str, Parameter]:
     return {name: _parameter(verb, name, hint) for name, hint in hints.items() if name != "_"}
 
 
-def _parameter(verb: type, name: str, hint: Any) -> Parameter:  # noqa: ANN401
+def _parameter(verb: type, name: str, hint: Any) -> VerbParameter:  # noqa: ANN401
     in_python = get_origin(hint) is not ClassVar
     annotated = hint if in_python else get_args(hint)[0]
     of, (said,) = annotated.__origin__, annotated.__metadata__
-    is_typed = isinstance(said, Option)
+    is_typed = isinstance(said, TypedOption)
     kinds = [*_kinds(of)]
-    return Parameter(
+    return VerbParameter(
         name,
-        said if is_typed else Option(said),
+        said if is_typed else TypedOption(said),
         is_typed,
         in_python,
         next((kind for kind in (Path, float, int, bool) if kind in kinds), kinds[0]),

@@ -115,8 +115,8 @@ class Why(Printable, reported_by="drop_physics.report.why"):
         return max(cures or tried, key=lambda e: e.moved.value if e.moved else 0.0, default=None)
 
 
-@takes_those_of(verbs.Why)
-def why(asked: verbs.Why) -> Why:
+@takes_those_of(verbs.WhyArguments)
+def why(asked: verbs.WhyArguments) -> Why:
     """Record a script, try what its findings propose, each in a run of its own, and compare.
 
     Raises
